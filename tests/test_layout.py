@@ -37,6 +37,7 @@ ORDER = (
     "signals",
     "problem",
     "regression",
+    "race",
     "solvers",
     "estimators",
     "estimation",

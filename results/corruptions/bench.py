@@ -45,16 +45,17 @@ from corruptions.kinds import Corruption
 from sdp_vs_penalty import identify
 from sdp_vs_penalty.checks import Report, check
 from sdp_vs_penalty.checks.check import judge_facts
-from sdp_vs_penalty.checks.constants import LOG_ODDS_AGAINST_FAULT
 from sdp_vs_penalty.checks.dynamics import LoggerJudge
 from sdp_vs_penalty.checks.issue import Issue
-from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.race import Race
+from sdp_vs_penalty.race.constants import LOG_ODDS_AGAINST_FAULT
+from sdp_vs_penalty.race.evidence import Evidence
+from sdp_vs_penalty.race.records import View
 from sdp_vs_penalty.results.table import markdown_lines
-from sdp_vs_penalty.robot.arrays import Array
 
 #: A model this many times worse on clean data is harmed.
 HARMFUL = 1.3
@@ -149,32 +150,32 @@ def _log_odds_of_truth(arm: Arm, corruption: Corruption) -> float:
     Where this is less than the odds against a fault, no fit to the log alone tells what
     was done to it. Infinite where another set of joints moves, or no arm can be fitted.
     """
-    spoiled = _best_fit(*given(arm, corruption))
+    spoiled = _evidence(*given(arm, corruption))
     nothing = replace(
         corruption, spoil=lambda run: run, problem=lambda problem: problem
     )
-    clean = _best_fit(*given(arm, nothing))
-    if spoiled is None or clean is None or len(spoiled[0]) != len(clean[0]):
+    clean = _evidence(*given(arm, nothing))
+    if spoiled is None or clean is None:
         return np.inf
-    samples = max(spoiled[1], clean[1])
-    falls = spoiled[0] - clean[0]
-    return float(0.5 * samples * falls.sum() + clean[2] - spoiled[2])
+    if np.any(spoiled.log.moving != clean.log.moving):
+        return np.inf
+    fits = [x.fit(View(x.log.as_logged), 1.0) for x in (spoiled, clean)]
+    v = min(
+        x.rows_worth_one(fit) for x, fit in zip((spoiled, clean), fits, strict=True)
+    )
+    values = [
+        x.fitted([fit], v)[0].value
+        for x, fit in zip((spoiled, clean), fits, strict=True)
+    ]
+    return values[1] - values[0]
 
 
-def _best_fit(problem: Problem, run: Measurements) -> tuple[Array, float, float] | None:
-    """Logarithms (K,) of the shares of energy that one arm leaves of K moving joints,
-    independent samples, and the log-odds of its physics; None where no arm can be
-    fitted."""
+def _evidence(problem: Problem, run: Measurements) -> Evidence | None:
+    """The evidence of all runs of a log; None where no arm can be fitted."""
     settings = problem.preprocessing
     reports = [judge_facts(problem, part, settings) for part in run.runs()]
     judge = LoggerJudge(problem, reports, settings)
-    if not judge.logs:
-        return None
-    log = Likelihood.of_all_runs([*judge.logs.values()])
-    fit = log.fit(log.as_logged)
-    samples = log.count_independent_samples(fit)
-    physics = log.physics(fit, log.as_logged, samples)
-    return np.log(fit.unexplained_shares[log.moving]), samples, physics
+    return Race([*judge.logs.values()]).all if judge.logs else None
 
 
 def _case(

@@ -1,7 +1,7 @@
 """Are these measurements any good? :func:`check.check` says it, issue by issue.
 
 Facts are read from the file (facts/, clock.py); explanations are what a
-model of the arm makes of the log (faults/, search.py, residual.py). docs/checks.md says
+model of the arm makes of the log (race/, explain.py, residual.py). docs/checks.md says
 how a log is judged, in the order of check.py.
 """
 

@@ -10,35 +10,34 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.certainty import certain
 from sdp_vs_penalty.checks.constants import GAP, NO_DYNAMICS
-from sdp_vs_penalty.checks.faults.fault import Fault
-from sdp_vs_penalty.checks.faults.order import Exchange
-from sdp_vs_penalty.checks.faults.sign import Sign
-from sdp_vs_penalty.checks.issue import Issue
-from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.one_arm import NOT_REPAIRED, RunComparison, two_arms
-from sdp_vs_penalty.checks.problem_units import problem_units
-from sdp_vs_penalty.checks.regression_data import RegressionData
-from sdp_vs_penalty.checks.repair import LogTransform
-from sdp_vs_penalty.checks.report import Report
-from sdp_vs_penalty.checks.residual import (
-    contradicting_joints,
-    unexplained_torque,
-    unrelated_torque,
+from sdp_vs_penalty.checks.explain import (
+    NOT_REPAIRED,
+    issue_of_difference,
+    issues_of_all,
+    repair_of,
 )
-from sdp_vs_penalty.checks.run_log import RunLog
-from sdp_vs_penalty.checks.search import RepairSearch
+from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.problem_units import problem_units
+from sdp_vs_penalty.checks.report import Report
+from sdp_vs_penalty.checks.residual import unexplained_torque, unrelated_torque
 from sdp_vs_penalty.checks.torque_size import kind_of_torque, torque_magnitude
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.results.remedy import Change
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.kinds import KINDS, SHOWN_BY_A_POOR_MOTION, order
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.race import Claim, Race, Verdict
+from sdp_vs_penalty.race.rows import RegressionData
+from sdp_vs_penalty.race.run_log import RunLog
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 #: Currents have no gains of their own that torques would show.
 UNSCALED = ("torque channel kind",)
+#: What changes within a run.
+TWO_ARMS = "two arms"
 #: Of torques that are none of the arm's motors, nothing else is said.
 NO_TORQUE = "external torque"
 
@@ -102,7 +101,7 @@ class LoggerJudge:
                 self.reports[k] = with_issues(report, [issue])
         as_logged = LogTransform.unchanged(problem.robot.n, problem.robot.gravity)
         self.only_in = dict.fromkeys(self.logs, as_logged)
-        self.issues_of_one: dict[int, list[Issue]] = {k: [] for k in self.logs}
+        self.is_poor_motion = False
         self.clock_shifts: dict[int, float] = {}
 
     def rows_of(self, run: Measurements) -> Likelihood:
@@ -112,143 +111,51 @@ class LoggerJudge:
         return Likelihood(self.problem, data)
 
     def judge(self) -> list[Report]:
-        """Search for faults of all runs and of single runs; return the reports with
-        these as explanations.
+        """Hold the race of all explanations; return the reports with what it says.
 
         If the torques are no measured ones (a controller's gravity model), that is the
-        only explanation. Otherwise faults of all runs are searched for, and then one
-        fault of a single run; each repair of a single run starts the search anew.
+        only explanation.
         """
-        common = Likelihood.of_all_runs([*self.logs.values()])
+        logs = [*self.logs.values()]
+        common = Likelihood.of_all_runs(logs)
         not_measured = [*kind_of_torque(common)]
         if not_measured:
             for number in self.logs:
                 report = self.reports[number]
                 self.reports[number] = with_issues(report, not_measured)
             return self.reports
-        search = self._search()
-        net = search.drop_unconfirmed(search.run())
-        while self._repair_one_run(net):
-            search.log.clear_caches()
-            search = self._search()
-            net = search.drop_unconfirmed(search.run())
-        self._report(search, net)
-        return self.reports
-
-    def _search(self) -> RepairSearch:
-        """Return the search over the rows of all runs, as repaired so far.
-
-        The repair of one run may change its clock: the shifts of all clocks are worked
-        out anew.
-        """
-        logs = [*self.logs.values()]
         shifts = RegressionData.clock_shifts([log.data for log in logs])
         self.clock_shifts = dict(zip(self.logs, shifts, strict=True))
-        reports = [self.reports[k] for k in self.logs]
-        return RepairSearch(Likelihood.of_all_runs(logs), logs, reports)
+        reports = [self.reports[number] for number in self.logs]
+        kinds = KINDS
+        self.is_poor_motion = all(report.has_poor_motion for report in reports)
+        if self.is_poor_motion:
+            kinds = SHOWN_BY_A_POOR_MOTION
+        elif any(report.lockstep is not None for report in reports):
+            # Channels that move in proportion look the same.
+            kinds = tuple(kind for kind in KINDS if kind is not order)
+        verdict = Race(logs, kinds, self.is_poor_motion).run()
+        self._report(common, verdict)
+        return self.reports
 
-    def _repair_one_run(self, net: LogTransform) -> bool:
-        """Find what is different in one run, and repair the run if that is possible.
-
-        Runs are compared as repaired by ``net``, the repair that all share. The
-        difference becomes an issue of that run alone.
-
-        Returns
-        -------
-        bool
-            Whether rows were repaired, so that the search has to begin again.
-        """
-        numbers = [
-            k
-            for k, log in self.logs.items()
-            if log.spare_share > 0.0 and not self.reports[k].has_poor_motion
-        ]
-        if len(numbers) < 2:
-            return False
-        runs = [
-            RunLog(self.logs[k], self._of_run(k, net), self.reports[k].run)
-            for k in numbers
-        ]
-        comparison = RunComparison(runs)
-        is_one_joint = comparison.worst_error_ratio >= c.OUTLYING
-        differs = (
-            comparison.is_one_arm_worse(1.0)
-            or comparison.has_outlying_run
-            or is_one_joint
-        )
-        if not differs and not self._contradicts_in_some(numbers, net):
-            return False
-        cause = comparison.find_best_cause(lambda k: self._faults_of_one(numbers[k]))
-        if cause is None:
-            return False
-        number = numbers[cause.difference.run]
-        issue = comparison.issue(cause)
-        known = [(f.kind, f.where) for f in self.issues_of_one[number]]
-        if (issue.kind, issue.where) in known:
-            # Its repair did not help: the loop over repairs would never end.
-            return False
-        self.issues_of_one[number].append(issue)
-        repair = cause.log_repair(self.logs[number].as_logged)
-        return repair is not None and self._try_to_repair(number, repair)
-
-    def _contradicts_in_some(self, numbers: Sequence[int], net: LogTransform) -> bool:
-        """Whether joints contradict each other in some of these runs, but not in all:
-        then one of the runs has a fault of its own."""
-        logs = [self.logs[k] for k in numbers]
-        contradicts = [len(contradicting_joints(log, net)) > 0 for log in logs]
-        return any(contradicts) and not all(contradicts)
-
-    def _faults_of_one(self, number: int) -> list[tuple[Fault, LogTransform]]:
-        """List the faults that a single run's log may have, each with its repair.
-
-        They are all wrong signs and orders of channels, and the faults that a search in
-        this run alone finds. Only single faults that `check --fix --apply` can repair
-        are listed.
-        """
-        log = self.logs[number]
-        fit = log.fit(log.as_logged)
-        search = RepairSearch(log, [log], [self.reports[number]])
-        of_this_run = search.run()
-        repairs = [
-            search.keep_only(of_this_run, fault)
-            for fault in search.list_faults(of_this_run)
-        ]
-        for kind in (Sign(), Exchange()):
-            repairs += kind.propose(log, log.as_logged, fit)
-        faults = []
-        for repair in dict.fromkeys(repairs):
-            of_repair = search.list_faults(repair)
-            if len(of_repair) == 1 and of_repair[0].apply:
-                faults.append((of_repair[0], repair))
-        # A long run has many windows, each with a search of its own.
-        log.clear_caches()
-        return faults
-
-    def _try_to_repair(self, number: int, repair: LogTransform) -> bool:
-        """Repair one run alone, and filter its rows anew; return whether enough rows
-        remain."""
-        only = self.only_in[number].followed_by(repair)
-        run = only.apply(self.reports[number].repaired_all)
-        try:
-            self.logs[number] = self.rows_of(run)
-        except InputError:
-            return False
-        self.only_in[number] = only
-        return True
-
-    def _report(self, search: RepairSearch, net: LogTransform) -> None:
+    def _report(self, common: Likelihood, verdict: Verdict) -> None:
         """Add the explanations to the reports of all runs.
 
-        They are the faults that all runs share, the size of the torques, and the torque
-        that stays unexplained. If the size shows that the channels hold no motor
-        torque, only that and the unexplained torque are reported. If it shows another
-        unit of all torques, gains and units of single torques are left out.
+        They are what the race says, the size of the torques, and the torque that stays
+        unexplained. If the size shows that the channels hold no motor torque, only that
+        and the unexplained torque are reported. If it shows another unit of all
+        torques, gains and units of single torques are left out.
         """
-        stated = self._said_of_all_runs(search.describe_faults(net), net)
+        net = verdict.told(common)
+        runs = [
+            RunLog(log, self._of_run(number, net), self.reports[number].run)
+            for number, log in self.logs.items()
+        ]
+        stated = issues_of_all(common, verdict, net, runs)
         facts = [f.kind for report in self.reports for f in report.issues]
         size = []
         if "torque in counts" not in facts:
-            size = [*torque_magnitude(search.log, net)]
+            size = [*torque_magnitude(common, net)]
         if any(issue.kind == NO_TORQUE for issue in size):
             for number, log in self.logs.items():
                 left = [*unrelated_torque(log.fit(net))]
@@ -257,14 +164,35 @@ class LoggerJudge:
         if any(issue.kind in UNSCALED for issue in size):
             stated = [f for f in stated if f.kind not in ("torque gain", "torque unit")]
         for number in self.logs:
-            self._report_run(number, stated, size, search.has_few_directions, net)
+            differences = self._differences(number, verdict)
+            self._report_run(number, stated, differences, size, net)
+
+    def _differences(self, number: int, verdict: Verdict) -> list[Issue]:
+        """List the issues about what differs in one run, or from an instant of it on;
+        its log is repaired where a change of the log undoes that."""
+        log = self.logs[number]
+        place = [*self.logs].index(number)
+        issues = []
+        for claim in verdict.differences():
+            part = claim.hypothesis.part
+            if part is None or part.run not in (None, place):
+                continue
+            repair = repair_of(claim, log.as_logged)
+            if part.after is None:
+                name = self.reports[number].run
+                issues.append(issue_of_difference(log, claim, name, repair))
+                if repair is not None:
+                    self.only_in[number] = self.only_in[number].followed_by(repair)
+            else:
+                issues.append(_two_arms(log, claim, part.after))
+        return issues[:1] if issues and issues[0].kind == TWO_ARMS else issues
 
     def _report_run(
         self,
         number: int,
         stated: Sequence[Issue],
+        differences: Sequence[Issue],
         size: Sequence[Issue],
-        is_poor_motion: bool,
         net: LogTransform,
     ) -> None:
         """Add the explanations to one run's report, and repair its run.
@@ -277,34 +205,32 @@ class LoggerJudge:
             Number of the run, from 0.
         stated : sequence of Issue
             Faults that all runs share.
+        differences : sequence of Issue
+            What differs in this run.
         size : sequence of Issue
             Issues about the size of the torques.
-        is_poor_motion : bool
-            Whether the motion of every run has at most half as many directions as
-            joints: the unexplained torque then says nothing.
         net : LogTransform
             The repair that all runs share.
         """
         log = self.logs[number]
         report = self.reports[number]
         net = self._of_run(number, net)
-        stated = self._said_of_run(number, stated)
-        change_of_arm = [
-            replace(issue, changes=_cuts_at(report, issue.figures["t"]))
-            for issue in ([] if report.has_poor_motion else two_arms(log, net))
-        ]
-        # Where another arm begins, a step of a torque is no separate event.
-        repair = replace(net, events=()) if change_of_arm else net
-        unexplained = [] if is_poor_motion else [*unexplained_torque(log, repair)]
-        of_this_run = [*size, *unexplained, *change_of_arm]
-        of_log = self._explanations(number, stated, net)
-        explanations = [*of_log, *of_this_run]
+        repaired = self.only_in[number].followed_by(net)
+        if self.only_in[number] != log.as_logged:
+            # Rows are judged as the difference from the other runs is undone.
+            net = repaired
+        of_log = [*self._said_of_run(number, stated), *differences]
+        # Of a motion of few directions what is left says nothing.
+        unexplained = [] if self.is_poor_motion else [*unexplained_torque(log, net)]
+        if any(issue.kind in (TWO_ARMS, NOT_REPAIRED) for issue in differences):
+            unexplained = [f for f in unexplained if f.kind != "one-off event"]
+        explanations = [*of_log, *size, *unexplained]
         new = [
             issue for issue in explanations if not is_explained_by_a_fact(issue, report)
         ]
         # Repaired by the search first, then by what is left unexplained (events).
-        run = self.only_in[number].followed_by(net).apply(report.repaired_all)
-        for issue in of_this_run:
+        run = repaired.apply(report.repaired_all)
+        for issue in (*size, *unexplained):
             if issue.repair is not None:
                 run = issue.repair(run)
         self.reports[number] = replace(
@@ -329,24 +255,11 @@ class LoggerJudge:
         of other runs, and with the instants of its own by its own clock."""
         events = []
         for event in net.events:
-            if not isinstance(event.at, float):
+            if event.at is None:
                 events.append(event)
             elif (at := self._time_in_run(number, event.at)) is not None:
                 events.append(replace(event, at=at))
         return replace(net, events=tuple(events))
-
-    def _said_of_all_runs(
-        self, stated: Sequence[Issue], net: LogTransform
-    ) -> list[Issue]:
-        """Return the issues of all runs, with the size in each run where it has one of
-        its own; of a single run as they are."""
-        runs = [
-            RunLog(log, self._of_run(number, net), self.reports[number].run)
-            for number, log in self.logs.items()
-        ]
-        if len(runs) < 2:
-            return [*stated]
-        return [issue.by_run(runs) if issue.by_run else issue for issue in stated]
 
     def _said_of_run(self, number: int, stated: Sequence[Issue]) -> list[Issue]:
         """Return the issues of all runs that concern one of them: no step of another
@@ -358,30 +271,27 @@ class LoggerJudge:
                 continue
             at = self._time_in_run(number, issue.figures["t"])
             if at is not None:
-                cuts = _cuts_at(self.reports[number], at)
-                said.append(replace(issue.by_clock(at), changes=cuts))
+                said.append(issue.by_clock(at))
         return said
 
-    def _explanations(
-        self, number: int, stated: Sequence[Issue], net: LogTransform
-    ) -> list[Issue]:
-        """List the explanations that hold in one run.
 
-        They are the faults of all runs, ``stated``, and those of this run alone. Two
-        repairs may cancel: a sign that is wrong in all runs, and once more in this one,
-        is right here, and neither fault is listed.
-        """
-        of_one = self.issues_of_one[number]
-        candidates = [*stated, *of_one]
-        if not any(issue.apply for issue in of_one):
-            return candidates
-        # Faults that are left when both repairs are composed into one.
-        total = self.only_in[number].followed_by(net)
-        log = self.logs[number]
-        remaining = {fault.apply for fault in RepairSearch(log).list_faults(total)}
-        return [
-            issue for issue in candidates if not issue.apply or issue.apply in remaining
-        ]
+def _two_arms(log: Likelihood, claim: Claim, t: float) -> Issue:
+    """Return the issue that a run ends with another arm than it begins with, from the
+    instant t [s] on: a load was picked up, or the file holds the logs of two arms."""
+    name = f"the part from t = {t:.4g} s on"
+    issue = issue_of_difference(log, claim, name, None)
+    place = f"t = {t:.4g} s"
+    if issue.figures["joints"]:
+        place = f"{issue.where}, {place}"
+    return replace(
+        issue,
+        kind=TWO_ARMS,
+        where=place,
+        remedy="cut the run there and use each part by itself",
+        apply="",
+        repair=None,
+        figures={**issue.figures, "t": t},
+    )
 
 
 def _kinds_corrected(
@@ -442,19 +352,3 @@ def _is_near_gap(run: Measurements, t: float) -> bool:
     is_gap = steps > GAP * np.median(steps)
     near = np.abs(run.t[1:] - t) < 1.0
     return bool(np.any(is_gap & near))
-
-
-def _cuts_at(report: Report, at: float) -> tuple[Change, ...]:
-    """Return the changes that leave out what a run holds after an instant [s] of its
-    clock, or before it: the longer part stays first."""
-    begin, end = report.repaired_all.t[[0, -1]].tolist()
-    parts = [("after", [at, end]), ("before", [begin, at])]
-    parts.sort(key=lambda part: part[1][1] - part[1][0])
-    return tuple(
-        Change(
-            "cut",
-            f"leave what comes {word} {at:.4g} s of {report.run} out",
-            {"run": report.run, "spans": [span]},
-        )
-        for word, span in parts
-    )

@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.certainty import CERTAIN, Certainty, possible
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.race.fault import joints_text
 from sdp_vs_penalty.records import NOT_STORED, WritesJson
 from sdp_vs_penalty.results.remedy import Change, Remedy
 
@@ -181,11 +181,6 @@ def with_rival_effects(issue: Issue, effects: Sequence[str]) -> Issue:
         equivalents=(*issue.equivalents, *effects),
         figures={**issue.figures, "rival_effects": [*effects]},
     )
-
-
-def joints_text(joints: Any) -> str:
-    """Name joints given from 0: "joint 1", "joints 2 to 4"."""
-    return formatting.joints([int(j) + 1 for j in joints])
 
 
 def rows_text(run: Measurements, places: Any) -> str:

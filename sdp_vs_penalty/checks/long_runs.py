@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.checks.constants import PARTS
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART
+from sdp_vs_penalty.race.constants import PARTS
 
 
 def is_long(run: Measurements) -> bool:

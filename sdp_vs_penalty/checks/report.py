@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks.arm_fit import text_of_share
 from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.issue import Issue, gravest_first
 from sdp_vs_penalty.checks.long_runs import is_long
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.race.arm_fit import text_of_share
 from sdp_vs_penalty.records import NOT_STORED, stored_as
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary

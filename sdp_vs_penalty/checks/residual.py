@@ -12,11 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
-from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.uncertainty import (
     NOT_SEEN,
@@ -25,6 +22,9 @@ from sdp_vs_penalty.estimation.uncertainty import (
 )
 from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.race.arm_fit import ArmFit
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.results.remedy import Change
@@ -100,7 +100,9 @@ def _unexplained_joints(
     joints = contradicting_joints(log, repair)
     what = "does not fit the arm that explains the other joints' torques"
     if not len(joints):
-        if not leaves_more_than_usual(log, fit):
+        # What a law of friction or a spring explains is the model's matter.
+        with_laws = log.with_all_laws.fit(repair)
+        if not leaves_more_than_usual(log, with_laws):
             return
         joints = np.array([np.argmax(np.where(log.moving, fit.energy_left, 0.0))])
         percent_of_all = 100.0 * fit.unexplained**0.5
@@ -164,7 +166,7 @@ def _event(log: Likelihood, repair: LogTransform, fit: ArmFit) -> Iterator[Issue
     event: the error has to be as large with the motion low-passed like the torque.
     """
     t = log.data.motion.t
-    steps = [event.at for event in repair.events if isinstance(event.at, float)]
+    steps = [event.at for event in repair.events if event.at is not None]
     known = np.array([t[0], t[-1], *steps])
     for j in log.joints:
         error = np.abs(fit.residual[j])

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.certainty import Certainty, likely
-from sdp_vs_penalty.checks.faults.fault import UNITS
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue
-from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.checks.residual import leaves_more_than_usual
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.fault import UNITS
+from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.regression.normal_equations import solve
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
@@ -183,29 +183,6 @@ class _Size:
             is_mass_known=True,
             description=f"{measured:.3g} times what an arm of {weighs} kg needs",
         )
-
-
-def far_from_nominal(log: Likelihood, repair: LogTransform) -> float:
-    """Return how far the torques of a repaired log are from those of the problem's
-    masses.
-
-    Parameters
-    ----------
-    repair : LogTransform
-        How the log is repaired.
-
-    Returns
-    -------
-    float
-        Sum over moving joints of the squared natural logarithm of the fitted links'
-        torque over the nominal links' torque (root mean squares) [-]; 0 if they agree.
-    """
-    rows = log.rows(repair)
-    nominal = (log.torque_mask(repair).T * log.nominal(repair)).T[:, :, None]
-    sizes = np.linalg.norm(rows.project_out_own(nominal)[:, :, 0], axis=1)
-    fitted = np.linalg.norm(rows.projected @ log.fit(repair).theta, axis=1)
-    is_seen = log.moving & (sizes > 1e-3 * sizes.max(initial=0.0)) & (fitted > 0.0)
-    return float(np.sum(np.log(fitted[is_seen] / sizes[is_seen]) ** 2))
 
 
 def _possible_masses(problem: Problem, masses: float) -> tuple[float, float, str]:

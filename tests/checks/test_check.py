@@ -24,9 +24,6 @@ from sdp_vs_penalty.checks import Issue, check, mended
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.gate import consented, needs_check
-from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.one_arm import two_arms
-from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.data import load_measurements, save
 from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.simulation import experiment
@@ -226,14 +223,6 @@ def test_only_what_is_certain_is_fixed(simulated):
     assert "Done: " in done
     assert "one-off event" not in done
     assert "one-off event" in left
-
-
-def test_few_rows_far_apart_are_not_asked_for_two_arms(small):
-    """Each of two stretches needs rows for the parts that are left out of it in turn."""
-    problem, run = small
-    data = RegressionData.of(problem, run, problem.preprocessing.resolve(run))
-    log = Likelihood(problem, data).select_rows(slice(None, None, data.count // 4))
-    assert list(two_arms(log, log.as_logged)) == []
 
 
 @pytest.mark.parametrize(

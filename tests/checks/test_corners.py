@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.residual import _is_corner
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.rows import RegressionData
 from sdp_vs_penalty.simulation import experiment
 
 #: Of a log of 30 s at 10 Hz.

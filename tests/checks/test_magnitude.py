@@ -9,8 +9,8 @@ from small_runs import small_run
 from sdp_vs_penalty import Measurements, load_problem
 from sdp_vs_penalty.checks.facts.magnitude import magnitudes
 from sdp_vs_penalty.checks.glance import RunSummary
-from sdp_vs_penalty.checks.likelihood import without_inertial_power
 from sdp_vs_penalty.effects import Motion
+from sdp_vs_penalty.race.likelihood import without_inertial_power
 
 PROBLEM = load_problem("two_link")
 RUN = small_run(PROBLEM, seconds=8.0)

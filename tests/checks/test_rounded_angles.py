@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from sdp_vs_penalty import check, simulate
-from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.race.rows import RegressionData
 
 #: Place, turn (roll, pitch, yaw) and axis of each joint; mass of its link and centre.
 JOINTS = [

@@ -12,11 +12,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.arm_fit import orthonormal
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.facts.noise import shows_noise
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue
+from sdp_vs_penalty.race.arm_fit import orthonormal
+from sdp_vs_penalty.race.constants import LOG_ODDS_AGAINST_FAULT
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.filtered import Rows
 from sdp_vs_penalty.signals.runs import spans
@@ -138,7 +139,7 @@ def _is_unsigned(torque: Array, q: Array) -> bool:
             if all(np.abs(pose - other).max() > _ONE_POSE for other in poses):
                 poses.append(pose)
                 log_odds += float(np.log(near / max(torque[lowest], usual_step)))
-    return bool(log_odds > c.LOG_ODDS_AGAINST_FAULT)
+    return bool(log_odds > LOG_ODDS_AGAINST_FAULT)
 
 
 #: Signs are estimated anew so many times; they settle in a few.

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.repair import LogTransform
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.likelihood import Likelihood
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.regression.evidence import deviance, independent_rows
-from sdp_vs_penalty.regression.normal_equations import FLOOR, solve
+from sdp_vs_penalty.regression.normal_equations import solve
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 #: A column of which less than this share of its square is outside the basis is spanned
@@ -157,27 +156,6 @@ class ArmFit:
         return float(np.mean(self.unexplained_shares[self.moving]))
 
     @cached_property
-    def log_unexplained(self) -> float:
-        """Sum over moving joints of log(S_j / |tau_j|^2), S_j the squared residual.
-
-        Times -M/2, M the number of independent samples, it is the log-likelihood of the
-        repair, up to a constant.
-        """
-        return float(np.log(self.unexplained_shares)[self.moving].sum())
-
-    def log_likelihood(self, samples: float) -> float:
-        """Return the log-likelihood of the repair, up to a constant, if the residual
-        has so many independent samples of each joint."""
-        return -0.5 * float(deviance(self.unexplained_shares[self.moving], samples))
-
-    @property
-    def is_poorly_explained(self) -> NDArray[np.bool_]:
-        """(n,) whether more of a moving joint's torque is unexplained than the errors
-        of friction laws and filters (FLOOR): its motion may be another one."""
-        is_above_floor = self.unexplained_shares > 2.0 * FLOOR
-        return np.asarray(self.moving & is_above_floor)
-
-    @cached_property
     def residual(self) -> Array:
         """(n, M) torque that the arm and the joints' own columns leave [N m or N]."""
         left = self.rows.project_out_own(self.channels[:, :, None])[:, :, 0]
@@ -264,12 +242,6 @@ class ArmFit:
         )
         scale = np.maximum(beside_arm * self.energy_left[:, None], 1e-280)
         return np.asarray(is_new * np.log1p(on_residual**2 / scale))
-
-    @cached_property
-    def independent_rows(self) -> float:
-        """Number of independent samples in M correlated rows of the moving joints'
-        residuals."""
-        return independent_rows(self.residual[self.moving])
 
     @cached_property
     def weights(self) -> Array:

@@ -34,14 +34,12 @@ class LogEvent:
 
     #: Joint, from 0.
     joint: int
-    #: None for a linear drift over the whole log; a time [s] for a step; the name of a
-    #: law of the joint's own motion ("a spring").
-    at: float | str | None = None
+    #: None for a linear drift over the whole log; a time [s] for a step.
+    at: float | None = None
 
     def shape(self, t: Array) -> Array:
         """Return the column (N, 1) of unit size at instants t (N,) [s]: a ramp from 0
         to 1 for a drift, 0 before a step and 1 after it."""
-        assert not isinstance(self.at, str)  # laws are columns of the data
         if self.at is None:
             ramp = (t - t[0]) / max(t[-1] - t[0], 1e-300)
             return np.asarray(ramp)[:, None]
@@ -159,13 +157,6 @@ class LogTransform:
         """Return the repair without an event."""
         others = tuple(other for other in self.events if other != event)
         return replace(self, events=others)
-
-    @cached_property
-    def without_laws(self) -> LogTransform:
-        """The repair without the laws of joints' own motions; itself where it has
-        none."""
-        others = tuple(e for e in self.events if not isinstance(e.at, str))
-        return self if others == self.events else replace(self, events=others)
 
     def list_nonzero(self, name: str) -> list[tuple[tuple[int, ...], float]]:
         """List the entries of the field ``name`` that are not 0, each with its joints.

@@ -1,4 +1,6 @@
-"""Laws, drifts and steps of one joint's torque."""
+"""What one joint's torque holds beside the arm's: a drift with time, or a step at some moment
+(a contact, a load, a zero set anew). Proposed by a score test: of each shape the part that
+the arm leaves, against the residual."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -6,99 +8,54 @@ from functools import partial
 
 import numpy as np
 
-from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.arm_fit import ArmFit
-from sdp_vs_penalty.checks.faults.fault import (
-    Fault,
-    Transformation,
-    odds_against_one_of,
-)
-from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.regression_data import LAWS
-from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
-from sdp_vs_penalty.checks.run_log import RunLog
 from sdp_vs_penalty.data.stretches.gaps import recorded_seconds
+from sdp_vs_penalty.race import constants as c
+from sdp_vs_penalty.race.arm_fit import ArmFit
+from sdp_vs_penalty.race.chain import LogEvent, LogTransform
+from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.records import Hypothesis
+from sdp_vs_penalty.race.run_log import RunLog
 
 #: Smallest share of the rows before a step, and of those after it, in which the joint
 #: moves either way: of a joint that only turns back, friction makes a step.
 _SMALLEST_SHARE_EACH_WAY = 0.15
 
 
-class Beside(Transformation):
-    """What one joint's torque holds beside the arm's: a law of its own motion that the
-    model lacks, no fault of the log, which contends with all that may be; a drift with
-    time; a step at some moment (a contact, a load, a zero set anew). Proposed by a
-    score test: of each shape the part that the arm leaves, against the residual."""
+def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+    """Yield the likeliest drift and the likeliest step; nothing beside what differs in a
+    part of the log already.
 
-    name = "events"
-
-    def propose(
-        self, log: Likelihood, now: LogTransform, fit: ArmFit
-    ) -> Iterator[LogTransform]:
-        """Yield the repair ``now`` with one more torque that is not the arm's: a law of
-        each poorly explained joint's motion, the likeliest drift, and the likeliest
-        step.
-
-        Parameters
-        ----------
-        log : Likelihood
-            Rows that repairs are judged on.
-        fit : ArmFit
-            The arm fitted to the rows under ``now``.
-
-        Returns
-        -------
-        iterator of LogTransform
-            Repairs to fit arms to, with all corrections of ``now``.
-        """
-        yield from _laws(log, now, fit)
-        yield from _likeliest_drift(log, now, fit)
-        yield from _likeliest_step(log, now, fit)
-
-    def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """Yield a note for each law, and a fault for each drift and each step, that a
-        repair takes out of a joint's torque.
-
-        Parameters
-        ----------
-        log : Likelihood
-            Rows that repairs are judged on.
-        repair : LogTransform
-            A complete repair, with faults of any kinds.
-
-        Returns
-        -------
-        iterator of Fault
-            With the words for the user.
-        """
-        for event in repair.events:
-            if isinstance(event.at, str):
-                yield _law(log, repair, event)
-            elif event.at is None:
-                yield _drift(log, repair, event)
-            else:
-                yield _step(log, repair, event, event.at)
+    A step's prior counts the moments that a low-passed torque can distinguish.
+    """
+    log, now = evidence.log, fit.chain
+    if fit.view.parts or fit.view.further:
+        return
+    prior = prior_of_one_of(log.n) - c.LOG_ODDS_AGAINST_EVENT + c.LOG_ODDS_AGAINST_FAULT
+    arm = log.fit(now)
+    for event in _likeliest_drift(log, now, arm):
+        chain = now.with_event(event)
+        yield Hypothesis("torque drift", (event.joint,), prior, chain)
+    for event in _likeliest_step(log, now, arm):
+        chain = now.with_event(event)
+        odds = prior - float(np.log(c.ROWS // c.PARTS))
+        yield Hypothesis("torque step", (event.joint,), odds, chain)
 
 
-def _laws(log: Likelihood, now: LogTransform, fit: ArmFit) -> Iterator[LogTransform]:
-    """Yield, for each joint that the arm explains poorly, the law of its own motion
-    that lowers its squared residual most: a spring, drag, hysteresis."""
-    order = list(now.order)
-    names = [*log.data.laws]
-    mask = log.torque_mask(now)[:, :, None]
-    falls_of_laws = []  # one (n,) a law: fall of the logarithm of the residual
-    for columns in log.data.laws.values():
-        falls_of_columns = fit.log_falls_by_columns(mask * columns[order])
-        falls_of_laws.append(falls_of_columns.max(axis=1))
-    best_law = np.argmax(falls_of_laws, axis=0)  # (n,) place in ``names``
-    for j in np.flatnonzero(fit.is_poorly_explained).tolist():
-        yield now.with_event(LogEvent(j, names[best_law[j]]))
+def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+    """Yield a fault for each drift and each step that is taken out of a joint's
+    torque."""
+    for event in chain.events:
+        if event.at is None:
+            yield _drift(log, chain, event)
+        else:
+            yield _step(log, chain, event, event.at)
 
 
 def _likeliest_drift(
     log: Likelihood, now: LogTransform, fit: ArmFit
-) -> Iterator[LogTransform]:
+) -> Iterator[LogEvent]:
     """Yield the linear drift of one joint's torque that lowers the joint's squared
     residual most, of all moving joints; nothing where no drift lowers it."""
     drift = LogEvent(joint=0)  # without an instant; its ramp is that of any joint
@@ -107,12 +64,12 @@ def _likeliest_drift(
     falls = fit.log_falls_by_columns(mask * ramp)[:, 0] * log.moving  # (n,)
     j = int(np.argmax(falls))
     if falls[j] > 0.0:
-        yield now.with_event(LogEvent(j))
+        yield LogEvent(j)
 
 
 def _likeliest_step(
     log: Likelihood, now: LogTransform, fit: ArmFit
-) -> Iterator[LogTransform]:
+) -> Iterator[LogEvent]:
     """Yield the torque step that lowers a joint's squared residual most, of all joints
     and moments.
 
@@ -139,7 +96,7 @@ def _likeliest_step(
         falls = falls * (np.minimum(share, 1.0 - share) > _SMALLEST_SHARE_EACH_WAY)
     j, k = divmod(int(np.argmax(falls)), len(moments))  # joint, moment
     if falls[j, k] > 0.0:
-        yield now.with_event(LogEvent(j, moments[k]))
+        yield LogEvent(j, moments[k])
 
 
 def _size(log: Likelihood, repair: LogTransform, event: LogEvent) -> float:
@@ -167,38 +124,17 @@ def _drift_from_end_to_end(
     return _size(log, repair, event) * log.data.seconds / seconds_of_rows
 
 
-def _law(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
-    """Return the note that a joint's torque holds a law of its motion which the model
-    lacks.
-
-    The law is the nearest of a few; which one it is, a diagnosis judges.
-    """
-    return Fault(
-        kind=f"law: {event.at}",
-        severity="note",
-        joints=(event.joint,),
-        what=f"the model lacks a law of {joints_text([event.joint])}'s motion:"
-        f" {event.at} is the nearest of {len(LAWS)} that were tried.",
-        remedy="no action needed: a diagnosis of the model names it",
-        removal=repair.without_event(event),
-        log_odds_against=odds_against_one_of(log.n * len(LAWS)),
-        is_repairable=False,
-    )
-
-
 def _drift(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
     """Return the fault that a joint's torque drifts linearly over the log."""
     size = _drift_from_end_to_end(log, repair, event)
     unit = log.problem.robot.torque_units[event.joint]
     return Fault(
         kind="torque drift",
-        severity="warning",
         joints=(event.joint,),
         what=f"the torque of {joints_text([event.joint])} drifts by {size:+.3g} {unit}"
         " from the first row to the last.",
         remedy="let the sensor warm up and set its zero before the run",
-        removal=repair.without_event(event),
-        log_odds_against=odds_against_one_of(log.n) + 2.0 * c.LOG_ODDS_AGAINST_FAULT,
+        without=repair.without_event(event),
         is_repairable=False,
         figures={"size": size},
         by_run=partial(_drift_of_runs, log, repair, event),
@@ -229,24 +165,17 @@ def _drift_of_runs(
 
 def _step(log: Likelihood, repair: LogTransform, event: LogEvent, t: float) -> Fault:
     """Return the fault that a joint's torque steps and stays there: at the instant t
-    [s], by the clock in whose words it is told.
-
-    Its prior odds count the moments that a low-passed torque can distinguish.
-    """
-    n_moments = c.ROWS // c.PARTS
-    log_odds = odds_against_one_of(log.n * n_moments)
+    [s], by the clock in whose words it is told."""
     size = _size(log, repair, event)
     name = joints_text([event.joint])
     unit = log.problem.robot.torque_units[event.joint]
     return Fault(
         kind="torque step",
-        severity="warning",
         joints=(event.joint,),
         what=f"the torque of {name} steps by {size:+.3g} {unit} at t = {t:.4g} s and"
         " stays there.",
         remedy="cut the run there, or find out what touched the arm",
-        removal=repair.without_event(event),
-        log_odds_against=log_odds + 2.0 * c.LOG_ODDS_AGAINST_FAULT,
+        without=repair.without_event(event),
         place=f"{name}, t = {t:.4g} s",
         is_repairable=False,
         figures={"size": size, "t": t},

@@ -22,27 +22,18 @@ from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
-import scipy
 
-from sdp_vs_penalty.checks.arm_fit import ArmFit, RepairedRows, orthonormal
-from sdp_vs_penalty.checks.constants import (
-    CENTRE_OF_MASS,
-    MAX_INERTIA_LOG_ODDS,
-    MAX_PHYSICS_LOG_ODDS,
-    NO_WEIGHT,
-    PARTS,
-)
-from sdp_vs_penalty.checks.regression_data import RegressionData, on_robot
-from sdp_vs_penalty.checks.repair import LogEvent, LogTransform, Numbers, Order
 from sdp_vs_penalty.data.stretches.gaps import recorded_seconds
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.evidence import jackknifed, standard_errors_above_zero
+from sdp_vs_penalty.race.arm_fit import ArmFit, RepairedRows, orthonormal
+from sdp_vs_penalty.race.chain import LogEvent, LogTransform, Numbers, Order
+from sdp_vs_penalty.race.constants import PARTS
+from sdp_vs_penalty.race.rows import RegressionData, on_robot
 from sdp_vs_penalty.regression.normal_equations import (
     FLOOR,
     RIDGE,
-    Normal,
     NormalEquations,
     positive,
     solve,
@@ -125,8 +116,6 @@ class Likelihood:
         self._model = lru_cache(12)(self._make_model)
         self._basis = lru_cache(20)(self._make_basis)
         self._basis_of_channels = lru_cache(4)(self._make_basis_of_channels)
-        self._inertia_and_weight = lru_cache(12)(self._make_inertia_and_weight)
-        self._weight_log_odds = lru_cache(12)(self._make_weight_log_odds)
         self._channels_at = lru_cache(40)(self._interpolate_channels)
 
     @classmethod
@@ -168,12 +157,6 @@ class Likelihood:
         """
         return Likelihood(self.problem, self.data.with_low_passed_motion)
 
-    @cached_property
-    def on_third_of_rows(self) -> Likelihood:
-        """The likelihood of every third row: enough to see which repairs are worth a
-        fit to all rows."""
-        return self.select_rows(slice(None, None, 3))
-
     def select_rows(self, rows: slice) -> Likelihood:
         """Return the likelihood of a slice of the rows."""
         return Likelihood(self.problem, self.data.select_rows(rows))
@@ -188,11 +171,10 @@ class Likelihood:
             self._raw,
             self._basis,
             self._basis_of_channels,
-            self._inertia_and_weight,
             self._channels_at,
         ):
             function.cache_clear()
-        for name in ("on_third_of_rows", "with_all_laws"):
+        for name in ("with_all_laws",):
             if (part := self.__dict__.pop(name, None)) is not None:
                 part.clear_caches()
 
@@ -483,7 +465,7 @@ class Likelihood:
         if not events:
             return basis
         columns = [self.data.own_columns[list(order)]]
-        columns += [self._columns_of_event(event, order) for event in events]
+        columns += [self._columns_of_event(event) for event in events]
         used = np.concatenate(columns, axis=2)
         used = used * self.data.torque_mask.T[list(order)][:, :, None]
         # Joints without an event keep their basis. It cannot have more vectors than rows.
@@ -499,19 +481,11 @@ class Likelihood:
         channel makes, without events."""
         return orthonormal(self.data.own_columns * self.data.torque_mask.T[:, :, None])
 
-    def _columns_of_event(self, event: LogEvent, order: Order) -> Array:
-        """Return the columns (n, M, r) of an event of one joint's torque; 0 for other
-        joints.
-
-        The event is a law of the joint's motion (its name stands in ``event.at``), a
-        step at an instant, or a drift over the whole log. order : channel of each
-        joint's position.
-        """
-        if isinstance(event.at, str):
-            shape = self.data.laws[event.at][[order[event.joint]]]
-        else:
-            shape = event.shape(self.data.motion.t)[None]
+    def _columns_of_event(self, event: LogEvent) -> Array:
+        """Return the column (n, M, 1) of an event of one joint's torque, a step or a
+        drift; 0 for other joints."""
         is_joint = np.arange(self.n)[:, None] == event.joint
+        shape = event.shape(self.data.motion.t)[None]
         return np.asarray(shape * is_joint[:, :, None])
 
     def unexplained(self, repair: LogTransform, theta: Array) -> Array:
@@ -674,52 +648,6 @@ class Likelihood:
         """Fit one arm under one repair; :meth:`fit` caches the result."""
         return self.fit_all([repair])[0]
 
-    def jackknife_errors(
-        self,
-        repair: LogTransform,
-        weights: Array,
-        further_columns: Array | None = None,
-        others: Normal | None = None,
-    ) -> tuple[Array, Array]:
-        """Return the errors on parts of the log, each left out in turn (delete-a-group
-        jackknife).
-
-        An arm is fitted to all parts but one, and judged on that part.
-
-        Parameters
-        ----------
-        repair : LogTransform
-            How the log is repaired.
-        weights : (n,) array
-            Weights of the joints' rows: 1 over the variance of their residual.
-        further_columns : (n, M, r) array, optional
-            Columns of r more parameters that joints share.
-        others : (gram (s, s), cross (s,)), optional
-            Normal equations of other logs of the same arm, added to those of the parts;
-            they have no further columns.
-
-        Returns
-        -------
-        arms : (PARTS, s + r) array
-            Parameters fitted to all parts but one.
-        errors : (PARTS, n) array
-            Squared residual of the part left out, over the mean energy (squared torque)
-            of a part; at least FLOOR.
-        """
-        parts, n_own = self.gram_matrices(repair, PARTS, further_columns)
-        other_parts = NormalEquations.eliminating(parts.sum(axis=0) - parts, n_own)
-        gram, cross = other_parts.normal(weights)
-        if others is not None:
-            gram_of_others, cross_of_others = others
-            s = len(cross_of_others)
-            gram[:, :s, :s] += gram_of_others
-            cross[:, :s] += cross_of_others
-        arms = solve(gram, cross[..., None])[..., 0]
-        energy = _torque_energies(parts).sum(axis=0)  # (n,)
-        energy_left = other_parts.left_of(parts, arms[:, None])
-        errors = PARTS * energy_left / np.maximum(energy, 1e-280)
-        return arms, np.maximum(errors, FLOOR)
-
     def shares_left_by_own_models(self, repair: LogTransform) -> Array:
         """Return the share (n,) of each torque's energy that the joint's own model
         leaves, on parts of the log that the model was not fitted to.
@@ -738,243 +666,11 @@ class Likelihood:
             Shares of the squared torque, at least FLOOR [-].
         """
         parts, n_own = self.gram_matrices(repair)
-        other_parts = NormalEquations.eliminating(parts.sum(axis=0) - parts, n_own)
+        other_parts = NormalEquations.of(parts.sum(axis=0) - parts, n_own)
         models = solve(other_parts.gram, other_parts.cross[..., None])[..., 0]
         energy_left = other_parts.left_of(parts, models).sum(axis=0)
         energy = positive(_torque_energies(parts).sum(axis=0))
         return np.maximum(energy_left / energy, FLOOR)
-
-    def first_order_steps(
-        self, now: LogTransform, ats: Sequence[At], values: Array, h: Array
-    ) -> tuple[Array, Array]:
-        """Estimate the change of each of r numbers of a repair that lowers the residual
-        most, the other numbers fixed (a Gauss-Newton step).
-
-        With Y theta the arm's torque, x a number and d = d(y - Y theta)/dx, the
-        weighted normal equations of arm and number have the blocks A = Y^T Y, b = -Y^T
-        d, a = d^T d and the right sides c = Y^T y, c_x = -d^T y; then
-
-            change = (c_x - b^T A^-1 c) / (a - b^T A^-1 b).
-
-        The standard deviations are a jackknife's over the parts, because what the model
-        lacks varies from part to part: noise alone would look exact.
-
-        Parameters
-        ----------
-        now : LogTransform
-            The repair with the present values.
-        ats : sequence of r functions
-            The repair with another value of one number.
-        values, h : (r,) arrays
-            The present values, and the steps of the difference quotients.
-
-        Returns
-        -------
-        change, spread : (r,) arrays
-            The changes and their standard deviations, infinite where the arm's
-            parameters take the number's place.
-        """
-        fit = self.fit(now)
-        slopes = self._slopes(fit.theta, now, ats, values, h)
-        sizes = np.linalg.norm(slopes, axis=(0, 1))  # (r,)
-        scaled = slopes / nonzero_or_one(sizes)
-        parts, n_own = self.gram_matrices(now, PARTS, -scaled)
-        other_parts = NormalEquations.eliminating(parts.sum(axis=0) - parts, n_own)
-        gram, cross = other_parts.normal(fit.weights)
-        # The arm's s parameters come first, the r numbers and the right side behind.
-        s = gram.shape[-1] - len(ats)
-        equations = np.concatenate([gram, cross[:, :, None]], axis=2)
-        arm = solve(equations[:, :s, :s], equations[:, :s, s:])
-        remainder = equations[:, s:, s:] - equations[:, s:, :s] @ arm  # (p, r, r + 1)
-        # Diagonals: of each part p and number k, a - b^T A^-1 b and a.
-        beside_arm = np.einsum("pkk->pk", remainder[..., :-1])
-        squares = np.einsum("pkk->pk", equations[:, s:, s:-1])
-        steps = remainder[..., -1] / np.maximum(beside_arm + RIDGE * squares, _TINY)
-        change, spread = jackknifed(steps / nonzero_or_one(sizes))
-        is_seen = sizes > FLOOR * np.linalg.norm(fit.channels)
-        left_of_squares = beside_arm.sum(axis=0) / nonzero_or_one(squares.sum(axis=0))
-        is_beside_arm = left_of_squares > _SEEN_BESIDE_ARM
-        return change, np.where(is_seen & is_beside_arm, spread, np.inf)
-
-    def _slopes(
-        self,
-        theta: Array,
-        now: LogTransform,
-        ats: Sequence[At],
-        values: Array,
-        h: Array,
-    ) -> Array:
-        """Return the derivatives (n, M, r) of the residual tau - Y theta by r numbers
-        of a repair.
-
-        theta (s,) : parameters of the links. ats : r functions; each returns the repair
-        ``now`` with another value of one number. values (r,) : the present values; h
-        (r,) : steps of the forward difference quotients (residual(x + h) - residual(x))
-        / h.
-        """
-        residual = self.unexplained(now, theta)
-        slopes = np.zeros((self.n, self.data.count, len(ats)))
-        repairs = [at(values[r] + h[r]) for r, at in enumerate(ats)]
-        self._prepare_columns(repairs[: self._columns.size])
-        for r, repair in enumerate(repairs):
-            moved = self.unexplained(repair, theta)
-            slopes[..., r] = (moved - residual) / h[r]
-        return slopes
-
-    def clearness_of_fall(self, before: Array, after: Array) -> float:
-        """Return by how many standard errors the error on held-out parts falls.
-
-        The fall of a part is the sum of log(before / after) over the moving joints.
-
-        Parameters
-        ----------
-        before : (PARTS, n) array
-            Errors on parts left out under the present repair.
-        after : (PARTS, n) array
-            Errors under the repair in question.
-
-        Returns
-        -------
-        float
-            Mean fall over the parts, divided by its standard error; negative for a
-            rise.
-        """
-        log_falls = np.log(before / after)[:, self.moving].sum(axis=1)
-        return standard_errors_above_zero(log_falls)
-
-    # -- what the fit alone does not tell
-
-    def count_independent_samples(self, fit: ArmFit) -> float:
-        """Return the number of independent samples of a fit's residual that remain
-        after the parameters are fitted.
-
-        It is the number of independent rows (correlated rows count less) times the
-        share that the parameters do not take, which is at least a tenth.
-
-        Parameters
-        ----------
-        fit : ArmFit
-            One arm fitted to the rows.
-        """
-        share = max(self.spare_share, _LEAST_SPARE_SHARE)
-        return share * fit.independent_rows
-
-    def physics(self, fit: ArmFit, repair: LogTransform, samples: float) -> float:
-        """Return the log-probability that a fitted arm is physical: its friction takes
-        power, its inertia and its masses are positive.
-
-        It is the sum of log Phi(z) over n + 2 estimates, with Phi the normal
-        distribution function and z an estimate over its standard deviation:
-
-        - for each joint j the mean power dq_j (tau_j - links' torque) of its friction,
-        - the mean of ddq^T M(q) ddq, with the mass matrix M,
-        - the mean product of the arm's weight with the nominal arm's weight.
-
-        Each is positive for a physical arm. The fit alone cannot show the signs of all
-        torques or the direction of time; these estimates can.
-
-        Parameters
-        ----------
-        fit : ArmFit
-            The arm fitted to the log under the repair.
-        samples : float
-            Number of independent samples of the residual.
-
-        Returns
-        -------
-        float
-            At most 0; each joint and kind takes at most MAX_PHYSICS_LOG_ODDS or
-            MAX_INERTIA_LOG_ODDS.
-        """
-        states = self._centred_states(repair)  # (2, n, M): dq / M, ddq / M
-        not_of_links = fit.channels - fit.rows.raw @ fit.theta  # (n, M)
-        powers = np.sum(states * not_of_links, axis=2)  # (2, n)
-        friction_power = powers[0]
-        # Inertia: ddq^T M ddq of the links, plus ddq times the torque that the links do
-        # not explain (rotors). Weight: that of the links alone.
-        slopes = self._inertia_and_weight(repair.motion_part)  # (2, s) by theta
-        inertia_and_weight = slopes @ fit.theta + [powers[1].sum(), 0.0]
-        estimates = np.append(friction_power, inertia_and_weight)
-        # Derivatives of the estimates by theta, (n + 2, s).
-        power_slopes = -(states[:, :, None, :] @ fit.rows.raw)[:, :, 0]  # (2, n, s)
-        of_inertia = np.outer([1.0, 0.0], power_slopes[1].sum(axis=0))
-        gradient = np.vstack([power_slopes[0], slopes + of_inertia])
-        # Variance of each estimate: from the noise in the torques ...
-        noise = fit.energy_left / samples * np.sum(states**2, axis=2)  # (2, n)
-        variance = np.append(noise[0], [noise[1].sum(), 0.0])
-        # ... and from theta, g^T N^-1 g, with N (s, s) its information matrix.
-        information = np.tensordot(fit.weights * samples, fit.rows.gram, 1)
-        variance += np.sum(gradient.T * solve(information, gradient.T), axis=0)
-        z = estimates / np.sqrt(np.maximum(variance, _TINY))
-        # What each may speak with at most; the two last ones are inertia and weight.
-        largest_log_odds = np.full(len(z), MAX_PHYSICS_LOG_ODDS)
-        largest_log_odds[-2] = MAX_INERTIA_LOG_ODDS
-        largest_log_odds[-1] = self._weight_log_odds(repair.motion_part)
-        is_used = np.append(self.moving, [True, True])
-        log_probabilities = np.maximum(scipy.special.log_ndtr(z), -largest_log_odds)
-        return float(log_probabilities[is_used].sum())
-
-    def _make_weight_log_odds(self, repair: LogTransform) -> float:
-        """Return the log-odds that the nominal arm's weight has the sign of the true
-        weight.
-
-        They are -log Phi(-z), with z the expected product of the two weights over its
-        standard deviation, if each centre of mass is off by CENTRE_OF_MASS [m]; at most
-        MAX_PHYSICS_LOG_ODDS. Upright joints, and masses near the axes, make z small. Zero
-        for an arm whose axes are all upright: no joint carries weight.
-        """
-        model = self.data.shared
-        if model is None or not len(model.rigid_indices):
-            return MAX_PHYSICS_LOG_ODDS
-        weight = self.columns(repair, 0.0, 0.0)[:, :, model.rigid_indices]
-        joints_and_rows = ((1, 0), (0, 1))
-        products = np.tensordot(
-            self.nominal(repair, speed=0.0), weight, joints_and_rows
-        )  # (10 L,)
-        links = self.problem.prior_links
-        expected = float(products @ links.ravel())
-        total_weight = float(np.linalg.norm(repair.gravity) * links[:, 0].sum())  # N
-        if expected <= NO_WEIGHT * weight.shape[1] * total_weight**2:
-            return 0.0  # what is left is rounding: all axes are upright
-        by_first_moments = products.reshape(-1, 10)[:, 1:4]  # (L, 3)
-        spreads = CENTRE_OF_MASS * links[:, :1] * by_first_moments
-        spread = float(np.linalg.norm(spreads))
-        certainty = expected / max(spread, _TINY)
-        return min(MAX_PHYSICS_LOG_ODDS, -float(scipy.special.log_ndtr(-certainty)))
-
-    def _centred_states(self, repair: LogTransform) -> Array:
-        """Return velocity and acceleration (2, n, M) without their means, divided by M.
-
-        Their sums of products with a torque (n, M) are then mean powers. The means are
-        taken out because a constant torque, such as a weight, is neither friction nor
-        inertia. The velocity is made orthogonal to the acceleration, so that a rotor's
-        inertia takes no mean power: in all of a motion it takes none, but in few rows
-        of sharp trapezoids it may take more than friction does. The velocity changes
-        its sign where the repair says that time runs backwards.
-        """
-        motion = self.motion(repair)
-        dq = -motion.dq.T if repair.reversed else motion.dq.T
-        states = np.stack([dq, motion.ddq.T]) / len(motion.t)
-        states = states - states.mean(axis=2, keepdims=True)
-        return without_inertial_power(states * self.torque_mask(repair))
-
-    def _make_inertia_and_weight(self, repair: LogTransform) -> Array:
-        """Make two linear functions (2, s) of the links' parameters theta (s,).
-
-        Row 0 gives the mean of ddq^T M(q) ddq, with the mass matrix M(q); row 1 the
-        mean product of the arm's weight with that of the nominal arm. Both are positive
-        for a physical arm.
-        """
-        ddq = self.motion(repair).ddq
-        weight = self.shared(repair, speed=0.0, push=0.0)  # (n, M, s)
-        weight_and_inertia = self.shared(repair, speed=0.0, push=1.0)
-        inertial = weight_and_inertia - weight
-        # Both sums run over joints and rows: (M, n) with (n, M, s) gives (s,).
-        joints_and_rows = ((1, 0), (0, 1))
-        power = np.tensordot(ddq, inertial, joints_and_rows)
-        plausible_weight = self.nominal(repair, speed=0.0)
-        product = np.tensordot(plausible_weight, weight, joints_and_rows)
-        return np.array([power, product]) / self.data.count
 
 
 def _straighten(value: Array, limit: float) -> Array:

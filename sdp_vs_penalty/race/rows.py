@@ -16,13 +16,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import COULOMB_WIDTHS, ROWS, TRAVELS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.bristles import dahl
 from sdp_vs_penalty.effects.effect import JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.race.constants import COULOMB_WIDTHS, ROWS, TRAVELS
 from sdp_vs_penalty.regression.base_parameters import structure
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -421,18 +421,18 @@ def on_robot(model: Model, robot: Robot) -> Model:
     return Model(robot, tuple(effects))
 
 
-def _independent(shared: Model | None) -> tuple[int, ...]:
-    """Return the numbers of s columns of the shared effects that span all of them: one
-    for each base parameter.
-
-    They are found for random states under a random direction of gravity, so that they
-    span the columns however the arm is mounted.
-    """
-    if shared is None:
-        return ()
+def random_rows(shared: Model) -> Array:
+    """Return the columns (N, p) of the shared effects for random states under a random
+    direction of gravity: they span the columns however the arm is mounted."""
     gravity = tuple(np.random.default_rng(0).normal(size=3).tolist())
     model = on_robot(shared, replace(shared.robot, gravity=gravity))
     n_rows = 2 * len(model.parameters) // shared.robot.n + 1
     q, dq, ddq = shared.robot.random_states
     motion = Motion(np.zeros(n_rows), q[:n_rows], dq[:n_rows], ddq[:n_rows])
-    return structure(np.concatenate(model.dense_columns(motion)))[1]
+    return np.concatenate(model.dense_columns(motion))
+
+
+def _independent(shared: Model | None) -> tuple[int, ...]:
+    """Return the numbers of s columns of the shared effects that span all of them: one
+    for each base parameter."""
+    return () if shared is None else structure(random_rows(shared))[1]

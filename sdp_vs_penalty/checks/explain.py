@@ -1,0 +1,273 @@
+"""What the race finds in a log, as issues of the check."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sdp_vs_penalty.checks.certainty import likely
+from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, with_rival_effects
+from sdp_vs_penalty.race.arm_fit import text_of_share
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.fault import APPLY, Fault, joints_text
+from sdp_vs_penalty.race.kinds import list_faults
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.race import Claim, Scored, Verdict
+from sdp_vs_penalty.race.records import Hypothesis
+from sdp_vs_penalty.race.run_log import RunLog
+
+#: Standard deviations of a 95 % interval; what the model lacks widens it (Student's t of
+#: the parts of a log).
+_INTERVAL = 2.4
+#: What is different in a part of a log, and what to do about it; x is the number, j the
+#: joint from 1.
+_DIFFERENCES = {
+    "another load": (
+        "{run} carries a {weight} load on its last link ({x:+.2g} kg)",
+        "identify the runs apart, or log with the same tool",
+    ),
+    "torque gain": (
+        "the torque of joint {j} is {x:.3g} times as large in {run}",
+        "divide tau{j} of this run by {x:.3g}, or multiply the others",
+    ),
+    "encoder offset": (
+        "the zero of joint {j} is {distance} away in {run}",
+        "add {x:+.3g} {unit} to q{j} of this run, or calibrate its zero",
+    ),
+}
+#: The kind of difference that no change of the log can undo.
+NOT_REPAIRED = "another load"
+
+
+def issues_of_all(
+    log: Likelihood, verdict: Verdict, net: LogTransform, runs: Sequence[RunLog]
+) -> list[Issue]:
+    """List an issue for each fault that all rows share.
+
+    Parameters
+    ----------
+    log : Likelihood
+        Rows of all runs.
+    net : LogTransform
+        What the verdict tells of all rows.
+    runs : sequence of RunLog
+        Each run as repaired; the words of several runs where there are several.
+    """
+    faults = list_faults(log, net)
+    issues = []
+    for fault in faults:
+        claims = [
+            claim
+            for claim in verdict.claims_of_all()
+            if claim.hypothesis.kind == fault.kind
+            and set(claim.hypothesis.joints) <= set(fault.joints)
+        ]
+        if fault.by_run is not None and len(runs) > 1:
+            fault = fault.by_run(runs)
+        issues.append(_of_fault(log, fault, claims, net))
+    return issues
+
+
+def _of_fault(
+    log: Likelihood, fault: Fault, claims: Sequence[Claim], net: LogTransform
+) -> Issue:
+    """Return the issue of one fault that the claims are about."""
+    figures = {"joints": [j + 1 for j in fault.joints], **fault.figures}
+    figures["log_odds"] = float(sum(claim.log_odds for claim in claims))
+    what = fault.what
+    if fault.number is not None and claims:
+        size = fault.number.of(net)
+        reach = _INTERVAL * claims[-1].spread
+        ends = [size - reach, size + reach]
+        figures["interval"] = ends
+        what = f"{what.rstrip('.')} (95 %: {fault.interval_in_words(ends)})."
+    rivals = [x for claim in claims for x in claim.rivals]
+    faults = [x for x in rivals if not x.hypothesis.effect]
+    words = [
+        text for x in faults if (text := _words_of_rival(log, x, claims)) != fault.what
+    ]
+    equivalents = fault.equivalents
+    if words:
+        words = [text.rstrip(".") for text in words]
+        what = f"{what} As likely: {'; '.join(words)}."
+        equivalents = (*equivalents, *words)
+        figures["as_likely"] = [
+            {"kind": x.hypothesis.kind, "joints": [j + 1 for j in x.hypothesis.joints]}
+            for x in faults
+        ]
+
+    def by_clock(at: float) -> Issue:
+        """Return the issue with its instant by another clock [s]."""
+        assert fault.by_clock is not None
+        return _of_fault(log, fault.by_clock(at), claims, net)
+
+    issue = Issue(
+        kind=fault.kind,
+        nature=EXPLANATION,
+        severity="warning",
+        where=fault.place or joints_text(fault.joints),
+        what=what,
+        certainty=likely(_reason(log, fault, net)),
+        remedy=fault.remedy,
+        repair=keep_only(log, net, fault).apply if fault.is_repairable else None,
+        figures=figures,
+        gravity=_measured_gravity(net) if fault.is_of_gravity else None,
+        apply=fault.apply,
+        equivalents=equivalents,
+        by_clock=by_clock if fault.by_clock else None,
+    )
+    effects = [x.hypothesis.effect for x in rivals if x.hypothesis.effect]
+    return with_rival_effects(issue, effects)
+
+
+def _words_of_rival(log: Likelihood, rival: Scored, claims: Sequence[Claim]) -> str:
+    """Say what else explains a log as well as claims do."""
+    h = rival.hypothesis
+    known = {fault.what for fault in list_faults(log, claims[0].before.chain)}
+    new = [
+        fault
+        for fault in list_faults(log, rival.fit.chain)
+        if fault.what not in known and h.part is None
+    ]
+    if new:
+        return new[0].what
+    return f"{h.kind} of {joints_text(h.joints)} in a part of the log"
+
+
+def keep_only(log: Likelihood, net: LogTransform, fault: Fault) -> LogTransform:
+    """Return the transform that corrects a single one of its faults."""
+    for _ in range(len(list_faults(log, net))):
+        others = [x for x in list_faults(log, net) if x.name != fault.name]
+        if not others:
+            break
+        net = others[0].without
+    return net
+
+
+def _reason(log: Likelihood, fault: Fault, net: LogTransform) -> str:
+    """Say in a sentence what speaks for a fault: by how much less is left of the joint
+    that gains most, in percent of the torque's root mean square; or physics, where the
+    fit is the same without."""
+    after = log.fit(net).unexplained_shares  # (n,) of the torques' energies
+    without = log.fit(fault.without).unexplained_shares
+    change = np.log(without / after)
+    j = int(np.argmax(change))
+    if change[j] < 0.05:
+        return "as recorded, friction would drive the motion, or inertia be negative"
+    return (
+        f"what the arm's dynamics leave unexplained of joint {j + 1}'s torque falls"
+        f" from {text_of_share(without[j])} to {text_of_share(after[j])}"
+    )
+
+
+def _measured_gravity(net: LogTransform) -> tuple[float, ...]:
+    """Return the gravity vector [m/s^2] whose weight the measured torques hold.
+
+    It is the gravity of the repair times 1 - s, if all torques lack the same share s of
+    the weight (a controller compensates it); otherwise the gravity as it is.
+    """
+    share = 1.0 - net.lacks[0] if len(set(net.lacks)) == 1 else 1.0
+    return tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
+
+
+def repair_of(claim: Claim, as_logged: LogTransform) -> LogTransform | None:
+    """Return what makes the rows of a part those of the others' arm; None for another
+    load, which no change of the log can undo.
+
+    Parameters
+    ----------
+    as_logged : LogTransform
+        The transform that changes nothing.
+    """
+    h = claim.hypothesis
+    if h.kind == "torque gain":
+        return as_logged.with_entries("gain", h.joints, float(np.exp(claim.size)))
+    if h.kind == "encoder offset":
+        return as_logged.with_entries("zero", h.joints, claim.size)
+    if h.kind == "torque sign":
+        return as_logged.with_multiplied("gain", h.joints, -1.0)
+    if h.kind == "torque order":
+        first, second = h.joints
+        return as_logged.with_swap(first, second, "tau_order")
+    if h.kind == "delay":
+        return as_logged.with_entries("lead", h.joints, claim.size)
+    return None
+
+
+def issue_of_difference(
+    log: Likelihood, claim: Claim, name: str, repair: LogTransform | None
+) -> Issue:
+    """Return the issue about what is different in one part of a log.
+
+    Parameters
+    ----------
+    log : Likelihood
+        Rows of the part's run.
+    name : str
+        Of the run, or of the part in words.
+    repair : LogTransform or None
+        What makes its rows those of the others' arm.
+    """
+    h = claim.hypothesis
+    apply = ""
+    # Of a gain by how much the torque is larger there.
+    size = claim.size
+    if h.kind == "torque gain":
+        size = float(np.exp(-claim.size)) - 1.0
+    if h.kind not in _DIFFERENCES and repair is not None:
+        (fault,) = list_faults(log, repair)
+        what = f"in {name} only: {fault.what.rstrip('.')}"
+        remedy, apply = f"{fault.remedy} in this run", fault.apply
+    else:
+        what, remedy = _words_of_number(log, h, size, name)
+    assert h.kind in (*APPLY, NOT_REPAIRED)
+    share = float(np.log(claim.before.left / claim.fit.left).max())
+    issue = Issue(
+        kind=h.kind,
+        severity="warning",
+        where=joints_text(h.joints) if h.joints else "the run",
+        what=f"{what}, beside the others.",
+        certainty=likely(
+            "one arm for all leaves of a joint's torque"
+            f" {float(np.exp(0.5 * share)):.2g} times as much"
+        ),
+        remedy=remedy,
+        figures={
+            "joints": [joint + 1 for joint in h.joints],
+            "run": name,
+            "size": size,
+            "log_odds": float(claim.log_odds),
+        },
+        nature=EXPLANATION,
+        repair=None if not apply or repair is None else repair.apply,
+        apply=apply,
+    )
+    effects = []
+    for rival in claim.rivals:
+        other = rival.hypothesis
+        if other.kind == NOT_REPAIRED and h.kind != NOT_REPAIRED:
+            effects.append("a load on the last link")
+        elif other.effect:
+            effects.append(other.effect)
+    return with_rival_effects(issue, [*dict.fromkeys(effects)])
+
+
+def _words_of_number(
+    log: Likelihood, h: Hypothesis, size: float, name: str
+) -> tuple[str, str]:
+    """Return the sentence and the remedy for a part whose gain (less one), zero or load
+    differs by a size."""
+    j = h.joints[0] if h.joints else log.n - 1
+    unit = log.problem.robot.position_units[j]
+    distance = f"{-size:.2g} {unit}"
+    if unit == "rad":
+        distance = f"{np.degrees(-size):.2g} degrees"
+    entries = {
+        "run": name,
+        "j": j + 1,
+        "x": 1.0 + size if h.kind == "torque gain" else size,
+        "unit": unit,
+        "distance": distance,
+        "weight": "lighter" if size < 0.0 else "heavier",
+    }
+    what, remedy = _DIFFERENCES[h.kind]
+    return what.format(**entries), remedy.format(**entries)

@@ -1,0 +1,546 @@
+"""The one evidence: how probable the torques of a log are as seen under a transform.
+
+One arm is fitted to the torques of all joints. With E_j and S_j the squared torque of joint
+j and what the arm leaves of it, N_j its independent rows less the columns of its own motion
+(friction, rotor, offset and the laws that arms have and models lack, projected out), theta
+(s,) the links' independent parameters and the sizes of further columns, with their prior
+N(m, P^-1), A_j their columns:
+
+    log p = -1/2 sum_j N_j log(S_j / E_j) - 1/2 (theta - m)^T P (theta - m)
+            - 1/2 log det(H P^-1) + sum_j log 2 Phi(z_j),    H = P + sum_j N_j / S_j A_j^T A_j,
+
+z_j the mean power of joint j's friction over its standard deviation: friction takes power.
+It is free of units and gains of the channels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr
+
+from sdp_vs_penalty.race import constants as c
+from sdp_vs_penalty.race.arm_fit import RepairedRows, orthonormal
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.likelihood import Likelihood, without_inertial_power
+from sdp_vs_penalty.race.records import Number, View
+from sdp_vs_penalty.race.rows import random_rows
+from sdp_vs_penalty.regression.base_parameters import structure
+from sdp_vs_penalty.regression.evidence import independent_rows, jackknifed
+from sdp_vs_penalty.regression.normal_equations import FLOOR, NormalEquations
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+
+#: Rounds of reweighting each joint by its own residual.
+_ROUNDS = 4
+#: Least share of the rows that own columns are taken to leave [-].
+_LEAST_SHARE = 0.1
+#: Least share of the nominal torque that is weight, of an arm that has weight [-].
+_WEIGHT = 1e-3
+#: Factor of the spread of a link that is a guess.
+_GUESSED = 3.0
+#: A logarithm's argument, a divisor: no smaller than this.
+_TINY = 1e-280
+#: Place of the offset among a joint's own columns, which has no direction.
+_OFFSET = 1
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """What all fits to one motion share, of n joints, M rows and s parameters."""
+
+    #: Columns of the links and further ones, and a basis of each joint's own.
+    rows: RepairedRows
+    #: (n, M) velocity without what inertia's torque shows, of unit norm: the probe of
+    #: friction's power.
+    probe: Array
+    #: (n, s) products of the probe with the columns.
+    power: Array
+    #: (n,) number of rows that count.
+    count: Array
+
+
+@dataclass(frozen=True)
+class Fit:
+    """One arm fitted to the rows of a view, with the evidence of the view."""
+
+    #: How the rows are seen.
+    view: View
+    #: Columns of the motion.
+    columns: _Columns
+    #: (n, s) products of the projected columns with the torque.
+    cross: Array
+    #: (n,) squared torque beside own columns.
+    energy: Array
+    #: (n,) squared torque.
+    total: Array
+    #: (n,) product of the probe with the torque.
+    probed: Array
+    #: -1 where time runs backwards.
+    direction: float = 1.0
+    #: Rows that are worth one.
+    v: float = 1.0
+    #: (s,) parameters of the links, then sizes of further columns.
+    theta: Array = None  # type: ignore[assignment]
+    #: Number of parameters of the links among them.
+    n_links: int = 0
+    #: (n,) squared residual.
+    left: Array = None  # type: ignore[assignment]
+    #: (n,) weights of the rows with which they were fitted.
+    weights: Array = None  # type: ignore[assignment]
+    #: (s, s) information on the parameters, prior included.
+    information: Array = None  # type: ignore[assignment]
+    #: Log evidence.
+    value: float = 0.0
+    #: What friction's power has of it, whether or not it is counted.
+    physics: float = 0.0
+
+    @property
+    def chain(self) -> LogTransform:
+        """What is done to all rows."""
+        return self.view.chain
+
+    @property
+    def links(self) -> Array:
+        """(s,) parameters of the links."""
+        return self.theta[: self.n_links]
+
+    @property
+    def shares(self) -> Array:
+        """(n,) share of each torque's energy that is left."""
+        return np.asarray(self.left / self.total)
+
+    @property
+    def is_poorly_explained(self) -> NDArray[np.bool_]:
+        """(n,) whether more of a joint's torque is left than friction laws and filters
+        err by: its motion may be another one."""
+        return np.asarray(self.shares > c.POORLY)
+
+
+class Evidence:
+    """The evidence of views of one log, of M rows and n joints.
+
+    log : the rows, with each joint's laws among its own columns; runs (M,) : the run of
+    each row; scale : size of the torques beside those of the nominal arm.
+    """
+
+    def __init__(
+        self, log: Likelihood, runs: NDArray[np.intp], scale: float | None = None
+    ) -> None:
+        """Take the rows; default scale: measured from them."""
+        self.log = log
+        self.runs = runs
+        self.scale = self._scale_of_torques() if scale is None else scale
+        self._prior = self._prior_of_links()
+        self._columns = lru_cache(64)(self._make_columns)
+
+    def thinned(self, step: int) -> Evidence:
+        """Return the evidence of one row in ``step``."""
+        rows = slice(None, None, step)
+        return Evidence(self.log.select_rows(rows), self.runs[rows], self.scale)
+
+    # -- what is known beforehand
+
+    def _scale_of_torques(self) -> float:
+        """Return the size of the torques over that of the nominal arm; 1 within
+        USUAL_SCALE, since then masses are what the log tells.
+
+        Of an arm with weight the weight is enough: units of positions and time leave its
+        size.
+        """
+        as_logged = self.log.as_logged
+        mask = self.log.torque_mask(as_logged)
+        sizes = [
+            float(np.linalg.norm(self.log.nominal(as_logged, speed).T * mask))
+            for speed in (0.0, 1.0)
+        ]
+        has_weight = sizes[0] > _WEIGHT * sizes[1]
+        nominal = sizes[0] if has_weight else sizes[1]
+        measured = float(np.linalg.norm(self.log.channels(as_logged)))
+        ratio = measured / max(nominal, _TINY)
+        is_usual = 1.0 / c.USUAL_SCALE < ratio < c.USUAL_SCALE
+        return 1.0 if is_usual or nominal <= 0.0 else float(ratio)
+
+    def _prior_of_links(self) -> tuple[Array, Array, float]:
+        """Return mean (s,), inverse covariance (s, s) and its log determinant of the
+        links' independent parameters.
+
+        Of each nominal link the mass is known to a half, its centre to a fifth of the
+        joint's reach, its inertia to that of two fifths of it; of a guess to three times
+        as much.
+        """
+        data, problem = self.log.data, self.log.problem
+        if data.shared is None:
+            return np.zeros(0), np.zeros((0, 0)), 0.0
+        dependence, _ = structure(random_rows(data.shared), data.independent)
+        links = problem.prior_links
+        reach = np.maximum(problem.robot.link_reach(), 0.05)
+        reach = np.resize(reach, len(links))
+        mass = links[:, 0] + 0.05 * np.median(links[:, 0]) + 1e-3
+        mass = mass * np.where(problem.guessed_links, _GUESSED, 1.0)
+        spread = np.empty((len(links), 10))
+        spread[:, 0] = 0.5 * mass
+        spread[:, 1:4] = 0.5 * np.abs(links[:, 1:4]) + 0.2 * (mass * reach)[:, None]
+        inertia = mass * (0.4 * reach) ** 2
+        spread[:, 4:] = inertia[:, None] + np.abs(links[:, 4:])
+        p = len(data.shared.parameters)
+        rigid = data.shared.rigid_indices
+        # Couplings and what else joints share: as large as links.
+        mean, sd = np.zeros(p), np.full(p, np.median(spread[:, 0], axis=0))
+        mean[rigid] = links.ravel()[: len(rigid)]
+        sd[rigid] = spread.ravel()[: len(rigid)]
+        covariance = (dependence * (self.scale * sd) ** 2) @ dependence.T
+        size = np.diag(covariance)
+        covariance = covariance + np.diag(1e-9 * size + 1e-14 * size.sum())
+        inverse = np.linalg.inv(covariance)
+        inverse = 0.5 * (inverse + inverse.T)
+        log_determinant = -float(np.linalg.slogdet(covariance)[1])
+        return dependence @ (self.scale * mean), inverse, log_determinant
+
+    def _prior_of(self, view: View) -> tuple[Array, Array, float]:
+        """Return the prior of a view's parameters: those of the links, then the sizes of
+        its further columns about zero."""
+        mean, inverse, log_determinant = self._prior
+        if not view.further:
+            return self._prior
+        sd = np.concatenate([further.sd for further in view.further])
+        s = len(mean)
+        joint = np.diag(np.concatenate([np.zeros(s), sd**-2.0]))
+        joint[:s, :s] = inverse
+        log_determinant -= 2.0 * float(np.sum(np.log(sd)))
+        return np.concatenate([mean, np.zeros(len(sd))]), joint, log_determinant
+
+    # -- rows as seen
+
+    def _make_columns(self, motion: View) -> _Columns:
+        """Make what all fits to one motion share; :attr:`_columns` caches it."""
+        log, chain = self.log, motion.chain
+        rows = log.rows(chain)
+        states = np.stack(self._states(chain))
+        mask = log.torque_mask(chain)
+        if motion.parts:
+            raw, states, mask = rows.raw.copy(), states.copy(), mask.copy()
+            own = log.data.own_columns[list(chain.order)].copy()
+            for part, other in motion.parts:
+                at = part.rows(self.runs, log.data.motion.t)
+                raw[:, at] = log.raw(other)[:, at]
+                mask[:, at] = log.torque_mask(other)[:, at]
+                states[:, :, at] = np.stack(self._states(other))[:, :, at]
+                sign = np.sign(np.array(other.scale) / np.array(chain.scale))
+                of_part = log.data.own_columns[list(other.order)][:, at]
+                own[:, at] = of_part * sign[:, None, None]
+                own[:, at, _OFFSET] = of_part[:, :, _OFFSET]
+            basis = orthonormal(own * mask[:, :, None])
+            rows = RepairedRows.of(basis, raw)
+        if motion.further:
+            further = [x.columns * mask[:, :, None] for x in motion.further]
+            raw = np.concatenate([rows.raw, *further], axis=2)
+            rows = RepairedRows.of(rows.basis, raw)
+        states = states - states.mean(axis=2, keepdims=True)
+        velocity = without_inertial_power(states * mask)[0]
+        size = np.linalg.norm(velocity, axis=1, keepdims=True)
+        probe = velocity / nonzero_or_one(size)
+        power = (probe[:, None, :] @ rows.raw)[:, 0]
+        return _Columns(rows, probe, power, mask.sum(axis=1))
+
+    def _states(self, chain: LogTransform) -> tuple[Array, Array]:
+        """Return velocity and acceleration (n, M) under a transform."""
+        motion = self.log.motion(chain)
+        return motion.dq.T, motion.ddq.T
+
+    def _torque(self, view: View) -> Array:
+        """Return the torque (n, M) of a view."""
+        torque = self.log.channels(view.chain)
+        for part, chain in view.parts:
+            at = part.rows(self.runs, self.log.data.motion.t)
+            torque = np.where(at, self.log.channels(chain), torque)
+        return torque
+
+    def _total(self, view: View) -> Array:
+        """Return the squared torque (n,), to which what is left is compared.
+
+        It makes the evidence free of gains; a part's gain counts in its rows.
+        """
+        total = np.sum(self.log.channels(view.chain) ** 2, axis=1)
+        for part, chain in view.parts:
+            share = np.mean(part.rows(self.runs, self.log.data.motion.t))
+            ratio = np.abs(np.array(chain.gain) / np.array(view.chain.gain))
+            total = total * ratio ** (2.0 * share)
+        return np.maximum(total, _TINY)
+
+    # -- fits
+
+    def _products(self, view: View) -> Fit:
+        """Return the products of a view that a fit needs, not fitted yet."""
+        columns = self._columns(view.motion)
+        direction = -1.0 if view.chain.reversed else 1.0
+        torque = self._torque(view)
+        beside_own = columns.rows.project_out_own(torque[:, :, None])[:, :, 0]
+        return Fit(
+            view=view,
+            columns=columns,
+            cross=(torque[:, None, :] @ columns.rows.projected)[:, 0],
+            energy=np.sum(beside_own**2, axis=1),
+            total=self._total(view),
+            probed=np.sum(columns.probe * torque, axis=1),
+            direction=direction,
+        )
+
+    def fit(self, view: View, v: float, is_friction_real: bool = True) -> Fit:
+        """Fit one arm to the rows of one view; see :meth:`fit_all`."""
+        return self.fit_all([view], v, is_friction_real)[0]
+
+    def fit_all(
+        self, views: Sequence[View], v: float, is_friction_real: bool = True
+    ) -> list[Fit]:
+        """Fit one arm to the rows of each of several views with the same number of
+        further columns.
+
+        Parameters
+        ----------
+        v : float
+            Rows that are worth one.
+        is_friction_real : bool
+            Whether friction takes power.
+        """
+        self.log._prepare_columns([view.chain for view in views])
+        products = [self._products(view) for view in views]
+        return self.fitted(products, v, is_friction_real) if products else []
+
+    def fitted(
+        self, products: Sequence[Fit], v: float, is_friction_real: bool = True
+    ) -> list[Fit]:
+        """Fit arms to products that are known, with another number of rows worth one;
+        see :meth:`fit_all`."""
+        moving = self.log.moving
+        mean, inverse, log_determinant = self._prior_of(products[0].view)
+        s = len(mean)
+        gram = np.stack([x.columns.rows.gram for x in products])[:, moving]
+        cross = np.stack([x.cross for x in products])[:, moving]
+        energy = np.stack([x.energy for x in products])[:, moving]
+        total = np.stack([x.total for x in products])[:, moving]
+        n_rows = np.stack([self._independent(x, v) for x in products])[:, moving]
+        flat = gram.reshape(*gram.shape[:2], s * s)
+        left = np.maximum(energy, FLOOR * total)
+        for _ in range(_ROUNDS):
+            weights = n_rows / left  # (K, n)
+            summed = (weights[:, None] @ flat).reshape(len(products), s, s)
+            information = summed + inverse
+            right = (weights[:, None] @ cross)[:, 0] + inverse @ mean
+            theta = np.linalg.solve(information, right[..., None])[..., 0]
+            image = (gram @ theta[:, None, :, None])[..., 0]
+            change = np.einsum("kjs,ks->kj", image - 2.0 * cross, theta)
+            left = np.maximum(energy + change, FLOOR * total)
+        away = theta - mean
+        value = -0.5 * np.sum(n_rows * np.log(left / total), axis=1)
+        value -= 0.5 * np.sum(away @ inverse * away, axis=1)
+        value -= 0.5 * (np.linalg.slogdet(information)[1] - log_determinant)
+        value -= [self._price_of_events(x, v) for x in products]
+        # Friction: its mean power, and that over its standard deviation.
+        slopes = np.stack([x.columns.power for x in products])[:, moving]
+        power = np.stack([x.probed for x in products])[:, moving]
+        power = power - (slopes @ theta[..., None])[..., 0]
+        solved = np.linalg.solve(information, slopes.swapaxes(1, 2))
+        variance = left / n_rows + np.sum(slopes.swapaxes(1, 2) * solved, axis=1)
+        directions = np.array([x.direction for x in products])
+        z = directions[:, None] * power / np.sqrt(np.maximum(variance, _TINY))
+        signs = np.maximum(np.log(2.0) + log_ndtr(z), -c.MAX_PHYSICS_LOG_ODDS)
+        physics = np.sum(signs, axis=1)
+        # The links: they are like the nominal ones, and not like their mirror image.
+        nominal = (information - inverse) @ mean  # (K, s), by what the rows show
+        likeness = np.sum(theta * nominal, axis=1)
+        solved = np.linalg.solve(information, nominal[..., None])[..., 0]
+        variance = np.sum(nominal * solved, axis=1)
+        z = likeness / np.sqrt(np.maximum(variance, _TINY))
+        mirrored = np.log(2.0) + log_ndtr(z)
+        value += np.maximum(mirrored, -c.MAX_LIKENESS_LOG_ODDS)
+        # What a controller that compensates friction leaves of it is small.
+        shares = power / np.sqrt(total)
+        small = np.minimum(0.5 * (shares / c.COMPENSATED) ** 2, c.MAX_PHYSICS_LOG_ODDS)
+        counted = physics if is_friction_real else -np.sum(small, axis=1)
+        fits = []
+        for k, of_view in enumerate(products):
+            of_all = of_view.total.copy()
+            of_all[moving] = left[k]
+            of_rows = np.zeros(len(of_all))
+            of_rows[moving] = weights[k]
+            fit = replace(
+                of_view,
+                v=v,
+                theta=theta[k],
+                n_links=len(self._prior[0]),
+                left=of_all,
+                weights=of_rows,
+                information=information[k],
+                value=float(value[k] + counted[k]),
+                physics=float(physics[k]),
+            )
+            fits.append(fit)
+        return fits
+
+    def _independent(self, fit: Fit, v: float) -> Array:
+        """Return the number (n,) of independent rows less own columns, if v rows are
+        worth one."""
+        count = fit.columns.count / v
+        n_own = fit.columns.rows.basis.shape[2]
+        return np.maximum(count - n_own, _LEAST_SHARE * count)
+
+    @staticmethod
+    def _price_of_events(fit: Fit, v: float) -> float:
+        """Return what the sizes of a view's events cost (Schwarz 1978)."""
+        count = np.maximum(fit.columns.count / v, 1.0)
+        return sum(0.5 * float(np.log(count[x.joint])) for x in fit.chain.events)
+
+    def residual(self, fit: Fit) -> Array:
+        """Return the torque (n, M) that the arm and each joint's own columns leave."""
+        rows = fit.columns.rows
+        beside_own = rows.project_out_own(self._torque(fit.view)[:, :, None])[:, :, 0]
+        return np.asarray(beside_own - rows.projected @ fit.theta)
+
+    def rows_worth_one(self, fit: Fit) -> float:
+        """Return how many rows are worth one, by how long the residual stays alike."""
+        residual = self.residual(fit)[self.log.moving]
+        return max(1.0, residual.shape[1] / independent_rows(residual))
+
+    # -- numbers, to first order
+
+    def changes(
+        self, fit: Fit, chains: Sequence[LogTransform], now: LogTransform
+    ) -> Array:
+        """Return by how much the arm's unexplained torque is less under other transforms
+        than ``now``, (n, M, r), the links as they are."""
+        torque = self.log.unexplained(now, fit.links)
+        self.log._prepare_columns(chains[: self.log._columns.size])
+        falls = np.empty((*torque.shape, len(chains)))
+        for k, chain in enumerate(chains):
+            falls[:, :, k] = torque - self.log.unexplained(chain, fit.links)
+        return falls
+
+    def slopes(
+        self, fit: Fit, numbers: Sequence[Number], chain: LogTransform | None = None
+    ) -> Array:
+        """Return the torque (n, M, r) per unit of each number, in the logged channels'
+        size: beside a gain it is all that the model makes of the channel.
+
+        Parameters
+        ----------
+        chain : LogTransform, optional
+            The transform that the numbers are of; default: that of all rows.
+        """
+        chain = fit.chain if chain is None else chain
+        moved = [x.at(chain, x.of(chain) + x.step) for x in numbers]
+        is_gain = [x.field == "gain" for x in numbers]
+        others = [m for m, gain in zip(moved, is_gain, strict=True) if not gain]
+        changes = iter(np.moveaxis(self.changes(fit, others, chain), 2, 0))
+        modelled = self._torque(fit.view) - self.residual(fit)
+        slopes = np.zeros((*modelled.shape, len(numbers)))
+        for k, x in enumerate(numbers):
+            if is_gain[k]:
+                slopes[[*x.joints], :, k] = -modelled[[*x.joints]]
+            else:
+                slopes[:, :, k] = next(changes) / x.step
+        return slopes
+
+    def score_test(
+        self, fit: Fit, columns: Array, sd: Array
+    ) -> tuple[Array, Array, Array]:
+        """Score further columns (n, M, r), each alone, the noise as it is.
+
+        Parameters
+        ----------
+        sd : (r,) array
+            Standard deviations of their sizes beforehand.
+
+        Returns
+        -------
+        gains, sizes, information : (r,) arrays
+            Log-odds, the likeliest sizes, and what the rows tell of them.
+        """
+        information, score = self._beside_arm(fit, columns)
+        h = np.diagonal(information)
+        sizes = score / np.maximum(h + sd**-2.0, _TINY)
+        return 0.5 * score * sizes - 0.5 * np.log1p(sd**2 * h), sizes, h
+
+    def score_together(self, fit: Fit, columns: Array, sd: Array) -> float:
+        """Return the log-odds of further columns (n, M, r) together, the noise as it
+        is; sd (r,) : of their sizes beforehand."""
+        information, score = self._beside_arm(fit, columns)
+        sizes = np.linalg.solve(information + np.diag(sd**-2.0), score)
+        scaled = np.eye(len(sd)) + sd[:, None] * information * sd
+        return float(0.5 * score @ sizes - 0.5 * np.linalg.slogdet(scaled)[1])
+
+    def _beside_arm(self, fit: Fit, columns: Array) -> tuple[Array, Array]:
+        """Return information (r, r) and score (r,) of further columns (n, M, r), the
+        arm's parameters taken out."""
+        moving = self.log.moving
+        rows = fit.columns.rows
+        z = rows.project_out_own(columns)[moving]
+        weights = fit.weights[moving]
+        weighted = weights[:, None, None] * z
+        joints_and_rows = ((0, 1), (0, 1))
+        alone = np.tensordot(z, weighted, joints_and_rows)
+        with_arm = np.tensordot(rows.projected[moving], weighted, joints_and_rows)
+        taken = with_arm.T @ np.linalg.solve(fit.information, with_arm)
+        score = np.einsum("jmr,jm->r", weighted, self.residual(fit)[moving])
+        information = alone - taken
+        # Rounding leaves nothing of what the arm's parameters span.
+        diagonal = np.diag_indices(len(score))
+        least = 1e-9 * alone[diagonal]
+        information[diagonal] = np.maximum(information[diagonal], least)
+        return information, score
+
+    # -- the second witness
+
+    def held_out(self, fit: Fit, further: Array | None = None) -> tuple[Array, Array]:
+        """Fit an arm to all parts of the log but one, each in turn.
+
+        Parameters
+        ----------
+        further : (n, M, r) array, optional
+            Columns beside those of the fit, of sizes that may be any.
+
+        Returns
+        -------
+        errors : (PARTS, K) array
+            Share of the energy of each moving joint's torque that the arm leaves of the
+            part that it was not fitted to.
+        arms : (PARTS, s + r) array
+            The parameters of each arm.
+        """
+        moving = self.log.moving
+        rows = fit.columns.rows
+        columns = [rows.basis, rows.raw, self._torque(fit.view)[:, :, None]]
+        if further is not None:
+            columns.insert(2, further)
+        parts = np.array_split(np.concatenate(columns, axis=2)[moving], c.PARTS, axis=1)
+        grams = np.stack([part.swapaxes(1, 2) @ part for part in parts])
+        others = NormalEquations.of(grams.sum(axis=0) - grams, rows.basis.shape[2])
+        known, precision, _ = self._prior_of(fit.view)
+        s = others.cross.shape[-1]
+        mean, inverse = np.zeros(s), np.zeros((s, s))
+        mean[: len(known)] = known
+        inverse[: len(known), : len(known)] = precision
+        weights = (fit.columns.count / fit.v / fit.left)[moving]
+        gram, cross = others.normal(weights)
+        right = (cross + inverse @ mean)[..., None]
+        arms = np.asarray(np.linalg.solve(gram + inverse, right)[..., 0], float)
+        energy = np.maximum(grams.sum(axis=0)[:, -1, -1], _TINY)
+        left = others.left_of(grams, arms[:, None])
+        return np.maximum(c.PARTS * left / energy, FLOOR), arms
+
+    def jackknifed_spread(self, fit: Fit, slope: Array) -> float:
+        """Return the standard deviation of a number, from arms fitted without each part:
+        what the model lacks differs from part to part, and noise alone would look
+        exact.
+
+        Parameters
+        ----------
+        slope : (n, M) array
+            Torque per unit of the number.
+        """
+        size = nonzero_or_one(np.linalg.norm(slope))
+        _, arms = self.held_out(fit, slope[:, :, None] / size)
+        return float(jackknifed(arms[:, -1:] / size)[1][0])

@@ -1,0 +1,156 @@
+"""A fault that a transform of a log corrects: what is said of it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.words.units import UNITS as NAMED
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.constants import LOG_ODDS_AGAINST_FAULT
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.records import Number
+from sdp_vs_penalty.race.run_log import RunLog
+
+#: Factors of units, and what a channel is in whose torque has to be multiplied by one.
+UNITS = {
+    NAMED["mnm"]: "mN m",
+    NAMED["ncm"]: "N cm",
+    NAMED["kgfm"]: "kgf m",
+    NAMED["lbfin"]: "lbf in",
+}
+
+
+#: Share of an arm's reach that stands for a radian: about the length of one link.
+_SHARE_OF_REACH_PER_RADIAN = 0.3
+
+
+def length_like_a_radian(log: Likelihood) -> float:
+    """Return the length [m] that changes this arm's torques about as a radian does.
+
+    It is 0.3 of the arm's reach, about one link. A tolerance of angles [rad] times this
+    length is the tolerance of prismatic joints and link lengths [m].
+    """
+    return _SHARE_OF_REACH_PER_RADIAN * float(log.problem.robot.link_reach().sum())
+
+
+def degrees_text(angle: float) -> str:
+    """Return an angle [rad] in words: "1.5 degrees"."""
+    return f"{np.degrees(angle):.4g} degrees"
+
+
+def percent_text(share: float) -> str:
+    """A share in words: "80 %" for 0.8."""
+    return f"{100.0 * share:.0f} %"
+
+
+def joints_text(joints: Sequence[int]) -> str:
+    """Name joints given from 0: "joint 1", "joints 2 to 4"."""
+    return formatting.joints([int(j) + 1 for j in joints])
+
+
+def prior_of_one_of(count: int) -> float:
+    """Natural logarithm of the prior odds of one of ``count`` equally likely faults.
+
+    Parameters
+    ----------
+    count : int
+        Number of equally likely faults.
+    """
+    return -LOG_ODDS_AGAINST_FAULT - float(np.log(max(count, 1)))
+
+
+#: By kind of issue, the word of `--apply`, and the channel that it changes.
+APPLY = {
+    "positions in degrees": ("degrees", "q"),
+    "position unit": ("degrees", "q"),
+    "positions in per cent": ("percent", "q"),
+    "clock rate": ("clock", "t"),
+    "time reversed": ("reverse", "t"),
+    "torque sign": ("sign", "tau"),
+    "position sign": ("sign", "q"),
+    "joint sign": ("sign", "joint"),
+    "torque order": ("order", "tau"),
+    "position order": ("order", "q"),
+    "joint order": ("order", "joint"),
+    "torque gain": ("gain", "tau"),
+    "delay": ("delay", "tau"),
+    "channel delay": ("delay", "tau"),
+    "encoder offset": ("zero", "q"),
+}
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of a log that a transform corrects, and what the user is told of it."""
+
+    #: What is wrong, in two or three words.
+    kind: str
+    #: Joints that have the fault, from 0.
+    joints: tuple[int, ...]
+    #: What is wrong, in one sentence.
+    what: str
+    #: What to do, in one sentence.
+    remedy: str
+    #: The transform without this correction.
+    without: LogTransform
+    #: The number that is its size; None for what is there or not (a sign, an order).
+    number: Number | None = None
+    #: Function of a size that returns it in words, with its unit.
+    in_words: Callable[[float], str] = str
+    #: Function of a size that returns the number in these words, or one that rises with
+    #: it.
+    number_told: Callable[[float], float] = float
+    #: Where the fault is, in words; empty: at its joints.
+    place: str = ""
+    #: Whether a repaired log can be written.
+    is_repairable: bool = True
+    #: What explains as much, in words.
+    equivalents: tuple[str, ...] = ()
+    #: Numbers behind the fault, for JSON.
+    figures: Mapping[str, Any] = field(default_factory=dict)
+    #: For a fault that happens at an instant, figures["t"] [s]: returns the fault in
+    #: the words of that instant by another clock [s]; None for what happens at no
+    #: instant.
+    by_clock: "Callable[[float], Fault] | None" = None
+    #: For a fault whose size belongs to each run: returns the fault in the words of
+    #: several runs; None for what all runs share.
+    by_run: "Callable[[Sequence[RunLog]], Fault] | None" = None
+
+    @property
+    def is_of_gravity(self) -> bool:
+        """Whether it is the direction, the size or the absence of gravity."""
+        return self.kind.startswith("gravity")
+
+    @property
+    def apply(self) -> str:
+        """The word by which `check --fix --apply` tries the repair, as "sign:tau3";
+        empty where no log can be repaired."""
+        verb, channel = APPLY.get(self.kind, ("", ""))
+        if not verb or not self.is_repairable:
+            return ""
+        numbered = "+".join(f"{channel}{j + 1}" for j in self.joints)
+        return f"{verb}:{numbered or channel}"
+
+    @property
+    def name(self) -> tuple[str, tuple[int, ...]]:
+        """Kind and joints: two faults of one name differ in their size alone."""
+        return self.kind, self.joints
+
+    def interval_in_words(self, ends: Sequence[float]) -> str:
+        """Say an interval of sizes: "1.1 times too large to 1.11 times too large".
+
+        Parameters
+        ----------
+        ends : (2,) sequence of float
+            In the size's own unit.
+
+        Returns
+        -------
+        str
+            The end of the smaller number first.
+        """
+        first, last = map(self.in_words, sorted(ends, key=self.number_told))
+        return f"{first} to {last}"

@@ -1,0 +1,67 @@
+"""The hypotheses about a log, one file each.
+
+``propose(evidence, fit)`` yields the hypotheses beside what a fit has already;
+``list_faults(log, chain)`` the faults that a transform corrects, in words.
+"""
+
+from collections.abc import Iterator
+from types import ModuleType
+
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.fault import Fault
+from sdp_vs_penalty.race.kinds import (
+    clock_rate,
+    degrees,
+    delay,
+    effects,
+    events,
+    friction,
+    gain,
+    mounting,
+    of_one_part,
+    order,
+    saturation,
+    sign,
+    weight,
+    zero,
+)
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.records import Hypothesis
+
+#: What is tried, in the order of the words.
+KINDS: tuple[ModuleType, ...] = (
+    degrees,
+    clock_rate,
+    sign,
+    order,
+    mounting,
+    weight,
+    events,
+    gain,
+    delay,
+    zero,
+    saturation,
+    of_one_part,
+    effects,
+    friction,
+)
+#: What a motion shows whose directions are half as many as its joints.
+SHOWN_BY_A_POOR_MOTION = degrees, sign, mounting, events
+
+
+def propose_all(
+    kinds: tuple[ModuleType, ...], evidence: Evidence, fit: Fit
+) -> Iterator[Hypothesis]:
+    """Yield the hypotheses of some kinds beside what a fit has."""
+    for kind in kinds:
+        yield from kind.propose(evidence, fit)
+
+
+def list_faults(log: Likelihood, chain: LogTransform) -> list[Fault]:
+    """List the faults of all kinds that a transform corrects."""
+    faults: list[Fault] = []
+    for kind in KINDS:
+        if hasattr(kind, "list_faults"):
+            faults += kind.list_faults(log, chain)
+    return faults

@@ -1,0 +1,67 @@
+"""A clock at another rate, or rows in reverse order: inertia beside the weight tells the
+rate, friction the direction."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from sdp_vs_penalty.race import constants as c
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.fault import Fault, prior_of_one_of
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.records import Hypothesis, Number
+
+#: Rates that are tried: true time over the file's [-].
+_RATES = (1.0, 0.5, 0.75, 1.4, 2.0)
+_RATE = Number(
+    field="rate",
+    joints=(),
+    sd=0.5,
+    usual=c.CALIBRATED_GAIN,
+    is_factor=True,
+    widest=c.WIDEST,
+    limits=(-2.0, 2.0),
+)
+
+
+def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+    """Yield rows in reverse order, which is rarer than other faults, and the clock at
+    other rates; these only under gravity: without weight a time scale is a scale of all
+    torques."""
+    now = fit.chain
+    back = replace(now, reversed=not now.reversed)
+    yield Hypothesis("time reversed", (), 2.0 * prior_of_one_of(1), back)
+    if not any(now.gravity):
+        return
+    for factor in _RATES:
+        chain = now.with_rate(now.rate * factor)
+        yield Hypothesis("clock rate", (), prior_of_one_of(2), chain, _RATE)
+
+
+def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+    """Yield rows in reverse order, and a clock that runs too fast or too slow."""
+    if chain.reversed:
+        yield Fault(
+            kind="time reversed",
+            joints=(),
+            what="the rows are in reverse order: friction would drive the motion.",
+            remedy="reverse q and tau in time",
+            without=chain.with_defaults("reversed"),
+            place="all rows",
+        )
+    rate = chain.rate
+    if rate != 1.0:
+        word = "fast" if rate < 1.0 else "slow"
+        yield Fault(
+            kind="clock rate",
+            joints=(),
+            what=f"time runs {max(rate, 1.0 / rate):.3g} times too {word}: inertia does"
+            " not fit the weight.",
+            remedy=f"multiply t by {rate:.3g} (find out the log's true rate)",
+            without=chain.with_rate(1.0),
+            number=_RATE,
+            in_words=lambda x: f"a factor of {np.exp(x):.3g}",
+            place="column t",
+        )

@@ -1,0 +1,22 @@
+"""Friction that a controller has compensated: what is left of it may drive its joint."""
+
+from collections.abc import Iterator
+
+from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.fault import prior_of_one_of
+from sdp_vs_penalty.race.records import Hypothesis
+
+#: In words.
+COMPENSATED = "friction that the controller compensated, by more than there is"
+
+
+def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+    """Yield friction of either sign, which is little."""
+    yield Hypothesis(
+        kind="friction compensated",
+        joints=(),
+        log_prior=prior_of_one_of(1),
+        chain=fit.chain,
+        is_friction_real=False,
+        effect=COMPENSATED,
+    )

@@ -1,0 +1,76 @@
+"""Channels too large or too small beside their neighbours'. A factor that all have in common
+is not seen by what joints share: that is the size of torques."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sdp_vs_penalty.race import constants as c
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.fault import UNITS, Fault, joints_text, prior_of_one_of
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.records import Hypothesis, Number
+
+#: Factors that are tried beside those near one: units, and a grid whose steps the
+#: refinement bridges.
+_GAINS = (*UNITS, 0.1, 0.3, 3.0, 100.0, 1e3)
+#: Factors that count as round values.
+_DECIMALS = (1e-3, 1e-2, 0.1)
+#: Standard deviation beforehand (natural logarithm) of a drive's gain, and of a unit.
+_SD, _SD_OF_UNITS = 0.5, 2.0
+
+
+def _number(j: int, sd: float = _SD) -> Number:
+    """Return the factor of joint j's torque."""
+    return Number(
+        field="gain",
+        joints=(j,),
+        sd=sd,
+        usual=c.CALIBRATED_GAIN,
+        is_factor=True,
+        widest=c.WIDEST,
+        round_sizes=tuple(np.log(_DECIMALS).tolist()),
+        limits=(-7.5, 7.5),
+    )
+
+
+def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+    """Yield a factor of each joint's torque, near one and of a unit; nothing for a single
+    joint."""
+    log, now = evidence.log, fit.chain
+    if len(log.joints) < 2:
+        return
+    for j in log.joints:
+        prior = prior_of_one_of(log.n)
+        yield Hypothesis("torque gain", (j,), prior, now, _number(j))
+        for factor in _GAINS:
+            chain = now.with_multiplied("gain", (j,), factor)
+            number = _number(j, _SD_OF_UNITS)
+            yield Hypothesis("torque gain", (j,), prior - np.log(2.0), chain, number)
+
+
+def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+    """Yield a fault for each joint whose torque is scaled; a sign is a fault of its
+    own."""
+    for j in np.flatnonzero(np.abs(chain.gain) != 1.0).tolist():
+        factor = abs(chain.gain[j])
+        yield Fault(
+            kind="torque gain",
+            joints=(j,),
+            what=f"the torque of {joints_text([j])} is {_times(factor)} beside those of"
+            " its neighbours.",
+            remedy=f"multiply tau{j + 1} by {factor:.3g}",
+            without=_number(j).at(chain, 0.0),
+            number=_number(j),
+            in_words=lambda log_factor: _times(float(np.exp(log_factor))),
+            number_told=abs,
+            figures={"factor": factor},
+        )
+
+
+def _times(factor: float) -> str:
+    """Say how wrong a torque is that has to be multiplied by a factor."""
+    if factor < 1.0:
+        return f"{1.0 / factor:.3g} times too large"
+    return f"{factor:.3g} times too small"

@@ -1,0 +1,123 @@
+"""Gravity along another direction of the base: its six axes, and around the assumed one."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from sdp_vs_penalty.race import constants as c
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.fault import Fault, prior_of_one_of
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.records import Hypothesis
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
+
+#: Gravity on Earth [m/s^2]; a problem whose gravity is of another size is corrected.
+_EARTH = max(map(abs, STANDARD_GRAVITY))
+#: Step of the difference quotient by an angle, standard deviation beforehand, and the
+#: largest angle for which a first-order step is trusted [rad].
+_STEP, _SD, _FIRST_ORDER = 0.02, 0.3, 0.5
+#: Natural logarithm of the odds against a tilt beside an axis of the base: two angles.
+_ODDS_AGAINST_TILT = 3.0
+#: Share of gravity across an axis below which gravity is parallel to it [-].
+_PARALLEL = 0.05
+
+
+def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+    """Yield gravity along each of the six axes of the base, and the assumed gravity
+    turned by the two angles of a first-order step."""
+    now = fit.chain
+    if any(now.lacks):
+        return  # weight that is missing has no direction
+    gravity = np.array(now.gravity)
+    size = float(np.linalg.norm(gravity))
+    is_of_earth = _is_earths_gravity(size)
+    kind = "gravity direction" if is_of_earth else "gravity of the problem"
+    prior = prior_of_one_of(1)
+    for axis in (*np.eye(3), *-np.eye(3)):
+        chain = _with_gravity(now, (size if is_of_earth else _EARTH) * axis)
+        if not np.allclose(chain.gravity, gravity):
+            yield Hypothesis(kind, (), prior, chain)
+    if not is_of_earth:
+        return
+    across = np.linalg.svd(gravity[None, :])[2][1:]  # (2, 3)
+    chains = [_with_gravity(now, gravity + size * _STEP * x) for x in across]
+    columns = evidence.changes(fit, chains, now) / _STEP
+    angles = evidence.score_test(fit, columns, np.full(2, _SD))[1]
+    angles = np.clip(angles, -_FIRST_ORDER, _FIRST_ORDER)
+    turned = gravity + size * angles @ across
+    tilted = _with_gravity(now, size * turned / np.linalg.norm(turned))
+    is_usual = bool(np.linalg.norm(angles) < 2.0 * c.CALIBRATED)
+    odds = prior - _ODDS_AGAINST_TILT
+    yield Hypothesis(kind, (), odds, tilted, is_usual=is_usual)
+
+
+def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+    """Yield the fault that gravity is another vector than the problem's. Its words name
+    an offset of joint 1's encoder where that is equivalent."""
+    assumed = np.array(log.problem.robot.gravity)
+    g = np.array(chain.gravity)
+    if np.allclose(assumed, g, rtol=0.0, atol=1e-6):
+        return
+    size = float(np.linalg.norm(assumed))
+    cosine = assumed @ g / max(size * float(np.linalg.norm(g)), 1e-300)
+    angle = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+    vector = [float(round(v, 2)) + 0.0 for v in g]  # no negative zero
+    x, y, z = vector
+    kind = "gravity direction"
+    remedy = f"set gravity to ({x:g}, {y:g}, {z:g}) m/s^2"
+    if not _is_earths_gravity(size):
+        kind = "gravity of the problem"
+        remedy = f"{remedy}, or correct the problem's gravity"
+    measured = ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in g)
+    expected = ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in assumed)
+    equivalents = _as_zero_of_joint_1(log, assumed, g)
+    equal = f" Exactly as good on this arm: {equivalents[0]}." if equivalents else ""
+    yield Fault(
+        kind=kind,
+        joints=(),
+        what=f"the weight in the torques points along ({measured}) m/s^2, {angle:.0f}"
+        f" degrees away from the assumed ({expected}).{equal}",
+        remedy=remedy,
+        without=_with_gravity(chain, assumed),
+        place="the base",
+        is_repairable=False,
+        figures={"angle_degrees": angle, "vector": vector},
+        equivalents=equivalents,
+    )
+
+
+def _is_earths_gravity(size: float) -> bool:
+    """Whether a gravity [m/s^2] is Earth's, to within the calibration of drives."""
+    return abs(size / _EARTH - 1.0) < c.CALIBRATED_GAIN
+
+
+def _with_gravity(chain: LogTransform, g: Array) -> LogTransform:
+    """Return the transform under another gravity g (3,) [m/s^2] in the base frame."""
+    return replace(chain, gravity=tuple(g.tolist()))
+
+
+def _as_zero_of_joint_1(log: Likelihood, assumed: Array, g: Array) -> tuple[str, ...]:
+    """Describe the offset of joint 1's encoder that makes the same torques as gravity g
+    (3,) instead of the assumed one (3,) [m/s^2]; return nothing where none does.
+
+    The base is free to turn about the first joint's axis: an arm at q1 + x under a
+    gravity is the arm at q1 under that gravity turned by -x about the axis. So the two
+    have to agree along the axis, and have a component across it.
+    """
+    if 0 not in log.revolute:
+        return ()
+    joint = log.problem.robot.joints[0]
+    axis = joint.placement[:3, :3] @ np.asarray(joint.axis)
+    assumed_across = assumed - assumed @ axis * axis
+    g_across = g - g @ axis * axis
+    size = float(np.linalg.norm(assumed))
+    difference_along = abs((assumed - g) @ axis)
+    is_along_axis = np.linalg.norm(assumed_across) < _PARALLEL * size
+    if difference_along > c.CALIBRATED * size or is_along_axis:
+        return ()
+    sine = axis @ np.cross(assumed_across, g_across)
+    turned = float(np.arctan2(sine, assumed_across @ g_across))
+    return (f"joint 1 counts from another zero (add {-turned:+.4g} rad to q1)",)

@@ -1,0 +1,87 @@
+"""What differs in one run, or from an instant on: a torque's gain, an encoder's zero, a load
+on the last link, a sign, an order of two torques.
+
+A load phi adds Y_last phi on the part's rows, Y_last the regressor of the last link.
+"""
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+
+from sdp_vs_penalty.race import constants as c
+from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.kinds.zero import zero_number
+from sdp_vs_penalty.race.records import Further, Hypothesis, Number, Part
+
+#: Instants at which a run may change, in shares of its rows.
+_CUTS = np.arange(3, 14) / 16.0
+#: Standard deviation beforehand of a gain (natural logarithm), and of a zero [rad].
+_SD_OF_GAIN, _SD_OF_ZERO = 0.5, 0.1
+#: The same of a delay of all torques [s].
+_SD_OF_DELAY = 0.05
+#: Standard deviation of a load: of its mass as a share of the arm's mass, its centre
+#: [m], and its radius of gyration squared [m^2].
+_SHARE_OF_ARM, _CENTRE, _GYRATION = 1.0, 0.5, 0.3
+#: Signs and orders of single runs are tried where so large a share of a torque's energy
+#: is left.
+_CONTRADICTS = 1e-3
+
+
+def parts_of(evidence: Evidence) -> list[Part]:
+    """List the parts that may differ: each of several runs, or what follows an instant
+    of a single one."""
+    runs = np.unique(evidence.runs)
+    if len(runs) > 1:
+        return [Part(run=int(run)) for run in runs]
+    t = evidence.log.data.motion.t
+    return [Part(after=float(t[int(share * len(t))])) for share in _CUTS]
+
+
+def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+    """Yield, of each part, a gain and a zero of each joint, a load, and of runs a sign of
+    each torque and an exchange of two."""
+    log, now = evidence.log, fit.chain
+    parts = parts_of(evidence)
+    odds = -c.LOG_ODDS_AGAINST_DIFFERENCE - float(np.log(len(parts)))
+    of_joint = odds - float(np.log(log.n))
+    numbers = [
+        Number("gain", (j,), _SD_OF_GAIN, c.CALIBRATED_GAIN, is_factor=True)
+        for j in log.joints
+    ]
+    numbers += [zero_number(log, j, _SD_OF_ZERO) for j in log.joints]
+    load = _load(evidence, fit)
+    every = tuple(range(log.n))
+    for part in parts:
+        at = part.rows(evidence.runs, log.data.motion.t)[None, :, None]
+        for number in numbers:
+            kind = "torque gain" if number.field == "gain" else "encoder offset"
+            yield Hypothesis(kind, number.joints, of_joint, now, number, part)
+        if part.run is not None:
+            late = Number("lead", every, _SD_OF_DELAY, c.USUAL_DELAY, step=1e-3)
+            yield Hypothesis("delay", every, odds, now, late, part)
+        if load is not None:
+            is_added = part.run is not None
+            further = Further(load.columns * at, load.sd, is_added)
+            yield Hypothesis("another load", (), odds, now, part=part, further=further)
+        if part.run is None or not (fit.shares > _CONTRADICTS).any():
+            continue
+        for j in log.joints:
+            chain = now.with_multiplied("gain", (j,), -1.0)
+            yield Hypothesis("torque sign", (j,), of_joint, chain, part=part)
+        for pair in combinations(log.joints, 2):
+            chain = now.with_swap(*pair, "tau_order")
+            of_pair = of_joint - float(np.log(log.n))
+            yield Hypothesis("torque order", pair, of_pair, chain, part=part)
+
+
+def _load(evidence: Evidence, fit: Fit) -> Further | None:
+    """Return the torque of a load on the last link; None for an arm without links."""
+    log = evidence.log
+    model = log.data.shared
+    if model is None or not len(model.rigid_indices):
+        return None
+    columns = log.columns(fit.chain.arm_part)[:, :, model.rigid_indices[-10:]]
+    mass = _SHARE_OF_ARM * max(float(log.problem.prior_links[:, 0].sum()), 1.0)
+    sd = np.array([1.0, *3 * (_CENTRE,), *6 * (_GYRATION,)])
+    return Further(columns, evidence.scale * mass * sd)

@@ -1,0 +1,55 @@
+"""Channels of other joints: positions, torques, or both exchanged."""
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.records import Hypothesis
+
+#: By kind: the fields of a transform that hold the channels' order, the channels in
+#: words, and the names of their columns.
+_KINDS: dict[str, tuple[tuple[str, ...], str, str]] = {
+    "joint order": (("order", "tau_order"), "positions and torques", "q, dq and tau"),
+    "position order": (("order",), "the positions", "q and dq"),
+    "torque order": (("tau_order",), "the torques", "tau"),
+}
+
+
+def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+    """Yield an exchange of two moving joints' torques, for each pair, and of positions
+    and of both if one is poorly explained."""
+    now, poor = fit.chain, fit.is_poorly_explained
+    prior = prior_of_one_of(evidence.log.n * (evidence.log.n - 1) // 2)
+    for pair in combinations(evidence.log.joints, 2):
+        for kind, (fields, _, _) in _KINDS.items():
+            if kind == "torque order" or poor[list(pair)].any():
+                yield Hypothesis(kind, pair, prior, now.with_swap(*pair, *fields))
+
+
+def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+    """Yield a fault for the joints whose channels are exchanged: one about both channels
+    where positions and torques have the same order, else one about each."""
+    is_same = chain.order == chain.tau_order
+    kinds = ["joint order"] if is_same else ["position order", "torque order"]
+    for kind in kinds:
+        fields, words, columns = _KINDS[kind]
+        order = getattr(chain, fields[0])
+        changed = tuple(np.flatnonzero(np.array(order) != np.arange(log.n)).tolist())
+        if not changed:
+            continue
+        which = ""
+        if len(changed) > 2:
+            places = [f"column {order[j] + 1} is joint {j + 1}'s" for j in changed]
+            which = f": {', '.join(places)}"
+        yield Fault(
+            kind=kind,
+            joints=changed,
+            what=f"{words} of {joints_text(changed)} are swapped{which}.",
+            remedy=f"rename the columns of {columns}",
+            without=chain.with_defaults(*fields),
+        )

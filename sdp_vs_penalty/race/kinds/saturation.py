@@ -1,0 +1,58 @@
+"""A channel that bends towards a limit: tau_log = s tanh(tau / s), an amplifier near its
+end."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.fault import Fault, joints_text, percent_text, prior_of_one_of
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.records import Hypothesis, Number
+
+#: Below this bend, the largest logged torque over the limit, a channel is as straight
+#: as sensors are.
+_STRAIGHT = 0.2
+#: Bends that are tried, and the largest: at 1 the torque behind the limit would be
+#: infinite.
+_BENDS, _SHARPEST = (0.9, 0.98), 0.995
+
+
+def _number(j: int) -> Number:
+    """Return the bend of joint j's channel."""
+    limits = (0.0, _SHARPEST)
+    return Number("bend", (j,), sd=0.5, usual=_STRAIGHT, step=4e-3, limits=limits)
+
+
+def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+    """Yield the torque of each joint straightened, for an amplifier whose limit the
+    largest torque comes near to."""
+    for j in evidence.log.joints:
+        for bend in _BENDS:
+            chain = fit.chain.with_entries("bend", (j,), bend)
+            prior = prior_of_one_of(evidence.log.n)
+            yield Hypothesis("saturation", (j,), prior, chain, _number(j))
+
+
+def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+    """Yield a fault for each joint whose torque is straightened.
+
+    The limit is that of the raw channel, multiplied by the channel's gain: so it has
+    the unit of the joint's torque also where the channel was logged in another.
+    """
+    for j in np.flatnonzero(chain.bend).tolist():
+        largest = log.data.largest[chain.tau_order[j]]
+        limit = abs(chain.gain[j]) * largest / chain.bend[j]
+        unit = log.problem.robot.torque_units[j]
+        yield Fault(
+            kind="saturation",
+            joints=(j,),
+            what=f"the torque of {joints_text([j])} bends towards its amplifier's limit"
+            f" of {limit:.3g} {unit}.",
+            remedy="record again with a larger range, or slower",
+            without=chain.with_entries("bend", (j,), 0.0),
+            number=_number(j),
+            in_words=lambda value: f"{percent_text(value)} of the limit is reached",
+            is_repairable=False,
+        )

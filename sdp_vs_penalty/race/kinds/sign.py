@@ -1,0 +1,88 @@
+"""Joints and torques that count the other way: the torque's sign, the position's, or
+both."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.constants import LOG_ODDS_AGAINST_FAULT
+from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.records import Hypothesis
+
+#: Largest number of joints for which every pattern of signs is tried (2^8).
+_MOST_JOINTS = 8
+#: Patterns are tried where friction drives joints by so much (natural logarithm).
+_FRICTION_DRIVES = -12.0
+
+
+def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+    """Yield other signs: of all torques, of each torque, of positions of an arm that is
+    poorly explained, and of sets of torques where friction drives joints."""
+    log, now, n = evidence.log, fit.chain, evidence.log.n
+    every = tuple(range(n))
+    turned = now.with_multiplied("gain", every, -1.0)
+    yield Hypothesis("torque sign", every, prior_of_one_of(1), turned)
+    upside_down = tuple(-g for g in now.gravity)
+    both = replace(turned, gravity=upside_down)
+    yield Hypothesis("gravity direction", every, 2.0 * prior_of_one_of(1), both)
+    prior = prior_of_one_of(n)
+    is_poor = bool(fit.is_poorly_explained.any())
+    for j in log.joints:
+        if n > 1:
+            one = now.with_multiplied("gain", (j,), -1.0)
+            yield Hypothesis("torque sign", (j,), prior, one)
+        if is_poor:
+            position = now.with_multiplied("scale", (j,), -1.0)
+            yield Hypothesis("position sign", (j,), prior, position)
+            joint = position.with_multiplied("gain", (j,), -1.0)
+            yield Hypothesis("joint sign", (j,), prior, joint)
+    if not 2 < len(log.joints) <= _MOST_JOINTS or fit.physics > _FRICTION_DRIVES:
+        return
+    # A convention that differs is one mistake: single mistakes, or one pattern of 2^n.
+    of_one_pattern = -LOG_ODDS_AGAINST_FAULT - n * float(np.log(2.0))
+    for size in range(2, len(log.joints)):
+        for joints in combinations(log.joints, size):
+            odds = max(size * prior, of_one_pattern)
+            pattern = now.with_multiplied("gain", joints, -1.0)
+            yield Hypothesis("torque sign", joints, odds, pattern)
+
+
+def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+    """Yield a fault for each position whose sign is changed, alone or with its torque,
+    and one about all other torques whose sign is."""
+    is_q_turned = np.array(chain.scale) < 0.0
+    is_tau_turned = np.array(chain.gain) < 0.0
+    for j in np.flatnonzero(is_q_turned).tolist():
+        name = j + 1
+        right_q = chain.with_multiplied("scale", (j,), -1.0)
+        if is_tau_turned[j]:
+            yield Fault(
+                kind="joint sign",
+                joints=(j,),
+                what=f"joint {name} counts the other way, position and torque alike.",
+                remedy=f"flip the signs of q{name}, dq{name} and tau{name}",
+                without=right_q.with_multiplied("gain", (j,), -1.0),
+            )
+        else:
+            yield Fault(
+                kind="position sign",
+                joints=(j,),
+                what=f"the position of joint {name} has the wrong sign.",
+                remedy=f"flip the sign of q{name} (and dq{name})",
+                without=right_q,
+            )
+    joints = tuple(np.flatnonzero(is_tau_turned & ~is_q_turned).tolist())
+    if joints:
+        where = "every joint" if len(joints) == log.n else joints_text(joints)
+        yield Fault(
+            kind="torque sign",
+            joints=joints,
+            what=f"the torque of {where} has the wrong sign.",
+            remedy=f"flip the sign of {', '.join(f'tau{j + 1}' for j in joints)}",
+            without=chain.with_multiplied("gain", joints, -1.0),
+        )

@@ -1,0 +1,55 @@
+"""The arm's weight taken out of one channel, or of all, by the controller."""
+
+from collections.abc import Iterator
+
+from sdp_vs_penalty.race import constants as c
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.fault import Fault, joints_text, percent_text, prior_of_one_of
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.records import Hypothesis, Number
+
+
+def _number(joints: tuple[int, ...]) -> Number:
+    """Return the share of the weight that some joints' torques lack."""
+    return Number("lacks", joints, sd=1.0, usual=c.CALIBRATED_GAIN)
+
+
+def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+    """Yield weight that is missing: all of it or 80 %, of all torques, and all of it of
+    single joints. A little weight that is left makes the rest look like inertia under
+    another clock."""
+    log, now = evidence.log, fit.chain
+    if not any(now.gravity):
+        return
+    kind, every = "gravity removed", tuple(range(log.n))
+    for share in (1.0, 0.8):
+        chain = now.with_entries("lacks", every, share)
+        yield Hypothesis(kind, every, prior_of_one_of(1), chain, _number(every))
+    if log.n == 1:
+        return
+    for j in log.revolute:
+        chain = now.with_entries("lacks", (j,), 1.0)
+        yield Hypothesis(kind, (j,), prior_of_one_of(log.n), chain, _number((j,)))
+
+
+def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+    """Yield a fault for the torques from which weight is missing."""
+    for joints, share in chain.list_nonzero("lacks"):
+        torques = f"the torque of {joints_text(joints)}"
+        remedy = "log the torques before gravity compensation"
+        if len(joints) == log.n:
+            torques = "the torques"
+            left = [float(round((1.0 - share) * g, 3)) + 0.0 for g in chain.gravity]
+            vector = ", ".join(f"{g:g}" for g in left)
+            remedy = f"{remedy}, or set gravity to ({vector}) m/s^2"
+        yield Fault(
+            kind="gravity removed",
+            joints=joints,
+            what=f"{percent_text(share)} of the weight is missing from {torques}.",
+            remedy=remedy,
+            without=chain.with_entries("lacks", joints, 0.0),
+            number=_number(joints),
+            in_words=percent_text,
+            is_repairable=False,
+        )

@@ -1,0 +1,125 @@
+"""Joints that are elsewhere than the robot's kinematics say: encoders that count from another
+zero, and joints farther apart or nearer, along the line between them."""
+
+import operator
+from collections.abc import Iterator
+
+import numpy as np
+
+from sdp_vs_penalty.race import constants as c
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.fault import (
+    Fault,
+    degrees_text,
+    length_like_a_radian,
+    prior_of_one_of,
+)
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.records import Hypothesis, Number
+
+#: Lengths are known better than angles by this factor [-].
+_LENGTH_OVER_ANGLE = 0.25
+#: Turns of joints that are set a quarter of a turn off, or more [rad].
+_QUARTERS = -np.pi / 2, np.pi / 2, np.pi
+#: Standard deviation beforehand of a zero and of a length, in radians or lengths that
+#: matter as much; of a joint that was set anew [rad].
+_SD, _SD_OF_LENGTH, _SD_OF_TURN = 0.3, 0.1, 1.5
+
+
+def zero_number(log: Likelihood, j: int, sd: float = _SD) -> Number:
+    """Return what is added to joint j's position [rad or m]."""
+    if j in log.revolute:
+        turns = (*_QUARTERS, -np.pi)
+        return Number(
+            "zero", (j,), sd, c.CALIBRATED, widest=c.WIDEST, round_sizes=turns
+        )
+    unit = length_like_a_radian(log)
+    usual = _LENGTH_OVER_ANGLE * c.CALIBRATED * unit
+    return Number("zero", (j,), sd * unit, usual, step=0.01 * unit)
+
+
+def _length_number(log: Likelihood, j: int) -> Number:
+    """Return how much farther joint j is from the joint before [m]."""
+    unit = length_like_a_radian(log)
+    usual = _LENGTH_OVER_ANGLE * c.CALIBRATED * unit
+    return Number("longer", (j,), _SD_OF_LENGTH * unit, usual, step=0.01 * unit)
+
+
+def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+    """Yield each joint's distance from the joint before, and its encoder's zero, also
+    by turns of a quarter.
+
+    A revolute first joint is left out: its zero is the mounting about its axis.
+    """
+    log, now = evidence.log, fit.chain
+    prior = prior_of_one_of(log.n)
+    for j, joint in enumerate(log.problem.robot.joints):
+        if j and joint.placement[:3, 3].any():
+            number = _length_number(log, j)
+            yield Hypothesis("link length", (j,), prior, now, number)
+    for j in log.joints:
+        if j == 0 and j in log.revolute:
+            continue
+        number = zero_number(log, j)
+        yield Hypothesis("encoder offset", (j,), prior, now, number)
+        if j not in log.revolute or not fit.is_poorly_explained.any():
+            continue
+        for turn in _QUARTERS:
+            zero = float(np.pi - (np.pi - now.zero[j] - turn) % (2.0 * np.pi))
+            chain = now.with_entries("zero", (j,), zero)
+            number = zero_number(log, j, _SD_OF_TURN)
+            odds = prior - np.log(2.0)
+            yield Hypothesis("encoder offset", (j,), odds, chain, number)
+
+
+def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+    """Yield a fault for each link length and each encoder's zero that is changed."""
+    for j in np.flatnonzero(chain.longer).tolist():
+        longer = chain.longer[j]  # [m]
+        where = "farther from" if longer > 0.0 else "nearer to"
+        yield Fault(
+            kind="link length",
+            joints=(j,),
+            what=f"joint {j + 1} is {_metres(abs(longer))} {where} joint {j} than in the"
+            " robot's kinematics.",
+            remedy="correct the kinematics, or choose the problem of the robot that was"
+            " logged",
+            without=chain.with_entries("longer", (j,), 0.0),
+            number=_length_number(log, j),
+            in_words=_metres,
+            is_repairable=False,
+        )
+    for j in np.flatnonzero(chain.zero).tolist():
+        offset = chain.zero[j]  # [rad, m]; the zero is away by minus that
+        in_words = _minus_degrees if j in log.revolute else _minus_metres
+        unit = log.problem.robot.position_units[j]
+        yield Fault(
+            kind="encoder offset",
+            joints=(j,),
+            what=f"the zero of joint {j + 1} is {in_words(offset)} away from the robot's"
+            " kinematics.",
+            remedy=f"add {offset:+.5g} {unit} to q{j + 1}",
+            without=chain.with_entries("zero", (j,), 0.0),
+            number=zero_number(log, j),
+            in_words=in_words,
+            number_told=operator.neg,
+            figures={"shifts": [offset]},
+        )
+
+
+def _metres(length: float) -> str:
+    """Return a length [m] in words: "0.25 m"."""
+    return f"{length:.4g} m"
+
+
+def _minus_degrees(offset: float) -> str:
+    """Return in words how far an encoder's zero is off, minus the ``offset`` [rad] that
+    the repair adds."""
+    return degrees_text(-offset)
+
+
+def _minus_metres(offset: float) -> str:
+    """Return in words how far an encoder's zero is off, minus the ``offset`` [m] that
+    the repair adds."""
+    return _metres(-offset)

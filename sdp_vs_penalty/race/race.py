@@ -1,0 +1,356 @@
+"""One race: screen, exact, take, again; then what is left beside the others is what is
+claimed, with what is as likely."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from types import ModuleType
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from sdp_vs_penalty.race import constants as c
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.kinds import KINDS, list_faults, propose_all
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.records import Further, Hypothesis, Part, View
+from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
+from sdp_vs_penalty.robot.arrays import Array
+
+#: Steps of Newton by which a size is found on few rows, and share of its standard
+#: deviation below which a step ends it.
+_STEPS, _SHORT = 8, 0.2
+#: Largest first step of a size, and largest step, in standard deviations beforehand.
+_FIRST_STEP, _LARGEST_STEP = 0.7, 1.0
+#: A step that looks for a size far off is not held back by its prior.
+_LOOSE = 10.0
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A hypothesis at its best size, beside an incumbent."""
+
+    #: What is judged.
+    hypothesis: Hypothesis
+    #: Natural logarithm of its odds against the incumbent.
+    log_odds: float
+    #: The fit where it holds.
+    fit: Fit
+    #: Its size, in its own unit; of a load its mass [kg].
+    size: float = 0.0
+    #: Standard deviation of the size.
+    spread: float = 0.0
+    #: What its freedom costs.
+    occam: float = 0.0
+
+    def beside(self, base: Fit, fit: Fit) -> Scored:
+        """Return it with its odds beside another fit of the incumbent, both with the
+        same number of rows worth one."""
+        odds = fit.value - base.value + self.hypothesis.log_prior + self.occam
+        return replace(self, log_odds=odds, fit=fit)
+
+
+@dataclass(frozen=True)
+class Claim(Scored):
+    """A hypothesis that was taken."""
+
+    #: The fit without it.
+    before: Fit = field(kw_only=True)
+    #: What is as likely, the likeliest first.
+    rivals: tuple[Scored, ...] = ()
+
+    @property
+    def is_usual(self) -> bool:
+        """Whether its size is one that arms and loggers differ by themselves."""
+        number = self.hypothesis.number
+        if number is None:
+            return self.hypothesis.is_usual
+        usual = number.usual + c.SIGMAS_BEYOND_USUAL * self.spread
+        return abs(self.size) <= usual
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the race says of a log."""
+
+    #: What was taken, in this order.
+    claims: tuple[Claim, ...]
+    #: How the rows are seen with all of it.
+    view: View
+    #: The fit to them.
+    fit: Fit
+
+    def claims_of_all(self) -> list[Claim]:
+        """List the faults of the log that all its rows share."""
+        return [
+            claim
+            for claim in self.claims
+            if not (claim.hypothesis.part or claim.hypothesis.effect)
+        ]
+
+    def differences(self) -> list[Claim]:
+        """List what differs in a part of the log."""
+        return [claim for claim in self.claims if claim.hypothesis.part]
+
+    def told(self, log: Likelihood) -> LogTransform:
+        """Return the transform of all rows that undoes what is claimed, without numbers
+        that are usual."""
+        chain = self.view.chain
+        usual = {claim.hypothesis.key[:2] for claim in self.claims if claim.is_usual}
+        beyond = {
+            claim.hypothesis.key[:2] for claim in self.claims if not claim.is_usual
+        }
+        for name in usual - beyond:
+            for fault in list_faults(log, chain):
+                if fault.name == name:
+                    chain = fault.without
+        return chain
+
+
+class Race:
+    """The race of all hypotheses about one log.
+
+    logs : rows of each run; leave_out : kinds that the log's motion does not show;
+    is_doubtful : whether its motion has few directions, in which much explains much.
+    """
+
+    def __init__(
+        self,
+        logs: Sequence[Likelihood],
+        kinds: tuple[ModuleType, ...] = KINDS,
+        is_doubtful: bool = False,
+    ) -> None:
+        """Take the rows of all runs, thinned to as many as one run has."""
+        n = len(logs)
+        counts = [len(range(0, log.data.count, n)) for log in logs]
+        runs = np.repeat(np.arange(n), counts)
+        log = Likelihood.of_all_runs(logs)
+        self.kinds = kinds
+        self.is_doubtful = is_doubtful
+        self.all = Evidence(log.with_all_laws, runs)
+        self.few = self.all.thinned(c.THIN)
+
+    def run(self) -> Verdict:
+        """Take the best hypothesis until none is likely."""
+        view, is_friction_real = View(self.all.log.as_logged), True
+        claims: list[Claim] = []
+        fit = self._incumbent(view, is_friction_real)
+        while len(claims) < c.MAX_FAULTS:
+            claim = self._best(fit, is_friction_real)
+            if claim is None:
+                break
+            claims.append(claim)
+            view = claim.fit.view
+            is_friction_real &= claim.hypothesis.is_friction_real
+            fit = self._incumbent(view, is_friction_real)
+        return Verdict(tuple(claims), view, fit)
+
+    def _incumbent(self, view: View, is_friction_real: bool) -> Fit:
+        """Fit the rows as they are seen, with as many rows worth one as its residual
+        says."""
+        fit = self.all.fit(view, 1.0, is_friction_real)
+        v = self.all.rows_worth_one(fit)
+        return self.all.fitted([fit], v, is_friction_real)[0]
+
+    def _best(self, fit: Fit, is_friction_real: bool) -> Claim | None:
+        """Return the likeliest hypothesis that parts left out confirm, with those that
+        are as likely; None where nothing is."""
+        ranking = self.rank(fit, is_friction_real)
+        likely = [x for x in ranking if x.log_odds > c.LOG_ODDS_OF_A_CLAIM]
+        witnessed = (self._witnessed(x, fit) for x in likely)
+        best = next((x for x in witnessed if x is not None), None)
+        if best is None:
+            return None
+        rivals: dict[object, Scored] = {}
+        for x in likely:
+            if best.log_odds - x.log_odds < c.AS_LIKELY:
+                rivals.setdefault(x.hypothesis.key, x)
+        rivals.pop(best.hypothesis.key, None)
+        (before,) = self.all.fitted([fit], best.fit.v, is_friction_real)
+        return Claim(
+            hypothesis=best.hypothesis,
+            log_odds=best.log_odds,
+            fit=best.fit,
+            size=best.size,
+            spread=best.spread,
+            occam=best.occam,
+            before=before,
+            rivals=tuple(rivals.values()),
+        )
+
+    def rank(self, fit: Fit, is_friction_real: bool = True) -> list[Scored]:
+        """List the hypotheses that may be likelier than an incumbent, the likeliest
+        first: all on few rows, the best on all rows at their best size.
+
+        Two are compared with as many rows worth one as the whitest residual says.
+        """
+        looks = self._screen(fit, is_friction_real)
+        exact = [self._exact(h, size, fit, is_friction_real) for h, size in looks]
+        likely = [x.fit.v for x in exact if x.log_odds > c.WORTH_A_LOOK]
+        v = min([fit.v, *likely])
+        (base,) = self.all.fitted([fit], v, is_friction_real)
+        ranking = []
+        for x in exact:
+            is_real = is_friction_real and x.hypothesis.is_friction_real
+            (other,) = self.all.fitted([x.fit], v, is_real)
+            ranking.append(x.beside(base, other))
+        return sorted(ranking, key=lambda x: -x.log_odds)
+
+    def _screen(
+        self, fit: Fit, is_friction_real: bool
+    ) -> list[tuple[Hypothesis, float]]:
+        """List the hypotheses that are worth a look at all rows, of each key the best,
+        with the change of its size to first order.
+
+        What a wrong incumbent leaves errs slowly, and what is right may leave white
+        noise: here each row is worth one.
+        """
+        few, chain = self.few, fit.chain
+        view = replace(fit.view, further=tuple(map(_thinned, fit.view.further)))
+        base = few.fit(view, 1.0, is_friction_real)
+        of_all = c.THIN / min(fit.v, c.THIN)  # evidence of all rows over that of few
+        scored: list[tuple[float, Hypothesis, float]] = []
+        numbers: list[Hypothesis] = []
+        changed: list[Hypothesis] = []
+        for h in propose_all(self.kinds, self.all, fit):
+            if h.further is not None:
+                further = _thinned(h.further)
+                gain = few.score_together(base, further.columns, further.sd)
+                scored.append((of_all * gain + h.log_prior, h, 0.0))
+            elif not h.is_friction_real:
+                scored.append((-base.physics + h.log_prior, h, 0.0))
+            elif h.number is not None and h.chain == chain:
+                numbers.append(h)
+            else:
+                changed.append(h)
+        if numbers:
+            sizes = [h.number for h in numbers if h.number is not None]
+            columns = few.slopes(base, [*dict.fromkeys(sizes)])
+            places = {number: k for k, number in enumerate(dict.fromkeys(sizes))}
+            columns = columns[:, :, [places[number] for number in sizes]]
+            for k, h in enumerate(numbers):
+                columns[:, :, k] *= _mask(few, h)
+            sd = np.array([number.sd for number in sizes])
+            gains, steps, _ = few.score_test(base, columns, sd)
+            for h, gain, step in zip(numbers, gains, steps, strict=True):
+                scored.append((of_all * gain + h.log_prior, h, float(step)))
+        views = [h.seen(view) for h in changed]
+        fits = few.fit_all(views, 1.0, is_friction_real)
+        for h, other in zip(changed, fits, strict=True):
+            odds = of_all * (other.value - base.value) + h.log_prior
+            scored.append((odds, h, 0.0))
+        # A grid's neighbours, of instants or of sizes, must not crowd out another fault.
+        looks: dict[object, tuple[Hypothesis, float]] = {}
+        for odds, h, step in sorted(scored, key=lambda x: -x[0]):
+            is_instant = h.part is not None and h.part.after is not None
+            place = "an instant" if is_instant else h.part
+            if odds > c.WORTH_A_LOOK:
+                looks.setdefault((h.kind, h.joints, place), (h, step))
+        return [*looks.values()][: c.LOOKS]
+
+    def _exact(
+        self, h: Hypothesis, step: float, fit: Fit, is_friction_real: bool
+    ) -> Scored:
+        """Return a hypothesis at its best size, on all rows."""
+        is_real = is_friction_real and h.is_friction_real
+        number, size, spread, occam = h.number, 0.0, 0.0, 0.0
+        if number is not None:
+            first = _FIRST_STEP * number.sd
+            size = number.of(h.chain) + float(np.clip(step, -first, first))
+            few = replace(fit.view, further=tuple(map(_thinned, fit.view.further)))
+            size, _ = self._refined(self.few, few, h, size, 1.0, _STEPS)
+            size, spread = self._refined(self.all, fit.view, h, size, fit.v, 1)
+            away = size - number.of(fit.chain)
+            occam = float(np.log(min(1.0, spread / number.sd)))
+            reach = number.usual + c.NUMBER_SIGMAS * spread
+            near = [x for x in number.round_sizes if abs(x - size) < reach]
+            size = min(near, key=lambda x: abs(x - size), default=size)
+            occam -= 0.5 * (0.0 if near else away / number.sd) ** 2
+        found = self.all.fit(h.seen(fit.view, size), fit.v, is_real)
+        v = min(self.all.rows_worth_one(found), fit.v)
+        (found,) = self.all.fitted([found], v, is_real)
+        if h.further is not None:
+            first = len(found.theta) - len(h.further.sd)
+            size = float(found.theta[first])
+            covariance = np.linalg.inv(found.information)
+            spread = float(np.sqrt(covariance[first, first]))
+            if h.further.is_positive:
+                occam = float(np.log(2.0) + log_ndtr(size / spread))
+        (base,) = self.all.fitted([fit], v, is_friction_real)
+        return Scored(h, 0.0, found, size, spread, occam).beside(base, found)
+
+    @staticmethod
+    def _refined(
+        evidence: Evidence, view: View, h: Hypothesis, size: float, v: float, steps: int
+    ) -> tuple[float, float]:
+        """Return the best size of a hypothesis, by Newton's steps from ``size``, and its
+        standard deviation; v : rows worth one."""
+        number = h.number
+        assert number is not None
+        spread = np.inf
+        for _ in range(steps):
+            fit = evidence.fit(h.seen(view, size), v)
+            slope = evidence.slopes(fit, [number], number.at(h.chain, size))
+            slope *= _mask(evidence, h)[:, None]
+            sd = np.array([_LOOSE * number.sd])
+            _, change, information = evidence.score_test(fit, slope, sd)
+            spread = float(1.0 / np.sqrt(max(information[0], 1e-300)))
+            far = _LARGEST_STEP * number.sd
+            better = size + float(np.clip(change[0], -far, far))
+            better = float(np.clip(better, *number.limits))
+            is_short = abs(better - size) < _SHORT * spread
+            size = better
+            if is_short:
+                break
+        return size, spread
+
+    def _witnessed(self, x: Scored, fit: Fit) -> Scored | None:
+        """Return a hypothesis with the spread of its size that parts of the log show, if
+        this second witness speaks for it; else None.
+
+        The error on parts that nothing was fitted to has to fall clearly and by a
+        factor. It says nothing of what fits the same, and little of signs, which
+        friction's power shows.
+        """
+        number = x.hypothesis.number
+        if number is not None:
+            chain = number.at(x.hypothesis.chain, x.size)
+            slope = self.all.slopes(x.fit, [number], chain)[:, :, 0]
+            slope = slope * _mask(self.all, x.hypothesis)
+            spread = max(x.spread, self.all.jackknifed_spread(x.fit, slope))
+            x = replace(x, spread=spread)
+            is_near = abs(x.size - number.of(fit.chain)) < c.NUMBER_SIGMAS * spread
+            if is_near or 2.0 * spread > number.widest:
+                return None
+        return x if self._is_confirmed(x, fit) else None
+
+    def _is_confirmed(self, x: Scored, fit: Fit) -> bool:
+        """Whether parts of the log that nothing was fitted to confirm a hypothesis."""
+        number = x.hypothesis.number
+        before, after = self.all.held_out(fit)[0], self.all.held_out(x.fit)[0]
+        falls = np.log(before / after)
+        clearness = standard_errors_above_zero(falls.sum(axis=1))
+        is_same = bool(np.all(np.abs(falls.mean(axis=0)) < c.SAME_FIT))
+        if is_same or x.hypothesis.kind == "torque sign":
+            return bool(clearness > -c.WITNESS_SIGMAS)
+        ratios = before.mean(axis=0) / after.mean(axis=0)
+        has_size = number is not None or x.hypothesis.further is not None
+        least = c.LEAST_RATIO_WITH_SIZE if has_size else c.LEAST_RATIO
+        if self.is_doubtful:
+            least = c.LEAST_RATIO_IF_DOUBTFUL
+        is_large = max(float(ratios.max()), float(ratios.prod())) > least
+        return bool(clearness > c.WITNESS_SIGMAS and is_large)
+
+
+def _mask(evidence: Evidence, h: Hypothesis) -> Array:
+    """Return 1 for the rows (M,) to which a hypothesis is confined, 0 for others."""
+    t = evidence.log.data.motion.t
+    rows = (h.part or Part()).rows(evidence.runs, t)
+    return np.asarray(rows, float)
+
+
+def _thinned(further: Further) -> Further:
+    """Return further columns at the rows that are looked at first."""
+    return replace(further, columns=further.columns[:, :: c.THIN])

@@ -1,0 +1,166 @@
+"""Records of the race: a number of a transform, rows of a part, and a hypothesis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.robot.arrays import Array
+
+
+@dataclass(frozen=True)
+class Number:
+    """The size of a hypothesis: one number of a transform, 0 where the log is right.
+
+    Of a factor it is the natural logarithm of its absolute value.
+    """
+
+    #: Field of the transform.
+    field: str
+    #: Joints from 0 whose entries it is; empty for a field of all.
+    joints: tuple[int, ...]
+    #: Standard deviation of the size beforehand, in its own unit.
+    sd: float
+    #: Size that arms and loggers differ by themselves: up to there it is no fault.
+    usual: float = 0.0
+    #: Whether the entries are factors.
+    is_factor: bool = False
+    #: Step of the difference quotient.
+    step: float = 0.01
+    #: Widest 95 % interval, to either side, with which it is claimed.
+    widest: float = 1e9
+    #: Sizes that are likelier than others: a quarter turn, a factor of ten.
+    round_sizes: tuple[float, ...] = ()
+    #: Smallest and largest possible size.
+    limits: tuple[float, float] = (-1e9, 1e9)
+
+    def of(self, chain: LogTransform) -> float:
+        """Return the size in a transform."""
+        entries = getattr(chain, self.field)
+        value = entries[self.joints[0]] if self.joints else entries
+        return float(np.log(abs(value))) if self.is_factor else float(value)
+
+    def at(self, chain: LogTransform, size: float) -> LogTransform:
+        """Return the transform with another size; signs of factors stay."""
+        value = float(np.exp(size)) if self.is_factor else size
+        if not self.joints:
+            changed: dict[str, Any] = {self.field: value}
+            return replace(chain, **changed)
+        entries = [*getattr(chain, self.field)]
+        for j in self.joints:
+            negative = self.is_factor and entries[j] < 0.0
+            entries[j] = -value if negative else value
+        changed = {self.field: tuple(entries)}
+        return replace(chain, **changed)
+
+
+@dataclass(frozen=True)
+class Part:
+    """Rows of a log to which a difference is confined: those of a run, or those after an
+    instant."""
+
+    #: Number of the run, from 0; None for rows of any run.
+    run: int | None = None
+    #: Instant [s] after which the rows are; None for all.
+    after: float | None = None
+
+    def rows(self, runs: NDArray[np.intp], t: Array) -> NDArray[np.bool_]:
+        """Return which rows (M,) belong to it.
+
+        Parameters
+        ----------
+        runs : (M,) array of int
+            Run of each row.
+        t : (M,) array
+            Instants [s].
+        """
+        is_of_run = np.ones(len(t), bool) if self.run is None else runs == self.run
+        return is_of_run & (True if self.after is None else t > self.after)
+
+
+@dataclass(frozen=True, eq=False)
+class Further:
+    """Columns of torque beside the arm's, with the prior of their sizes."""
+
+    #: (n, M, r) torque per unit of each size.
+    columns: Array
+    #: (r,) standard deviation of each size beforehand.
+    sd: Array
+    #: Whether the first size is positive: a mass that is added.
+    is_positive: bool = False
+
+
+@dataclass(frozen=True)
+class View:
+    """How rows are seen: under a transform, those of parts under others, beside further
+    columns."""
+
+    #: What is done to all rows.
+    chain: LogTransform
+    #: Parts that have a transform of their own.
+    parts: tuple[tuple[Part, LogTransform], ...] = ()
+    #: Columns beside the arm's.
+    further: tuple[Further, ...] = ()
+
+    @property
+    def motion(self) -> View:
+        """The view without what is done to torques alone: columns depend on no more."""
+        chain = self.chain.motion_part
+        parts = tuple((part, c.motion_part) for part, c in self.parts)
+        parts = tuple((part, c) for part, c in parts if c != chain)
+        return View(chain, parts, self.further)
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """One thing that may be wrong with a log, or missing in the model of the arm.
+
+    It is a remedy before it is judged: ``chain`` is the transform that undoes it.
+    """
+
+    #: What is wrong, in two or three words: the kind of its issue.
+    kind: str
+    #: Joints that it is about, from 0.
+    joints: tuple[int, ...]
+    #: Natural logarithm of its prior odds against "nothing".
+    log_prior: float
+    #: What is done to the rows where it holds.
+    chain: LogTransform
+    #: Its size, which the race refines; None for what is there or not.
+    number: Number | None = None
+    #: Rows to which it is confined; None: all.
+    part: Part | None = None
+    #: Torque beside the arm's; the first size is that of the hypothesis.
+    further: Further | None = None
+    #: Whether friction takes power under it.
+    is_friction_real: bool = True
+    #: What an effect of the arm is, in words; empty for a fault of the log.
+    effect: str = ""
+    #: Whether arms and loggers differ as much by themselves.
+    is_usual: bool = False
+
+    @property
+    def key(self) -> tuple[str, tuple[int, ...], Part | None]:
+        """Kind, joints and part: hypotheses of one key differ in their size alone."""
+        return self.kind, self.joints, self.part
+
+    def seen(self, view: View, size: float | None = None) -> View:
+        """Return how rows are seen where it holds beside what a view has.
+
+        Parameters
+        ----------
+        size : float, optional
+            Of its number; default: that of its transform.
+        """
+        chain = self.chain
+        if size is not None and self.number is not None:
+            chain = self.number.at(chain, size)
+        if self.further is not None:
+            return replace(view, further=(*view.further, self.further))
+        if self.part is not None:
+            return replace(view, parts=(*view.parts, (self.part, chain)))
+        return replace(view, chain=chain)

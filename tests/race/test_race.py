@@ -1,0 +1,166 @@
+"""The race: one evidence, numbers at their best size, a second witness, and what is as
+likely."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from small_runs import small_run
+
+from sdp_vs_penalty import Measurements, load_problem
+from sdp_vs_penalty.race import Hypothesis, Likelihood, Number, Part, Race, Verdict
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.evidence import Evidence
+from sdp_vs_penalty.race.records import Further, View
+from sdp_vs_penalty.race.rows import RegressionData
+
+PROBLEM = load_problem("two_link")
+RUN = replace(small_run(PROBLEM, seconds=8.0), dq=None)
+NONE = LogTransform.unchanged(2, (0.0, 0.0, -9.81))
+
+
+def rows_of(run: Measurements) -> Likelihood:
+    settings = PROBLEM.preprocessing.resolve(run)
+    return Likelihood(PROBLEM, RegressionData.of(PROBLEM, run, settings))
+
+
+def judged(*runs: Measurements) -> Verdict:
+    return Race([rows_of(run) for run in runs]).run()
+
+
+def scaled(run: Measurements, gains: tuple[float, float]) -> Measurements:
+    return replace(run, tau=run.tau * np.array(gains))
+
+
+@pytest.fixture(scope="module")
+def evidence() -> Evidence:
+    log = rows_of(RUN)
+    return Evidence(log.with_all_laws, np.zeros(log.data.count, int))
+
+
+def test_a_clean_log_has_nothing_wrong():
+    assert judged(RUN).claims == ()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "kind", "joints"),
+    [
+        (partial(scaled, gains=(1.0, -1.0)), "torque sign", (1,)),
+        (partial(scaled, gains=(-1.0, -1.0)), "torque sign", (0, 1)),
+        (lambda run: replace(run, tau=run.tau[:, ::-1].copy()), "torque order", (0, 1)),
+        (
+            lambda run: replace(run, q=run.q[::-1].copy(), tau=run.tau[::-1].copy()),
+            "time reversed",
+            (),
+        ),
+        (lambda run: replace(run, q=run.q * [1.0, -1.0]), "position sign", (1,)),
+    ],
+    ids=["a sign", "all signs", "an order", "time", "a position's sign"],
+)
+def test_what_was_done_is_claimed(spoil, kind, joints):
+    claim, *others = judged(spoil(RUN)).claims
+    assert not others
+    assert (claim.hypothesis.kind, claim.hypothesis.joints) == (kind, joints)
+
+
+@pytest.mark.parametrize("late", [0.03, -0.03])
+def test_a_delay_of_either_sign_is_in_its_interval(late):
+    tau = np.stack([np.interp(RUN.t - late, RUN.t, x) for x in RUN.tau.T], axis=1)
+    (claim,) = judged(replace(RUN, tau=tau)).claims
+    assert claim.hypothesis.kind == "delay"
+    assert claim.size == pytest.approx(late, abs=max(4.0 * claim.spread, 5e-4))
+
+
+def test_what_is_as_likely_is_told_with_a_claim():
+    """A gain of x of one joint and of 1 / x of the other fit alike."""
+    (claim,) = judged(scaled(RUN, (1.0, 1.5))).claims
+    gains = {claim.hypothesis.joints} | {x.hypothesis.joints for x in claim.rivals}
+    assert gains == {(0,), (1,)}
+
+
+def test_a_gain_of_one_run_is_found_in_its_rows():
+    other = small_run(PROBLEM, seconds=8.0, seed=1)
+    verdict = judged(replace(other, dq=None), scaled(RUN, (1.0, 1.3)))
+    (claim,) = verdict.differences()
+    assert claim.hypothesis.kind == "torque gain"
+    assert claim.hypothesis.part == Part(run=1)
+    assert np.exp(-claim.size) == pytest.approx(1.3, rel=0.03)
+    assert verdict.claims_of_all() == []
+
+
+def test_a_usual_number_is_taken_and_not_told():
+    """A delay of 5 ms: drives and their drivers take as long."""
+    tau = np.stack([np.interp(RUN.t - 0.005, RUN.t, x) for x in RUN.tau.T], axis=1)
+    log = rows_of(replace(RUN, tau=tau))
+    verdict = Race([log]).run()
+    assert verdict.told(log) == log.as_logged
+
+
+def test_the_evidence_knows_no_unit_of_a_channel(evidence):
+    """The prior of the links follows the common scale; a channel's gain is no evidence
+    by itself."""
+    log = rows_of(scaled(RUN, (1e3, 1e3)))
+    other = Evidence(log.with_all_laws, evidence.runs)
+    view = View(evidence.log.as_logged)
+    assert evidence.scale == 1.0
+    assert 300.0 < other.scale < 3000.0
+    assert other.fit(view, 2.0).shares == pytest.approx(
+        evidence.fit(view, 2.0).shares, rel=0.05
+    )
+
+
+def test_a_column_of_zeros_is_worth_less_than_nothing(evidence):
+    """It explains nothing, and costs nothing: its size is its prior's."""
+    view = View(evidence.log.as_logged)
+    columns = np.zeros((2, evidence.log.data.count, 1))
+    with_zeros = replace(view, further=(Further(columns, np.ones(1)),))
+    base, other = evidence.fit(view, 2.0), evidence.fit(with_zeros, 2.0)
+    assert other.value == pytest.approx(base.value, abs=1e-6)
+    assert other.theta[-1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_score_is_the_evidence_to_first_order(evidence):
+    """Of a delay of a tenth of a millisecond, which is little."""
+    view = View(evidence.log.as_logged)
+    fit = evidence.fit(view, 2.0)
+    number = Number("lead", (0, 1), sd=1e-3, step=1e-4)
+    _, sizes, information = evidence.score_test(
+        fit, evidence.slopes(fit, [number]), np.array([1e-3])
+    )
+    values = {
+        x: evidence.fit(View(number.at(fit.chain, x)), 2.0).value
+        for x in (-1e-4, 0.0, 1e-4)
+    }
+    slope = (values[1e-4] - values[-1e-4]) / 2e-4
+    assert slope == pytest.approx(
+        sizes[0] * (information[0] + 1e6), rel=0.2, abs=0.05 * information[0] * 1e-4
+    )
+
+
+@pytest.mark.parametrize(
+    ("number", "size"),
+    [
+        (Number("zero", (1,), 1.0), 0.3),
+        (Number("gain", (0,), 1.0, is_factor=True), -0.5),
+        (Number("rate", (), 1.0, is_factor=True), 0.2),
+    ],
+)
+def test_a_number_is_what_it_was_set_to(number, size):
+    assert number.of(NONE) == 0.0
+    assert number.of(number.at(NONE, size)) == pytest.approx(size)
+    assert number.at(number.at(NONE, size), 0.0) == NONE
+
+
+def test_a_negative_gain_keeps_its_sign():
+    turned = NONE.with_entries("gain", (0,), -2.0)
+    number = Number("gain", (0,), 1.0, is_factor=True)
+    assert number.at(turned, np.log(3.0)).gain == pytest.approx((-3.0, 1.0))
+
+
+def test_a_hypothesis_of_a_part_leaves_other_rows():
+    chain = NONE.with_multiplied("gain", (0,), -1.0)
+    part = Part(run=1)
+    view = Hypothesis("torque sign", (0,), -6.0, chain, part=part).seen(View(NONE))
+    assert view == View(NONE, parts=((part, chain),))
+    assert view.motion == View(NONE.motion_part)
