@@ -27,7 +27,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.kinds import KINDS, SHOWN_BY_A_POOR_MOTION, order
+from sdp_vs_penalty.race.kinds import KINDS, SHOWN_BY_A_POOR_MOTION, list_faults, order
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.race import Claim, Race, Verdict
 from sdp_vs_penalty.race.rows import RegressionData
@@ -219,10 +219,21 @@ class LoggerJudge:
         if self.only_in[number] != log.as_logged:
             # Rows are judged as the difference from the other runs is undone.
             net = repaired
-        of_log = [*self._said_of_run(number, stated), *differences]
+        # What is done twice to a run, as its sign turned in all runs and here again, is
+        # not done.
+        left = list_faults(log, repaired)
+        faults = {(fault.kind, j) for fault in left for j in fault.joints or (-1,)}
+        of_log = [
+            issue
+            for issue in (*self._said_of_run(number, stated), *differences)
+            if not issue.apply
+            or faults.intersection(
+                (issue.kind, j - 1) for j in issue.figures["joints"] or (0,)
+            )
+        ]
         # Of a motion of few directions what is left says nothing.
         unexplained = [] if self.is_poor_motion else [*unexplained_torque(log, net)]
-        if any(issue.kind in (TWO_ARMS, NOT_REPAIRED) for issue in differences):
+        if any(issue.kind in (TWO_ARMS, *NOT_REPAIRED) for issue in differences):
             unexplained = [f for f in unexplained if f.kind != "one-off event"]
         explanations = [*of_log, *size, *unexplained]
         new = [
@@ -304,7 +315,7 @@ def _kinds_corrected(
     Notes are none: laws of friction are the arm's. Another load or arm stays in the rows.
     """
     repaired = [issue for issue in facts if issue.repair is not None]
-    found = [issue for issue in explanations if issue.kind != NOT_REPAIRED]
+    found = [issue for issue in explanations if issue.kind not in NOT_REPAIRED]
     kinds = [x.kind for x in [*repaired, *found] if x.severity != "note"]
     return tuple(dict.fromkeys(kinds))
 

@@ -25,6 +25,10 @@ _DIFFERENCES = {
         "{run} carries a {weight} load on its last link ({x:+.2g} kg)",
         "identify the runs apart, or log with the same tool",
     ),
+    "another arm": (
+        "masses and inertias of other links explain {run}",
+        "identify the runs apart, or log with the same arm",
+    ),
     "torque gain": (
         "the torque of joint {j} is {x:.3g} times as large in {run}",
         "divide tau{j} of this run by {x:.3g}, or multiply the others",
@@ -34,8 +38,12 @@ _DIFFERENCES = {
         "add {x:+.3g} {unit} to q{j} of this run, or calibrate its zero",
     ),
 }
-#: The kind of difference that no change of the log can undo.
-NOT_REPAIRED = "another load"
+#: Differences that no change of the log can undo.
+NOT_REPAIRED = "another load", "another arm"
+#: What competes with all that leaves much unexplained.
+SOMETHING_ELSE = "something that the model lacks, since much stays unexplained"
+#: What they are as rivals of others.
+_RIVALS = {"another load": "a load on the last link", "another arm": "other links"}
 
 
 def issues_of_all(
@@ -59,12 +67,47 @@ def issues_of_all(
             claim
             for claim in verdict.claims_of_all()
             if claim.hypothesis.kind == fault.kind
-            and set(claim.hypothesis.joints) <= set(fault.joints)
+            and _is_within(claim.hypothesis.joints, fault.joints)
         ]
         if fault.by_run is not None and len(runs) > 1:
             fault = fault.by_run(runs)
-        issues.append(_of_fault(log, fault, claims, net))
+        issue = _of_fault(log, fault, claims, net)
+        is_sure = all(map(verdict.is_sure_of, claims))
+        issues.append(issue if is_sure else with_rival_effects(issue, [SOMETHING_ELSE]))
+    for claim in verdict.claims:
+        if claim.hypothesis.by_controller:
+            issues.append(_of_controller(claim))
     return issues
+
+
+def _of_controller(claim: Claim) -> Issue:
+    """Return the issue about what a controller did to the torques."""
+    h = claim.hypothesis
+    share = float(np.log(claim.before.left / claim.fit.left).max())
+    reason = (
+        "friction that drives would be none"
+        if share < 0.05
+        else (
+            f"without it {float(np.exp(0.5 * share)):.2g} times as much of a joint's torque is left"
+        )
+    )
+    issue = Issue(
+        kind=h.kind,
+        nature=EXPLANATION,
+        severity="warning",
+        where="all torque channels",
+        what=f"{h.by_controller}.",
+        certainty=likely(reason),
+        remedy="log the torques before the controller's compensation",
+        figures={"joints": [], "log_odds": float(claim.log_odds)},
+    )
+    rivals = [x.hypothesis.effect or x.hypothesis.kind for x in claim.rivals]
+    return with_rival_effects(issue, [*dict.fromkeys(rivals)])
+
+
+def _is_within(one: Sequence[int], other: Sequence[int]) -> bool:
+    """Whether all joints of one are joints of the other, or the other way round."""
+    return set(one) <= set(other) or set(other) <= set(one)
 
 
 def _of_fault(
@@ -74,7 +117,7 @@ def _of_fault(
     figures = {"joints": [j + 1 for j in fault.joints], **fault.figures}
     figures["log_odds"] = float(sum(claim.log_odds for claim in claims))
     what = fault.what
-    if fault.number is not None and claims:
+    if fault.number is not None and claims and claims[-1].spread > 0.0:
         size = fault.number.of(net)
         reach = _INTERVAL * claims[-1].spread
         ends = [size - reach, size + reach]
@@ -219,7 +262,7 @@ def issue_of_difference(
         remedy, apply = f"{fault.remedy} in this run", fault.apply
     else:
         what, remedy = _words_of_number(log, h, size, name)
-    assert h.kind in (*APPLY, NOT_REPAIRED)
+    assert h.kind in (*APPLY, *NOT_REPAIRED)
     share = float(np.log(claim.before.left / claim.fit.left).max())
     issue = Issue(
         kind=h.kind,
@@ -244,8 +287,8 @@ def issue_of_difference(
     effects = []
     for rival in claim.rivals:
         other = rival.hypothesis
-        if other.kind == NOT_REPAIRED and h.kind != NOT_REPAIRED:
-            effects.append("a load on the last link")
+        if other.kind in NOT_REPAIRED and h.kind not in NOT_REPAIRED:
+            effects.append(_RIVALS[other.kind])
         elif other.effect:
             effects.append(other.effect)
     return with_rival_effects(issue, [*dict.fromkeys(effects)])

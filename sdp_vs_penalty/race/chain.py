@@ -5,8 +5,8 @@ A hypothesis changes entries of this record; a composition of hypotheses is agai
 record. So no joint can have two zeros, two gains or two signs, and what is reported is
 what is done to the raw log:
 
-    q_j   = scale_j q_raw[order_j] + zero_j            time  t = t_0 + rate (t_raw - t_0), or reversed
-    tau_j = gain_j (tau_raw[tau_order_j] earlier by lead_j) + lag_j d(tau_j)/dt - events_j
+    q_j   = ratio_j scale_j q_raw[order_j] + zero_j    time  t = t_0 + rate (t_raw - t_0), or reversed
+    tau_j = gain_j / ratio_j (tau_raw[tau_order_j] earlier by lead_j) + lag_j d(tau_j)/dt - events_j
 
 where a channel that bends is straightened first: s artanh(tau_raw / s), s = max
 |tau_raw| / bend_j.
@@ -74,6 +74,8 @@ class LogTransform:
     longer: Numbers
     #: Largest torque over an amplifier's limit [-].
     bend: Numbers
+    #: Gear ratio over the logger's: a factor of positions, a divisor of torques [-].
+    ratio: Numbers
     #: True time over the file's [-].
     rate: float = 1.0
     #: Whether the clock runs backwards.
@@ -100,6 +102,7 @@ class LogTransform:
             lacks=zeros,
             longer=zeros,
             bend=zeros,
+            ratio=ones,
         )
 
     @property
@@ -202,7 +205,7 @@ class LogTransform:
     def followed_by(self, later: LogTransform) -> LogTransform:
         """Return one repair that has the effect of this one followed by ``later``.
 
-        Order, scale, zero, gain, delay and clock are composed; everything else is the
+        Order, scale, zero, gain, ratio, delay and clock are composed; everything else is the
         later one's.
 
         Parameters
@@ -213,8 +216,9 @@ class LogTransform:
         # Pairs (j, k): joint j of the outcome takes channel k of this repair's outcome.
         of_position = [*enumerate(later.order)]
         of_torque = [*enumerate(later.tau_order)]
+        factor = later.position_factors
         zero = tuple(
-            later.scale[j] * self.zero[k] + later.zero[j] for j, k in of_position
+            float(factor[j]) * self.zero[k] + later.zero[j] for j, k in of_position
         )
         return replace(
             later,
@@ -223,13 +227,24 @@ class LogTransform:
             zero=zero,
             tau_order=tuple(self.tau_order[k] for k in later.tau_order),
             gain=tuple(later.gain[j] * self.gain[k] for j, k in of_torque),
+            ratio=tuple(later.ratio[j] * self.ratio[k] for j, k in of_position),
             lead=tuple(later.lead[j] + self.lead[k] for j, k in of_torque),
             rate=later.rate * self.rate,
             reversed=later.reversed != self.reversed,
         )
 
+    @property
+    def position_factors(self) -> Array:
+        """(n,) factor of each joint's logged position."""
+        return np.array(self.scale) * np.array(self.ratio)
+
+    @property
+    def torque_factors(self) -> Array:
+        """(n,) factor of each joint's logged torque."""
+        return np.array(self.gain) / np.array(self.ratio)
+
     def positions(self, q: Array) -> Array:
-        """Return the true positions: q_j = scale_j q_logged[order_j] + zero_j.
+        """Return the true positions: q_j = ratio_j scale_j q_logged[order_j] + zero_j.
 
         Parameters
         ----------
@@ -242,7 +257,7 @@ class LogTransform:
             Positions by joint [rad, m].
         """
         logged = q[:, list(self.order)]
-        return np.asarray(logged * np.array(self.scale) + np.array(self.zero))
+        return np.asarray(logged * self.position_factors + np.array(self.zero))
 
     def apply(self, run: Measurements) -> Measurements:
         """Return the log repaired: order, scale, zero, gain, delay and clock.
@@ -263,7 +278,7 @@ class LogTransform:
         is_inside = (t + max(self.lead) <= t[-1]) & (t + min(self.lead) >= t[0])
         dq = run.dq
         if dq is not None:
-            dq = dq[:, list(self.order)] * np.array(self.scale) / self.rate
+            dq = dq[:, list(self.order)] * self.position_factors / self.rate
         repaired = replace(
             run,
             t=t[0] + self.rate * (t - t[0]),
@@ -283,7 +298,7 @@ class LogTransform:
         for j, lead in enumerate(self.lead):
             if lead:
                 tau[:, j] = np.interp(run.t + lead, run.t, tau[:, j])
-        return np.asarray(tau * np.array(self.gain))
+        return np.asarray(tau * self.torque_factors)
 
 
 @lru_cache(99)

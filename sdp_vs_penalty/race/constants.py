@@ -25,16 +25,18 @@ MAX_LIKENESS_LOG_ODDS = 12.0
 #: Standard deviation of the share of a torque that friction has where a controller
 #: compensates it.
 COMPENSATED = 0.03
-#: Torques within this factor of the nominal arm's leave the arm's prior as it is; others
-#: scale it, since their unit is another question.
-USUAL_SCALE = 3.0
+#: Standard deviation of the natural logarithm of the arm's size beside the nominal one;
+#: another unit of all torques makes it anything.
+MASSES_KNOWN = 0.5
+#: Share of logged velocities that the logger derived from the positions.
+DERIVED = 0.1
 #: Prior odds against a fault of all runs, against a difference of one run or part
 #: (friction never repeats exactly), against a drift or a step.
 LOG_ODDS_AGAINST_FAULT = 6.0
 LOG_ODDS_AGAINST_DIFFERENCE = 3.0 * LOG_ODDS_AGAINST_FAULT
 LOG_ODDS_AGAINST_EVENT = 3.0 * LOG_ODDS_AGAINST_FAULT
-#: A sum over joints of the logarithm of an error that differs by less is the same fit.
-SAME_FIT = 0.02
+#: Joints' errors on parts left out whose logarithms differ by less are the same fit.
+SAME_FIT = 0.1
 
 # -- the race
 #: Log-odds from which on a hypothesis is taken. Arms have what no hypothesis has, and odds are
@@ -66,7 +68,6 @@ WIDEST = 0.35
 #: Standard deviations that a number has to be away from what it was, and beyond what is
 #: usual (Student's t of PARTS, 99.5 %).
 NUMBER_SIGMAS = 3.0
-SIGMAS_BEYOND_USUAL = 4.0
 
 # -- what arms and loggers differ by themselves
 #: Zeros and bases are calibrated to so much [rad].
@@ -74,8 +75,12 @@ CALIBRATED = float(np.radians(1.5))
 #: Drives, the rate of clocks and the size of gravity are known to so much (natural
 #: logarithm).
 CALIBRATED_GAIN = 0.06
-#: Drives and their drivers take as long [s].
+#: Drives and their drivers take as long; a command is ahead of its torque by more than
+#: clocks are of each other [s].
 USUAL_DELAY = 0.01
+USUAL_LEAD = 0.002
 #: Share of a torque's energy above which a joint is poorly explained: more than the
-#: errors of friction laws and filters.
+#: errors of friction laws and filters; and above which something else is missing, or
+#: two mistakes were made.
 POORLY = 2e-5
+BADLY = 0.01

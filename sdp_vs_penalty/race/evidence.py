@@ -27,7 +27,7 @@ from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.arm_fit import RepairedRows, orthonormal
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.likelihood import Likelihood, without_inertial_power
-from sdp_vs_penalty.race.records import Number, View
+from sdp_vs_penalty.race.records import Hypothesis, View
 from sdp_vs_penalty.race.rows import random_rows
 from sdp_vs_penalty.regression.base_parameters import structure
 from sdp_vs_penalty.regression.evidence import independent_rows, jackknifed
@@ -38,8 +38,6 @@ from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 _ROUNDS = 4
 #: Least share of the rows that own columns are taken to leave [-].
 _LEAST_SHARE = 0.1
-#: Least share of the nominal torque that is weight, of an arm that has weight [-].
-_WEIGHT = 1e-3
 #: Factor of the spread of a link that is a guess.
 _GUESSED = 3.0
 #: A logarithm's argument, a divisor: no smaller than this.
@@ -87,6 +85,8 @@ class Fit:
     theta: Array = None  # type: ignore[assignment]
     #: Number of parameters of the links among them.
     n_links: int = 0
+    #: Size of the arm beside the nominal one [-].
+    scale: float = 1.0
     #: (n,) squared residual.
     left: Array = None  # type: ignore[assignment]
     #: (n,) weights of the rows with which they were fitted.
@@ -124,45 +124,22 @@ class Evidence:
     """The evidence of views of one log, of M rows and n joints.
 
     log : the rows, with each joint's laws among its own columns; runs (M,) : the run of
-    each row; scale : size of the torques beside those of the nominal arm.
+    each row.
     """
 
-    def __init__(
-        self, log: Likelihood, runs: NDArray[np.intp], scale: float | None = None
-    ) -> None:
-        """Take the rows; default scale: measured from them."""
+    def __init__(self, log: Likelihood, runs: NDArray[np.intp]) -> None:
+        """Take the rows."""
         self.log = log
         self.runs = runs
-        self.scale = self._scale_of_torques() if scale is None else scale
         self._prior = self._prior_of_links()
         self._columns = lru_cache(64)(self._make_columns)
 
     def thinned(self, step: int) -> Evidence:
         """Return the evidence of one row in ``step``."""
         rows = slice(None, None, step)
-        return Evidence(self.log.select_rows(rows), self.runs[rows], self.scale)
+        return Evidence(self.log.select_rows(rows), self.runs[rows])
 
     # -- what is known beforehand
-
-    def _scale_of_torques(self) -> float:
-        """Return the size of the torques over that of the nominal arm; 1 within
-        USUAL_SCALE, since then masses are what the log tells.
-
-        Of an arm with weight the weight is enough: units of positions and time leave its
-        size.
-        """
-        as_logged = self.log.as_logged
-        mask = self.log.torque_mask(as_logged)
-        sizes = [
-            float(np.linalg.norm(self.log.nominal(as_logged, speed).T * mask))
-            for speed in (0.0, 1.0)
-        ]
-        has_weight = sizes[0] > _WEIGHT * sizes[1]
-        nominal = sizes[0] if has_weight else sizes[1]
-        measured = float(np.linalg.norm(self.log.channels(as_logged)))
-        ratio = measured / max(nominal, _TINY)
-        is_usual = 1.0 / c.USUAL_SCALE < ratio < c.USUAL_SCALE
-        return 1.0 if is_usual or nominal <= 0.0 else float(ratio)
 
     def _prior_of_links(self) -> tuple[Array, Array, float]:
         """Return mean (s,), inverse covariance (s, s) and its log determinant of the
@@ -192,13 +169,18 @@ class Evidence:
         mean, sd = np.zeros(p), np.full(p, np.median(spread[:, 0], axis=0))
         mean[rigid] = links.ravel()[: len(rigid)]
         sd[rigid] = spread.ravel()[: len(rigid)]
-        covariance = (dependence * (self.scale * sd) ** 2) @ dependence.T
+        covariance = (dependence * sd**2) @ dependence.T
         size = np.diag(covariance)
         covariance = covariance + np.diag(1e-9 * size + 1e-14 * size.sum())
         inverse = np.linalg.inv(covariance)
         inverse = 0.5 * (inverse + inverse.T)
         log_determinant = -float(np.linalg.slogdet(covariance)[1])
-        return dependence @ (self.scale * mean), inverse, log_determinant
+        return dependence @ mean, inverse, log_determinant
+
+    @property
+    def covariance_of_links(self) -> Array:
+        """(s, s) covariance of the links' independent parameters beforehand."""
+        return np.linalg.inv(self._prior[1])
 
     def _prior_of(self, view: View) -> tuple[Array, Array, float]:
         """Return the prior of a view's parameters: those of the links, then the sizes of
@@ -224,8 +206,9 @@ class Evidence:
         if motion.parts:
             raw, states, mask = rows.raw.copy(), states.copy(), mask.copy()
             own = log.data.own_columns[list(chain.order)].copy()
-            for part, other in motion.parts:
+            for part, beside in motion.parts:
                 at = part.rows(self.runs, log.data.motion.t)
+                other = beside.followed_by(chain)
                 raw[:, at] = log.raw(other)[:, at]
                 mask[:, at] = log.torque_mask(other)[:, at]
                 states[:, :, at] = np.stack(self._states(other))[:, :, at]
@@ -254,9 +237,10 @@ class Evidence:
     def _torque(self, view: View) -> Array:
         """Return the torque (n, M) of a view."""
         torque = self.log.channels(view.chain)
-        for part, chain in view.parts:
+        for part, beside in view.parts:
             at = part.rows(self.runs, self.log.data.motion.t)
-            torque = np.where(at, self.log.channels(chain), torque)
+            of_part = self.log.channels(beside.followed_by(view.chain))
+            torque = np.where(at, of_part, torque)
         return torque
 
     def _total(self, view: View) -> Array:
@@ -265,10 +249,9 @@ class Evidence:
         It makes the evidence free of gains; a part's gain counts in its rows.
         """
         total = np.sum(self.log.channels(view.chain) ** 2, axis=1)
-        for part, chain in view.parts:
+        for part, beside in view.parts:
             share = np.mean(part.rows(self.runs, self.log.data.motion.t))
-            ratio = np.abs(np.array(chain.gain) / np.array(view.chain.gain))
-            total = total * ratio ** (2.0 * share)
+            total = total * np.abs(beside.gain) ** (2.0 * share)
         return np.maximum(total, _TINY)
 
     # -- fits
@@ -325,20 +308,32 @@ class Evidence:
         n_rows = np.stack([self._independent(x, v) for x in products])[:, moving]
         flat = gram.reshape(*gram.shape[:2], s * s)
         left = np.maximum(energy, FLOOR * total)
+        is_link = np.arange(s) < len(self._prior[0])
+        scale = np.ones(len(products))  # of the arm beside the nominal one
         for _ in range(_ROUNDS):
             weights = n_rows / left  # (K, n)
             summed = (weights[:, None] @ flat).reshape(len(products), s, s)
-            information = summed + inverse
-            right = (weights[:, None] @ cross)[:, 0] + inverse @ mean
+            unit = np.where(is_link, scale[:, None], 1.0)  # (K, s)
+            prior = inverse / (unit[:, :, None] * unit[:, None, :])
+            information = summed + prior
+            right = (weights[:, None] @ cross)[:, 0] + (inverse @ mean) / unit
             theta = np.linalg.solve(information, right[..., None])[..., 0]
             image = (gram @ theta[:, None, :, None])[..., 0]
             change = np.einsum("kjs,ks->kj", image - 2.0 * cross, theta)
             left = np.maximum(energy + change, FLOOR * total)
-        away = theta - mean
+            nominal = summed @ mean  # (K, s), by what the rows show
+            likeness = np.sum(theta * nominal, axis=1)
+            scale = np.abs(likeness) / nonzero_or_one(nominal @ mean)
+            scale = np.clip(nonzero_or_one(scale), 1e-9, 1e9)
+        away = theta - mean * unit
         value = -0.5 * np.sum(n_rows * np.log(left / total), axis=1)
-        value -= 0.5 * np.sum(away @ inverse * away, axis=1)
+        value -= 0.5 * np.sum(away * (prior @ away[..., None])[..., 0], axis=1)
         value -= 0.5 * (np.linalg.slogdet(information)[1] - log_determinant)
+        value -= np.sum(np.log(unit), axis=1)
+        is_usual = 0.5 * (np.log(unit[:, 0]) / c.MASSES_KNOWN) ** 2
+        value -= np.minimum(is_usual, c.LOG_ODDS_AGAINST_FAULT)
         value -= [self._price_of_events(x, v) for x in products]
+        value += [self._of_velocity(x.chain) for x in products]
         # Friction: its mean power, and that over its standard deviation.
         slopes = np.stack([x.columns.power for x in products])[:, moving]
         power = np.stack([x.probed for x in products])[:, moving]
@@ -350,8 +345,6 @@ class Evidence:
         signs = np.maximum(np.log(2.0) + log_ndtr(z), -c.MAX_PHYSICS_LOG_ODDS)
         physics = np.sum(signs, axis=1)
         # The links: they are like the nominal ones, and not like their mirror image.
-        nominal = (information - inverse) @ mean  # (K, s), by what the rows show
-        likeness = np.sum(theta * nominal, axis=1)
         solved = np.linalg.solve(information, nominal[..., None])[..., 0]
         variance = np.sum(nominal * solved, axis=1)
         z = likeness / np.sqrt(np.maximum(variance, _TINY))
@@ -372,6 +365,7 @@ class Evidence:
                 v=v,
                 theta=theta[k],
                 n_links=len(self._prior[0]),
+                scale=float(scale[k]),
                 left=of_all,
                 weights=of_rows,
                 information=information[k],
@@ -387,6 +381,20 @@ class Evidence:
         count = fit.columns.count / v
         n_own = fit.columns.rows.basis.shape[2]
         return np.maximum(count - n_own, _LEAST_SHARE * count)
+
+    def _of_velocity(self, chain: LogTransform) -> float:
+        """Return the log evidence of the logged velocity's sign.
+
+        One that was measured is the derivative of true positions over true time; one
+        that the logger derived from the rows says nothing.
+        """
+        gain = self.log.data.velocity_gain
+        if not np.isfinite(gain):
+            return 0.0
+        is_as_measured = (gain < 0.0) == chain.reversed
+        is_as_derived = gain > 0.0
+        p = (1.0 - c.DERIVED) * is_as_measured + c.DERIVED * is_as_derived
+        return float(np.log(p + 1e-4))
 
     @staticmethod
     def _price_of_events(fit: Fit, v: float) -> float:
@@ -420,28 +428,39 @@ class Evidence:
         return falls
 
     def slopes(
-        self, fit: Fit, numbers: Sequence[Number], chain: LogTransform | None = None
+        self, fit: Fit, hypotheses: Sequence[Hypothesis], sizes: Sequence[float]
     ) -> Array:
-        """Return the torque (n, M, r) per unit of each number, in the logged channels'
-        size: beside a gain it is all that the model makes of the channel.
-
-        Parameters
-        ----------
-        chain : LogTransform, optional
-            The transform that the numbers are of; default: that of all rows.
+        """Return the torque (n, M, r) per unit of the number of each hypothesis at a
+        size, in the logged channels' size: beside a gain it is all that the model makes
+        of the channel. It is 0 on rows that a hypothesis is not about.
         """
-        chain = fit.chain if chain is None else chain
-        moved = [x.at(chain, x.of(chain) + x.step) for x in numbers]
-        is_gain = [x.field == "gain" for x in numbers]
-        others = [m for m, gain in zip(moved, is_gain, strict=True) if not gain]
-        changes = iter(np.moveaxis(self.changes(fit, others, chain), 2, 0))
         modelled = self._torque(fit.view) - self.residual(fit)
-        slopes = np.zeros((*modelled.shape, len(numbers)))
-        for k, x in enumerate(numbers):
-            if is_gain[k]:
-                slopes[[*x.joints], :, k] = -modelled[[*x.joints]]
+        slopes = np.zeros((*modelled.shape, len(hypotheses)))
+        pairs = []
+        for h, size in zip(hypotheses, sizes, strict=True):
+            assert h.number is not None
+            ends = (size, size + h.number.step)
+            pairs.append([h.at_size(fit.chain, x) for x in ends])
+        others = [
+            x
+            for h, pair in zip(hypotheses, pairs, strict=True)
+            if h.number is not None and h.number.field != "gain"
+            for x in pair
+        ]
+        torques: dict[LogTransform, Array] = {}
+        self.log._prepare_columns(others[: self.log._columns.size])
+        for x in others:
+            if x not in torques:
+                torques[x] = self.log.unexplained(x, fit.links)
+        for k, (h, (now, moved)) in enumerate(zip(hypotheses, pairs, strict=True)):
+            assert h.number is not None
+            if h.number.field == "gain":
+                joints = [*h.number.joints]
+                slopes[joints, :, k] = -modelled[joints]
             else:
-                slopes[:, :, k] = next(changes) / x.step
+                slopes[:, :, k] = (torques[now] - torques[moved]) / h.number.step
+            if h.part is not None:
+                slopes[:, ~h.part.rows(self.runs, self.log.data.motion.t), k] = 0.0
         return slopes
 
     def score_test(
@@ -464,13 +483,57 @@ class Evidence:
         sizes = score / np.maximum(h + sd**-2.0, _TINY)
         return 0.5 * score * sizes - 0.5 * np.log1p(sd**2 * h), sizes, h
 
-    def score_together(self, fit: Fit, columns: Array, sd: Array) -> float:
-        """Return the log-odds of further columns (n, M, r) together, the noise as it
-        is; sd (r,) : of their sizes beforehand."""
-        information, score = self._beside_arm(fit, columns)
-        sizes = np.linalg.solve(information + np.diag(sd**-2.0), score)
-        scaled = np.eye(len(sd)) + sd[:, None] * information * sd
-        return float(0.5 * score @ sizes - 0.5 * np.linalg.slogdet(scaled)[1])
+    def screen(
+        self, fit: Fit, columns: Array, sizes: Sequence[int], sd: Array
+    ) -> tuple[Array, Array]:
+        """Return log-odds and first size of each of several groups of further columns,
+        the arm and the noise adapted to first order.
+
+        The r-th group has ``sizes[r]`` of the columns (n, M, sum of sizes), which are z
+        beside the arm's and each joint's own; with r the residual, joint j's squared
+        residual S_j becomes S_j - 2 x z_j^T r_j + x^T z_j^T z_j x.
+
+        Parameters
+        ----------
+        sd : (sum of sizes,) array
+            Standard deviations of the sizes x beforehand.
+        """
+        moving = self.log.moving
+        rows = fit.columns.rows
+        arm = rows.projected[moving]
+        used = columns * self.log.torque_mask(fit.chain)[:, :, None]
+        z = rows.project_out_own(used)[moving]
+        alone = np.einsum("jmr,jmr->r", z, z)
+        weighted = fit.weights[moving][:, None, None] * z
+        with_arm = np.tensordot(arm, weighted, ((0, 1), (0, 1)))
+        z = z - arm @ np.linalg.solve(fit.information, with_arm)
+        residual = self.residual(fit)[moving]
+        score = (residual[:, None, :] @ z)[:, 0]
+        left, least = fit.left[moving], FLOOR * fit.total[moving]
+        n_rows = fit.weights[moving] * left
+        odds, first = np.empty(len(sizes)), np.empty(len(sizes))
+        ends = np.cumsum(sizes)
+        for k, (end, size) in enumerate(zip(ends, sizes, strict=True)):
+            group = slice(end - size, end)
+            of_group = z[:, :, group]
+            gram = of_group.swapaxes(1, 2) @ of_group
+            # Rounding leaves nothing of what the arm's parameters span.
+            ridge = np.diag(sd[group] ** -2.0 + 1e-9 * alone[group])
+            after = left
+            for _ in range(2):
+                weights = n_rows / after
+                information = np.tensordot(weights, gram, 1)
+                x = np.linalg.solve(information + ridge, weights @ score[:, group])
+                change = (gram @ x - 2.0 * score[:, group]) @ x
+                after = np.maximum(left + change, least)
+            scaled = np.eye(size) + sd[group, None] * information * sd[group]
+            odds[k] = -0.5 * float(
+                n_rows @ np.log(after / left)
+                + np.sum((x / sd[group]) ** 2)
+                + np.linalg.slogdet(scaled)[1]
+            )
+            first[k] = x[0]
+        return odds, first
 
     def _beside_arm(self, fit: Fit, columns: Array) -> tuple[Array, Array]:
         """Return information (r, r) and score (r,) of further columns (n, M, r), the

@@ -76,6 +76,7 @@ APPLY = {
     "position order": ("order", "q"),
     "joint order": ("order", "joint"),
     "torque gain": ("gain", "tau"),
+    "gear ratio": ("ratio", "joint"),
     "delay": ("delay", "tau"),
     "channel delay": ("delay", "tau"),
     "encoder offset": ("zero", "q"),

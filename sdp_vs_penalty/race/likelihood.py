@@ -211,7 +211,7 @@ class Likelihood:
             # Most repairs leave time and shape of the channels as they are.
             values, _ = self._channels_at(0.0)
             ordered = values.T[list(repair.tau_order)]
-            return np.array(repair.gain)[:, None] * ordered
+            return np.asarray(repair.torque_factors[:, None] * ordered)
         repaired = np.empty((self.n, self.data.count))
         for j, k in enumerate(repair.tau_order):
             values, rates = self._channels_at(repair.lead[j])
@@ -219,7 +219,8 @@ class Likelihood:
             if repair.bend[j]:
                 limit = float(self.data.largest[k]) / repair.bend[j]
                 value = _straighten(value, limit)
-            repaired[j] = repair.gain[j] * (value + repair.lag[j] * rates[:, k])
+            lagging = value + repair.lag[j] * rates[:, k]
+            repaired[j] = repair.torque_factors[j] * lagging
         return repaired
 
     def torque_mask(self, repair: LogTransform) -> Array:
@@ -265,7 +266,7 @@ class Likelihood:
         """
         logged = self.data.motion
         order = list(repair.order)
-        scale = np.array(repair.scale)
+        scale = repair.position_factors
         return Motion(
             logged.t[0] + repair.rate * (logged.t - logged.t[0]),
             repair.positions(logged.q),

@@ -15,15 +15,16 @@ from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, Fit
 from sdp_vs_penalty.race.kinds import KINDS, list_faults, propose_all
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Further, Hypothesis, Part, View
+from sdp_vs_penalty.race.records import Further, Hypothesis, View
 from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
-from sdp_vs_penalty.robot.arrays import Array
 
 #: Steps of Newton by which a size is found on few rows, and share of its standard
 #: deviation below which a step ends it.
 _STEPS, _SHORT = 8, 0.2
 #: Largest first step of a size, and largest step, in standard deviations beforehand.
 _FIRST_STEP, _LARGEST_STEP = 0.7, 1.0
+#: Fits after which columns that depend on their size are those of it.
+_ROUNDS_OF_COLUMNS = 3
 #: A step that looks for a size far off is not held back by its prior.
 _LOOSE = 10.0
 
@@ -67,8 +68,9 @@ class Claim(Scored):
         number = self.hypothesis.number
         if number is None:
             return self.hypothesis.is_usual
-        usual = number.usual + c.SIGMAS_BEYOND_USUAL * self.spread
-        return abs(self.size) <= usual
+        reach = c.NUMBER_SIGMAS * self.spread
+        below = number.usual if number.usual_below is None else number.usual_below
+        return -below - reach <= self.size <= number.usual + reach
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,15 @@ class Verdict:
             for claim in self.claims
             if not (claim.hypothesis.part or claim.hypothesis.effect)
         ]
+
+    def is_sure_of(self, claim: Claim) -> bool:
+        """Whether a claim may be likely: what is left is small, or it explains half of
+        what was left, or physics decides and not the fit."""
+        moving = self.fit.weights > 0.0
+        before, after = (x.shares[moving] for x in (claim.before, claim.fit))
+        is_well_explained = self.fit.shares[moving].max() < c.BADLY
+        ratio = float(after.sum() / before.sum())
+        return is_well_explained or not 0.5 < ratio < 0.95
 
     def differences(self) -> list[Claim]:
         """List what differs in a part of the log."""
@@ -213,28 +224,27 @@ class Race:
         of_all = c.THIN / min(fit.v, c.THIN)  # evidence of all rows over that of few
         scored: list[tuple[float, Hypothesis, float]] = []
         numbers: list[Hypothesis] = []
+        columns: list[Hypothesis] = []
         changed: list[Hypothesis] = []
         for h in propose_all(self.kinds, self.all, fit):
             if h.further is not None:
-                further = _thinned(h.further)
-                gain = few.score_together(base, further.columns, further.sd)
-                scored.append((of_all * gain + h.log_prior, h, 0.0))
+                columns.append(h)
             elif not h.is_friction_real:
                 scored.append((-base.physics + h.log_prior, h, 0.0))
-            elif h.number is not None and h.chain == chain:
+            elif h.number is not None and (h.part is not None or h.chain == chain):
                 numbers.append(h)
             else:
                 changed.append(h)
-        if numbers:
-            sizes = [h.number for h in numbers if h.number is not None]
-            columns = few.slopes(base, [*dict.fromkeys(sizes)])
-            places = {number: k for k, number in enumerate(dict.fromkeys(sizes))}
-            columns = columns[:, :, [places[number] for number in sizes]]
-            for k, h in enumerate(numbers):
-                columns[:, :, k] *= _mask(few, h)
-            sd = np.array([number.sd for number in sizes])
-            gains, steps, _ = few.score_test(base, columns, sd)
-            for h, gain, step in zip(numbers, gains, steps, strict=True):
+        sizes = [h.number.of(h.chain) for h in numbers if h.number is not None]
+        further = [_thinned(h.further) for h in columns if h.further is not None]
+        together = [few.slopes(base, numbers, sizes), *(x.columns for x in further)]
+        sd = [np.array([h.number.sd]) for h in numbers if h.number is not None]
+        sd += [x.sd for x in further]
+        if sd:
+            counts = [len(x) for x in sd]
+            torques = np.concatenate(together, axis=2)
+            gains, steps = few.screen(base, torques, counts, np.concatenate(sd))
+            for h, gain, step in zip([*numbers, *columns], gains, steps, strict=True):
                 scored.append((of_all * gain + h.log_prior, h, float(step)))
         views = [h.seen(view) for h in changed]
         fits = few.fit_all(views, 1.0, is_friction_real)
@@ -258,24 +268,31 @@ class Race:
         number, size, spread, occam = h.number, 0.0, 0.0, 0.0
         if number is not None:
             first = _FIRST_STEP * number.sd
-            size = number.of(h.chain) + float(np.clip(step, -first, first))
+            start = number.of(h.chain)
+            size = start + float(np.clip(step, -first, first))
             few = replace(fit.view, further=tuple(map(_thinned, fit.view.further)))
             size, _ = self._refined(self.few, few, h, size, 1.0, _STEPS)
             size, spread = self._refined(self.all, fit.view, h, size, fit.v, 1)
-            away = size - number.of(fit.chain)
+            away = size - (start if h.part else number.of(fit.chain))
             occam = float(np.log(min(1.0, spread / number.sd)))
             reach = number.usual + c.NUMBER_SIGMAS * spread
             near = [x for x in number.round_sizes if abs(x - size) < reach]
             size = min(near, key=lambda x: abs(x - size), default=size)
             occam -= 0.5 * (0.0 if near else away / number.sd) ** 2
         found = self.all.fit(h.seen(fit.view, size), fit.v, is_real)
+        for _ in range(_ROUNDS_OF_COLUMNS if h.further_at else 0):
+            assert h.further is not None
+            assert h.further_at is not None
+            first = float(found.theta[len(found.theta) - len(h.further.sd)])
+            h = replace(h, further=h.further_at(first))
+            found = self.all.fit(h.seen(fit.view), fit.v, is_real)
         v = min(self.all.rows_worth_one(found), fit.v)
         (found,) = self.all.fitted([found], v, is_real)
         if h.further is not None:
-            first = len(found.theta) - len(h.further.sd)
-            size = float(found.theta[first])
+            place = len(found.theta) - len(h.further.sd)
+            size = float(found.theta[place])
             covariance = np.linalg.inv(found.information)
-            spread = float(np.sqrt(covariance[first, first]))
+            spread = float(np.sqrt(covariance[place, place]))
             if h.further.is_positive:
                 occam = float(np.log(2.0) + log_ndtr(size / spread))
         (base,) = self.all.fitted([fit], v, is_friction_real)
@@ -292,8 +309,7 @@ class Race:
         spread = np.inf
         for _ in range(steps):
             fit = evidence.fit(h.seen(view, size), v)
-            slope = evidence.slopes(fit, [number], number.at(h.chain, size))
-            slope *= _mask(evidence, h)[:, None]
+            slope = evidence.slopes(fit, [h], [size])
             sd = np.array([_LOOSE * number.sd])
             _, change, information = evidence.score_test(fit, slope, sd)
             spread = float(1.0 / np.sqrt(max(information[0], 1e-300)))
@@ -316,12 +332,11 @@ class Race:
         """
         number = x.hypothesis.number
         if number is not None:
-            chain = number.at(x.hypothesis.chain, x.size)
-            slope = self.all.slopes(x.fit, [number], chain)[:, :, 0]
-            slope = slope * _mask(self.all, x.hypothesis)
+            slope = self.all.slopes(x.fit, [x.hypothesis], [x.size])[:, :, 0]
             spread = max(x.spread, self.all.jackknifed_spread(x.fit, slope))
             x = replace(x, spread=spread)
-            is_near = abs(x.size - number.of(fit.chain)) < c.NUMBER_SIGMAS * spread
+            before = x.hypothesis.chain if x.hypothesis.part else fit.chain
+            is_near = abs(x.size - number.of(before)) < c.NUMBER_SIGMAS * spread
             if is_near or 2.0 * spread > number.widest:
                 return None
         return x if self._is_confirmed(x, fit) else None
@@ -333,7 +348,9 @@ class Race:
         falls = np.log(before / after)
         clearness = standard_errors_above_zero(falls.sum(axis=1))
         is_same = bool(np.all(np.abs(falls.mean(axis=0)) < c.SAME_FIT))
-        if is_same or x.hypothesis.kind == "torque sign":
+        if is_same:
+            return True
+        if x.hypothesis.kind == "torque sign":
             return bool(clearness > -c.WITNESS_SIGMAS)
         ratios = before.mean(axis=0) / after.mean(axis=0)
         has_size = number is not None or x.hypothesis.further is not None
@@ -342,13 +359,6 @@ class Race:
             least = c.LEAST_RATIO_IF_DOUBTFUL
         is_large = max(float(ratios.max()), float(ratios.prod())) > least
         return bool(clearness > c.WITNESS_SIGMAS and is_large)
-
-
-def _mask(evidence: Evidence, h: Hypothesis) -> Array:
-    """Return 1 for the rows (M,) to which a hypothesis is confined, 0 for others."""
-    t = evidence.log.data.motion.t
-    rows = (h.part or Part()).rows(evidence.runs, t)
-    return np.asarray(rows, float)
 
 
 def _thinned(further: Further) -> Further:

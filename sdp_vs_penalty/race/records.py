@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,6 +28,8 @@ class Number:
     sd: float
     #: Size that arms and loggers differ by themselves: up to there it is no fault.
     usual: float = 0.0
+    #: The same below zero; None: as far.
+    usual_below: float | None = None
     #: Whether the entries are factors.
     is_factor: bool = False
     #: Step of the difference quotient.
@@ -96,12 +99,12 @@ class Further:
 
 @dataclass(frozen=True)
 class View:
-    """How rows are seen: under a transform, those of parts under others, beside further
-    columns."""
+    """How rows are seen: under a transform, those of parts under another one before it,
+    beside further columns."""
 
     #: What is done to all rows.
     chain: LogTransform
-    #: Parts that have a transform of their own.
+    #: Parts that have a transform of their own, which comes before that of all rows.
     parts: tuple[tuple[Part, LogTransform], ...] = ()
     #: Columns beside the arm's.
     further: tuple[Further, ...] = ()
@@ -111,8 +114,18 @@ class View:
         """The view without what is done to torques alone: columns depend on no more."""
         chain = self.chain.motion_part
         parts = tuple((part, c.motion_part) for part, c in self.parts)
-        parts = tuple((part, c) for part, c in parts if c != chain)
+        none = LogTransform.unchanged(chain.n, self.chain.gravity)
+        parts = tuple(
+            (part, c) for part, c in parts if replace(c, gravity=none.gravity) != none
+        )
         return View(chain, parts, self.further)
+
+    def with_part(self, part: Part, chain: LogTransform) -> View:
+        """Return the view with one more transform of a part, before what it has."""
+        parts = dict(self.parts)
+        if part in parts:
+            chain = chain.followed_by(parts[part])
+        return replace(self, parts=(*(parts | {part: chain}).items(),))
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +141,7 @@ class Hypothesis:
     joints: tuple[int, ...]
     #: Natural logarithm of its prior odds against "nothing".
     log_prior: float
-    #: What is done to the rows where it holds.
+    #: What is done to the rows where it holds; of a part: before what all rows have.
     chain: LogTransform
     #: Its size, which the race refines; None for what is there or not.
     number: Number | None = None
@@ -136,10 +149,15 @@ class Hypothesis:
     part: Part | None = None
     #: Torque beside the arm's; the first size is that of the hypothesis.
     further: Further | None = None
+    #: The same torque where its columns depend on that size.
+    further_at: Callable[[float], Further] | None = None
     #: Whether friction takes power under it.
     is_friction_real: bool = True
     #: What an effect of the arm is, in words; empty for a fault of the log.
     effect: str = ""
+    #: What a controller did to the torques, in a sentence; the effect is then no missing
+    #: law of the arm.
+    by_controller: str = ""
     #: Whether arms and loggers differ as much by themselves.
     is_usual: bool = False
 
@@ -147,6 +165,13 @@ class Hypothesis:
     def key(self) -> tuple[str, tuple[int, ...], Part | None]:
         """Kind, joints and part: hypotheses of one key differ in their size alone."""
         return self.kind, self.joints, self.part
+
+    def at_size(self, base: LogTransform, size: float) -> LogTransform:
+        """Return what is done to its rows at a size of its number, beside what is done
+        to all rows."""
+        assert self.number is not None
+        chain = self.number.at(self.chain, size)
+        return chain if self.part is None else chain.followed_by(base)
 
     def seen(self, view: View, size: float | None = None) -> View:
         """Return how rows are seen where it holds beside what a view has.
@@ -162,5 +187,5 @@ class Hypothesis:
         if self.further is not None:
             return replace(view, further=(*view.further, self.further))
         if self.part is not None:
-            return replace(view, parts=(*view.parts, (self.part, chain)))
+            return view.with_part(self.part, chain)
         return replace(view, chain=chain)

@@ -89,6 +89,8 @@ class RegressionData:
     #: Time from the log's first row to its last, of which the filters cut both ends
     #: [s].
     seconds: float
+    #: Logged velocity over the positions' derivative [-]; NaN where none was logged.
+    velocity_gain: float = np.nan
 
     @property
     def count(self) -> int:
@@ -266,7 +268,18 @@ class RegressionData:
             largest=np.abs(run.tau).max(axis=0),
             cutoff=cutoff,
             seconds=seconds,
+            velocity_gain=_velocity_gain(run),
         )
+
+
+def _velocity_gain(run: Measurements) -> float:
+    """Return the factor from the positions' derivative to the logged velocity, by least
+    squares; NaN where none was logged."""
+    if run.dq is None:
+        return np.nan
+    slope = np.gradient(run.q, axis=0) / np.gradient(run.t)[:, None]
+    energy = float(np.sum(slope**2))
+    return float(np.sum(run.dq * slope)) / energy if energy > 0.0 else np.nan
 
 
 def _one_spline(torques: Sequence[CubicSpline]) -> CubicSpline:

@@ -32,7 +32,15 @@ def _number(field: str, joints: tuple[int, ...]) -> Number:
     it is not negative."""
     least = -1.0 if field == "lead" and len(joints) > 1 else 0.0
     limits = (least, 1.0)
-    return Number(field, joints, _SD, c.USUAL_DELAY, step=1e-3, limits=limits)
+    return Number(
+        field,
+        joints,
+        _SD,
+        usual=c.USUAL_DELAY,
+        usual_below=c.USUAL_LEAD,
+        step=1e-3,
+        limits=limits,
+    )
 
 
 def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:

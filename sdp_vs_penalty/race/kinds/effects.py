@@ -7,19 +7,24 @@ the last link's parameters. Which effect it is, a diagnosis judges.
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
+from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.constants import COULOMB_WIDTHS
 from sdp_vs_penalty.race.evidence import Evidence, Fit
 from sdp_vs_penalty.race.fault import prior_of_one_of
+from sdp_vs_penalty.race.kinds.of_one_part import load_on_last_link
+from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Further, Hypothesis
 
 #: Standard deviation beforehand of a force [N] and of its moment [N m].
 _FORCE, _MOMENT = 30.0, 6.0
-#: Standard deviation of a coupling's torque over that of the joint [-].
-_COUPLING = 0.3
+#: Standard deviation of the ratio of gears, and of their friction and inertia over the
+#: joint's torque [-].
+_RATIO, _SHARE = 1.0, 0.3
 #: Parameters of a link, and how many of them make its weight.
 _PARAMETERS_OF_A_LINK, _STATIC = 10, 4
 
@@ -31,6 +36,18 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
     model = log.data.shared
     if model is None or not len(model.rigid_indices):
         return
+    if any(now.gravity):
+        still = replace(now, gravity=(0.0, 0.0, 0.0))
+        yield Hypothesis(
+            kind="tool weight removed",
+            joints=(),
+            log_prior=prior_of_one_of(1),
+            chain=now,
+            further=load_on_last_link(evidence, fit, still),
+            effect="a load on the last link whose weight the controller subtracted",
+            by_controller="the torques hold the inertia of a load on the last link without"
+            " its weight: the controller subtracted that",
+        )
     # A force F at the point r acts as the weight of a mass there would under a gravity
     # along F: it is linear in F_k and r_i F_k.
     static = model.rigid_indices[-_PARAMETERS_OF_A_LINK:][:_STATIC]
@@ -42,25 +59,41 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
     force = Further(np.concatenate(columns, axis=2), sd)
     what = "a constant force on the last link"
     yield Hypothesis("force", (), prior_of_one_of(1), now, further=force, effect=what)
-    # The motor of joint b turns with joint a as well: a part of its torque acts on a,
-    # and the friction and inertia of the sum on both.
-    motion, torque = log.motion(now), log.torques(now)
-    links = log.raw(now) @ fit.links
     for pair in pairwise(range(log.n)):
         for a, b in (pair, pair[::-1]):
-            dq, ddq = motion.dq[:, b], motion.ddq[:, b]
-            laws = [dq, ddq, *(np.tanh(dq / width) for width in COULOMB_WIDTHS)]
-            of_a = np.column_stack([links[b], *laws])
-            size = np.sqrt(np.mean(of_a**2, axis=0))
-            sd = _COUPLING * np.sqrt(np.mean(torque[a] ** 2)) / np.maximum(size, 1e-12)
-            of_all = np.zeros((log.n, *of_a.shape))
-            of_all[a] = of_a
+            columns = partial(_coupling, log, now, a, b)
             what = f"gears that couple joints {pair[0] + 1} and {pair[1] + 1}"
             yield Hypothesis(
                 kind="coupling",
                 joints=(a, b),
                 log_prior=prior_of_one_of(2 * log.n),
                 chain=now,
-                further=Further(of_all, np.maximum(sd, 1e-12)),
+                further=columns(0.0),
+                further_at=columns,
                 effect=what,
             )
+
+
+def _coupling(
+    log: Likelihood, now: LogTransform, a: int, b: int, ratio: float
+) -> Further:
+    """Return the torque of gears by which the motor of joint b turns with joint a as
+    well: by dq_b + ratio dq_a.
+
+    The ratio times this motor's torque, without its friction and inertia, is missing at
+    motor a; friction and inertia of the sum act on b.
+    """
+    motion, torque = log.motion(now), log.torques(now)
+    velocity = motion.dq[:, b] + ratio * motion.dq[:, a]
+    friction = [np.tanh(velocity / width) for width in COULOMB_WIDTHS]
+    of_a = [-torque[b], motion.dq[:, b], motion.ddq[:, b], *friction]
+    of_b = [motion.dq[:, a], motion.ddq[:, a], *friction]
+    columns = np.zeros((log.n, log.data.count, len(of_a) + len(of_b)))
+    columns[a, :, : len(of_a)] = np.column_stack(of_a)
+    columns[b, :, len(of_a) :] = np.column_stack(of_b)
+    size = np.sqrt(np.mean(columns**2, axis=1)).max(axis=0)
+    of_joints = np.sqrt(np.mean(torque**2, axis=1))
+    load = np.repeat(of_joints[[a, b]], [len(of_a), len(of_b)])
+    sd = _SHARE * load / np.maximum(size, 1e-12)
+    sd[0] = _RATIO
+    return Further(columns, np.maximum(sd, 1e-12))

@@ -19,4 +19,6 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
         chain=fit.chain,
         is_friction_real=False,
         effect=COMPENSATED,
+        by_controller="friction drives the joints a little: the controller subtracted"
+        " more friction than there is (friction compensated)",
     )

@@ -40,6 +40,9 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
         chain = _with_gravity(now, (size if is_of_earth else _EARTH) * axis)
         if not np.allclose(chain.gravity, gravity):
             yield Hypothesis(kind, (), prior, chain)
+            # A controller subtracts the weight of an arm that stands as assumed.
+            subtracted = _with_gravity(chain, np.array(chain.gravity) - gravity)
+            yield Hypothesis(kind, (), 2.0 * prior, subtracted)
     if not is_of_earth:
         return
     across = np.linalg.svd(gravity[None, :])[2][1:]  # (2, 3)

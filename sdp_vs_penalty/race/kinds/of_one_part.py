@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from sdp_vs_penalty.race import constants as c
+from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, Fit
 from sdp_vs_penalty.race.kinds.zero import zero_number
 from sdp_vs_penalty.race.records import Further, Hypothesis, Number, Part
@@ -41,7 +42,7 @@ def parts_of(evidence: Evidence) -> list[Part]:
 def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
     """Yield, of each part, a gain and a zero of each joint, a load, and of runs a sign of
     each torque and an exchange of two."""
-    log, now = evidence.log, fit.chain
+    log, none = evidence.log, evidence.log.as_logged
     parts = parts_of(evidence)
     odds = -c.LOG_ODDS_AGAINST_DIFFERENCE - float(np.log(len(parts)))
     of_joint = odds - float(np.log(log.n))
@@ -50,38 +51,59 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
         for j in log.joints
     ]
     numbers += [zero_number(log, j, _SD_OF_ZERO) for j in log.joints]
-    load = _load(evidence, fit)
+    load = load_on_last_link(evidence, fit, fit.chain)
+    arm = _another_arm(evidence, fit)
     every = tuple(range(log.n))
+    contradicts = bool((fit.shares > _CONTRADICTS).any())
     for part in parts:
         at = part.rows(evidence.runs, log.data.motion.t)[None, :, None]
         for number in numbers:
             kind = "torque gain" if number.field == "gain" else "encoder offset"
-            yield Hypothesis(kind, number.joints, of_joint, now, number, part)
+            yield Hypothesis(kind, number.joints, of_joint, none, number, part)
         if part.run is not None:
             late = Number("lead", every, _SD_OF_DELAY, c.USUAL_DELAY, step=1e-3)
-            yield Hypothesis("delay", every, odds, now, late, part)
+            yield Hypothesis("delay", every, odds, none, late, part)
         if load is not None:
             is_added = part.run is not None
             further = Further(load.columns * at, load.sd, is_added)
-            yield Hypothesis("another load", (), odds, now, part=part, further=further)
-        if part.run is None or not (fit.shares > _CONTRADICTS).any():
+            yield Hypothesis("another load", (), odds, none, part=part, further=further)
+        if not contradicts:
+            continue
+        if arm is not None:
+            further = Further(arm.columns * at, arm.sd)
+            rare = odds - c.LOG_ODDS_AGAINST_DIFFERENCE
+            yield Hypothesis("another arm", (), rare, none, part=part, further=further)
+        if part.run is None:
             continue
         for j in log.joints:
-            chain = now.with_multiplied("gain", (j,), -1.0)
+            chain = none.with_multiplied("gain", (j,), -1.0)
             yield Hypothesis("torque sign", (j,), of_joint, chain, part=part)
         for pair in combinations(log.joints, 2):
-            chain = now.with_swap(*pair, "tau_order")
+            chain = none.with_swap(*pair, "tau_order")
             of_pair = of_joint - float(np.log(log.n))
             yield Hypothesis("torque order", pair, of_pair, chain, part=part)
 
 
-def _load(evidence: Evidence, fit: Fit) -> Further | None:
-    """Return the torque of a load on the last link; None for an arm without links."""
+def _another_arm(evidence: Evidence, fit: Fit) -> Further | None:
+    """Return the torque of links that differ, by what is known of links beforehand;
+    None for an arm without links."""
+    columns = evidence.log.raw(fit.chain)
+    if not columns.shape[2]:
+        return None
+    spread = fit.scale * np.linalg.cholesky(evidence.covariance_of_links)
+    return Further(columns @ spread, np.ones(columns.shape[2]))
+
+
+def load_on_last_link(
+    evidence: Evidence, fit: Fit, chain: LogTransform
+) -> Further | None:
+    """Return the torque of a load on the last link under a transform; None for an arm
+    without links."""
     log = evidence.log
     model = log.data.shared
     if model is None or not len(model.rigid_indices):
         return None
-    columns = log.columns(fit.chain.arm_part)[:, :, model.rigid_indices[-10:]]
+    columns = log.columns(chain.arm_part)[:, :, model.rigid_indices[-10:]]
     mass = _SHARE_OF_ARM * max(float(log.problem.prior_links[:, 0].sum()), 1.0)
     sd = np.array([1.0, *3 * (_CENTRE,), *6 * (_GYRATION,)])
-    return Further(columns, evidence.scale * mass * sd)
+    return Further(columns, fit.scale * mass * sd)

@@ -12,7 +12,7 @@ from sdp_vs_penalty.race.records import Hypothesis, Number
 
 def _number(joints: tuple[int, ...]) -> Number:
     """Return the share of the weight that some joints' torques lack."""
-    return Number("lacks", joints, sd=1.0, usual=c.CALIBRATED_GAIN)
+    return Number("lacks", joints, sd=1.0, usual=c.CALIBRATED_GAIN, round_sizes=(1.0,))
 
 
 def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:

@@ -3,6 +3,7 @@ zero, and joints farther apart or nearer, along the line between them."""
 
 import operator
 from collections.abc import Iterator
+from itertools import combinations, product
 
 import numpy as np
 
@@ -66,11 +67,24 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
         if j not in log.revolute or not fit.is_poorly_explained.any():
             continue
         for turn in _QUARTERS:
-            zero = float(np.pi - (np.pi - now.zero[j] - turn) % (2.0 * np.pi))
-            chain = now.with_entries("zero", (j,), zero)
+            chain = _turned(now, j, turn)
             number = zero_number(log, j, _SD_OF_TURN)
             odds = prior - np.log(2.0)
             yield Hypothesis("encoder offset", (j,), odds, chain, number)
+    if not (fit.shares > c.BADLY).any():
+        return
+    # Of two joints that are turned neither shows by itself.
+    joints = [j for j in log.revolute if j]
+    for a, b in combinations(joints, 2):
+        for first, second in product(_QUARTERS, _QUARTERS):
+            chain = _turned(_turned(now, a, first), b, second)
+            yield Hypothesis("encoder offset", (a, b), 2.0 * prior, chain)
+
+
+def _turned(chain: LogTransform, j: int, turn: float) -> LogTransform:
+    """Return the transform with joint j's zero turned [rad], to within half a turn."""
+    zero = float(np.pi - (np.pi - chain.zero[j] - turn) % (2.0 * np.pi))
+    return chain.with_entries("zero", (j,), zero)
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:

@@ -1,0 +1,59 @@
+"""A gear ratio that is not the logger's: a joint's position r times too large, its torque r
+times too small."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sdp_vs_penalty.race import constants as c
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.records import Hypothesis, Number
+
+#: Ratios that are tried, over the logger's [-].
+_RATIOS = (1.0, 0.5, 0.7, 1.4, 2.0)
+
+
+def _number(j: int) -> Number:
+    """Return the ratio of joint j, over the logger's."""
+    return Number(
+        "ratio",
+        (j,),
+        sd=0.5,
+        usual=c.CALIBRATED_GAIN,
+        is_factor=True,
+        widest=c.WIDEST,
+        limits=(-2.0, 2.0),
+    )
+
+
+def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+    """Yield another ratio of each joint of an arm that is poorly explained."""
+    log, now = evidence.log, fit.chain
+    if not fit.is_poorly_explained.any():
+        return
+    for j in log.revolute:
+        for ratio in _RATIOS:
+            chain = now.with_multiplied("ratio", (j,), ratio)
+            prior = prior_of_one_of(log.n)
+            yield Hypothesis("gear ratio", (j,), prior, chain, _number(j))
+
+
+def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+    """Yield a fault for each joint with another ratio."""
+    for j in np.flatnonzero(np.array(chain.ratio) != 1.0).tolist():
+        ratio = chain.ratio[j]
+        yield Fault(
+            kind="gear ratio",
+            joints=(j,),
+            what=f"the gear ratio of {joints_text([j])} is another one: its position is"
+            f" {1.0 / ratio:.3g} times too large, its torque as many times too small.",
+            remedy=f"multiply q{j + 1} (and dq{j + 1}) by {ratio:.3g} and tau{j + 1} by"
+            f" {1.0 / ratio:.3g}",
+            without=_number(j).at(chain, 0.0),
+            number=_number(j),
+            in_words=lambda x: f"a factor of {np.exp(x):.3g}",
+            figures={"factor": ratio},
+        )
