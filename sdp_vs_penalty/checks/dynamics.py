@@ -32,6 +32,7 @@ from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.race import Claim, Race, Verdict
 from sdp_vs_penalty.race.rows import RegressionData
 from sdp_vs_penalty.race.run_log import RunLog
+from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 #: Currents have no gains of their own that torques would show.
@@ -184,7 +185,9 @@ class LoggerJudge:
                 if repair is not None:
                     self.only_in[number] = self.only_in[number].followed_by(repair)
             else:
-                issues.append(_two_arms(log, claim, part.after))
+                issue = _two_arms(log, claim, part.after)
+                cuts = _cuts_at(self.reports[number], part.after)
+                issues.append(replace(issue, changes=cuts))
         return issues[:1] if issues and issues[0].kind == TWO_ARMS else issues
 
     def _report_run(
@@ -282,7 +285,8 @@ class LoggerJudge:
                 continue
             at = self._time_in_run(number, issue.figures["t"])
             if at is not None:
-                said.append(issue.by_clock(at))
+                cuts = _cuts_at(self.reports[number], at)
+                said.append(replace(issue.by_clock(at), changes=cuts))
         return said
 
 
@@ -363,3 +367,19 @@ def _is_near_gap(run: Measurements, t: float) -> bool:
     is_gap = steps > GAP * np.median(steps)
     near = np.abs(run.t[1:] - t) < 1.0
     return bool(np.any(is_gap & near))
+
+
+def _cuts_at(report: Report, at: float) -> tuple[Change, ...]:
+    """Return the changes that leave out what a run holds after an instant [s] of its
+    clock, or before it: the longer part stays first."""
+    begin, end = report.repaired_all.t[[0, -1]].tolist()
+    parts = [("after", [at, end]), ("before", [begin, at])]
+    parts.sort(key=lambda part: part[1][1] - part[1][0])
+    return tuple(
+        Change(
+            "cut",
+            f"leave what comes {word} {at:.4g} s of {report.run} out",
+            {"run": report.run, "spans": [span]},
+        )
+        for word, span in parts
+    )

@@ -68,6 +68,7 @@ WIDEST = 0.35
 #: Standard deviations that a number has to be away from what it was, and beyond what is
 #: usual (Student's t of PARTS, 99.5 %).
 NUMBER_SIGMAS = 3.0
+SIGMAS_BEYOND_USUAL = 4.0
 
 # -- what arms and loggers differ by themselves
 #: Zeros and bases are calibrated to so much [rad].
@@ -79,6 +80,8 @@ CALIBRATED_GAIN = 0.06
 #: clocks are of each other [s].
 USUAL_DELAY = 0.01
 USUAL_LEAD = 0.002
+#: Share of a torque's energy that filters and rounding leave.
+FLOOR = 1e-6
 #: Share of a torque's energy above which a joint is poorly explained: more than the
 #: errors of friction laws and filters; and above which something else is missing, or
 #: two mistakes were made.

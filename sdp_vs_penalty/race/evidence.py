@@ -31,7 +31,7 @@ from sdp_vs_penalty.race.records import Hypothesis, View
 from sdp_vs_penalty.race.rows import random_rows
 from sdp_vs_penalty.regression.base_parameters import structure
 from sdp_vs_penalty.regression.evidence import independent_rows, jackknifed
-from sdp_vs_penalty.regression.normal_equations import FLOOR, NormalEquations
+from sdp_vs_penalty.regression.normal_equations import NormalEquations
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 #: Rounds of reweighting each joint by its own residual.
@@ -277,7 +277,11 @@ class Evidence:
         return self.fit_all([view], v, is_friction_real)[0]
 
     def fit_all(
-        self, views: Sequence[View], v: float, is_friction_real: bool = True
+        self,
+        views: Sequence[View],
+        v: float,
+        is_friction_real: bool = True,
+        rounds: int = _ROUNDS,
     ) -> list[Fit]:
         """Fit one arm to the rows of each of several views with the same number of
         further columns.
@@ -288,13 +292,21 @@ class Evidence:
             Rows that are worth one.
         is_friction_real : bool
             Whether friction takes power.
+        rounds : int
+            Of reweighting each joint by its own residual.
         """
         self.log._prepare_columns([view.chain for view in views])
         products = [self._products(view) for view in views]
-        return self.fitted(products, v, is_friction_real) if products else []
+        if not products:
+            return []
+        return self.fitted(products, v, is_friction_real, rounds)
 
     def fitted(
-        self, products: Sequence[Fit], v: float, is_friction_real: bool = True
+        self,
+        products: Sequence[Fit],
+        v: float,
+        is_friction_real: bool = True,
+        rounds: int = _ROUNDS,
     ) -> list[Fit]:
         """Fit arms to products that are known, with another number of rows worth one;
         see :meth:`fit_all`."""
@@ -307,10 +319,10 @@ class Evidence:
         total = np.stack([x.total for x in products])[:, moving]
         n_rows = np.stack([self._independent(x, v) for x in products])[:, moving]
         flat = gram.reshape(*gram.shape[:2], s * s)
-        left = np.maximum(energy, FLOOR * total)
+        left = np.maximum(energy, c.FLOOR * total)
         is_link = np.arange(s) < len(self._prior[0])
         scale = np.ones(len(products))  # of the arm beside the nominal one
-        for _ in range(_ROUNDS):
+        for _ in range(rounds):
             weights = n_rows / left  # (K, n)
             summed = (weights[:, None] @ flat).reshape(len(products), s, s)
             unit = np.where(is_link, scale[:, None], 1.0)  # (K, s)
@@ -320,7 +332,7 @@ class Evidence:
             theta = np.linalg.solve(information, right[..., None])[..., 0]
             image = (gram @ theta[:, None, :, None])[..., 0]
             change = np.einsum("kjs,ks->kj", image - 2.0 * cross, theta)
-            left = np.maximum(energy + change, FLOOR * total)
+            left = np.maximum(energy + change, c.FLOOR * total)
             nominal = summed @ mean  # (K, s), by what the rows show
             likeness = np.sum(theta * nominal, axis=1)
             scale = np.abs(likeness) / nonzero_or_one(nominal @ mean)
@@ -509,7 +521,7 @@ class Evidence:
         z = z - arm @ np.linalg.solve(fit.information, with_arm)
         residual = self.residual(fit)[moving]
         score = (residual[:, None, :] @ z)[:, 0]
-        left, least = fit.left[moving], FLOOR * fit.total[moving]
+        left, least = fit.left[moving], c.FLOOR * fit.total[moving]
         n_rows = fit.weights[moving] * left
         odds, first = np.empty(len(sizes)), np.empty(len(sizes))
         ends = np.cumsum(sizes)
@@ -580,7 +592,9 @@ class Evidence:
             columns.insert(2, further)
         parts = np.array_split(np.concatenate(columns, axis=2)[moving], c.PARTS, axis=1)
         grams = np.stack([part.swapaxes(1, 2) @ part for part in parts])
-        others = NormalEquations.of(grams.sum(axis=0) - grams, rows.basis.shape[2])
+        others = NormalEquations.eliminating(
+            grams.sum(axis=0) - grams, rows.basis.shape[2]
+        )
         known, precision, _ = self._prior_of(fit.view)
         s = others.cross.shape[-1]
         mean, inverse = np.zeros(s), np.zeros((s, s))
@@ -592,7 +606,7 @@ class Evidence:
         arms = np.asarray(np.linalg.solve(gram + inverse, right)[..., 0], float)
         energy = np.maximum(grams.sum(axis=0)[:, -1, -1], _TINY)
         left = others.left_of(grams, arms[:, None])
-        return np.maximum(c.PARTS * left / energy, FLOOR), arms
+        return np.maximum(c.PARTS * left / energy, c.FLOOR), arms
 
     def jackknifed_spread(self, fit: Fit, slope: Array) -> float:
         """Return the standard deviation of a number, from arms fitted without each part:

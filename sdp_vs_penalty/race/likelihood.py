@@ -667,7 +667,7 @@ class Likelihood:
             Shares of the squared torque, at least FLOOR [-].
         """
         parts, n_own = self.gram_matrices(repair)
-        other_parts = NormalEquations.of(parts.sum(axis=0) - parts, n_own)
+        other_parts = NormalEquations.eliminating(parts.sum(axis=0) - parts, n_own)
         models = solve(other_parts.gram, other_parts.cross[..., None])[..., 0]
         energy_left = other_parts.left_of(parts, models).sum(axis=0)
         energy = positive(_torque_energies(parts).sum(axis=0))

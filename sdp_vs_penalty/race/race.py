@@ -3,6 +3,7 @@ claimed, with what is as likely."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from types import ModuleType
@@ -23,6 +24,10 @@ from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
 _STEPS, _SHORT = 8, 0.2
 #: Largest first step of a size, and largest step, in standard deviations beforehand.
 _FIRST_STEP, _LARGEST_STEP = 0.7, 1.0
+#: Rounds of reweighting at the first look.
+_ROUNDS_OF_A_LOOK = 2
+#: A change's log-odds rise by at most so much more than a claim explains.
+_MORE_ODDS = 100.0
 #: Fits after which columns that depend on their size are those of it.
 _ROUNDS_OF_COLUMNS = 3
 #: A step that looks for a size far off is not held back by its prior.
@@ -68,7 +73,7 @@ class Claim(Scored):
         number = self.hypothesis.number
         if number is None:
             return self.hypothesis.is_usual
-        reach = c.NUMBER_SIGMAS * self.spread
+        reach = c.SIGMAS_BEYOND_USUAL * self.spread
         below = number.usual if number.usual_below is None else number.usual_below
         return -below - reach <= self.size <= number.usual + reach
 
@@ -142,6 +147,8 @@ class Race:
         self.is_doubtful = is_doubtful
         self.all = Evidence(log.with_all_laws, runs)
         self.few = self.all.thinned(c.THIN)
+        #: Log-odds of changes at the first look, by key and place among those of a key.
+        self.looked_at: dict[object, float] = {}
 
     def run(self) -> Verdict:
         """Take the best hypothesis until none is likely."""
@@ -149,7 +156,8 @@ class Race:
         claims: list[Claim] = []
         fit = self._incumbent(view, is_friction_real)
         while len(claims) < c.MAX_FAULTS:
-            claim = self._best(fit, is_friction_real)
+            last = claims[-1].log_odds if claims else np.inf
+            claim = self._best(fit, is_friction_real, last + _MORE_ODDS)
             if claim is None:
                 break
             claims.append(claim)
@@ -165,10 +173,10 @@ class Race:
         v = self.all.rows_worth_one(fit)
         return self.all.fitted([fit], v, is_friction_real)[0]
 
-    def _best(self, fit: Fit, is_friction_real: bool) -> Claim | None:
+    def _best(self, fit: Fit, is_friction_real: bool, explained: float) -> Claim | None:
         """Return the likeliest hypothesis that parts left out confirm, with those that
         are as likely; None where nothing is."""
-        ranking = self.rank(fit, is_friction_real)
+        ranking = self.rank(fit, is_friction_real, explained)
         likely = [x for x in ranking if x.log_odds > c.LOG_ODDS_OF_A_CLAIM]
         witnessed = (self._witnessed(x, fit) for x in likely)
         best = next((x for x in witnessed if x is not None), None)
@@ -191,13 +199,15 @@ class Race:
             rivals=tuple(rivals.values()),
         )
 
-    def rank(self, fit: Fit, is_friction_real: bool = True) -> list[Scored]:
+    def rank(
+        self, fit: Fit, is_friction_real: bool = True, explained: float = np.inf
+    ) -> list[Scored]:
         """List the hypotheses that may be likelier than an incumbent, the likeliest
         first: all on few rows, the best on all rows at their best size.
 
         Two are compared with as many rows worth one as the whitest residual says.
         """
-        looks = self._screen(fit, is_friction_real)
+        looks = self._screen(fit, is_friction_real, explained)
         exact = [self._exact(h, size, fit, is_friction_real) for h, size in looks]
         likely = [x.fit.v for x in exact if x.log_odds > c.WORTH_A_LOOK]
         v = min([fit.v, *likely])
@@ -210,13 +220,14 @@ class Race:
         return sorted(ranking, key=lambda x: -x.log_odds)
 
     def _screen(
-        self, fit: Fit, is_friction_real: bool
+        self, fit: Fit, is_friction_real: bool, explained: float
     ) -> list[tuple[Hypothesis, float]]:
         """List the hypotheses that are worth a look at all rows, of each key the best,
         with the change of its size to first order.
 
         What a wrong incumbent leaves errs slowly, and what is right may leave white
-        noise: here each row is worth one.
+        noise: here each row is worth one. Changes that were less likely than by
+        ``explained`` [log-odds] before are not looked at again.
         """
         few, chain = self.few, fit.chain
         view = replace(fit.view, further=tuple(map(_thinned, fit.view.further)))
@@ -225,7 +236,8 @@ class Race:
         scored: list[tuple[float, Hypothesis, float]] = []
         numbers: list[Hypothesis] = []
         columns: list[Hypothesis] = []
-        changed: list[Hypothesis] = []
+        changed: dict[object, Hypothesis] = {}
+        count: Counter[object] = Counter()
         for h in propose_all(self.kinds, self.all, fit):
             if h.further is not None:
                 columns.append(h)
@@ -234,7 +246,10 @@ class Race:
             elif h.number is not None and (h.part is not None or h.chain == chain):
                 numbers.append(h)
             else:
-                changed.append(h)
+                count[h.key] += 1
+                # What a claim explains, another cannot lack, nor much more.
+                if self.looked_at.get((h.key, count[h.key]), 0.0) > -explained:
+                    changed[h.key, count[h.key]] = h
         sizes = [h.number.of(h.chain) for h in numbers if h.number is not None]
         further = [_thinned(h.further) for h in columns if h.further is not None]
         together = [few.slopes(base, numbers, sizes), *(x.columns for x in further)]
@@ -246,10 +261,11 @@ class Race:
             gains, steps = few.screen(base, torques, counts, np.concatenate(sd))
             for h, gain, step in zip([*numbers, *columns], gains, steps, strict=True):
                 scored.append((of_all * gain + h.log_prior, h, float(step)))
-        views = [h.seen(view) for h in changed]
-        fits = few.fit_all(views, 1.0, is_friction_real)
-        for h, other in zip(changed, fits, strict=True):
+        views = [h.seen(view) for h in changed.values()]
+        fits = few.fit_all(views, 1.0, is_friction_real, _ROUNDS_OF_A_LOOK)
+        for (key, h), other in zip(changed.items(), fits, strict=True):
             odds = of_all * (other.value - base.value) + h.log_prior
+            self.looked_at[key] = odds
             scored.append((odds, h, 0.0))
         # A grid's neighbours, of instants or of sizes, must not crowd out another fault.
         looks: dict[object, tuple[Hypothesis, float]] = {}
@@ -279,6 +295,8 @@ class Race:
             near = [x for x in number.round_sizes if abs(x - size) < reach]
             size = min(near, key=lambda x: abs(x - size), default=size)
             occam -= 0.5 * (0.0 if near else away / number.sd) ** 2
+            if near:  # a size that has half of the prior with its like
+                occam = max(occam, -float(np.log(2.0 * len(number.round_sizes))))
         found = self.all.fit(h.seen(fit.view, size), fit.v, is_real)
         for _ in range(_ROUNDS_OF_COLUMNS if h.further_at else 0):
             assert h.further is not None

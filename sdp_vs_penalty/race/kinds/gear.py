@@ -13,7 +13,7 @@ from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis, Number
 
 #: Ratios that are tried, over the logger's [-].
-_RATIOS = (1.0, 0.5, 0.7, 1.4, 2.0)
+_RATIOS = (1.0, 0.6, 1.6)
 
 
 def _number(j: int) -> Number:

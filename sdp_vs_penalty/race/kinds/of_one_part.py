@@ -52,7 +52,7 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
     ]
     numbers += [zero_number(log, j, _SD_OF_ZERO) for j in log.joints]
     load = load_on_last_link(evidence, fit, fit.chain)
-    arm = _another_arm(evidence, fit)
+    arm = _another_arm(evidence, fit) if (fit.shares > c.BADLY).any() else None
     every = tuple(range(log.n))
     contradicts = bool((fit.shares > _CONTRADICTS).any())
     for part in parts:

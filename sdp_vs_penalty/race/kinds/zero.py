@@ -69,7 +69,7 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
         for turn in _QUARTERS:
             chain = _turned(now, j, turn)
             number = zero_number(log, j, _SD_OF_TURN)
-            odds = prior - np.log(2.0)
+            odds = prior - np.log(len(_QUARTERS))
             yield Hypothesis("encoder offset", (j,), odds, chain, number)
     if not (fit.shares > c.BADLY).any():
         return
@@ -78,7 +78,8 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
     for a, b in combinations(joints, 2):
         for first, second in product(_QUARTERS, _QUARTERS):
             chain = _turned(_turned(now, a, first), b, second)
-            yield Hypothesis("encoder offset", (a, b), 2.0 * prior, chain)
+            odds = 2.0 * (prior - np.log(len(_QUARTERS)))
+            yield Hypothesis("encoder offset", (a, b), odds, chain)
 
 
 def _turned(chain: LogTransform, j: int, turn: float) -> LogTransform:
