@@ -365,11 +365,14 @@ class Race:
         before, after = self.all.held_out(fit)[0], self.all.held_out(x.fit)[0]
         falls = np.log(before / after)
         clearness = standard_errors_above_zero(falls.sum(axis=1))
-        is_same = bool(np.all(np.abs(falls.mean(axis=0)) < c.SAME_FIT))
-        if is_same:
+        moving = fit.weights > 0.0
+        old, new = fit.shares[moving], x.fit.shares[moving]
+        if np.all(np.abs(np.log(old / new)) < c.SAME_FIT):
             return True
         if x.hypothesis.kind == "torque sign":
             return bool(clearness > -c.WITNESS_SIGMAS)
+        if (old - new).sum() < c.LEAST_SHARE:
+            return False
         ratios = before.mean(axis=0) / after.mean(axis=0)
         has_size = number is not None or x.hypothesis.further is not None
         least = c.LEAST_RATIO_WITH_SIZE if has_size else c.LEAST_RATIO
