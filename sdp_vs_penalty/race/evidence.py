@@ -180,7 +180,7 @@ class Evidence:
     @property
     def covariance_of_links(self) -> Array:
         """(s, s) covariance of the links' independent parameters beforehand."""
-        return np.linalg.inv(self._prior[1])
+        return np.asarray(np.linalg.inv(self._prior[1]), float)
 
     def _prior_of(self, view: View) -> tuple[Array, Array, float]:
         """Return the prior of a view's parameters: those of the links, then the sizes of

@@ -122,8 +122,9 @@ class RegressionData:
         return replace(self, motion=motion)
 
     def with_laws(self, torque: Array) -> RegressionData:
-        """Return the data with more own columns: LAWS, and Coulomb friction that is
-        proportional to the size of a torque (M, n) that loads the joints [N m or N]."""
+        """Return the data with more own columns: LAWS, Coulomb friction that is
+        proportional to the size of a torque (M, n) that loads the joints [N m or N], and
+        the acceleration before the torque's low-pass: what the filters differ by."""
         load = np.abs(torque)
         sharp_widths = COULOMB_WIDTHS[:2]
         load_friction = [
@@ -132,6 +133,7 @@ class RegressionData:
         columns = [
             self.own_columns,
             np.stack(load_friction, axis=2),
+            self.motion.ddq.T[:, :, None],
             *self.laws.values(),
         ]
         return replace(self, own_columns=np.concatenate(columns, axis=2))

@@ -61,15 +61,15 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
     yield Hypothesis("force", (), prior_of_one_of(1), now, further=force, effect=what)
     for pair in pairwise(range(log.n)):
         for a, b in (pair, pair[::-1]):
-            columns = partial(_coupling, log, now, a, b)
+            further_at = partial(_coupling, log, now, a, b)
             what = f"gears that couple joints {pair[0] + 1} and {pair[1] + 1}"
             yield Hypothesis(
                 kind="coupling",
                 joints=(a, b),
                 log_prior=prior_of_one_of(2 * log.n),
                 chain=now,
-                further=columns(0.0),
-                further_at=columns,
+                further=further_at(0.0),
+                further_at=further_at,
                 effect=what,
             )
 
