@@ -18,6 +18,7 @@ from sdp_vs_penalty.race.kinds import KINDS, list_faults, propose_all
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Further, Hypothesis, View
 from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Steps of Newton by which a size is found on few rows, and share of its standard
 #: deviation below which a step ends it.
@@ -355,7 +356,8 @@ class Race:
             x = replace(x, spread=spread)
             before = x.hypothesis.chain if x.hypothesis.part else fit.chain
             is_near = abs(x.size - number.of(before)) < c.NUMBER_SIGMAS * spread
-            if is_near or 2.0 * spread > number.widest:
+            is_at_limit = x.size in number.limits
+            if is_near or is_at_limit or 2.0 * spread > number.widest:
                 return None
         return x if self._is_confirmed(x, fit) else None
 
@@ -384,4 +386,14 @@ class Race:
 
 def _thinned(further: Further) -> Further:
     """Return further columns at the rows that are looked at first."""
-    return replace(further, columns=further.columns[:, :: c.THIN])
+    under = further.columns_under
+
+    def columns_under(chain: LogTransform) -> Array:
+        assert under is not None
+        return under(chain)[:, :: c.THIN]
+
+    return replace(
+        further,
+        columns=further.columns[:, :: c.THIN],
+        columns_under=under and columns_under,
+    )

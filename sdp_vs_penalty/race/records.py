@@ -95,6 +95,14 @@ class Further:
     sd: Array
     #: Whether the first size is positive: a mass that is added.
     is_positive: bool = False
+    #: The columns under another transform, where they hold channels of the log.
+    columns_under: Callable[[LogTransform], Array] | None = None
+
+    def under(self, chain: LogTransform) -> Further:
+        """Return it as it is under another transform of all rows."""
+        if self.columns_under is None:
+            return self
+        return replace(self, columns=self.columns_under(chain))
 
 
 @dataclass(frozen=True)
@@ -188,4 +196,7 @@ class Hypothesis:
             return replace(view, further=(*view.further, self.further))
         if self.part is not None:
             return view.with_part(self.part, chain)
-        return replace(view, chain=chain)
+        further = view.further
+        if chain != view.chain:
+            further = tuple(x.under(chain) for x in further)
+        return replace(view, chain=chain, further=further)
