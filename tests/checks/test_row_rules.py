@@ -4,6 +4,7 @@ looks like one."""
 import json
 import re
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -591,3 +592,16 @@ def test_an_arm_that_waits_between_the_steps_of_its_command_is_no_copy(kind):
     q = goals[step] + share * (goals[step + 1] - goals[step])
     groups = {"q": stepped(q, 2.0 * np.pi / 2**14), "qcmd": goals[step + 1]}
     assert found(kind, Measurements.of(t, groups, ("run",))) is None
+
+
+def test_an_arm_that_comes_to_rest_repeats_rows_by_itself():
+    """Moves from pose to pose, rests, a coarse torque with noise."""
+    rng = np.random.default_rng(0)
+    share = np.concatenate([np.linspace(0.0, 1.0, 300), np.ones(150)])
+    share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+    poses = rng.uniform(-1.0, 1.0, (14, 2))
+    moves = [a + share[:, None] * (b - a) for a, b in pairwise(poses)]
+    q = np.concatenate(moves).round(9)
+    tau = 6.0 * np.cos(q) + 0.02 * rng.normal(size=q.shape)
+    run = Measurements(np.arange(len(q)) / 200.0, q, stepped(tau.T, 1.0).T)
+    assert found("doubled rows", run) is None

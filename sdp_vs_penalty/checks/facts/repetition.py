@@ -202,6 +202,12 @@ def _doubled_rows(glance: RunSummary, same: Rows) -> Iterator[Issue]:
     and the clock made anew, the motion goes on after it.
     """
     span = 2 * STUCK  # rows to either side of a copy that are compared
+    # An arm that comes to rest repeats a row by itself.
+    q = glance.run.q
+    places = np.arange(len(q))
+    around = q[(places + span).clip(max=len(q) - 1)] - q[(places - span).clip(min=0)]
+    travel = np.linalg.norm(around, axis=1)
+    same = same & (travel > glance.standstill * travel.max())
     single = np.flatnonzero(same[span:-span]) + span
     single = single[~same[single - 1] & ~same[single + 1]]
     # A share of 0.2 % may be chance; at four in five the position hardly moves.
@@ -212,9 +218,8 @@ def _doubled_rows(glance: RunSummary, same: Rows) -> Iterator[Issue]:
         return
     # Travel over the two steps around a copy: that of two usual steps where it skips
     # (far is the mean of two of them), and of one where it does not.
-    q = glance.run.q
     near = np.linalg.norm(q[single + 1] - q[single - 1], axis=1)
-    far = np.linalg.norm(q[single + span] - q[single - span], axis=1) / span
+    far = travel[single] / span
     skips = bool(np.median(near / np.maximum(far, 1e-300)) > 0.75)
     # From half of the rows on the source is slower than the logger: no packet is lost.
     if skips and not 1 / RUN < same.mean() < 0.5:
