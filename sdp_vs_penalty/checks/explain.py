@@ -71,13 +71,17 @@ def issues_of_all(
         ]
         if fault.by_run is not None and len(runs) > 1:
             fault = fault.by_run(runs)
-        issue = _of_fault(log, fault, claims, net)
-        is_sure = all(map(verdict.is_sure_of, claims))
-        issues.append(issue if is_sure else with_rival_effects(issue, [SOMETHING_ELSE]))
+        issues.append(_graded(_of_fault(log, fault, claims, net), verdict, claims))
     for claim in verdict.claims:
         if claim.hypothesis.by_controller:
-            issues.append(_of_controller(claim))
+            issues.append(_graded(_of_controller(claim), verdict, [claim]))
     return issues
+
+
+def _graded(issue: Issue, verdict: Verdict, claims: Sequence[Claim]) -> Issue:
+    """Return the issue about some claims, only possible where one may not be likely."""
+    is_sure = all(map(verdict.is_sure_of, claims))
+    return issue if is_sure else with_rival_effects(issue, [SOMETHING_ELSE])
 
 
 def _of_controller(claim: Claim) -> Issue:

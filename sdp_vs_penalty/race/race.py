@@ -100,7 +100,13 @@ class Verdict:
 
     def is_sure_of(self, claim: Claim) -> bool:
         """Whether a claim may be likely: what is left is small, or it explains half of
-        what was left, or physics decides and not the fit."""
+        what was left, or physics decides and not the fit.
+
+        Friction of the wrong sign, which a missing law makes as well, has no second
+        witness.
+        """
+        if not claim.hypothesis.is_friction_real:
+            return False
         moving = self.fit.weights > 0.0
         before, after = (x.shares[moving] for x in (claim.before, claim.fit))
         is_well_explained = self.fit.shares[moving].max() < c.BADLY
