@@ -31,7 +31,8 @@ runs = runner.run(setup).results.runs
 
 # %% [markdown]
 # Each cell says what became of an answer. A "false_claim" is one that the proof
-# refutes; "far" is one that met the solver's own tolerance, far from the optimum.
+# refutes; "far" is one that met the solver's own tolerance, but
+# violates a constraint, or its objective is far.
 
 # %%
 judged = runs.assign(judged=classes(runs, 1e-6))

@@ -16,6 +16,7 @@ import sys
 import time
 from collections.abc import Iterator
 from fractions import Fraction
+from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -246,6 +247,19 @@ def markdown(rows: list[Row]) -> str:
     return "".join(f"| {' | '.join(line)} |\n" for line in cells)
 
 
+def missing(row: Row) -> str:
+    """Which of two unequal runs misses the bar at the accuracy that was asked for."""
+    of = {"the outsider's": "error or violation", "that of the table": "in the table"}
+    return " and ".join(who for who, x in of.items() if row[x] > 10.0 * ACCURACY)
+
+
+def versions() -> str:
+    """The solvers' versions; that of CSDP as runs.csv has it."""
+    ours = [f"{name} {version(name)}" for name in ("cvxpy", "clarabel", "scs")]
+    csdp = {r["version"] for r in rows_of(HERE / "runs.csv") if r["solver"] == "csdp"}
+    return ", ".join([*ours, *(f"csdp {number}" for number in csdp)])
+
+
 def sentences(rows: list[Row]) -> list[str]:
     """What the rows say: equal verdicts, objectives, and whose accuracy the rest is."""
     within = 10.0 * ACCURACY
@@ -258,7 +272,8 @@ def sentences(rows: list[Row]) -> list[str]:
         f"{COUNT} instances of runs.csv, drawn by seed {SEED}; every solver asked for"
         f" {ACCURACY:g}, SCS also to give up after {PATIENCE:g} s, with all else as its authors"
         f" ship it. Right to an accuracy is within 10 times that. Verdicts are equal on"
-        f" {n_equal} of {counted} rows."
+        f" {n_equal} of {counted} rows. Versions: {versions()}. It solves the exported conic"
+        " forms, so it says nothing of the table's rows cvxpy, which are formulas."
     ]
     said += [
         f"Not counted: {row['problem']}, {row['solver']}: more than {LIMIT:g} s of processor"
@@ -269,7 +284,7 @@ def sentences(rows: list[Row]) -> list[str]:
     said += [
         f"Unequal: {row['problem']}, {row['solver']}: error or violation"
         f" {row['error or violation']:.1e}, in the table {row['in the table']:.1e}; status"
-        f" {row['status']}. Either run met the solver's own rule or said that it did not."
+        f" {row['status']}. Two formulations; {missing(row)} misses {within:g}."
         for row in rows
         if row["verdicts equal"] == "no"
     ]

@@ -29,11 +29,12 @@ from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_pro
 
 #: What a run is at an accuracy. "inaccurate": an optimum is claimed and the errors are
 #: larger than that, or the contestant says itself that it is inaccurate. Of claimed
-#: optima with errors above FAR: "far", its DIMACS errors are within what was asked for,
-#: so it met the solver's own rule; "far_unchecked", it has none, or they are above, and
-#: whether its rule is met in norms of its own is not known. "false_claim": infeasible or
-#: unbounded, where an optimum is proved, or an optimum without numbers. "unproved": we
-#: have no interval that could judge it, and it counts for nobody.
+#: optima with an error or violation above FAR: "far", its DIMACS errors are within what
+#: was asked for, so it met the solver's own rule; "far_unchecked", it has none, or they
+#: are above, and that its rule is met in norms of its own it says, unchecked by us.
+#: "false_claim": infeasible or unbounded, where an optimum is proved, or an optimum
+#: without numbers. "unproved": we have no interval that could judge it, and it counts for
+#: nobody.
 CLASSES = (
     *("right", "inaccurate", "far", "far_unchecked", "false_claim"),
     *("failed", "timeout", "crash", "unproved"),

@@ -43,8 +43,11 @@ _TIME_SHIFT = 0.01
 #: What claims are that nobody can rely on, by their class, in words.
 DOUBTFUL = {
     "false_claim": "false claims",
-    "far": "met its own tolerance, far from the optimum",
-    "far_unchecked": "far from the optimum, whether by its own tolerance is not known",
+    "far": "met its own tolerance, but violates a constraint, or its objective is far",
+    "far_unchecked": (
+        "violates a constraint, or its objective is far; says that its own rule was met,"
+        " not checked by us"
+    ),
 }
 #: Sets of problems, in the order in which they are reported, and what they are.
 SETS = {
@@ -130,8 +133,8 @@ def ranking(cells: pandas.DataFrame) -> pandas.DataFrame:
         One row for each contestant: "right" of "run" problems; "low", the lower end;
         how many are "false_claim", "far", "far_unchecked"; "proved", by its own
         multipliers (NaN without any); medians of "seconds", the limit where it is not
-        right, of "spread" and "file_seconds" where it is, and of "form_seconds", which
-        are one median of all solvers for each problem; and what
+        right (NaN where half are not), of "spread" and "file_seconds" where it is, and
+        of "form_seconds", which are one median of all solvers for each problem; and what
         :func:`~statistics.beside` says of it and the row above.
     """
     is_right = cells["right"]
@@ -163,6 +166,8 @@ def ranking(cells: pandas.DataFrame) -> pandas.DataFrame:
         )
     names = table["solver"].tolist()
     pairs = [beside(cells, *pair) for pair in pairwise(names)]
+    is_most = 2 * table["right"] > table["run"]
+    table["seconds"] = table["seconds"].where(is_most)
     first = {name: np.nan for name in ("n", "one", "other", "p", "ratio", "p_time")}
     return table.join(pandas.DataFrame([first, *pairs][: len(names)], dtype=float))
 
@@ -193,6 +198,31 @@ def sentences(runs: pandas.DataFrame) -> list[str]:
             n = part["problem"].nunique()
             verb = "were" if len(others) > 1 else "was"
             said.append(f"{words(others)} {verb} given none of {count(n, name)}{form}.")
+    is_far = (runs["error"] > FAR) & np.isfinite(runs["error"])
+    far = runs[(runs["outcome"] == "claim") & is_far]
+    is_near = ~_beyond_far(far)["objective_error"]
+    if by := [
+        f"{near.sum()} of {len(near)} of {solver}"
+        for solver, near in is_near.groupby(far["solver"])
+        if near.any()
+    ]:
+        said.append(
+            f"Of claimed optima that are far, under any setting, {words(by)} have an"
+            f" objective within {FAR:g}: only their violation is above."
+        )
+    tight = runs[runs["accuracy"] == runs["accuracy"].min()]
+    modest = tight[tight["outcome"] == "inaccurate"]
+    is_within = modest["error"] <= SLACK * modest["accuracy"]
+    if by := [
+        f"{solver} {len(within)} ({within.sum()})"
+        for solver, within in is_within.groupby(modest["solver"])
+    ]:
+        asked = tight["accuracy"].iloc[0]
+        said.append(
+            "An answer that calls itself inaccurate counts as that, whatever its figures."
+            f" Asked for {asked:.0e}, so many do (in brackets: within {SLACK * asked:.0e}):"
+            f" {words(by)}."
+        )
     ours = runs[(runs["solver"] == "lmi-sdp") & runs["status"].str.contains(": proved")]
     if len(ours):
         by_clarabel = ours["problem"][~ours["status"].str.startswith("primal-dual")]
@@ -261,10 +291,12 @@ def _advice(runs: pandas.DataFrame, accuracy: float, name: str, form: str) -> li
         said += f", from which no test tells {words(same)}"
     known = contestants()
     before = table.loc[first, "form_seconds"]
-    said += f"; {first} takes {_milliseconds(table.loc[first, 'seconds'])} ms (median"
-    said += f"; {_milliseconds(before)} ms before for its form)" if before else ")"
-    if "lmi-sdp" in good[1:]:
-        ours = _milliseconds(table.loc["lmi-sdp", "seconds"])
+    seconds = table["seconds"]
+    if np.isfinite(seconds[first]):
+        said += f"; {first} takes {_milliseconds(seconds[first])} ms (median"
+        said += f"; {_milliseconds(before)} ms before for its form)" if before else ")"
+    if "lmi-sdp" in good[1:] and np.isfinite(seconds["lmi-sdp"]):
+        ours = _milliseconds(seconds["lmi-sdp"])
         said += f", lmi-sdp {ours} ms ({known['lmi-sdp'].clock})"
     if proving := [s for s in good if s in known and known[s].certifies]:
         said += (
@@ -290,17 +322,26 @@ def _by_count(
     Parameters
     ----------
     cells : DataFrame, optional
-        These answers: what is false is named.
+        These answers: what is false is named, and which figure is far.
     """
     some = table[column][table[column] > 0].sort_values(ascending=False, kind="stable")
     texts = []
     for name in some.index:
         claims = list[str]()
         if cells is not None:
-            claimed = set(cells["claimed"][cells["solver"] == name])
-            claims = sorted(claimed - {"optimal"})
+            answers = cells[cells["solver"] == name]
+            claims = sorted(set(answers["claimed"]) - {"optimal"})
+            if np.isfinite(answers["error"]).all():
+                n_violation, n_objective = _beyond_far(answers).sum()
+                claims.append(f"violation on {n_violation}, objective on {n_objective}")
         texts.append(_share(table, name, column, " on ", claims))
     return words(texts) if texts else ""
+
+
+def _beyond_far(answers: pandas.DataFrame) -> pandas.DataFrame:
+    """Tell of each answer whether its violation, and whether its objective is far."""
+    figures = answers[["violation", "objective_error"]]
+    return (figures > FAR) & np.isfinite(figures)
 
 
 def _share(
@@ -610,18 +651,22 @@ def _contestants_in_words(runs: pandas.DataFrame) -> str:
 def by_problem(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
     """Return how each solver did on each problem: rows are problems, columns solvers.
 
-    A false certificate is followed by its claim, a far answer by its error.
+    A false claim is followed by what it claims, a far answer by both figures. "says
+    inaccurate" is one that says so itself.
     """
     cells = best_answers(runs, accuracy)
     said = [
         {
             "false_claim": f"**FALSE** {claimed}",
-            "far": f"far {error:.0e}",
-            "far_unchecked": f"far, unchecked {error:.0e}",
+            "far": f"far: objective {error:.0e}, violation {violation:.0e}",
+            "far_unchecked": (
+                f"far, unchecked: objective {error:.0e}, violation {violation:.0e}"
+            ),
+            "inaccurate": f"{'says ' * (outcome == 'inaccurate')}inaccurate",
         }.get(kind, kind)
-        for kind, claimed, error in zip(
-            cells["class"], cells["claimed"], cells["error"], strict=True
-        )
+        for kind, outcome, claimed, error, violation in cells[
+            ["class", "outcome", "claimed", "objective_error", "violation"]
+        ].itertuples(index=False)
     ]
     grid = cells.assign(said=said).pivot(
         index="problem", columns="solver", values="said"
@@ -665,10 +710,13 @@ def write_summary(
     false = false_claims(runs)
     settings = by_setting(runs)
     tightest = accuracies(runs)[-1]
+    timeouts = runs["status"][runs["outcome"] == "timeout"]
     template = Path(__file__).with_suffix(".md").read_text("utf-8")
     content = template.format(
         sentences="".join(f"- {sentence}\n" for sentence in sentences(runs)),
         limits=" and ".join(f"{x:g}" for x in sorted(runs["time_limit"].unique())),
+        timeouts=len(timeouts),
+        not_run=timeouts.str.startswith("not run").sum(),
         repeats=runs["repeats"].max(),
         rankings="\n\n".join(rankings) + "\n",
         settings=_settings_in_words(settings),

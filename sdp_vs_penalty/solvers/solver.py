@@ -28,7 +28,8 @@ from sdp_vs_penalty.solvers.rewrite import full_matrices, suited
 ACCURACY = "accuracy"
 #: All kinds of cones, and a quadratic objective.
 EVERYTHING = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
-#: What SDPA's phases claim of our problem, which is its dual.
+#: What SDPA's phases claim of our problem, which is the (P) of its manual; so do
+#: the phases that its wheel returns.
 SDPA_CLAIMS = {
     "pdOPT": "optimal",
     # pdINF: primal or dual is infeasible, or both; CVXPY reads it as here.

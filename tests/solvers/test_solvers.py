@@ -17,6 +17,7 @@ from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.shootout import chain_task, shape_cones
 from sdp_vs_penalty.solvers import ThroughCvxpy, certainly_feasible, rewrite, solver
+from sdp_vs_penalty.solvers.conic import Cone, ConicProblem
 from sdp_vs_penalty.solvers.programs import Program
 from sdp_vs_penalty.solvers.rewrite import quadratic_factor, without_equalities
 from sdp_vs_penalty.solvers.solver import tiny_problem
@@ -188,6 +189,23 @@ def test_scs_is_inaccurate_where_it_says_so(monkeypatch):
     assert SOLVERS["scs"].solve(problem, 1e-6).claims == "inaccurate"
     info["status"] = "infeasible"
     assert SOLVERS["scs"].solve(problem, 1e-6).claims == "infeasible"
+
+
+@pytest.mark.parametrize("name", ["sdpa", "sdpa-program"])
+@pytest.mark.parametrize(
+    ("slope", "least", "claims"), [(1.0, 1.0, "infeasible"), (-1.0, -1.0, "unbounded")]
+)
+def test_one_sided_phases_of_sdpa_are_of_our_problem(name, slope, least, claims):
+    """Minimise slope x so that x >= least and, for a positive slope, -x >= 0."""
+    A = sparse.csc_matrix([[-1.0], [slope]])
+    conic = ConicProblem(
+        P=sparse.csc_matrix((1, 1)),
+        q=np.array([slope]),
+        A=A,
+        b=np.array([-least, 0.0]),
+        cones=(Cone("nonnegative", 2),),
+    )
+    assert usable(name).solve(conic, 1e-6).claims == claims
 
 
 @pytest.mark.parametrize("name", ["csdp", "dsdp", "sdpa-program"])
