@@ -343,7 +343,9 @@ def shootout(inputs):
     for name in inputs["contestants"]:
         answer = everybody[name].solve(posed, inputs["tolerance"])
         verdict = judge(posed, proved, answer)
-        kinds = classes(pd.DataFrame([asdict(verdict)]), inputs["tolerance"])
+        run = asdict(verdict) | {"accuracy": inputs["tolerance"]}
+        run |= {f"dimacs_{k}": error for k, error in enumerate(verdict.dimacs, 1)}
+        kinds = classes(pd.DataFrame([run]), inputs["tolerance"])
         quantities[f"{name}: judged"] = (kinds[0], "")
         quantities[f"{name}: violation"] = (verdict.violation, "1")
         quantities[f"{name}: error of the objective"] = (verdict.objective_error, "1")
