@@ -95,7 +95,7 @@ def beyond_bounds(runs: pandas.DataFrame) -> str:
     return (
         f"On {len(below)} of {len(forms)} conic form problems the optimum is below the"
         f" lowerBound {bound:g} that SDPA ships, which we leave as it is; on"
-        f" {ends['problem'].nunique()} of these SDPA stops by its own rule (noINFO). Its manual"
+        f" {ends['problem'].nunique()} of these SDPA ends without a feasible point (noINFO). Its manual"
         " has the user set lowerBound."
     )
 
