@@ -45,7 +45,7 @@ KEPT = (
 KEPT_WORDS = {
     "One tiny solve before the clock pays for what only a first call pays for.": (
         "What only a first call pays for is in the clock of SCS, CVXOPT, SDPA and Clarabel (see"
-        " the end); of the others one tiny solve before the clock pays for it."
+        " the end); of cvxpy, qics and lmi-sdp one tiny solve before the clock pays for it."
     ),
     "rewriting, the program's start, its reading and solving": (
         "the program's start, its reading, solving and writing"

@@ -581,8 +581,10 @@ def _beside_in_words(row: dict[str, float], at: float, is_one_clock: bool) -> st
     if not is_one_clock:
         return f"{said}; another clock"
     is_near = 1.0 / SAME_TIME < row["ratio"] < SAME_TIME
-    if is_near or row["p_time"] > at:
+    if is_near:
         return f"{said}, about as fast"
+    if row["p_time"] > at:
+        return f"{said}, speeds not told apart"
     return f"{said}, {number(row['ratio'])} times as long (p {row['p_time']:.1g})"
 
 
