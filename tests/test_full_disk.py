@@ -2,11 +2,11 @@
 nothing of before is lost."""
 
 import os
-import subprocess
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 
 import numpy as np
 import pytest
+from disks import small_disk
 from page_sessions import Here, do, opened, saved
 from small_runs import small_run
 
@@ -14,23 +14,6 @@ from sdp_vs_penalty import InputError
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.page import Sessions
 from sdp_vs_penalty.paper.tables import StudyTable
-
-
-@contextmanager
-def small_disk(folder, kibibytes):
-    """While this runs, the folder has room for so many KiB, where root can mount a file
-    system; yields whether it is so."""
-    folder.mkdir(exist_ok=True)
-    mount = ["mount", "-t", "tmpfs", "-o", f"size={kibibytes}k", "tmpfs", folder]
-    is_small = os.getuid() == 0 and not subprocess.call(
-        mount, stderr=subprocess.DEVNULL
-    )
-    try:
-        yield is_small
-    finally:
-        if is_small:  # it may still be in use
-            subprocess.call(["umount", "-l", folder], stderr=subprocess.DEVNULL)
-
 
 #: Room of a disk [KiB]; the smallest pages of a file system have 4.
 ROOMS = (4, 8, 12, 16, 20, 28, 40)

@@ -15,13 +15,13 @@ import threading
 from functools import cache, partial
 from pathlib import Path
 
+from disks import mount_small_disk, unmount
 from hostile_names import hostile_names
 from mutations import ODD, change_structure, odd_name, pick, sound_meshes
+from other_locales import LOCALES, make_locales, set_locale
 
 from attacks.attack import Attack, Kind, Rng
-from attacks.disks import mount_small_disk, unmount
 from attacks.files import VERBS_OF_LOGS, change_file, command, damaged, with_mesh
-from attacks.other_locales import LOCALES, make_locales, set_locale
 
 #: Commands that write files, each of another kind.
 WRITERS = (

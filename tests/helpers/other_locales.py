@@ -4,14 +4,13 @@ import locale
 import os
 import shutil
 import subprocess
-from pathlib import Path
 
 #: By the character set of each; Turkish has an i without a dot. None is of UTF-8, which
 #: takes five times as long to make, and is the character set of tests anyhow.
 LOCALES = {"de_DE": "ISO-8859-15", "tr_TR": "ISO-8859-9", "fr_FR": "ISO-8859-1"}
 
 
-def make_locales(folder: Path) -> list[str]:
+def make_locales(folder):
     """Make these locales in a folder; the names of those that the system can make."""
     if shutil.which("localedef") is None:
         return []
@@ -25,7 +24,7 @@ def make_locales(folder: Path) -> list[str]:
     return names
 
 
-def set_locale(name: str, folder: Path) -> bool:
+def set_locale(name, folder):
     """Set a locale of the folder for this process and its libraries in C; whether it
     could be."""
     os.environ["LOCPATH"] = str(folder)
