@@ -256,7 +256,7 @@ def diagnosis(
     if result.unexplained_sentence or not has_findings:
         paragraph(words.advice)
     for constant in words.constants:
-        paragraph(f"{constant.title}: {constant.sentences}")
+        paragraph(f"{constant.title_with_doubt}: {constant.sentences}")
     if result.effects:
         _findings(result, words, units, shown)
     for curve in words.curves:
@@ -298,10 +298,11 @@ def _findings(
     console.table(finding_table(result, shown, units))
     if rises := errors_that_rise(shown):
         paragraph(rises)
+    if words.shared_doubt:
+        paragraph(f"Every uncertain finding: {words.shared_doubt}")
     for number, finding in enumerate(words.findings[: len(shown)], start=1):
-        rating = "" if finding.rating == "confident" else f" ({finding.rating})"
         paragraph(
-            f"{number}. {finding.title}{rating}: {finding.size_and_constants}."
+            f"{number}. {finding.title_with_doubt}: {finding.size_and_constants}."
             f" {finding.sentences}"
         )
     if more := words.findings[len(shown) :]:

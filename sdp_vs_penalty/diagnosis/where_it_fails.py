@@ -105,10 +105,10 @@ USUAL = (
 
 #: What the shares of causes are shares of, for the heading of every table and picture.
 SHARES = (
-    "Share of a joint's error that a function of one cause explains on data left out: of"
-    " what other parameters of the model and the usual error of drives would leave, or of"
-    " the whole error where no cause stands out there. Causes overlap: their shares may"
-    " add to more than 100 %."
+    "How much of a joint's error each cause explains on data left out: of the error that"
+    " other values of the model's parameters and the usual friction of drives do not"
+    " explain, or of all of it where nothing stands out there. Causes overlap: do not add"
+    " their shares."
 )
 
 #: What makes an error that follows a torque of the model, by the name of its cause.

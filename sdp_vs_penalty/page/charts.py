@@ -9,7 +9,7 @@ import numpy as np
 from sdp_vs_penalty.colours import PALETTE
 from sdp_vs_penalty.diagnosis.comparison import Signals
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
-from sdp_vs_penalty.diagnosis.findings import Finding
+from sdp_vs_penalty.diagnosis.findings import Finding, Retune
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.page.model_step import ModelStep
@@ -213,21 +213,22 @@ def failing_stretches(
     ]
 
 
-def finding_chart(session: Session, finding: Finding) -> dict[str, Any] | None:
-    """Draw the error of a finding's joint against its cause, before and after adding
-    it.
+def finding_chart(session: Session, found: Finding | Retune) -> dict[str, Any] | None:
+    """Draw the error of the joint of a finding, or of a constant to re-estimate, against
+    its cause, before and after adding it.
 
-    "After" is the model with every confident finding; it is left out for a finding that
-    is not certain. None if the runs are too short to name a cause.
+    "After" is the model with everything that is sure; it is left out for what is not.
+    None if the runs are too short to name a cause.
     """
     step = session.diagnosed
     if not step.failures or not step.pictures:
         return None
     read = session.arrays(step.pictures)
     reads = [{**read, "torque": read["measured"], "modelled": read["before"]}]
-    if finding.torque_is_certain:
+    if found.torque_is_certain:
         reads.append({**reads[0], "modelled": read["after"]})
-    joint = finding.main_joint
+    finding = found if isinstance(found, Finding) else None
+    joint = found.joints[0] if finding is None else finding.main_joint
     failures = Failures.from_dict({"units": (), "joints": step.failures})
     cause = shown_cause(finding, failures, joint)
     waves = shown_waves(failures[joint - 1], finding)

@@ -13,6 +13,7 @@ from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import View, identified, spoken
 from sdp_vs_penalty.records import from_json
+from sdp_vs_penalty.render.words import describe_outcome
 from sdp_vs_penalty.results.remedy import Remedy
 
 
@@ -99,6 +100,8 @@ def _of_model(view: View) -> NextStep:
             change = remedy.change.to_dict()
             do = partial(session.start, session.apply, change)
             label = formatting.sentence(remedy.change.words)
+            outcome = describe_outcome(remedy, session.robot["units"])
+            text = f"{text} {formatting.sentence(outcome)}" if outcome else text
             return NextStep(text, label, "diagnose", do, level=level)
     elif verdict.is_something_missing and len(session.history) == 1:
         do = partial(session.start, session.diagnose)

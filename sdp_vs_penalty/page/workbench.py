@@ -10,7 +10,7 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty.page.controls import button, note, tag
-from sdp_vs_penalty.page.next_step import next_step
+from sdp_vs_penalty.page.next_step import NextStep, next_step
 from sdp_vs_penalty.page.session import Session, Working
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
@@ -92,6 +92,7 @@ class Workbench:
         if self.client.is_deleted:
             self.session.left(self)
             return
+        step = next_step(self.view)
         with self.client:
             for stage in STAGES:
                 for part in stage.parts:
@@ -100,9 +101,9 @@ class Workbench:
                     place.set_visibility(ready)
                     state = part.depends(self.session) if ready else None
                     self._fill(body, state, partial(self._part, part, ready))
-                self._redraw_stage(stage)
+                self._redraw_stage(stage, step)
             self._intro.set_visibility(not self.session.robot)
-            self._redraw_next()
+            self._redraw_next(step)
             self._redraw_dock()
             self._scroll_to_news()
 
@@ -187,8 +188,9 @@ class Workbench:
         if (working := self.session.working) is not None:
             self._clock.text = f"{time.monotonic() - working.since:.0f} s"
 
-    def _redraw_stage(self, stage: Stage) -> None:
-        """Update a stage: its mark on the rail, and its verdict."""
+    def _redraw_stage(self, stage: Stage, step: NextStep) -> None:
+        """Update a stage: its mark on the rail, and its verdict, unless it stands in
+        view with the next step."""
         session = self.session
         ready = _is_ready(stage, session)
         verdict = (stage.verdict(session) if ready else None) or StageVerdict("", "")
@@ -202,20 +204,19 @@ class Workbench:
             """Draw the verdict, or what has to be done before the stage is ready."""
             if not ready:
                 note(stage.before)
-            if verdict.text:
+            if verdict.text and verdict.text not in step.text:
                 with tag("p", style=f"verdict {verdict.level}"):
                     if verdict.word:
                         tag("strong", f"{verdict.word}. ")
                     tag("span", verdict.text)
 
-        state = [ready, verdict.level, verdict.word, verdict.text]
+        state = [ready, verdict.level, verdict.word, verdict.text, step.text]
         self._fill(above, state, draw_verdict)
 
-    def _redraw_next(self) -> None:
+    def _redraw_next(self, step: NextStep) -> None:
         """Update what stays in view: the verdict with the one next step, the project's
         name, and the steps back."""
         session = self.session
-        step = next_step(self.view)
 
         def draw_next() -> None:
             """Draw the verdict and the button."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -30,6 +30,7 @@ from sdp_vs_penalty.diagnosis.causes import (
 )
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.diagnosis.constants import MINOR
+from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune, event_lines
 from sdp_vs_penalty.diagnosis.where_it_fails import (
     NEAR,
@@ -79,6 +80,12 @@ class FindingWords:
     splits: str = ""
     #: Run that decides whether the effect is there.
     test: str = ""
+
+    @property
+    def title_with_doubt(self) -> str:
+        """The title, with the rating in brackets unless it is confident."""
+        is_sure = self.rating == "confident"
+        return self.title if is_sure else f"{self.title} ({self.rating})"
 
     @property
     def size_and_constants(self) -> str:
@@ -139,6 +146,8 @@ def describe_finding(
     if any(other.effect == finding.effect for other in earlier):
         physics = ""  # it was said of the first one
     rivals = finding.rivals_in_words
+    is_certain = finding.torque_is_certain
+    shared = [] if is_certain else shared_doubts(diagnosis.effects)
     return FindingWords(
         title=finding.title,
         on_the_arm=finding.on_the_arm,
@@ -149,7 +158,7 @@ def describe_finding(
         physics=physics,
         rivals=f"Fits as well: {rivals}." if rivals else "",
         splits=finding.splits_sentence,
-        doubt=doubt_of(finding),
+        doubt=doubt_of(finding, shared),
         test=finding.telling_run(model),
     )
 
@@ -164,11 +173,29 @@ def weak_title(n_weak: int, n_added: int = 0) -> str:
     return f"{count}, {added}"
 
 
-def doubt_of(rated: Finding | Retune) -> str:
-    """Say why a finding or a re-estimated constant is not confident; "" if it is."""
-    if not rated.remarks:
-        return ""
-    return f"{rated.rating.capitalize()}: {'; '.join(rated.remarks)}."
+def doubt_of(rated: Finding | Retune, shared: Collection[Doubt] = ()) -> str:
+    """Say why a finding or a re-estimated constant is not confident; "" if it is.
+
+    Doubts that it shares with all others are left out, and that another effect fits as
+    well, where the effect is named.
+    """
+    is_named = isinstance(rated, Finding) and bool(rated.rivals_in_words)
+    left_out = {*shared, *([Doubt("rivals")] if is_named else [])}
+    return _in_words([doubt for doubt in rated.doubts if doubt not in left_out])
+
+
+def _in_words(doubts: Sequence[Doubt]) -> str:
+    """Return doubts as one sentence; "" without any."""
+    text = "; ".join(doubt.sentence for doubt in doubts)
+    return f"{formatting.sentence(text)}." if text else ""
+
+
+def shared_doubts(findings: Sequence[Finding]) -> list[Doubt]:
+    """Return the doubts that all of several uncertain findings have."""
+    uncertain = [f.doubts for f in findings if not f.torque_is_certain]
+    if len(uncertain) < 2:
+        return []
+    return [doubt for doubt in uncertain[0] if all(doubt in x for x in uncertain)]
 
 
 def describe_constant(constant: Retune) -> FindingWords:
@@ -193,6 +220,8 @@ class DiagnosisWords:
     advice: str
     #: Words of each finding.
     findings: tuple[FindingWords, ...]
+    #: What makes every uncertain finding uncertain, in a sentence; "" for nothing.
+    shared_doubt: str
     #: Words of each constant that was re-estimated.
     constants: tuple[FindingWords, ...]
     #: A sentence for each curve of missing torque.
@@ -229,6 +258,7 @@ def describe_diagnosis(
         verdict=diagnosis.headline,
         advice=diagnosis.advice,
         findings=tuple(findings),
+        shared_doubt=_in_words(shared_doubts(diagnosis.effects)),
         constants=tuple(map(describe_constant, diagnosis.retuned)),
         curves=tuple(curve.sentence(units) for curve in diagnosis.curves),
         left=diagnosis.left_sentence,
@@ -412,16 +442,29 @@ def describe_addition(before: Comparison, after: Comparison) -> str:
 
 
 def describe_remedy(remedy: Remedy) -> str:
-    """Say what would be done, how sure that is, and what it does to the error of the
-    joint that gains most on data left out, in one line."""
+    """Say what would be done, how sure that is, and what it does to the error, in one
+    line."""
     text = f"{formatting.sentence(remedy.change.words)} ({remedy.certainty}:"
     text += f" {remedy.why})"
+    outcome = describe_outcome(remedy)
+    return f"{text}: {outcome}" if outcome else f"{text}."
+
+
+def describe_outcome(remedy: Remedy, units: Sequence[str] = ()) -> str:
+    """Say what a remedy does to the error of the joint that gains most on data left
+    out, with the unit of its torque where ``units`` are known; "" where nothing was
+    left out."""
     if remedy.before is None or remedy.after is None:
-        return f"{text}."
-    gains = np.array(remedy.before) - np.array(remedy.after)
-    joint = int(np.argmax(gains))
+        return ""
+    before = np.maximum(remedy.before, 1e-300)  # never divide by 0
+    joint = int(np.argmin(remedy.after / before))
+    if not remedy.after[joint] < remedy.before[joint]:
+        return "no joint's error falls on data left out."
     was, now = (formatting.number(x[joint]) for x in (remedy.before, remedy.after))
-    return f"{text}: joint {joint + 1} errs by {now} instead of {was} on data left out."
+    unit = f" {plain_unit(units[joint])}" if units else ""
+    return (
+        f"joint {joint + 1}'s error falls from {was} to {now}{unit} on data left out."
+    )
 
 
 def describe_worse(before: Comparison, after: Comparison) -> str:

@@ -69,7 +69,7 @@ def story(request, hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
     def step(name: str, *keys: str) -> None:
         screen.click(*keys)
         assert session.notice is None
-        stages = ("measure", "check", "identify", "diagnose", "use")
+        stages = ("next", "measure", "check", "identify", "diagnose", "use")
         said[name] = {stage: screen.text(stage) for stage in stages} | {
             "keys": screen.keys
         }
@@ -113,9 +113,8 @@ def test_one_grade_everywhere_and_no_stale_sentence(story):
     for step, now in story.said.items():
         current = grades[step in ("added", "redone", "compared")]
         for stage in ("measure", "check", "identify", "diagnose", "use"):
-            said = re.findall(
-                r"(?:^|[.!] ?| )(Good|Usable|Do not use) ?\. ", now[stage]
-            )
+            in_view = f"{now['next']} {now[stage]}"
+            said = re.findall(r"(?:^|[.!] ?| )(Good|Usable|Do not use) ?\. ", in_view)
             assert set(said) <= {current}, (step, stage)
             assert "`" not in now[stage]
             if stage in ("identify", "use") and step not in ("empty", "robot", "runs"):

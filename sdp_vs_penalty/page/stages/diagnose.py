@@ -8,7 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import finding_chart, missing_chart
 from sdp_vs_penalty.page.session import Session
@@ -45,9 +45,7 @@ def models(view: View) -> None:
 
 
 @requires_model(
-    "findings",
-    "What is missing",
-    lambda s: (s.frozen, s.findings and s.findings.to_dict()),
+    "findings", "", lambda s: (s.frozen, s.findings and s.findings.to_dict())
 )
 def findings(view: View) -> None:
     """Draw what the last diagnosis found, with buttons to add it, and one to
@@ -55,6 +53,17 @@ def findings(view: View) -> None:
     """
     session = view.session
     diagnosis = view.session.findings
+    if diagnosis is None:
+        draw.note(
+            "Every effect of the library is tried on the error, and named only if it"
+            " holds on data that did not select it."
+        )
+    else:
+        words = describe_diagnosis(diagnosis, session.robot["units"])
+        _cards(view, diagnosis, words)
+        _constants(session, diagnosis, words)
+        _curves(view, diagnosis, words)
+        _others(session, diagnosis, words)
     with draw.tag("div", style="row"):
         again = "Diagnose" if diagnosis is None else "Diagnose again"
         diagnose = partial(session.start, session.diagnose)
@@ -62,17 +71,6 @@ def findings(view: View) -> None:
         label = "Keep the model fixed (needed for payloads)"
         draw.check(label, session.frozen, partial(setattr, session, "frozen"), "frozen")
     _by_hand(view)
-    if diagnosis is None:
-        draw.note(
-            "Every effect of the library is tried on the error, and named only if it"
-            " holds on data that did not select it."
-        )
-        return
-    words = describe_diagnosis(diagnosis, session.robot["units"])
-    _cards(view, diagnosis, words)
-    _constants(session, diagnosis, words)
-    _curves(view, diagnosis, words)
-    _others(session, diagnosis, words)
 
 
 def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
@@ -89,12 +87,12 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
             _card(view, diagnosis, words.findings[k], k)
     if not weak:
         return
-    with (
-        draw.details(weak_title(len(weak)), "weak-findings", on=not sure),
-        draw.tag("ol", style="findings"),
-    ):
-        for k in weak:
-            _card(view, diagnosis, words.findings[k], k)
+    with draw.details(weak_title(len(weak)), "weak-findings", on=not sure):
+        if words.shared_doubt:
+            draw.note(words.shared_doubt)
+        with draw.tag("ol", style="findings"):
+            for k in weak:
+                _card(view, diagnosis, words.findings[k], k)
 
 
 def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None:
@@ -111,9 +109,7 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
             draw.tag("h4", words.title)
             draw.tag("span", words.rating, f"badge {words.rating}")
         draw.tag("p", words.on_the_arm, "on-the-arm")
-        drawn = finding_chart(session, finding)
-        if drawn is not None:
-            draw.chart(drawn, f"Error of joint {finding.main_joint} against its cause")
+        _picture(session, finding)
         draw.tag("p", words.gain)
         draw.tag("p", f"Size {words.size_and_constants}", "size")
         if words.rivals:
@@ -131,6 +127,13 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
             draw.tag("p", f"The check warns of this joint: {warning}.", "finding")
         change = diagnosis.remedies_by_finding[k].change.to_dict()
         _adding(session, finding.text, change, f"add-{k}", f"Add {words.title}")
+
+
+def _picture(session: Session, found: Finding | Retune) -> None:
+    """Draw the error that a finding, or a constant to re-estimate, explains."""
+    drawn = finding_chart(session, found)
+    if drawn is not None:
+        draw.chart(drawn, f"Error that {found.title} explains, against its cause")
 
 
 def _telling(view: View, finding: Finding, words: str, key: str) -> None:
@@ -168,6 +171,7 @@ def _constants(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) ->
     for k, (constant, said) in enumerate(pairs):
         with draw.tag("div", style="card finding-card"):
             draw.tag("h4", said.title)
+            _picture(session, constant)
             draw.tag("p", said.physics)
             if said.doubt:
                 draw.note(said.doubt)

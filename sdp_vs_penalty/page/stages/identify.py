@@ -432,8 +432,7 @@ def _tables(view: View) -> None:
     draw.tag("h4", "Every parameter")
     draw.note(
         "Values with 95 % intervals beside the nominal ones. Those marked prior or"
-        " bounds are not measured: the data leave them open, and `ranges` says between"
-        " which values they can lie."
+        " bounds are not measured: the data leave them open."
     )
     with draw.tag("div", style="tall"):
         draw.table(Table.from_dict(about["parameters"]), "Parameters with intervals")
