@@ -21,7 +21,12 @@ from sdp_vs_penalty.checks.explain import (
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.problem_units import problem_units
 from sdp_vs_penalty.checks.report import Report
-from sdp_vs_penalty.checks.residual import unexplained_torque, unrelated_torque
+from sdp_vs_penalty.checks.residual import (
+    EVENT,
+    EVENT_WIDTH,
+    unexplained_torque,
+    unrelated_torque,
+)
 from sdp_vs_penalty.checks.torque_size import kind_of_torque, torque_magnitude
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
@@ -237,7 +242,13 @@ class LoggerJudge:
         # Of a motion of few directions what is left says nothing.
         unexplained = [] if self.is_poor_motion else [*unexplained_torque(log, net)]
         if any(issue.kind in (TWO_ARMS, *NOT_REPAIRED) for issue in differences):
-            unexplained = [f for f in unexplained if f.kind != "one-off event"]
+            unexplained = [f for f in unexplained if f.kind != EVENT]
+        unexplained = [
+            replace(f, changes=(_cut_around(report, f.figures["t"]),))
+            if f.kind == EVENT
+            else f
+            for f in unexplained
+        ]
         explanations = [*of_log, *size, *unexplained]
         new = [
             issue for issue in explanations if not is_explained_by_a_fact(issue, report)
@@ -351,7 +362,7 @@ def has_dynamics(report: Report) -> bool:
 def is_explained_by_a_fact(issue: Issue, report: Report) -> bool:
     """Whether a fact of the run already explains an issue: all its joints are clipped,
     or a one-off event lies where rows are missing."""
-    if issue.kind == "one-off event":
+    if issue.kind == EVENT:
         return _is_near_gap(report.repaired_all, issue.figures["t"])
     clipped: set[int] = set()
     for fact in report.issues:
@@ -367,6 +378,14 @@ def _is_near_gap(run: Measurements, t: float) -> bool:
     is_gap = steps > GAP * np.median(steps)
     near = np.abs(run.t[1:] - t) < 1.0
     return bool(np.any(is_gap & near))
+
+
+def _cut_around(report: Report, at: float) -> Change:
+    """Return the change that leaves out what happens once at an instant [s] of a run's
+    clock."""
+    span = [at - 0.5 * EVENT_WIDTH, at + 0.5 * EVENT_WIDTH]
+    words = f"leave {EVENT_WIDTH:g} s around {at:.4g} s of {report.run} out"
+    return Change("cut", words, {"run": report.run, "spans": [span]})
 
 
 def _cuts_at(report: Report, at: float) -> tuple[Change, ...]:

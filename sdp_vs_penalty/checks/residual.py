@@ -31,8 +31,10 @@ from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 explanation = partial(Issue.of, nature=EXPLANATION)
+#: Kind of what happens once.
+EVENT = "one-off event"
 #: A one-off event lasts at most so long [s].
-_WIDTH = 1.0
+EVENT_WIDTH = 1.0
 _SURE = likely(
     "signs, orders, gains, zeros, delays, units and gravity were tried; none"
     " explains it"
@@ -172,22 +174,22 @@ def _event(log: Likelihood, repair: LogTransform, fit: ArmFit) -> Iterator[Issue
         error = np.abs(fit.residual[j])
         at = float(t[np.argmax(error)])
         largest = float(error.max())
-        elsewhere = error[np.abs(t - at) > _WIDTH].max(initial=0.0)
-        is_known = np.min(np.abs(known - at)) <= 3.0 * _WIDTH
+        elsewhere = error[np.abs(t - at) > EVENT_WIDTH].max(initial=0.0)
+        is_known = np.min(np.abs(known - at)) <= 3.0 * EVENT_WIDTH
         if is_known or not largest > _EVENT_OVER_REST * elsewhere > 0.0:
             continue
         if _is_corner(log, repair, j, at):
             continue
         unit = log.problem.robot.torque_units[j]
         yield explanation(
-            kind="one-off event",
+            kind=EVENT,
             severity="warning",
             joints=[j],
             what=f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost"
             f" packet): the error is {largest:.3g} {unit} in joint {j + 1}, over"
             f" {_EVENT_OVER_REST:g} times that at any other moment.",
             certainty=likely("an effect of the arm itself would recur"),
-            remedy=f"exclude {_WIDTH:g} s around it",
+            remedy=f"exclude {EVENT_WIDTH:g} s around it",
             repair=partial(_without_moment, at=at),
             where=f"t = {at:.3g} s, {joints_text([j])}",
             t=at,
@@ -202,7 +204,7 @@ def _is_corner(log: Likelihood, repair: LogTransform, joint: int, at: float) -> 
     It is, if with the motion low-passed as well the arm leaves less at other moments,
     and there is no longer far more left at this one.
     """
-    is_near = np.abs(log.data.motion.t - at) <= _WIDTH
+    is_near = np.abs(log.data.motion.t - at) <= EVENT_WIDTH
     error = np.abs(log.fit(repair).residual[joint])
     low_passed = np.abs(log.with_low_passed_motion.fit(repair).residual[joint])
     explains_more = np.sum(low_passed[~is_near] ** 2) < np.sum(error[~is_near] ** 2)
@@ -212,8 +214,8 @@ def _is_corner(log: Likelihood, repair: LogTransform, joint: int, at: float) -> 
 
 
 def _without_moment(run: Measurements, at: float) -> Measurements:
-    """Return the run without the rows within half of _WIDTH of an instant [s]."""
-    return run.rows(np.abs(run.t - at) > 0.5 * _WIDTH)
+    """Return the run without the rows within half of EVENT_WIDTH of an instant [s]."""
+    return run.rows(np.abs(run.t - at) > 0.5 * EVENT_WIDTH)
 
 
 def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:

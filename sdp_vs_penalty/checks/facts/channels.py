@@ -17,6 +17,7 @@ from sdp_vs_penalty.data.plausibility import (
     radians_per_percent,
 )
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.encoder import lattice_step, lattice_step_bound
@@ -211,6 +212,7 @@ def find_torques_in_counts(glance: RunSummary) -> Iterator[Issue]:
             " ratio included); otherwise the model's ratios are right for a joint, its"
             " kilograms are not",
             where="all torque channels",
+            changes=[Change("read", "read tau by its gains", {"scale": {"tau": None}})],
             largest=largest,
         )
 

@@ -21,6 +21,7 @@ from sdp_vs_penalty.checks.glance import (
 )
 from sdp_vs_penalty.checks.issue import Issue, rows_text
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.runs import spans
 
@@ -106,6 +107,14 @@ def find_overlaps(runs: Sequence[Measurements]) -> Iterator[tuple[int, Issue]]:
         if not _has_noise(run) and run.t[first] != runs[other].t[row]:
             continue
         is_copy = mask_of(len(run.t), parts)
+        cut = Change(
+            "cut",
+            f"leave these rows out of {run.names[0]}",
+            {
+                "run": run.names[0],
+                "spans": [run.t[[a, b - 1]].tolist() for a, b in parts],
+            },
+        )
         yield (
             k,
             Issue(
@@ -118,6 +127,7 @@ def find_overlaps(runs: Sequence[Measurements]) -> Iterator[tuple[int, Issue]]:
                 certainty=READ,
                 remedy="leave these rows out of one of the two",
                 figures={"rows": int(is_copy.sum()), "of": runs[other].names[0]},
+                changes=() if is_copy.all() else (cut,),
             ),
         )
 
