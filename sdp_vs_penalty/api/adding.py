@@ -24,7 +24,6 @@ def add(
     frozen: bool = False,
     seed: int = 0,
     progress: Progress = no_progress,
-    gain_uncertainty: float | None = None,
 ) -> Estimate:
     """Extend a model by effects, and identify it again.
 
@@ -53,8 +52,6 @@ def add(
         Of the method.
     progress : callable
         Hears where the computation stands, a short text each time.
-    gain_uncertainty : float, optional
-        Relative standard deviation of the torque channels' gains; default: the model's.
 
     Returns
     -------
@@ -75,13 +72,7 @@ def add(
         what="add(measurements=...)",
     )
     extended = add_effects(
-        model,
-        effects,
-        runs,
-        frozen=frozen,
-        seed=seed,
-        progress=progress,
-        gain_uncertainty=gain_uncertainty,
+        model, effects, runs, frozen=frozen, seed=seed, progress=progress
     )
     if isinstance(effects, Diagnosis):
         runs = beside_causes(runs, effects.passing)

@@ -38,7 +38,6 @@ def diagnose(
     seed: int = 0,
     progress: Progress = no_progress,
     noise_from: Source = None,
-    gain_uncertainty: float | None = None,
     check: bool | Gate = True,
     judged_recordings: Source = None,
 ) -> Diagnosis:
@@ -62,8 +61,6 @@ def diagnose(
         Hears where the search stands.
     noise_from : the same as measurements, optional
         The runs whose repetition shows the noise; default: the measurements.
-    gain_uncertainty : float, optional
-        Relative standard deviation of the torque channels' gains; default: the model's.
     check : bool or Gate
         Whether the fast part of `check` looks at the measurements first. What it finds
         wrong for certain raises InputError, other remarks are issued as UserWarning. A
@@ -119,7 +116,6 @@ def diagnose(
         seed=seed,
         progress=progress,
         noise_from=_read_runs(model, noise_from, "noise_from"),
-        gain_uncertainty=gain_uncertainty,
         judged_recordings=judged,
     )
     diagnosis = diagnosis.beside_faults_of_log(_likely_faults(issues, diagnosis))
@@ -132,7 +128,6 @@ def diagnose(
         frozen=frozen,
         seed=seed,
         progress=progress,
-        gain_uncertainty=gain_uncertainty,
     )
     return diagnosis
 
@@ -181,7 +176,6 @@ def add_certain_findings(
     frozen: bool = False,
     seed: int = 0,
     progress: Progress = no_progress,
-    gain_uncertainty: float | None = None,
 ) -> tuple[Diagnosis, Estimate | None]:
     """Add the certain findings of a diagnosis to its model, and report that model's
     numbers.
@@ -224,7 +218,6 @@ def add_certain_findings(
                 frozen=frozen,
                 seed=seed,
                 progress=progress,
-                gain_uncertainty=gain_uncertainty,
             )
         except InputError as error:
             remark = f"What is sure cannot be added to this model: {error}"

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.cli.runs import recorded_runs, words
+from sdp_vs_penalty.cli.runs import recorded_runs, run_words
 from sdp_vs_penalty.data.files import run_files
 from sdp_vs_penalty.data.formats import FILE_SEPARATOR
 from sdp_vs_penalty.data.measurements import Measurements
@@ -60,7 +60,7 @@ def say_what_follows(
     mounting = [] if gravity is None else ["--gravity", gravity]
     if verdict is not None and not verdict.is_something_missing:
         out = ["--out", free_name("report.html")]
-        given = words(data, window)
+        given = run_words(data, window)
         console.next_step(["report", model, "--data", *given, *mounting, *out])
         return
     train, train_window, test = list(data), window, None
@@ -69,11 +69,11 @@ def say_what_follows(
     if recorded is not None and gravity is None:
         train, train_window = recorded
         test = new[0] if new else None
-    judged_on = [] if test is None else ["--test", *words([test], None)]
+    judged_on = [] if test is None else ["--test", *run_words([test], None)]
     if test is not None and window is not None:
         judged_on += ["--test-window", window]
     findings = ["--json", free_name("findings.json")]
-    train_words = words(train, train_window)
+    train_words = run_words(train, train_window)
     console.next_step(
         ["diagnose", model, "--data", *train_words, *judged_on, *mounting, *findings]
     )

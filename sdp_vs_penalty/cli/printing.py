@@ -86,10 +86,10 @@ def gains(result: Estimate) -> None:
     estimated.
     """
     if channels := channel_gains(result):
-        words = [f"{gain.value:.3f} ± {gain.spread}" for gain in channels]
+        values = [f"{gain.value:.3f} ± {gain.spread}" for gain in channels]
         say(
             "gains of the torque channels, from the known load (± 95 %):"
-            f" {', '.join(words)}"
+            f" {', '.join(values)}"
         )
     if law := result.details.get("servo"):
         servo(result, law)
@@ -115,7 +115,7 @@ def servo(result: Estimate, law: dict[str, Any]) -> None:
 
     law : the law in words, its delay [s], errors of other laws, and the scale.
     """
-    from sdp_vs_penalty.render import words
+    from sdp_vs_penalty.render.words import drive_torque_sentence
 
     delay = "no delay"
     if law["delay"] > 0.0:
@@ -137,7 +137,7 @@ def servo(result: Estimate, law: dict[str, Any]) -> None:
         )
     title = "Gains; kd holds viscous friction too"
     console.table(tables.gain_table(title, drive_gains(result)))
-    paragraph(words.drive_torque_sentence(result))
+    paragraph(drive_torque_sentence(result))
 
 
 def verdicts(results: Sequence[Comparison]) -> None:

@@ -136,15 +136,19 @@ def runs_from_options(
     return runs, windowed(runs, windows) if isinstance(runs, Measurements) else runs
 
 
-def model_from_options(path: Path, gravity: str | None = None) -> Estimate:
-    """Load a model, with the direction of gravity of the option --gravity."""
+def model_from_options(
+    path: Path, gravity: str | None = None, gain_uncertainty: float | None = None
+) -> Estimate:
+    """Load a model, with what --gravity and --gain-uncertainty say of it."""
     estimate = load_estimate(path)
-    if gravity is None:
-        return estimate
-    return estimate.with_gravity(numbers("--gravity", gravity, 3))
+    if gravity is not None:
+        estimate = estimate.with_gravity(numbers("--gravity", gravity, 3))
+    if gain_uncertainty is not None:
+        estimate = estimate.with_gain_uncertainty(gain_uncertainty)
+    return estimate
 
 
-def words(data: Sequence[Path], window: str | None) -> list[str]:
+def run_words(data: Sequence[Path], window: str | None) -> list[str]:
     """Return the runs as words of a command, as they stand after --data; a name that
     begins with a dash is no option."""
     names = [f"./{name}" if name.startswith("-") else name for name in map(str, data)]
@@ -153,7 +157,7 @@ def words(data: Sequence[Path], window: str | None) -> list[str]:
 
 def recorded_runs(recorded: Sequence[str]) -> tuple[list[Path], str | None] | None:
     """Return the runs, and their window, that a model.json names; the inverse of
-    :func:`words`.
+    :func:`run_words`.
 
     None unless these are files that exist and a window, whatever the file says.
     """

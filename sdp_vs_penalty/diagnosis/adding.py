@@ -22,7 +22,7 @@ from sdp_vs_penalty.effects import EXAMPLES, parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.build_problem import PoseOptions, independent_gains
+from sdp_vs_penalty.estimation.build_problem import PoseOptions
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.identify import (
@@ -56,7 +56,6 @@ def add(
     frozen: bool = False,
     seed: int = 0,
     progress: Progress = no_progress,
-    gain_uncertainty: float | None = None,
 ) -> Estimate:
     """Extend a model by effects, and identify it again.
 
@@ -83,8 +82,6 @@ def add(
         identify it again for these.
     progress : callable
         Hears where the computation stands, a short text each time.
-    gain_uncertainty : float, optional
-        Relative standard deviation of the torque channels' gains; default: the model's.
 
     Returns
     -------
@@ -110,17 +107,14 @@ def add(
         measurements = beside_causes(measurements, effects.passing)
     added, retuned = _read_effects(estimate, effects, frozen)
     frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *added))
-    gain_errors = estimate.uncertainty.gain_errors
-    if gain_uncertainty is not None:
-        gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
     filtered = FilteredRuns.filtering(measurements, estimate.preprocessing)
     progress("estimating shape constants")
     new = estimate_constants(estimate, added, measurements, frozen)
     _refuse_duplicates(estimate, new)
     if frozen:
-        extended = _add_frozen(estimate, new, filtered, seed, progress, gain_errors)
+        extended = _add_frozen(estimate, new, filtered, seed, progress)
     else:
-        again = _Again(estimate, filtered, gain_errors, seed, progress)
+        again = _Again(estimate, filtered, seed, progress)
         to_estimate = [e for e in added if not all_given(e)]
         all_effects = [*_own(estimate, retuned), *new]
         extended = again.identified_jointly(all_effects, to_estimate)
@@ -220,8 +214,6 @@ class _Again:
     estimate: Estimate
     #: The filtered runs to fit.
     runs: FilteredRuns
-    #: (n, e) factor of the covariance of the torque channels' gains.
-    gain_errors: Array
     #: Seed of the method's random choices.
     seed: int
     #: Called with a short text at each step.
@@ -234,7 +226,7 @@ class _Again:
         options = PoseOptions(
             effects=effects,
             weighting=self.estimate.weighting,
-            gain_uncertainty=self.gain_errors,
+            gain_uncertainty=self.estimate.uncertainty.gain_errors,
             seed=self.seed,
             known=self.estimate.model.known,
             progress=self.progress,
@@ -372,7 +364,6 @@ def _add_frozen(
     runs: FilteredRuns,
     seed: int,
     progress: Progress,
-    gain_errors: Array,
 ) -> Estimate:
     """Add effects to a model whose parameters stay fixed.
 
@@ -383,8 +374,6 @@ def _add_frozen(
     ----------
     progress
         Called with a text at each step.
-    gain_errors
-        (n, e) factor of the covariance of the torque channels' gains.
 
     Returns
     -------
@@ -426,9 +415,9 @@ def _add_frozen(
         estimate,
         model=fit.model,
         theta=theta,
-        uncertainty=_uncertainty_beside(
-            estimate, fit, runs, base, gain_errors
-        ).named_by_sources(details),
+        uncertainty=_uncertainty_beside(estimate, fit, runs, base).named_by_sources(
+            details
+        ),
         certificate=certify_beside(estimate, fit.model, theta, fit.certificate),
         details=details,
         provenance=provenance,
@@ -506,11 +495,7 @@ def _fit_new_effects(
 
 
 def _uncertainty_beside(
-    estimate: Estimate,
-    fit: _FitBeside,
-    runs: FilteredRuns,
-    base: BaseParameters,
-    gain_errors: Array,
+    estimate: Estimate, fit: _FitBeside, runs: FilteredRuns, base: BaseParameters
 ) -> Uncertainty:
     """Compute the uncertainty of all parameters of a model with new effects.
 
@@ -525,8 +510,6 @@ def _uncertainty_beside(
         The new effects fitted to its residual torque.
     base
         Base parameters (identifiable combinations) of the new effects.
-    gain_errors
-        (n, e) factor of the covariance of the torque channels' gains.
     """
     model = fit.model
     betas = [fit.theta[k] for k in fit.model_of_new.indices]
@@ -537,11 +520,7 @@ def _uncertainty_beside(
         reference = np.append(reference, np.zeros(n_constants))
     wide = Model(model.robot, (*model.effects, *constants), reference, model.gains)
     held = (estimate.theta, estimate.uncertainty)
-    base_of_held = base_rows(estimate.problem, estimate.model)
-    regression = compress(runs, wide)
-    return beside_held(
-        fit.task, regression, held, base_of_held, fit.theta, base, gain_errors
-    )
+    return beside_held(fit.task, compress(runs, wide), held, fit.theta, base)
 
 
 # The shape constants of what joins, and of the model's own beside them.

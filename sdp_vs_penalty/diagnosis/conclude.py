@@ -52,8 +52,6 @@ class Conclusion:
     curves: tuple[Measured, ...]
     #: Errors on data left out, with one finding added after the other.
     ladder: Ladder
-    #: (n, e) a factor G of the covariance G G' of the torque channels' relative gains.
-    gain_errors: Array
     #: Share (0 to 1) of the test run's motion that is new, None if unknown.
     new_motion_share: float | None
     #: Seed of the random draws of a curve's band.
@@ -149,7 +147,6 @@ class Conclusion:
             self.explanation,
             self.left,
             self.ladder,
-            self.gain_errors,
             self.errors_of_constants,
             self.curves,
         )
@@ -241,7 +238,6 @@ def judged_findings(
     explanation: Explanation,
     left: Remainder,
     ladder: Ladder,
-    gain_errors: Array,
     constant_errors: list[ConstantErrors],
     curves: Sequence[Measured] = (),
 ) -> list[Judged]:
@@ -255,8 +251,6 @@ def judged_findings(
         The torque that all findings leave unexplained.
     ladder
         Errors on data left out, with one finding after the other.
-    gain_errors
-        (n, e) factor of the covariance of the torque channels' relative gains.
     constant_errors
         Derivatives by shape constants, as :func:`errors_of_constants` returns them.
     curves
@@ -268,7 +262,7 @@ def judged_findings(
         One record a finding, in the order of the explanation.
     """
     search = explanation.search
-    torque_in_doubt = torque_errors(search.data, explanation.estimate, gain_errors)
+    torque_in_doubt = torque_errors(search.data, explanation.estimate)
     sizes = sizes_with_intervals(search, torque_in_doubt, constant_errors)
     return [
         Judged(
@@ -284,7 +278,7 @@ def judged_findings(
 
 
 def unproven_stand_ins(
-    explanation: Explanation, left: Remainder, ladder: Ladder, gain_errors: Array
+    explanation: Explanation, left: Remainder, ladder: Ladder
 ) -> list[ScoredEffect]:
     """List the findings that stand in for another effect and are not proven otherwise.
 
@@ -294,9 +288,7 @@ def unproven_stand_ins(
     search = explanation.search
     if not any(t.form.effect.is_stand_in for t in search.terms):
         return []
-    judged = judged_findings(
-        explanation, left, ladder, gain_errors, errors_of_constants(search)
-    )
+    judged = judged_findings(explanation, left, ladder, errors_of_constants(search))
     return [x.term for x in judged if is_unproven_stand_in(x)]
 
 

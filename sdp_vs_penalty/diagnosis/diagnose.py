@@ -41,7 +41,6 @@ from sdp_vs_penalty.diagnosis.white_rows import (
     whiten_rows,
     with_estimate,
 )
-from sdp_vs_penalty.estimation.build_problem import independent_gains
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
@@ -71,7 +70,6 @@ def diagnose(
     seed: int = 0,
     progress: Progress = no_progress,
     noise_from: Measurements | None = None,
-    gain_uncertainty: float | None = None,
     judged_recordings: Measurements | None = None,
     judged_noise: tuple[Array | None, str] | None = None,
     rules: Rules = ALL_RULES,
@@ -90,8 +88,6 @@ def diagnose(
         Is called with a short text.
     noise_from
         Recordings whose repetition shows the noise; default: ``measurements``.
-    gain_uncertainty
-        Relative standard deviation of the torque channels' gains; default: the model's.
     judged_recordings
         Recordings of which the test run is a window; they have the noise floor that is
         reported.
@@ -105,14 +101,7 @@ def diagnose(
         model, measurements, test, noise_from, frozen, progress=progress
     )
     diagnosis = diagnose_beside_passing(
-        runs,
-        partial(
-            diagnose_runs,
-            seed=seed,
-            progress=progress,
-            gain_uncertainty=gain_uncertainty,
-            rules=rules,
-        ),
+        runs, partial(diagnose_runs, seed=seed, progress=progress, rules=rules)
     )
     del runs  # with all filtered rows
     give_back_memory(measurements.samples)
@@ -179,7 +168,6 @@ def diagnose_runs(
     *,
     seed: int = 0,
     progress: Progress = no_progress,
-    gain_uncertainty: float | None = None,
     rules: Rules = ALL_RULES,
 ) -> Diagnosis:
     """Run all steps of a diagnosis on filtered recordings.
@@ -196,8 +184,6 @@ def diagnose_runs(
         Seed of the random draws for the band of a curve.
     progress
         Called with a short text at each step.
-    gain_uncertainty
-        Relative standard deviation of the torque channels' gains; default: the model's.
     rules
         Optional rules of the search that apply.
     """
@@ -218,13 +204,9 @@ def diagnose_runs(
     unexplained = unexplained_error(explanation.search)
     give_back_memory(runs.searched.samples)
     explanation = with_equivalence_sets(explanation, judge)
-    errors_of_gains = gain_errors(runs.estimate, gain_uncertainty)
     # Without one stand-in another may fit as well as a third: until none is dropped.
     while dropped := unproven_stand_ins(
-        explanation,
-        unexplained,
-        ladder=Ladder.of(explanation, held_out, judged),
-        gain_errors=errors_of_gains,
+        explanation, unexplained, ladder=Ladder.of(explanation, held_out, judged)
     ):
         explanation = without_findings(explanation, dropped)
         unexplained = unexplained_error(explanation.search)
@@ -236,7 +218,6 @@ def diagnose_runs(
         left=unexplained,
         curves=curves,
         ladder=Ladder.of(explanation, held_out, judged),
-        gain_errors=errors_of_gains,
         new_motion_share=runs.new_motion_share,
         seed=seed,
         hums=find_hums_above(runs.searched, finished_search.data.rows.cutoff),
@@ -246,23 +227,6 @@ def diagnose_runs(
         remarks = (runs.subsample_remark, *diagnosis.remarks)
         diagnosis = replace(diagnosis, remarks=remarks)
     return diagnosis
-
-
-def gain_errors(model: Estimate, gain_uncertainty: float | None) -> Array:
-    """Return a factor (n, e) of the covariance G G' of the torque channels' relative
-    gains.
-
-    Parameters
-    ----------
-    model
-        The model of n joints.
-    gain_uncertainty
-        Relative standard deviation of each gain, independent of the others; None: the
-        factor that the model has.
-    """
-    if gain_uncertainty is None:
-        return model.uncertainty.gain_errors
-    return independent_gains(gain_uncertainty, model.robot.n)
 
 
 @dataclass(frozen=True)

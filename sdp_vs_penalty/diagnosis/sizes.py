@@ -372,7 +372,7 @@ def _at_least(covariance: Array, smallest: Array) -> Array:
     return np.asarray(covariance * np.sqrt(growth[:, None] * growth))
 
 
-def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Array:
+def torque_errors(data: WhiteData, estimate: Estimate) -> Array:
     """Return white torque (n joints, M rows, e) that known errors may have caused.
 
     These are errors that no search of the rows can remove: of the torque channels'
@@ -384,14 +384,12 @@ def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Ar
     ----------
     estimate
         The model with its uncertainty.
-    gain_errors
-        (n, e) a factor G of the covariance G G' of the channels' relative gains.
     """
     uncertainty = estimate.uncertainty
     rows = data.rows
     n = rows.n
     M = len(rows.t)
-    if not data.frozen and not gain_errors.any():
+    if not data.frozen and not uncertainty.gain_errors.any():
         return np.zeros((n, M, 0))
     columns = model_columns(rows, estimate)
     by_joint = []
@@ -399,7 +397,7 @@ def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Ar
         # (M, n) change of this joint's error for a unit error of each channel's gain.
         by_gain = -columns[j] @ uncertainty.gain_response
         by_gain[:, j] += rows.torque[:, j]
-        errors = by_gain @ gain_errors
+        errors = by_gain @ uncertainty.gain_errors
         if data.frozen:
             by_parameters = -columns[j] @ uncertainty.spread
             errors = np.hstack([errors, by_parameters])

@@ -38,6 +38,7 @@ from sdp_vs_penalty.estimation.known_load import (
 from sdp_vs_penalty.estimation.model_file import Recipe
 from sdp_vs_penalty.estimation.servo import loop_beside_torque, servo_filters, servo_log
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
+from sdp_vs_penalty.estimation.uncertainty import independent_gains
 from sdp_vs_penalty.estimators.estimator import (
     Progress,
     Task,
@@ -456,29 +457,6 @@ def in_columns(
     return compress_cells(
         runs, model, phase_folds(runs.measurements, runs.settings, SHAPE_FOLDS)
     )
-
-
-def independent_gains(uncertainty: float | Array, joints: int) -> Array:
-    """Return an (n, n) or (n, e) covariance factor of the relative errors of the torque
-    channels' gains.
-
-    Parameters
-    ----------
-    uncertainty : float or (n, e) array
-        Relative standard deviation of each gain, independent of the others; or the
-        factor.
-
-    Raises
-    ------
-    InputError
-        For a standard deviation outside of [0, 1).
-    """
-    if isinstance(uncertainty, np.ndarray):
-        return uncertainty
-    if not 0.0 <= uncertainty < 1.0:
-        remedy = "give a relative standard deviation, such as 0.01"
-        raise InputError(f"gain_uncertainty {uncertainty:g}", remedy)
-    return uncertainty * np.eye(joints)
 
 
 def logged(data: Measurements | FilteredRuns) -> Measurements:

@@ -35,7 +35,11 @@ from sdp_vs_penalty.estimation.model_file import (
     ParameterEntry,
     UncertaintyFields,
 )
-from sdp_vs_penalty.estimation.uncertainty import Interval, Uncertainty
+from sdp_vs_penalty.estimation.uncertainty import (
+    Interval,
+    Uncertainty,
+    independent_gains,
+)
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import ESTIMATORS
 from sdp_vs_penalty.estimators.estimator import Estimator
@@ -221,6 +225,27 @@ class Estimate(Record):
             details=details,
             provenance=known,
             certificate=certificate_without_data(self.problem, self.model, values),
+        )
+
+    def with_gain_uncertainty(self, uncertainty: float | Array) -> Estimate:
+        """Return the model with wider intervals: the gains of its torque channels are
+        known less well, and so is all that is added to it or found beside it.
+
+        Parameters
+        ----------
+        uncertainty : float or (n, e) array
+            Relative standard deviation of each gain (0.01: known to a per cent), or a
+            factor of their covariance.
+
+        Raises
+        ------
+        InputError
+            For a standard deviation outside of [0, 1).
+        """
+        errors = independent_gains(uncertainty, self.robot.n)
+        base = base_rows(self.problem, self.model).rows
+        return replace(
+            self, uncertainty=self.uncertainty.with_gain_errors(errors, base)
         )
 
     def with_effects(self, holds: Callable[[Effect], bool]) -> Estimate:

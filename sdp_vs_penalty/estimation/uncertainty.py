@@ -35,6 +35,7 @@ import numpy as np
 import scipy
 
 from sdp_vs_penalty.effects.model import JointColumns
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95, POOLED, WIDTHS, WINDOW
 from sdp_vs_penalty.estimation.sensitivity import ON_A_GRID
 from sdp_vs_penalty.estimators.estimator import Task, white_variance
@@ -591,6 +592,29 @@ class Uncertainty(JsonRecord):
         return torque, std
 
 
+def independent_gains(uncertainty: float | Array, joints: int) -> Array:
+    """Return an (n, n) or (n, e) covariance factor of the relative errors of the torque
+    channels' gains.
+
+    Parameters
+    ----------
+    uncertainty : float or (n, e) array
+        Relative standard deviation of each gain, independent of the others; or the
+        factor.
+
+    Raises
+    ------
+    InputError
+        For a standard deviation outside of [0, 1).
+    """
+    if isinstance(uncertainty, np.ndarray):
+        return uncertainty
+    if not 0.0 <= uncertainty < 1.0:
+        remedy = "give a relative standard deviation, such as 0.01"
+        raise InputError(f"gain_uncertainty {uncertainty:g}", remedy)
+    return uncertainty * np.eye(joints)
+
+
 class LateUncertainty(Uncertainty):
     """An uncertainty that is worked out when something of it is first read.
 
@@ -941,10 +965,8 @@ def beside_held(
     task: Task,
     regression: Regression,
     held: tuple[Array, Uncertainty],
-    held_base: BaseParameters,
     theta: Array,
     base: BaseParameters,
-    gain_errors: Array | None = None,
 ) -> Uncertainty:
     """Compute the uncertainty of new effects that were fitted beside a fixed model.
 
@@ -960,14 +982,10 @@ def beside_held(
         constants, in this order.
     held : ((f,) array, Uncertainty)
         Parameters of the fixed model and their uncertainty.
-    held_base : BaseParameters
-        Base parameters of the fixed model.
     theta : (k,) array
         Parameters of the new effects.
     base : BaseParameters
         Base parameters of the new effects.
-    gain_errors : (n, e) array, optional
-        As of :func:`regression_uncertainty`; default: those of the fixed model.
 
     Returns
     -------
@@ -996,7 +1014,6 @@ def beside_held(
         torque_by_gain.append(torque)
     extra = sandwich.response(torque_by_spread)[:k]
     gains = sandwich.response(torque_by_gain)[:k]
-    errors = held_uncertainty.gain_errors if gain_errors is None else gain_errors
     regression_of_new = wide.keeping(np.arange(wide.p) < k)
     new_uncertainty = regression_uncertainty(
         task,
@@ -1007,9 +1024,8 @@ def beside_held(
         known=sandwich,
         gains=gains,
         extra=extra,
-        gain_errors=errors,
+        gain_errors=held_uncertainty.gain_errors,
     )
-    held_uncertainty = held_uncertainty.with_gain_errors(errors, held_base.rows)
     # The last columns of the new spread are the errors that the old spread causes.
     noise_spread, spread_by_held = np.split(
         new_uncertainty.spread,

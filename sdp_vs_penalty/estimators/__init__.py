@@ -6,7 +6,7 @@ from typing import Any
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.plugins import Registry, lazy_exports
-from sdp_vs_penalty.solvers import solver
+from sdp_vs_penalty.solvers import make_solver
 
 DEFAULT_METHOD = "lmi-sdp"
 
@@ -54,7 +54,7 @@ def with_solver(method: str, solver_name: str | None) -> Estimator | str:
             f"--solver {solver_name}: method {method} solves no SDP",
             "leave --solver out",
         )
-    solver(solver_name)
+    make_solver(solver_name)
     return replace(estimator, solver=solver_name)
 
 

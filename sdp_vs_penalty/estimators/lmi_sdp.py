@@ -32,7 +32,7 @@ from sdp_vs_penalty.estimators.estimator import (
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
-from sdp_vs_penalty.solvers import solver
+from sdp_vs_penalty.solvers import make_solver
 from sdp_vs_penalty.solvers.fit import repair
 from sdp_vs_penalty.solvers.identification import (
     largest_margin,
@@ -420,7 +420,7 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
             least_loss=smallest_scale,
         )
         try:
-            conic_solver = solver(posed.solver)
+            conic_solver = make_solver(posed.solver)
             solution = conic_solver.solve_for_user(problem.conic, accuracy)
         except NotApplicableError as error:
             raise InputError(
@@ -528,7 +528,7 @@ def interior_point(
     # as far.
     for scale in (task.bound, moving_scale(constraints.convex, nominal, task.bound)):
         problem = largest_margin(constraints.convex, nominal, scale)
-        solution = solver(solver_name).solve_for_user(problem.conic, 1e-8)
+        solution = make_solver(solver_name).solve_for_user(problem.conic, 1e-8)
         if not np.all(np.isfinite(np.concatenate([solution.x, solution.z]))):
             continue
         theta = max((problem.theta(solution), nominal), key=constraints.depth)

@@ -416,7 +416,7 @@ class LinkPart:
     place: int | None
 
 
-def parts(robot: Robot, links: Array) -> Iterator[LinkPart]:
+def link_parts(robot: Robot, links: Array) -> Iterator[LinkPart]:
     """Yield every joint of a robot's tree, from the base on, with the link that it
     carries.
 

@@ -14,7 +14,7 @@ from sdp_vs_penalty.exporters.content import (
     LinkPart,
     Options,
     element,
-    parts,
+    link_parts,
     xml_name,
     xml_text,
 )
@@ -69,7 +69,7 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     actuators = etree.Element("actuator")
     equality = etree.Element("equality")
     # bodies[k + 1] is the body that joint k carries; bodies[0] is the world.
-    for i, part in enumerate(parts(robot, content.links)):
+    for i, part in enumerate(link_parts(robot, content.links)):
         joint = part.joint
         place = part.joint.placement
         quat = scipy.spatial.transform.Rotation.from_matrix(place[:3, :3]).as_quat(

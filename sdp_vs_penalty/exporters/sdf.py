@@ -12,8 +12,8 @@ from sdp_vs_penalty.exporters.content import (
     Content,
     Options,
     element,
+    link_parts,
     number,
-    parts,
     xml_text,
 )
 from sdp_vs_penalty.exporters.interface import Written
@@ -47,7 +47,7 @@ def write(estimate: Estimate, options: Options) -> Written:
         child="base_link",
     )
     # A link and its joint at a time, from the base on.
-    for part in parts(robot, content.links):
+    for part in link_parts(robot, content.links):
         joint = part.joint
         body = part.inertial
         link = element(model, "link", name=part.name)

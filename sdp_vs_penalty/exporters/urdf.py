@@ -26,8 +26,8 @@ from sdp_vs_penalty.exporters.content import (
     LinkPart,
     Options,
     element,
+    link_parts,
     number,
-    parts,
     require_consistent,
     xml_name,
     xml_text,
@@ -236,7 +236,7 @@ def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:
         "robot", name=xml_name(robot.name), nsmap={"drake": _DRAKE} if drake else None
     )
     element(root, "link", name="base_link")
-    for part in parts(robot, content.links):
+    for part in link_parts(robot, content.links):
         inertial_element = element(element(root, "link", name=part.name), "inertial")
         for tag, attributes in inertial_tags(part.inertial).items():
             element(inertial_element, tag, **attributes)

@@ -10,7 +10,7 @@ SOLVERS = Registry[type[Solver]]("solver", __name__, Solver)
 solver_types = SOLVERS.all
 
 
-def solver(name: str) -> Solver:
+def make_solver(name: str) -> Solver:
     """Return the solver with a name.
 
     Parameters

@@ -16,7 +16,7 @@ import scipy
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
-from sdp_vs_penalty.solvers import solver
+from sdp_vs_penalty.solvers import make_solver
 from sdp_vs_penalty.solvers.fit import Fit, dual_evidence, repair
 from sdp_vs_penalty.solvers.identification import (
     SdpProblem,
@@ -64,7 +64,7 @@ class Slice:
         constraints have about the same scale. Raises InputError if the slice has no
         interior point.
         """
-        self.solver = solver("clarabel")
+        self.solver = make_solver("clarabel")
         # Directions free (p, k) that change no equality.
         rows = equalities / np.linalg.norm(equalities, axis=1, keepdims=True)
         free = scipy.linalg.null_space(rows, rcond=1e-10)
@@ -185,7 +185,7 @@ def _interior(
     reduced = [_reduced(c, free, theta) for c in constraints.convex]
     reach = np.abs(free.T) @ (bound + np.abs(theta))
     problem = largest_margin(reduced, np.zeros(free.shape[1]), reach)
-    solution = solver("clarabel").solve(problem.conic, 1e-9)
+    solution = make_solver("clarabel").solve(problem.conic, 1e-9)
     point = theta + free @ problem.theta(solution)
     margin = constraints.margin(point)
     if not margin > 0.0:

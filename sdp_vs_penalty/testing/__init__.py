@@ -50,9 +50,10 @@ def contracts(plugin: Any) -> dict[str, Callable[[], None]]:
     asked: tuple[Callable[..., None], ...]
     subject: tuple[Any, ...]
     if registry is EFFECTS:
-        from sdp_vs_penalty.testing import effects
+        from sdp_vs_penalty.testing import effect_contract
 
-        asked, subject = effects.CONTRACTS, (plugin, partial(effects.variants, plugin))
+        variants = partial(effect_contract.variants, plugin)
+        asked, subject = effect_contract.CONTRACTS, (plugin, variants)
     elif registry in (ESTIMATORS, SOLVERS):
         from sdp_vs_penalty.testing import methods
 

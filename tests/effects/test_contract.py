@@ -6,7 +6,7 @@ import pytest
 
 from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.simulation import MAKERS
-from sdp_vs_penalty.testing import effects as contracts
+from sdp_vs_penalty.testing import effect_contract as contracts
 from sdp_vs_penalty.testing.demand import ContractError
 
 #: An effect whose memory is long: its torque takes seconds to make.

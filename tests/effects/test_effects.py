@@ -19,7 +19,7 @@ from sdp_vs_penalty.effects import (
 )
 from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.problem import load_problem
-from sdp_vs_penalty.testing.effects import robots, steady_motion, wide_columns
+from sdp_vs_penalty.testing.effect_contract import robots, steady_motion, wide_columns
 
 
 def test_a_model_computes_its_current_torque_from_its_own_reference():

@@ -9,7 +9,7 @@ import pytest
 from sdp_vs_penalty.effects import Motion, effect_types, parse_effects
 from sdp_vs_penalty.effects.transmission import LAWS
 from sdp_vs_penalty.robot import parse_transmission
-from sdp_vs_penalty.testing.effects import robots, wide_columns
+from sdp_vs_penalty.testing.effect_contract import robots, wide_columns
 
 ARM = robots()["arm"]
 

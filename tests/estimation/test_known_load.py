@@ -93,7 +93,8 @@ def test_a_known_load_weighs_another_load(arm, tmp_path):
     found = diagnose(kept, other, frozen=True).effects
     assert [f.effect for f in found] == ["payload"]
     assert abs(found[0].size - 0.9) < 4.0 * found[0].std
-    (doubted,) = diagnose(kept, other, frozen=True, gain_uncertainty=0.1).effects
+    in_doubt = kept.with_gain_uncertainty(0.1)
+    (doubted,) = diagnose(in_doubt, other, frozen=True).effects
     assert doubted.std > 1.5 * found[0].std
     # As the channels stand, the same load weighs something else, and its interval does
     # not know.
@@ -108,8 +109,8 @@ def test_gains_known_to_a_per_cent_widen_the_intervals(arm, tmp_path):
     independent ones."""
     loaded = measured(arm, 3, 1.0, np.ones(3))
     estimate = identify(arm, measured(arm, 1, 0.0, np.ones(3)), "ols", check=False)
-    plain = add(estimate, "payload", loaded, gain_uncertainty=0.0)
-    wide = add(estimate, "payload", loaded, gain_uncertainty=0.01)
+    plain = add(estimate, "payload", loaded)
+    wide = add(estimate.with_gain_uncertainty(0.01), "payload", loaded)
     k = len(estimate.theta)
     added = np.sqrt(
         wide.uncertainty.standard[k].std ** 2 - plain.uncertainty.standard[k].std ** 2

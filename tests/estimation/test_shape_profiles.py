@@ -17,7 +17,7 @@ from sdp_vs_penalty.estimation import (
 )
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.signals import FilteredRuns
-from sdp_vs_penalty.testing.effects import to_and_fro, wide_columns
+from sdp_vs_penalty.testing.effect_contract import to_and_fro, wide_columns
 
 
 def test_every_joint_gets_its_own_width_with_an_honest_spread(scara_arm):

@@ -28,7 +28,7 @@ from sdp_vs_penalty.simulation import (
     shifted,
     true_world,
 )
-from sdp_vs_penalty.testing.effects import wide_columns
+from sdp_vs_penalty.testing.effect_contract import wide_columns
 
 Array = NDArray[np.float64]
 

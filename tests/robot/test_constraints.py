@@ -196,14 +196,14 @@ def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed):
 
 def extreme_point(demands, rng, p):
     """The feasible point farthest in a random direction among the parameters' axes."""
-    from sdp_vs_penalty.solvers import conic_problem, scaled, solver
+    from sdp_vs_penalty.solvers import conic_problem, make_solver, scaled
 
     inside = np.tile([0.05, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3], p // 10)
     groups, _ = scaled(demands.convex, np.zeros(p), np.ones(p), inside)
     direction = np.zeros(p)
     direction[rng.integers(p)] = rng.choice([-1.0, 1.0])
     problem = conic_problem(groups, None, direction)
-    solution = solver("clarabel").solve(problem, 1e-9)
+    solution = make_solver("clarabel").solve(problem, 1e-9)
     assert solution.claims in ("optimal", "inaccurate")
     return np.asarray(solution.x)
 

@@ -17,7 +17,13 @@ from sdp_readers import read_cbf
 from sdp_vs_penalty.shootout import catalogue, instance
 from sdp_vs_penalty.shootout.answers import judge_answers
 from sdp_vs_penalty.shootout.judge import classes
-from sdp_vs_penalty.solvers import Cone, ConicProblem, reorder, solver, verify_proof
+from sdp_vs_penalty.solvers import (
+    Cone,
+    ConicProblem,
+    make_solver,
+    reorder,
+    verify_proof,
+)
 from sdp_vs_penalty.solvers.rewrite import linear_objective
 
 #: One of each kind: formulations, cones, units, an optimum of zero, none at all.
@@ -129,7 +135,7 @@ def test_answers_made_elsewhere_are_judged_from_the_files_of_the_library(
     folder, rows = written
     name = "chain of 2 links gyration 1"
     place = folder / rows[name]["folder"]
-    x = solver("clarabel").solve(read_cbf(place / "problem.cbf"), 1e-9).x
+    x = make_solver("clarabel").solve(read_cbf(place / "problem.cbf"), 1e-9).x
     item = {"problem": name, "claimed": "optimal", "hash": rows[name]["hash"]}
     items = [
         item | {"solver": "outsider", "x": x.tolist(), "seconds": 0.5},

@@ -44,7 +44,7 @@ from sdp_vs_penalty.shootout.catalogue import CHANGES, FORMS, ROBOTS, selected
 from sdp_vs_penalty.shootout.contestants import chosen, contestants
 from sdp_vs_penalty.shootout.instances import principal_rows
 from sdp_vs_penalty.shootout.judge import CLASSES, JUDGED_TO, Judgement, classes, judge
-from sdp_vs_penalty.solvers import SOLVERS, solver, solver_types
+from sdp_vs_penalty.solvers import SOLVERS, make_solver, solver_types
 from sdp_vs_penalty.solvers.clarabel import Clarabel
 
 CONTESTANTS = contestants()
@@ -401,7 +401,7 @@ def test_the_forms_users_write_have_the_same_optimum(two_link):
         assert kind(verdict, 1e-3) == "right"
         assert verdict.own_gap <= 0.01
         sdp = posed.sdp  # what the file says of its optimum is the loss there
-        solution = solver("clarabel").solve(sdp.conic, 1e-9)
+        solution = make_solver("clarabel").solve(sdp.conic, 1e-9)
         # the upper triangle
         x = solution.x
         P = sdp.conic.P

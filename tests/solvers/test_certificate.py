@@ -17,7 +17,7 @@ from sdp_vs_penalty.estimation import (
 )
 from sdp_vs_penalty.estimators import Fit, LmiSdp, LmiSdpThickness, interior_point
 from sdp_vs_penalty.robot import ConstraintSet, inertia
-from sdp_vs_penalty.solvers import solver
+from sdp_vs_penalty.solvers import make_solver
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +155,7 @@ def test_the_certificate_decides_whether_a_solver_gave_up(finds, task, monkeypat
         @staticmethod
         def solve_for_user(problem, accuracy):
             found = replace(
-                solver("clarabel").solve(problem, accuracy),
+                make_solver("clarabel").solve(problem, accuracy),
                 claims="failed",
                 status="stalled",
             )

@@ -16,7 +16,12 @@ from sdp_vs_penalty.exporters.sdp import export_sdp
 from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.shootout import chain_task, shape_cones
-from sdp_vs_penalty.solvers import ThroughCvxpy, certainly_feasible, rewrite, solver
+from sdp_vs_penalty.solvers import (
+    ThroughCvxpy,
+    certainly_feasible,
+    make_solver,
+    rewrite,
+)
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem
 from sdp_vs_penalty.solvers.programs import Program
 from sdp_vs_penalty.solvers.rewrite import quadratic_factor, without_equalities
@@ -85,9 +90,9 @@ def test_data_without_any_scale_end_in_a_claim_not_in_a_panic():
 def test_rewriting_keeps_the_solution_and_its_multipliers(step):
     link = LinkProblem.drawn()
     conic = link.sdp.conic
-    direct = solver("clarabel").solve(conic, 1e-9)
+    direct = make_solver("clarabel").solve(conic, 1e-9)
     rewritten = step(conic)
-    other = solver("clarabel").solve(rewritten.problem, 1e-9)
+    other = make_solver("clarabel").solve(rewritten.problem, 1e-9)
     x, z = rewritten.back(other.x, other.z)
     np.testing.assert_allclose(x, direct.x, atol=2e-5)
     # Stationarity P x + q + A^T z = 0 of the original problem, equalities' multipliers
@@ -230,7 +235,7 @@ def test_unknown_and_absent_solvers_are_named(monkeypatch):
         solvers.solver_types()["cvxopt"], "requires", ("package", "no_such_package")
     )
     refusal(
-        lambda: solver("cvxopt"),
+        lambda: make_solver("cvxopt"),
         "no_such_package is not installed ",
         "the extra [solvers]",
     )
@@ -239,7 +244,7 @@ def test_unknown_and_absent_solvers_are_named(monkeypatch):
     )
     monkeypatch.delenv("MOSEKLM_LICENSE_FILE", raising=False)
     monkeypatch.setenv("HOME", "/nonexistent")
-    refusal(lambda: solver("mosek"), "no licence")
+    refusal(lambda: make_solver("mosek"), "no licence")
 
 
 METHODS = ["lmi-sdp", "lmi-sdp-thickness", "lmi-sdp-plain"]

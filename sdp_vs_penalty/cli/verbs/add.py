@@ -35,7 +35,7 @@ def verb(
     from sdp_vs_penalty.checks.gate import consented
     from sdp_vs_penalty.cli import printing
     from sdp_vs_penalty.cli.next_step import free_name
-    from sdp_vs_penalty.cli.runs import model_from_options, runs_for, words
+    from sdp_vs_penalty.cli.runs import model_from_options, run_words, runs_for
     from sdp_vs_penalty.data.files import training_runs
     from sdp_vs_penalty.diagnosis.adding import add as run
     from sdp_vs_penalty.diagnosis.comparison import compare
@@ -45,17 +45,11 @@ def verb(
 
     effects = _effects(effect, from_, confident, only)
     data = training_runs(data)
-    estimate = model_from_options(model, gravity)
+    estimate = model_from_options(model, gravity, gain_uncertainty)
     with console.progress("reading the measurements") as progress:
         runs = runs_for(estimate, data, window, test, test_window)
         bigger = run(
-            estimate,
-            effects,
-            runs.train,
-            frozen=frozen,
-            seed=seed,
-            gain_uncertainty=gain_uncertainty,
-            progress=progress,
+            estimate, effects, runs.train, frozen=frozen, seed=seed, progress=progress
         )
         models = {"before": estimate, "after": bigger}
         causes = () if isinstance(effects, str) else effects.passing
@@ -70,10 +64,12 @@ def verb(
                 _refuse_harm(on_training[0], on_training[1], what)
                 what = str(test)
             _refuse_harm(before, after, what)
-        judge = words(data, window) if test is None else words([test], test_window)
+        judge = (
+            run_words(data, window) if test is None else run_words([test], test_window)
+        )
         bigger.provenance.update(
             {
-                "data": words(data, window),
+                "data": run_words(data, window),
                 "checked": not consented(estimate, runs.train),
                 "verdict": after.verdict.to_dict(),
                 "judged_data": judge,

@@ -167,7 +167,7 @@ def _refuse_unrepaired(reports: Sequence[Report], fix: Path) -> None:
 def _say_identify(files: Sequence[Path], problem: str, options: Sequence[str]) -> None:
     """Print the command that identifies from all runs except those for testing."""
     from sdp_vs_penalty.cli.next_step import free_name
-    from sdp_vs_penalty.cli.runs import words as run_words
+    from sdp_vs_penalty.cli.runs import run_words
     from sdp_vs_penalty.data.files import for_testing
 
     train = [path for path in files if not for_testing(path)] or files

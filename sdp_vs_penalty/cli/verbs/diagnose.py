@@ -42,7 +42,7 @@ def verb(
     from sdp_vs_penalty.problem.check_command import CheckCommand
 
     data = training_runs(data)
-    estimate = runs.model_from_options(model, gravity)
+    estimate = runs.model_from_options(model, gravity, gain_uncertainty)
     with console.progress("reading the measurements") as progress:
         runs_given = runs.runs_for(estimate, data, window, test, test_window)
         if consented(estimate, runs_given.train):
@@ -58,14 +58,13 @@ def verb(
             progress=progress,
             noise_from=runs_given.all_runs,
             judged_recordings=runs_given.judged_recordings,
-            gain_uncertainty=gain_uncertainty,
             check=not no_check
             and runs.gate(CheckCommand.for_runs(estimate.problem, data)),
         )
-    words = ["--data", *runs.words(data, window), *["--frozen"] * frozen]
+    words = ["--data", *runs.run_words(data, window), *["--frozen"] * frozen]
     words += given_options(
         {
-            "--test": None if test is None else runs.words([test], None)[0],
+            "--test": None if test is None else runs.run_words([test], None)[0],
             "--test-window": test_window,
             "--gravity": gravity,
             "--gain-uncertainty": gain_uncertainty,

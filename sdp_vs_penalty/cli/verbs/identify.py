@@ -88,7 +88,7 @@ def verb(
                 )
             raise
         seconds = time.perf_counter() - begin
-        given_words = runs.words(data, window)
+        given_words = runs.run_words(data, window)
         estimate.provenance.update(data=given_words, judged_data=given_words)
         estimate.save(out)
     found = None
