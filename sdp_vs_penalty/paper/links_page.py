@@ -132,20 +132,20 @@ def skeleton(robot: Robot, poses: Array) -> Array:
     return np.array(points)
 
 
-def outline(link: Array, frame: Array) -> tuple[Array, Array, bool]:
+def outline(link: Array, projection: Array) -> tuple[Array, Array, bool]:
     """Return the outline of a link's uniform ellipsoid as it is seen.
 
     Parameters
     ----------
     link : (10,) array
         Standard parameters [kg, kg m, kg m^2].
-    frame : (4, 4) array
-        Pose of the link's frame in the base.
+    projection : (2, 3) array
+        From the link's frame to the picture.
 
     Returns
     -------
     centre : (2,) array
-        Centre of the ellipse [m].
+        Centre of the ellipse, from the frame's origin [m].
     axes : (2, 2) array
         Its half axes as columns [m].
     exists : bool
@@ -156,11 +156,9 @@ def outline(link: Array, frame: Array) -> tuple[Array, Array, bool]:
     exists = bool(consistent(link[None]))
     # A uniform ellipsoid with half axes a has second moments a^2 / 5.
     shape = (directions * 5.0 * np.abs(moments)) @ directions.T
-    projection = view() @ frame[:3, :3]
     sizes, axes = np.linalg.eigh(projection @ shape @ projection.T)
     com = link[1:4] / link[0] if link[0] != 0.0 else np.zeros(3)
-    centre = view() @ (frame[:3, :3] @ com + frame[:3, 3])
-    return centre, axes * np.sqrt(np.maximum(sizes, 0.0)), exists
+    return projection @ com, axes * np.sqrt(np.maximum(sizes, 0.0)), exists
 
 
 def _figure(title: str, links: Array, robot: Robot, pose: Array) -> str:
@@ -184,14 +182,15 @@ def _figure(title: str, links: Array, robot: Robot, pose: Array) -> str:
     for number, (link, carrier, joint_pose) in enumerate(
         zip(links, robot.joints, poses, strict=True), start=1
     ):
-        centre, axes, exists = outline(link, joint_pose @ carrier.link_frame)
+        frame = joint_pose @ carrier.link_frame
+        centre, axes, exists = outline(link, view() @ frame[:3, :3])
         if not exists:
             impossible.append(str(number))
         if scale * np.linalg.norm(axes, axis=0).max() > HEIGHT:
             too_large.append(str(number))
             continue
         ellipses += _ellipse(
-            _on_paper(centre[None], middle, scale)[0],
+            _on_paper((centre + view() @ frame[:3, 3])[None], middle, scale)[0],
             scale * axes,
             f"link {number}: {link[0]:.3g} kg",
             "link" if exists else "impossible",

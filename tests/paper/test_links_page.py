@@ -49,7 +49,7 @@ def test_a_ball_is_a_circle_of_its_radius():
     moment = 0.4 * mass * radius**2
     barycentric = [mass, 0.1, 0.0, 0.0, moment, 0.0, moment, 0.0, 0.0, moment]
     ball = inertia.standard_from_barycentric(barycentric)
-    centre, axes, exists = outline(ball, np.eye(4))
+    centre, axes, exists = outline(ball, view())
     assert exists
     np.testing.assert_allclose(np.linalg.norm(axes, axis=0), radius, rtol=1e-9)
     np.testing.assert_allclose(centre, view() @ [0.1, 0.0, 0.0], atol=1e-12)
@@ -58,6 +58,6 @@ def test_a_ball_is_a_circle_of_its_radius():
 def test_an_impossible_link_is_drawn_and_marked(two_link):
     link = published_links(two_link, "p_real")[1].copy()
     link[4] = 10.0
-    _, axes, exists = outline(link, np.eye(4))
+    _, axes, exists = outline(link, view())
     assert not exists
     assert np.all(np.isfinite(axes))

@@ -6,12 +6,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from sdp_vs_penalty.colours import PALETTE
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Okabe, Ito, "Color universal design" (2008).
-BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
-BLUE, RED, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#999999"
+BLUE, RED, GREEN, PURPLE, ORANGE, SKY, _ = PALETTE
+BLACK, GREY = "#000000", "#999999"
 
 #: Resolution of PNG files [dots per inch].
 DPI = 200

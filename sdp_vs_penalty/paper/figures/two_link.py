@@ -13,11 +13,11 @@ from sdp_vs_penalty.paper.figures.style import (
     legend_below,
     new_figure,
 )
+from sdp_vs_penalty.paper.links_page import outline
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.wrenches import COMPONENTS, wrench_study
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
-from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 
 PROBLEM = "two_link"
@@ -173,20 +173,11 @@ def _section(axis: Any, problem: Problem, link: int, plane: tuple[int, int]) -> 
 
 
 def _ellipse(link: Array, plane: tuple[int, int]) -> Array:
-    """Return the outline (2, 100) [m] of a link's ellipsoid, seen along the third axis.
-
-    The ellipsoid is uniform and has the link's mass and inertia. With half axes a its
-    second moments are Sigma = a^2 / 5, so its shadow is the ellipse of 5 Sigma.
-    ``plane`` holds the indices of the two axes that are seen.
-    """
-    values, vectors = np.linalg.eigh(
-        5.0 * inertia.second_moment(link)[np.ix_(plane, plane)]
-    )
+    """Return the outline (2, 100) [m] of a link's uniform ellipsoid, seen along the third
+    axis; ``plane`` holds the indices of the two axes that are seen."""
+    centre, axes, _ = outline(link, np.eye(3)[list(plane)])
     angle = np.linspace(0.0, 2.0 * np.pi, 100)
-    circle = np.sqrt(np.maximum(values, 0.0))[:, None] * np.vstack(
-        [np.cos(angle), np.sin(angle)]
-    )
-    return np.asarray(vectors @ circle + (link[1:4] / link[0])[list(plane)][:, None])
+    return centre[:, None] + axes @ np.stack([np.cos(angle), np.sin(angle)])
 
 
 def figure_9(study: Study) -> Any:

@@ -10,7 +10,6 @@ import pandas
 from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.paper.tables.kept import table_once
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import StudyTable, TableSpec
 from sdp_vs_penalty.parallel import ALONE, Workers
@@ -93,10 +92,8 @@ def make_tables(
     """Build tables and write each, as soon as it is made, as CSV, Markdown and LaTeX.
 
     Without the real run, a folder's measured tables are not overwritten: tables without
-    measured figures are written to its subfolder ``simulated``. Each table is cached on
-    the disk with all that it depends on, and computed again only if some of that has
-    changed. $SDP_VS_PENALTY_CACHE names the folder of the cache; if it is empty,
-    nothing is cached.
+    measured figures are written to its subfolder ``simulated``. Estimates, searches and
+    simulations are cached on the disk (:mod:`~sdp_vs_penalty.paper.memo`).
 
     Parameters
     ----------
@@ -139,7 +136,7 @@ def make_tables(
         plan.append((spec, studies[name]))
     tables_made = []
     for spec, study in plan:
-        table = table_once(spec, study)
+        table = spec.made(study)
         paths = table.write(_folder(table, Path(out)))
         report(table, paths)
         tables_made.append((table, paths))

@@ -244,7 +244,7 @@ def _is_pair(row: Row) -> bool:
 
 def _rows(study: Study, name: str) -> list[Row]:
     """Return the row of each method on an arm's runs."""
-    arm = Study(load_problem(name), study.budget, study.progress, study.workers)
+    arm = study.sibling(load_problem(name))
     arm.run = _runs(name)
     assert arm.measured is not None
     judged = {method: arm.unseen(estimator) for method, estimator in METHODS.items()}

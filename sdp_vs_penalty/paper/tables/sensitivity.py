@@ -6,16 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.build_problem import PoseOptions
-from sdp_vs_penalty.estimation.resampling import FoldData, Split
+from sdp_vs_penalty.estimation.resampling import FoldData
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpPlain
 from sdp_vs_penalty.paper.tables.folds import error_interval, fold_errors
-from sdp_vs_penalty.paper.tables.study import FOLDS, Study, cross_validated
+from sdp_vs_penalty.paper.tables.study import FOLDS, USUAL_FOLDS, FoldSettings, Study
 from sdp_vs_penalty.paper.tables.table import Row, StudyTable, notes, register_table
 from sdp_vs_penalty.paper.tables.unseen import ADDED_EFFECTS
 from sdp_vs_penalty.problem.load import with_bounds
-from sdp_vs_penalty.regression.regression import compress_cells
 
 #: The default SDP, and what is compared with it.
 METHODS = {"sdp": DEFAULT_METHOD, "ols": "ols", "two_step": "penalty-two-step"}
@@ -29,12 +27,8 @@ class Case:
 
     #: What is chosen otherwise; "" for nothing.
     choice: str = ""
-    #: Stretches into which the motion is cut.
-    folds: int = FOLDS
-    #: What training keeps off the stretch left out [s]; None: the filters' reach.
-    guard: float | None = None
-    #: Weights of the joints, as `identify` takes them.
-    weighting: str = "noise"
+    #: How motion is left out.
+    settings: FoldSettings = USUAL_FOLDS
     #: Other bounds, as `identify --bounds` takes them.
     bounds: str | None = None
     #: Effects that join the problem's own, separated by ", ".
@@ -42,14 +36,14 @@ class Case:
 
 
 CASES = (
-    *(Case(folds=count) for count in FOLD_COUNTS),
-    Case("guard 0.65 s", guard=0.65),
-    Case("joints weighted alike", weighting="none"),
+    *(Case(settings=FoldSettings(folds=count)) for count in FOLD_COUNTS),
+    Case("guard 0.65 s", FoldSettings(guard=0.65)),
+    Case("joints weighted alike", FoldSettings(weighting="none")),
     Case("c5z > -0.35 m, as in the authors' program", bounds="c5z=-0.35:0.05"),
     Case("m2 < 20 kg", bounds="m2=0:20"),
     Case("total mass open", bounds="total=:"),
     *(
-        Case(f"+ {added}", folds=count, added=added)
+        Case(f"+ {added}", FoldSettings(folds=count), added=added)
         for added in ADDED_EFFECTS
         if added
         for count in FOLD_COUNTS
@@ -87,17 +81,18 @@ def sensitivity(study: Study) -> StudyTable:
 
 def _row(study: Study, case: Case) -> Row:
     """Return the row that compares the methods under one choice."""
-    study.progress(f"{case.folds} folds, {case.choice or 'the usual settings'}")
-    split, folds = _folds(study, case)
-    judged = {
-        name: cross_validated(study.workers, split, folds, study.estimator(method))
-        for name, method in METHODS.items()
-    }
+    if case.bounds is not None:
+        study = study.sibling(with_bounds(study.problem, case.bounds))
+    settings = case.settings
+    if case.added:
+        effects = (*study.problem.default_effects, *case.added.split(", "))
+        settings = replace(settings, effects=effects)
+    judged = {name: study.unseen(method, settings) for name, method in METHODS.items()}
     row: Row = {
         "data": "measured",
         "choice": case.choice,
-        "folds": case.folds,
-        "optimal_loss": _optimal_loss(folds),
+        "folds": settings.folds,
+        "optimal_loss": _optimal_loss(study.folds(settings)[1]),
     }
     for name, result in judged.items():
         row[f"{name}_error_percent"] = result.relative_error_percent
@@ -108,23 +103,6 @@ def _row(study: Study, case: Case) -> Row:
         won = fold_errors(judged["sdp"]) < fold_errors(judged[name])
         row[f"{name}_lost_folds"] = int(won.sum())
     return row
-
-
-def _folds(study: Study, case: Case) -> tuple[Split, list[FoldData]]:
-    """Compress the training and test rows of each fold of the real run."""
-    problem = with_bounds(study.problem, case.bounds)
-    effects = [*problem.default_effects]
-    if case.added:
-        effects += case.added.split(", ")
-    assert study.run is not None
-    options = PoseOptions(effects, weighting=case.weighting, seed=study.seed)
-    split = Split(problem, study.run, options, case.folds)
-    if case.guard is not None:
-        split.phases = replace(split.phases, guard=case.guard)
-        split.common = compress_cells(
-            split.runs, split.model.reference_free, split.phases
-        )
-    return split, study.workers.map(split.fold, split.numbers)
 
 
 def _optimal_loss(folds: list[FoldData]) -> float:

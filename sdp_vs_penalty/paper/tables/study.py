@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, TypeVar, cast
+from typing import Any, Self, TypeVar, cast
 
 import numpy as np
 
@@ -45,7 +45,12 @@ from sdp_vs_penalty.problem.published import (
 )
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox
-from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
+from sdp_vs_penalty.regression.regression import (
+    LeastSquares,
+    Regression,
+    compress,
+    compress_cells,
+)
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import ConstraintSet
 from sdp_vs_penalty.signals.filtered import FilteredRuns
@@ -120,6 +125,23 @@ METHODS: Mapping[str, str] = {
 CUT = 14.0, 14.2
 #: Folds by phase in which it is judged on motion that an estimate has not seen.
 FOLDS = 5
+
+
+@dataclass(frozen=True)
+class FoldSettings:
+    """How the real run is cut to judge a method on motion that it has not seen."""
+
+    #: Effects of the model; None: the problem's.
+    effects: tuple[str | Effect, ...] | None = None
+    #: Stretches into which the motion is cut.
+    folds: int = FOLDS
+    #: What training keeps off the stretch left out [s]; None: the filters' reach.
+    guard: float | None = None
+    #: Weights of the joints, as `identify` takes them.
+    weighting: str = "noise"
+
+
+USUAL_FOLDS = FoldSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,24 +339,28 @@ class Study:
         return replace(data, is_repeated=True)
 
     def unseen(
-        self,
-        method: str | Estimator,
-        effects: Sequence[str | Effect] | None = None,
-        n_folds: int = FOLDS,
+        self, method: str | Estimator, settings: FoldSettings = USUAL_FOLDS
     ) -> CrossValidation:
         """Cross-validate a method on the real run, with folds by the phase of its
         motion.
 
         Each fold holds out a stretch of the motion with all its repetitions. Simulated
         annealing takes a single run on each.
-
-        Parameters
-        ----------
-        effects : sequence of str or Effect, optional
-            Effects of the model; by default the problem's.
         """
-        named = None if effects is None else tuple(effects)
-        return self.once(_unseen, method, named, n_folds)
+        return self.once(_unseen, method, settings)
+
+    def folds(
+        self, settings: FoldSettings = USUAL_FOLDS
+    ) -> tuple[Split, list[FoldData]]:
+        """Return the training and test rows of each fold of the real run, compressed.
+
+        They include fitted constants of effects, and are the same for all methods.
+        """
+        return self.once(_folds, settings)
+
+    def sibling(self, problem: Problem) -> Self:
+        """Return the study of another problem with the same budget and workers."""
+        return type(self)(problem, self.budget, self.progress, self.workers)
 
     def _data(
         self,
@@ -569,36 +595,30 @@ def _task(study: Study, data: Data) -> Task:
     return make_task(study.problem, data.model, data.regression, seed=study.seed)
 
 
-def cross_validated(
-    workers: Workers, split: Split, folds: Sequence[FoldData], estimator: Estimator
-) -> CrossValidation:
-    """Judge an estimator on folds, each in a process of its own; fits are kept."""
-    judged_folds = workers.map(partial(judged, estimator=Remembered(estimator)), folds)
-    return split.result(estimator, judged_folds)
-
-
 def _unseen(
-    study: Study, method: str | Estimator, effects: tuple[Any, ...] | None, n_folds: int
+    study: Study, method: str | Estimator, settings: FoldSettings
 ) -> CrossValidation:
-    """Cross-validate a method on the folds of the real run."""
+    """Cross-validate a method, each fold in a process of its own; fits are kept."""
     estimator = study.estimator(method)
     if isinstance(estimator, PenaltyPaper):
         estimator = replace(estimator, runs=1)
     study.progress(f"folds by phase, {estimator.name}")
-    split, folds = study.once(_folds, effects, n_folds)
-    return cross_validated(study.workers, split, folds, estimator)
+    split, folds = study.folds(settings)
+    judge = partial(judged, estimator=Remembered(estimator))
+    return split.result(estimator, study.workers.map(judge, folds))
 
 
-def _folds(
-    study: Study, effects: tuple[Any, ...] | None, n_folds: int
-) -> tuple[Split, list[FoldData]]:
-    """Compress the training and test rows of each fold of the real run.
-
-    They include fitted constants of effects, and are the same for all methods.
-    """
+def _folds(study: Study, settings: FoldSettings) -> tuple[Split, list[FoldData]]:
+    """Cut the real run into folds, and compress them."""
     assert study.run is not None
-    options = PoseOptions(effects, seed=study.seed)
-    split = Split(study.problem, study.run, options, n_folds)
+    options = PoseOptions(
+        settings.effects, weighting=settings.weighting, seed=study.seed
+    )
+    split = Split(study.problem, study.run, options, settings.folds)
+    if settings.guard is not None:
+        split.phases = replace(split.phases, guard=settings.guard)
+        columns = split.model.reference_free
+        split.common = compress_cells(split.runs, columns, split.phases)
     return split, study.workers.map(split.fold, split.numbers)
 
 

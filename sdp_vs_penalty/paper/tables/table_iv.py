@@ -14,6 +14,7 @@ from sdp_vs_penalty.paper.tables.study import (
     CUT,
     FOLDS,
     Data,
+    FoldSettings,
     Frozen,
     Study,
     torque_errors,
@@ -75,7 +76,7 @@ def _unseen_rows(study: Study) -> list[Row]:
     """Return a row for each estimate: its error on held-out folds of the real run."""
     rows = []
     for name, (method, effects) in _estimates(study).items():
-        result = study.unseen(method, effects)
+        result = study.unseen(method, FoldSettings(effects))
         rows.append(
             _row(
                 f"{name}_measured",
@@ -248,13 +249,13 @@ def _sensitivity(study: Study, rows: Sequence[Row]) -> str:
     settings = study.problem.preprocessing.resolve(study.run)
     assert settings.torque_cutoff is not None
     wide = replace(settings, torque_cutoff=2.0 * settings.torque_cutoff)
-    behind = replace(study.problem, preprocessing=wide)
-    other = Study(behind, study.budget, study.progress, study.workers)
+    other = study.sibling(replace(study.problem, preprocessing=wide))
     data_of_study = {row["estimate"]: row["relative_error_percent"] for row in rows}
-    estimates = _estimates(other)
-    wider = {
-        name: other.unseen(*estimates[name]).relative_error_percent for name in _SHOWN
-    }
+    wider = {}
+    for name in _SHOWN:
+        method, effects = _estimates(other)[name]
+        result = other.unseen(method, FoldSettings(effects))
+        wider[name] = result.relative_error_percent
     errors = [
         f"{name} {data_of_study[f'{name}_measured']:.3g} and {wider[name]:.3g} %"
         for name in _SHOWN

@@ -21,6 +21,7 @@ from sdp_vs_penalty.paper.tables.study import (
     CUT,
     FOLDS,
     Data,
+    FoldSettings,
     Study,
     halves,
     refitted,
@@ -238,8 +239,8 @@ def _rows(study: Study, run: Measurements, method: str, added: str) -> list[Row]
     separated by ", "; "" for none.
     """
     problem = study.problem
-    effects = [*problem.default_effects, *(text for text in added.split(", ") if text)]
-    result = study.unseen(method, effects)
+    effects = (*problem.default_effects, *(text for text in added.split(", ") if text))
+    result = study.unseen(method, FoldSettings(effects))
     train, test = halves(run)
     runs = read_and_filter(problem, train)
     options = PoseOptions(effects=effects, seed=study.seed)
