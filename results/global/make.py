@@ -70,7 +70,7 @@ def main() -> None:
         study = Study(load_problem(name), options.budget, workers=workers)
         if options.runs and study.run is not None:
             study.effort = replace(study.effort, annealing_runs=options.runs)
-        make(study, folder, options.searches)
+        make(study, folder, options.searches and name == "panda")
         if name == "panda":
             draw(study)
             draw_p_hat(study)

@@ -102,7 +102,11 @@ def interval(cell: str) -> str:
     ends = [float(end) for end in cell.split(" to ")] if cell else []
     size = max(map(abs, ends), default=1.0)
     form = "+.2g" if size < 0.1 else "+.2f" if size < 100.0 else "+.3g"
-    return " to ".join(f"{end:{form}}" for end in ends)
+    # An end that rounds to zero keeps a digit: on which side of zero it lies matters.
+    return " to ".join(
+        f"{end:{'+.1g' if form == '+.2f' and abs(end) < 5e-3 else form}}"
+        for end in ends
+    )
 
 
 def shown_cell(column: str, cell: str) -> str:
@@ -146,39 +150,83 @@ def markdown(headings: list[str], rows: list[list[str]]) -> str:
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
 
 
-def beside_least_squares() -> str:
-    """What folds say of least squares beside the default SDP, and of two steps."""
-    usual = [row for row in table("sensitivity") if not row["choice"]]
-    told, untold, two_steps = [], [], []
-    for row in usual:
-        where = (told, untold)[_holds_zero(row["ols_interval_points"])]
-        where.append(f"{points(row, 'ols')} on {row['folds']} folds")
-        if not _holds_zero(row["two_step_interval_points"]):
-            two_steps.append(f"{points(row, 'two_step')} on {row['folds']}")
-    two = ", ".join(two_steps) or "by no number of folds"
-    close = next(row for row in table("sensitivity") if "guard" in row["choice"])
-    guard = close["choice"].removeprefix("guard ")
+def beside_least_squares() -> list[str]:
+    """What folds say of least squares and of two steps beside the default SDP."""
+    rows = [row for row in table("sensitivity") if not row["choice"]]
+    rows += [row for row in table("sensitivity") if "guard" in row["choice"]]
+    cells = [
+        [
+            ", ".join(filter(None, [row["folds"], row["choice"]])),
+            points(row, "ols"),
+            points(row, "two_step"),
+        ]
+        for row in rows
+    ]
+    return [
+        (
+            "What folds tell depends on how many there are, and on the guard between what is"
+            " fitted and judged. Where an interval holds zero, they do not tell a method from"
+            " the default SDP. Folds share most of their training data, so that intervals are"
+            " somewhat too narrow."
+        ),
+        markdown(
+            [
+                "folds",
+                "least squares less default [points]",
+                "two steps less default [points]",
+            ],
+            cells,
+        ),
+        (
+            f"With added effects two steps {two_steps_with_effects()}"
+            f" ([all, with weights and bounds](tables/table_sensitivity.md))."
+            f" {after_a_part_of_the_motion()}"
+        ),
+    ]
+
+
+def after_a_part_of_the_motion() -> str:
+    """How much two steps and the SDP of the same problem err where less than a period of
+    the motion is trained on."""
+    path = ROOT / "results" / "default_method" / "default_method.csv"
+    with path.open(newline="") as file:
+        error = {
+            (row["arm"], row["method"]): float(row["error_percent"])
+            for row in csv.DictReader(file)
+            if row["arm"].startswith("Panda, ")
+        }
+    splits = list(dict.fromkeys(arm for arm, _ in error))
+    pairs = [
+        (error[x, "penalty-two-step"], error[x, "body, thickness 20 mm"])
+        for x in splits
+    ]
+    worse = [two > sdp for two, sdp in pairs]
+    far = max(range(len(pairs)), key=lambda k: pairs[k][0] - pairs[k][1])
+    trained, judged = splits[far].removeprefix("Panda, ").split(" / ")
     return (
-        "What the folds tell depends on how many there are. Least squares err more than the"
-        f" default SDP by {', '.join(told) or 'nothing that is significant'}; not told"
-        f" apart: {', '.join(untold) or 'nowhere'}. With {guard} as the guard between what"
-        f" is fitted and judged, {close['folds']} folds give {points(close, 'ols')}. Without"
-        f" added effects two steps are told apart {two}; {two_steps_with_effects()}. Folds share"
-        " most of their training data: intervals are somewhat too narrow. Weights and bounds:"
-        " [table](tables/table_sensitivity.md)."
+        f"Trained on less than a period, two steps err more on {sum(worse)} of {len(worse)}"
+        f" splits. The widest apart: from {trained} s, judged on {judged}, two steps"
+        f" {pairs[far][0]:.2g} %, the SDP of the same problem {pairs[far][1]:.2g} %"
+        " ([splits](default_method/default_method.md))."
     )
 
 
 def two_steps_with_effects() -> str:
-    """On how many folds two steps err more than the default, each with the same added
-    effects."""
-    of: dict[str, list[str]] = {}
+    """On how many folds two steps err more or less than the default, each with the same
+    added effects."""
+    of: dict[tuple[str, str], list[str]] = {}
     for row in table("sensitivity"):
-        low, _ = row["two_step_interval_points"].split(" to ")
-        if row["choice"].startswith("+") and float(low) > 0.0:
-            of.setdefault(row["choice"].removeprefix("+ "), []).append(row["folds"])
-    told = [f"with {effects} on {words(folds)} folds" for effects, folds in of.items()]
-    return f"they err more {words(told)}" if told else "nor with added effects"
+        if row["choice"].startswith("+"):
+            low, high = map(float, row["two_step_interval_points"].split(" to "))
+            word = "more" if low > 0.0 else "less" if high < 0.0 else ""
+            effects = row["choice"].removeprefix("+ ")
+            of.setdefault((word, effects), []).append(row["folds"])
+    told = [
+        f"err {word} with {effects} on {words(folds)} folds"
+        for (word, effects), folds in of.items()
+        if word
+    ]
+    return f"{words(told) or 'are told apart on none'}"
 
 
 def _holds_zero(cell: str) -> bool:
@@ -188,9 +236,9 @@ def _holds_zero(cell: str) -> bool:
 
 
 def points(row: Mapping[str, str], method: str) -> str:
-    """A difference of errors with its interval."""
+    """A difference of errors [percentage points] with its interval."""
     value = float(row[f"{method}_less_sdp_points"])
-    return f"{value:+.2f} points ({interval(row[f'{method}_interval_points'])})"
+    return f"{value:+.2f} ({interval(row[f'{method}_interval_points'])})"
 
 
 def retrieved() -> str:
@@ -198,10 +246,10 @@ def retrieved() -> str:
     p_hat, optimum, *_ = table("p_hat")
     phi, best = float(p_hat["phi"]), float(optimum["phi"])
     return (
-        "The published links are far from the optimum of their own objective: phi(p_hat) ="
-        f" {phi:.4g} lies {float(p_hat['above_optimum_percent']):.0f} % above {best:.4g},"
-        f" the certified least value of links that meet every published demand (gap"
-        f" {float(optimum['gap']):.0e}). In size it is little: a base parameter is"
+        "The published links are far from the optimum of their own objective. Theirs is"
+        f" phi(p_hat) = {phi:.4g}, {float(p_hat['above_optimum_percent']):.0f} % above"
+        f" {best:.4g}: the certified least value of links that meet every published demand"
+        f" (gap {float(optimum['gap']):.0e}). In size it is little: a base parameter is"
         f" {float(p_hat['rms_coefficient']):.4f} off its target instead of"
         f" {float(optimum['rms_coefficient']):.4f} (RMS), the torque along their run"
         f" {float(p_hat['rms_torque']):.3f} instead of"
@@ -229,9 +277,10 @@ def strongest_penalty() -> str:
         " search, as published, ends"
         f" {float(annealed['above_percent_median']):.0f} % above in the median, and"
         f" {float(annealed['above_percent_best']):.0f} % in the best of {annealed['runs']}"
-        " runs (the authors kept the best of ten), with"
-        f" {float(annealed['evaluations_median']) / n_weights:.0f} evaluations a weight"
-        " (half of 3000 for each of 70 parameters). An earlier series, with"
+        " runs. A run spends"
+        f" {float(annealed['evaluations_median']) / n_weights:.0f} evaluations a weight,"
+        " half of 3000 for each of 70 parameters; the authors kept the best of ten."
+        " An earlier series, with"
         f" {statistics.median(spent):.0f} a weight (half of 3000 for each of 91), ends"
         f" {statistics.median(ends):.0f} % above in the median and {min(ends):.0f} % in the"
         f" best of {len(ends)} runs ([runs](global/annealing_runs.csv))"
@@ -263,16 +312,16 @@ def weight_is_too_small() -> str:
     """What the largest published weight makes of the one-step loss, by what it sums."""
     ours, alike, samples = table("xi")
     return (
-        f"The published one-step penalty is too small: at {LARGEST_WEIGHT:g}, inside the"
+        f"The published one-step penalty is too small. At {LARGEST_WEIGHT:g}, inside the"
         f" published box, the certified optimum lies"
-        f" {-float(ours['boxed_excess_percent']):.2f} % below the best consistent loss and"
-        f" {ours['boxed_links_violated']} links cannot exist (without the box"
+        f" {-float(ours['boxed_excess_percent']):.2f} % below the best consistent loss, and"
+        f" {ours['boxed_links_violated']} links cannot exist. Without the box it is"
         f" {-float(ours['free_excess_percent']):.2f} % and"
-        f" {ours['free_links_violated']}). That is of our {ours['rows']} decimated rows,"
-        f" joints weighted by their residuals, for which xi is exact from"
-        f" {float(ours['exact_weight']):.0f}; with all joints alike from"
-        f" {float(alike['exact_weight']):.0f}, for all {samples['rows']} samples, as in the"
-        f" authors' sum, from {float(samples['exact_weight']):.0f}"
+        f" {ours['free_links_violated']} links. That is of our {ours['rows']} decimated rows,"
+        f" joints weighted by their residuals: there xi is exact from"
+        f" {float(ours['exact_weight']):.0f}. With all joints alike it is exact from"
+        f" {float(alike['exact_weight']):.0f}, and for all {samples['rows']} samples, as in"
+        f" the authors' sum, from {float(samples['exact_weight']):.0f}"
         f" ([proof and figure](global/README.md))"
     )
 
@@ -285,11 +334,11 @@ def by_monte_carlo() -> str:
         mine = {row["method"]: row for row in rows if row["setting"] == name}
         squares = mine["weighted least squares"]
         sentences.append(
-            f"{name}: default {rounded(mine[DEFAULT]['error_percent'])} %, weighted least"
-            f" squares {rounded(squares['error_percent'])} %"
-            f" ({interval(squares['less_default_interval'])} points)"
+            f"{name.capitalize()}: default {rounded(mine[DEFAULT]['error_percent'])} %,"
+            f" weighted least squares {rounded(squares['error_percent'])} %"
+            f" ({interval(squares['less_default_interval'])} points)."
         )
-    return "; ".join(sentences)
+    return " ".join(sentences)
 
 
 #: The default's name in the table of the Monte Carlo.
@@ -325,9 +374,9 @@ def more_folds() -> str:
     said = {method: f"on {words(n)} folds" for method, n in counts.items() if n}
     squares = max(of["ols"], key=lambda row: float(row["ols_less_sdp_points"]))
     return (
-        f"Least squares err more than the default {said['ols']}, by"
-        f" {points(squares, 'ols')} at most. Two steps without added effects are told apart"
-        f" {said.get('two_step', 'on none')}. Such intervals are somewhat too narrow."
+        f"Least squares err more than the default {said['ols']}, by {points(squares, 'ols')}"
+        " points at most. Two steps without added effects are told apart"
+        f" {said.get('two_step', 'on none')}."
     )
 
 
@@ -401,15 +450,14 @@ def headline() -> str:
     return "\n\n".join(
         [
             (
-                "Rows 2 and 3 solve one problem, to the same proved optimum. Five folds of"
-                f" unseen motion tell {unseen} of this table from row 2, at the usual guard."
+                f"Rows 2 and 3 end at one proved optimum. Five folds tell {unseen} from row 2."
                 f" {more_folds()} {penalty_in_simulation()}"
             ),
             markdown(["method", "whose", "links consistent", *names], rows),
             (
                 "Errors: RMS over the torque's, on five stretches of a run of the Panda. Times:"
-                " medians of warm runs, beyond 10 s of one. As published: one full run of their"
-                " ten, with SciPy's searches in place of MATLAB's, on our decimated, weighted rows"
+                " medians of warm runs, beyond 10 s of one. As published: one run of their"
+                " ten, SciPy's searches for MATLAB's, our decimated, weighted rows"
                 " ([more](results/README.md#sdp-against-penalty)). *Two-step* fits base"
                 " parameters, then links to those."
             ),
@@ -438,9 +486,9 @@ def all_routes() -> str:
     parts = [
         (
             "**Choose the SDP** (`lmi-sdp`, the default, whose prior is the nominal robot)."
-            " On one problem, links at least 20 mm thick and no prior, both"
-            f" routes end at the same loss ({loss:.3f} % above the best possible,"
-            f" {apart:.0e} points apart) and the same error on unseen motion. The"
+            " On one problem (links at least 20 mm thick, no prior) both routes end at the"
+            f" same loss, {loss:.3f} % above the best possible and {apart:.0e} points apart."
+            " Their error on unseen motion is the same. The"
             f" penalty, ours as well, takes {times()} times as long and proves its optimum too."
             " Take it (`--method penalty`) only where a"
             " demand is not convex, such as a box on inertias about centres of mass."
@@ -453,17 +501,17 @@ def all_routes() -> str:
             " cannot exist. As published: the authors' method in our code, with SciPy's"
             " annealer in place of simulannealbnd and SLSQP with analytic gradients in place of"
             " fmincon. It is one run,"
-            " and they took the best of ten. The run spends all that their program allows (3000"
-            f" evaluations a parameter and weight); with 1000 in all it takes {quick_times()}"
-            f" ([table](tables/table_methods.md)). p_hat has c6z corrected by us, delta is as"
-            " printed. Neither was fitted to this run; friction beside them is our"
+            " and they took the best of ten. The run spends all that their program allows, 3000"
+            f" evaluations a parameter and weight. With 1000 in all it takes {quick_times()}"
+            f" ([table](tables/table_methods.md)). The links p_hat have c6z corrected by us,"
+            " delta is as printed. Neither was fitted to this run; friction beside them is our"
             " fit, and its violation ours. The motion repeats after 13.3 s, and no stretch"
             " that was left out repeats one that was fitted. Times are of the fit alone, for"
             " every method the median of three after a first one, beyond 10 s that of one"
             " run, on one thread."
         ),
         shown(rows, ROUTE_COLUMNS),
-        beside_least_squares(),
+        *beside_least_squares(),
         f"{retrieved()} ([table](tables/table_p_hat.md)).",
         f"{strongest_penalty()} ([table](tables/table_opponent.md)).",
         f"{without_triangle()} ([table](tables/table_triangle.md)).",
@@ -478,8 +526,8 @@ def all_routes() -> str:
     if drawn:
         parts.append(
             "Where the truth is known ([Monte Carlo](tables/table_monte_carlo.md),"
-            f" {drawn[0]['draws']} draws a setting; in brackets what it errs more than the"
-            f" default, with its interval): {by_monte_carlo()}."
+            f" {drawn[0]['draws']} draws a setting), weighted least squares less the default"
+            f" stands in brackets, with its interval. {by_monte_carlo()}"
         )
         for name in dict.fromkeys(row["setting"] for row in drawn):
             mine = [row for row in drawn if row["setting"] == name]

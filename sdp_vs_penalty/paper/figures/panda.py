@@ -1,7 +1,7 @@
 """Figures 1 to 3, of the Panda: its motions, torques and their errors."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,73 +34,48 @@ _COMPARED = (
 )
 
 
-def _on_unseen_folds(
-    study: Study, methods: Mapping[str, str | Estimator]
-) -> tuple[Array, Array, dict[str, Array], list[float]]:
-    """Predict the torque of the real run by models that have not seen it.
+class _Stretch(NamedTuple):
+    """A stretch of unseen motion of M instants."""
 
-    Each fold's stretch is predicted by the model that was estimated without it.
-
-    Returns
-    -------
-    tuple
-        Time (M,) [s], measured torque (M, n), predicted torque (M, n) by method, and
-        the time at which each fold begins [s].
-    """
-    data = study.measured
-    assert data is not None
-    run = data.train
-    rows = FilteredRun(run, data.preprocessing).all_rows(data.model)
-    t = rows.motion.t - run.t[0]
-    predictions = dict[str, Array]()
-    starts = list[float]()
-    shown = np.zeros(len(t), bool)
-    for name, method in methods.items():
-        torque = np.full_like(rows.torque, np.nan)
-        folds = study.unseen(method).folds
-        for fold in folds:
-            stretch = (t >= fold.start) & (t < fold.stop)
-            torque[stretch] = predicted(rows, fold.theta)[stretch]
-            shown |= stretch
-        predictions[name], starts = torque, [fold.start for fold in folds]
-    return (
-        t[shown],
-        rows.torque[shown],
-        {name: torque[shown] for name, torque in predictions.items()},
-        starts,
-    )
+    #: (M,) instants; over simulated runs, which follow one another, they go on [s].
+    t: Array
+    #: (M, n) measured or simulated torque [N m, N].
+    torque: Array
+    #: The same as each method's model, which has not seen it, predicts it.
+    predictions: dict[str, Array]
 
 
-def _on_all_runs(
-    study: Study, methods: Mapping[str, str | Estimator]
-) -> tuple[Array, Array, dict[str, Array], list[float]]:
-    """Predict the torques of the simulated validation runs, joined one after another.
-
-    Returns
-    -------
-    tuple
-        Time (M,) [s], simulated torque (M, n), predicted torque (M, n) by method, and
-        the time at which each run begins [s].
-    """
+def _stretches(
+    study: Study, methods: Mapping[str, str | Estimator], is_measured: bool
+) -> Iterator[_Stretch]:
+    """Yield the folds of the real run, each by the models estimated without it, or the
+    simulated validation runs."""
+    if is_measured:
+        data = study.measured
+        assert data is not None
+        rows = FilteredRun(data.train, data.preprocessing).all_rows(data.model)
+        t = rows.motion.t - data.train.t[0]
+        folds_of = {
+            name: study.unseen(method).folds for name, method in methods.items()
+        }
+        for folds in zip(*folds_of.values(), strict=True):
+            inside = (t >= folds[0].start) & (t < folds[0].stop)
+            by_fold = zip(methods, folds, strict=True)
+            predictions = {
+                name: predicted(rows, fold.theta)[inside] for name, fold in by_fold
+            }
+            yield _Stretch(t[inside], rows.torque[inside], predictions)
+        return
     data = study.simulated
     assert data.test is not None
     # Once: a fit of the penalty takes much longer than the rows of a run.
     thetas = {name: study.theta(method, data) for name, method in methods.items()}
-    times = list[Array]()
-    torques = list[Array]()
-    predictions = dict[str, list[Array]]()
-    starts = list[float]()
     begin = 0.0
     for run in data.test.runs():
         rows = FilteredRun(run, data.preprocessing).all_rows(data.model)
-        times.append(begin + rows.motion.t - run.t[0])
-        torques.append(rows.torque)
-        for name, theta in thetas.items():
-            predictions.setdefault(name, []).append(predicted(rows, theta))
-        starts.append(begin)
+        predictions = {name: predicted(rows, theta) for name, theta in thetas.items()}
+        yield _Stretch(begin + rows.motion.t - run.t[0], rows.torque, predictions)
         begin += float(run.t[-1] - run.t[0])
-    joined = {name: np.concatenate(parts) for name, parts in predictions.items()}
-    return np.concatenate(times), np.concatenate(torques), joined, starts
 
 
 def _draw_unseen(
@@ -123,14 +98,16 @@ def _draw_unseen(
         Relative error over all joints [%] by method, as in ``table_routes``.
     """
     is_measured = source == "measured"
-    torques_of = _on_unseen_folds if is_measured else _on_all_runs
-    t, torque, predictions, starts = torques_of(study, methods)
-    draw_torques(
-        axes, t, torque, "measured" if is_measured else "simulated", predictions
-    )
+    stretches = list(_stretches(study, methods, is_measured))
+    t, torque = (np.concatenate([x[k] for x in stretches]) for k in range(2))
+    predictions = {
+        name: np.concatenate([x.predictions[name] for x in stretches])
+        for name in methods
+    }
+    draw_torques(axes, t, torque, source, predictions)
     for axis in axes.flat:
-        for start in starts[1:]:
-            axis.axvline(start, color=style.GREY, linewidth=0.5)
+        for stretch in stretches[1:]:
+            axis.axvline(stretch.t[0], color=style.GREY, linewidth=0.5)
     if is_measured:
         return {
             name: study.unseen(method).relative_error_percent

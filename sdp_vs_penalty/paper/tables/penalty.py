@@ -33,7 +33,7 @@ from sdp_vs_penalty.estimators.penalty_paper import (
 from sdp_vs_penalty.paper.memo import anneal_once, search_locally_once
 from sdp_vs_penalty.paper.penalised_box import BoxedProblem
 from sdp_vs_penalty.paper.penalised_optimum import PenalisedOptimum, PenalisedProblem
-from sdp_vs_penalty.paper.tables.study import QUICK, Data, Study, worst_violations
+from sdp_vs_penalty.paper.tables.study import Data, Study, worst_violations
 from sdp_vs_penalty.paper.tables.table import Row, StudyTable, notes, register_table
 from sdp_vs_penalty.problem.load import with_bounds
 from sdp_vs_penalty.regression.regression import LeastSquares
@@ -250,10 +250,8 @@ def weights_of(problem: PenalisedProblem) -> tuple[float, ...]:
 
 
 def search_table(study: Study, optima: pandas.DataFrame) -> pandas.DataFrame:
-    """Return where every run of annealing, and of the local search alone, ends.
-
-    With the budget "single" only the last data set (the real run, where it is at hand)
-    is searched long.
+    """Return where every run of annealing, and of the local search alone, ends on the last
+    data set: the real run, where it is at hand.
 
     Parameters
     ----------
@@ -267,36 +265,36 @@ def search_table(study: Study, optima: pandas.DataFrame) -> pandas.DataFrame:
         inside the box [%].
     """
     bounds = optima.set_index(["data", "problem", "xi"])["lower_bound"]
+    data = study.whole[-1]
+    task = study.task(data)
+    annealing = SearchPlan(study.effort.annealing_runs, study.effort.evaluations)
+    plans = [
+        (name, plan)
+        for name in ("one-step", "two-step")
+        for plan in (annealing, replace(annealing, annealing=False))
+    ]
+    study.progress(f"searches, {data.label}")
     rows = list[Row]()
-    for data in study.whole:
-        is_short = study.budget == "single" and data is not study.whole[-1]
-        effort = QUICK if is_short else study.effort
-        annealing = SearchPlan(effort.annealing_runs, effort.evaluations)
-        task = study.task(data)
-        items = [
-            (PenalisedProblem(task, two_step).published, task.seed, ANNEALED, plan)
-            for two_step in (False, True)
-            for plan in (annealing, replace(annealing, annealing=False))
-        ]
-        study.progress(f"searches, {data.label}")
-        names = [name for name in ("one-step", "two-step") for _ in range(2)]
-        found = study.workers.map(_runs_of, items)
-        for name, points in zip(names, found, strict=True):
-            for point in points:
-                lower = bounds[data.label, name, point.xi]
-                about = {"data": data.label, "problem": name} | asdict(point)
-                above = None
-                if not is_rounding(lower):
-                    above = 100.0 * (point.objective / lower - 1.0)
-                rows.append(about | {"above_bound_percent": above})
+    found = study.workers.map(partial(_runs_of, task), plans)
+    for (name, _), points in zip(plans, found, strict=True):
+        for point in points:
+            lower = bounds[data.label, name, point.xi]
+            above = 100.0 * (point.objective / lower - 1.0)
+            rows.append(
+                {"data": data.label, "problem": name}
+                | asdict(point)
+                | {"above_bound_percent": None if is_rounding(lower) else above}
+            )
     return pandas.DataFrame(rows)
 
 
 def _runs_of(
-    item: tuple[PenalisedLoss, int, Sequence[float], SearchPlan],
+    task: Task, problem_and_plan: tuple[str, SearchPlan]
 ) -> list[SearchedPoint]:
-    """Search in a worker process, which takes a single argument."""
-    return search_runs(*item)
+    """Run a plan on one of the published problems, "one-step" or "two-step"."""
+    name, plan = problem_and_plan
+    loss = PenalisedProblem(task, name == "two-step").published
+    return search_runs(loss, task.seed, ANNEALED, plan)
 
 
 def _headline(problems: Sequence[Sequence[Row]]) -> str:
