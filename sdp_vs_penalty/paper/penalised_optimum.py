@@ -46,7 +46,7 @@ import numpy as np
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
-from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss
+from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss, TriangleInequality
 from sdp_vs_penalty.paper.memo import remembered, source_version
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
@@ -264,9 +264,8 @@ class PenalisedProblem:
 
         I is the inertia about the centre of mass.
         """
-        links = inertia.barycentric_from_standard(theta[self.task.links])[:, 4:]
-        moments = np.linalg.eigvalsh(inertia.inertia_matrix(links))
-        return np.maximum(moments[:, 2] - 0.5 * moments.sum(axis=1), 0.0)
+        demand = TriangleInequality(self.task.links, self.p)
+        return np.maximum(-demand.margins(self._p(theta)), 0.0)
 
     def _p(self, theta: Array) -> Array:
         """Return theta (p,) with each link in barycentric parameters, as the paper's
