@@ -279,12 +279,11 @@ def search_table(study: Study, optima: pandas.DataFrame) -> pandas.DataFrame:
     for (name, _), points in zip(plans, found, strict=True):
         for point in points:
             lower = bounds[data.label, name, point.xi]
-            above = 100.0 * (point.objective / lower - 1.0)
-            rows.append(
-                {"data": data.label, "problem": name}
-                | asdict(point)
-                | {"above_bound_percent": None if is_rounding(lower) else above}
-            )
+            above = None
+            if not is_rounding(lower):
+                above = 100.0 * (point.objective / lower - 1.0)
+            about = {"data": data.label, "problem": name}
+            rows.append(about | asdict(point) | {"above_bound_percent": above})
     return pandas.DataFrame(rows)
 
 
