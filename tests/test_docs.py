@@ -384,7 +384,7 @@ def test_the_python_adds_what_it_has_found(tmp_path, two_link, monkeypatch, caps
 def test_the_table_equals_the_generated_one():
     assert TOOL["with_results"](README, TOOL["headline"]()) == README
     results = (ROOT / "results" / "README.md").read_text(encoding="utf-8")
-    assert TOOL["with_results"](results, TOOL["all_routes"]()) == results
+    assert TOOL["dated"](TOOL["with_results"](results, TOOL["all_routes"]())) == results
     headings = re.findall(r"^#+ (.*)$", README, re.MULTILINE)
     anchors = [heading.lower().replace(" ", "-") for heading in headings]
     for link in re.findall(r"\]\(([^):]*)\)", README):

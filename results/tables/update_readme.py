@@ -615,6 +615,18 @@ def with_results(readme: str, results: str) -> str:
     return f"{before}{BEGIN}\n{results.strip()}\n\n{END}{after}"
 
 
+def dated(readme: str) -> str:
+    """The list of folders with the days on which each was made, by its machine.txt."""
+
+    def row(found: re.Match[str]) -> str:
+        note = (ROOT / "results" / found[2] / "machine.txt").read_text()
+        days = sorted(re.findall(r"^(\d{4}-\d\d-\d\d)[ ,]", note, re.MULTILINE))
+        return f"{found[1]} | {' to '.join(dict.fromkeys([days[0], days[-1]]))} |"
+
+    head = r"^(\| \[(\w+)\]\(\2/README\.md\) \| [^|\n]*?) \|(?: [\d to-]* \|)?$"
+    return re.sub(head, row, readme, flags=re.MULTILINE)
+
+
 #: What a method's error is cut off at [%]: after a second nothing is learnt of what
 #: never moved.
 _CEILING = 20.0
@@ -703,7 +715,7 @@ def draw_joint(path: Path, joint: int = 7, method: str = "lmi-sdp") -> None:
 if __name__ == "__main__":
     for page, results in ((ROOT, headline()), (ROOT / "results", all_routes())):
         readme = page / "README.md"
-        readme.write_text(with_results(readme.read_text(), results))
+        readme.write_text(dated(with_results(readme.read_text(), results)))
     for page in marked_pages():
         page.write_text(refreshed(page.read_text()))
     if "--no-pictures" not in sys.argv:

@@ -20,11 +20,9 @@ from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpPlain
 from sdp_vs_penalty.paper.penalised_optimum import PenalisedOptimum, PenalisedProblem
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Row, StudyTable, notes, register_table
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, linear
 from sdp_vs_penalty.solvers.objective import Objective
-
-#: The standard parameters m, h, J of a link in the 6x6 matrix: their rows and columns.
-_FIRST_MOMENT, _INERTIA = (1, 2, 3), (4, 5, 6, 7, 8, 9)
 
 
 @dataclass(frozen=True)
@@ -56,14 +54,10 @@ def positive_inertia(name: str, link: NDArray[np.intp]) -> Constraint:
     """
     basis = np.zeros((10, 6, 6))
     basis[0, 3:, 3:] = np.eye(3)
-    for axis, place in enumerate(_FIRST_MOMENT):
-        unit = np.eye(3)[axis]
-        cross = np.cross(unit, np.eye(3)).T  # S(unit): column k is unit x e_k
-        basis[place, 3:, :3] = cross
-        basis[place, :3, 3:] = cross.T
-    entries = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
-    for place, (a, b) in zip(_INERTIA, entries, strict=True):
-        basis[place, a, b] = basis[place, b, a] = 1.0
+    # S(h): column k is h x e_k, h the places 1 to 3.
+    basis[1:4, 3:, :3] = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2)
+    basis[1:4, :3, 3:] = basis[1:4, 3:, :3].swapaxes(1, 2)
+    basis[4:, :3, :3] = inertia.inertia_matrix(np.eye(6))
     return linear("positive inertia", name, link, basis, np.zeros((6, 6)), "psd")
 
 
