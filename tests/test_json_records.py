@@ -56,7 +56,7 @@ class Outer(JsonRecord):
 @given(
     st.lists(finite, max_size=3),
     st.sampled_from(["a", "b"]),
-    st.text(max_size=5),
+    st.text('aé\n"\\', max_size=5),
     finite,
 )
 def test_records_come_back(sizes, kind, name, far):

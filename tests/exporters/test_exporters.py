@@ -318,7 +318,9 @@ def test_check_urdf_names_moving_links_without_inertial(tmp_path, capsys):
 
 
 @settings(
-    derandomize=False, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=8,
+    derandomize=False,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(
     seed=st.integers(0, 10_000),

@@ -31,19 +31,14 @@ DIGITS = 9
 
 @dataclass(frozen=True)
 class GoldenCase:
-    """One file: what it is about, the function that computes it, its inputs and values.
-
-    needs : packages, and programs by their path's last part, without which it is
-    skipped; markers : of pytest.
-    """
+    """One file: what it is about, the function that computes it, its inputs and values,
+    and pytest's markers."""
 
     path: Path
     about: str
     compute: str
     inputs: Mapping[str, Any]
     values: Mapping[str, Mapping[str, Any]]
-    packages: Sequence[str] = ()
-    programs: Sequence[str] = ()
     markers: Sequence[str] = ()
 
     @classmethod

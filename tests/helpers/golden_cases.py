@@ -7,19 +7,17 @@ import re
 import shlex
 import tempfile
 from contextlib import chdir, redirect_stdout
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from arms import THREE, write_urdf
 from commands import run_cli
 from corruptions.arms import FIVE
 from corruptions.arms import simulated as simulated_arm
 from corruptions.bench import given
-from dynamics_files import READERS
-from random_robots import posed_task, repeating_run, states
+from random_robots import posed_task, repeating_run
 from servo_log import EFFECTS as SERVO_EFFECTS
 from servo_log import log as servo_log
 from servo_log import write_slide
@@ -29,18 +27,13 @@ from studies import SimulatedStudy
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.checks import check
 from sdp_vs_penalty.data import concatenate
-from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.estimation import Regressor, certify
 from sdp_vs_penalty.estimators import PenaltyPaper, condition_number, make_estimator
 from sdp_vs_penalty.paper.tables import build_tables
 from sdp_vs_penalty.regression import compress
-from sdp_vs_penalty.shootout import instance, reference
-from sdp_vs_penalty.shootout.contestants import contestants
-from sdp_vs_penalty.shootout.judge import classes, judge
 from sdp_vs_penalty.signals import FilteredRuns
 from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
-from sdp_vs_penalty.solvers import proof, verify_proof
 
 TORQUE = "N m"
 
@@ -259,26 +252,6 @@ def checked(inputs):
     return quantities
 
 
-def exported(inputs):
-    """Torque of one state, by the model and by whoever reads an exported file."""
-    problem = problem_of(inputs)
-    effects = "rigid_body,viscous_friction,coulomb_friction@v_s=0.01"
-    run = small_run(problem, 6.0)
-    estimate = sdp.identify(problem, run, effects=effects, check=False)
-    q, dq, ddq = states(problem.robot, 1, seed=1)
-    motion = Motion(np.zeros(1), q, dq, ddq)
-    quantities = {"torque of the model": (estimate.torque(motion)[0], TORQUE)}
-    for ending in inputs["endings"]:
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / f"arm{ending}"
-            sdp.export(estimate, path)
-            for read in READERS[ending][0]:
-                torque = read(path, estimate.robot, q, dq, ddq)[0]
-                reader = read.__name__.removeprefix("by_")
-                quantities[f"torque of {ending} by {reader}"] = (torque, TORQUE)
-    return quantities
-
-
 def noise(inputs):
     """The noise floor where a motion repeats itself, and where it does not."""
     problem = problem_of(inputs)
@@ -331,42 +304,6 @@ def session(inputs):
     return quantities
 
 
-def shootout(inputs):
-    """Solvers on one instance: what each returns, judged by our certificate."""
-    posed = instance(inputs["instance"])
-    proved = reference(posed)
-    quantities = {
-        "certified lower bound": (proved.lower, "1"),
-        "certified upper bound": (proved.upper, "1"),
-    }
-    everybody = contestants()
-    for name in inputs["contestants"]:
-        answer = everybody[name].solve(posed, inputs["tolerance"])
-        verdict = judge(posed, proved, answer)
-        run = asdict(verdict) | {"accuracy": inputs["tolerance"]}
-        run |= {f"dimacs_{k}": error for k, error in enumerate(verdict.dimacs, 1)}
-        kinds = classes(pd.DataFrame([run]), inputs["tolerance"])
-        quantities[f"{name}: judged"] = (kinds[0], "")
-        quantities[f"{name}: violation"] = (verdict.violation, "1")
-        quantities[f"{name}: error of the objective"] = (verdict.objective_error, "1")
-    return quantities
-
-
-def proved(inputs):
-    """A proof of optimality, checked in rational arithmetic."""
-    problem = problem_of(inputs)
-    task = posed_task(problem, run_of(problem, inputs))
-    quantities = {}
-    for method in inputs["methods"]:
-        fit = make_estimator(method).fit(task)
-        theta, _ = certify(task, fit)
-        made = proof.optimum_proof(replace(fit, theta=theta, bound=task.bound))
-        lower, upper = verify_proof.check(made)
-        quantities[f"{method}: proved lower bound"] = (float(lower), "1")
-        quantities[f"{method}: proved upper bound"] = (float(upper), "1")
-    return quantities
-
-
 def panda_measured(inputs):
     """The paper's own run: optima, condition number and error on unseen motion."""
     problem = sdp.load_problem("panda")
@@ -397,11 +334,8 @@ CASES = {
     "payload": payload,
     "diagnosed": diagnosed,
     "checked": checked,
-    "exported": exported,
     "noise": noise,
     "table_cells": table_cells,
     "session": session,
-    "shootout": shootout,
-    "proved": proved,
     "panda_measured": panda_measured,
 }

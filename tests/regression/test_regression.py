@@ -1,7 +1,7 @@
 """Compression: exact, additive, in the order of time; base parameters; memory; black
 boxes."""
 
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -30,6 +30,7 @@ from sdp_vs_penalty.simulation import experiment
 FILTERS = Preprocessing(5.0, 8.0)
 
 
+@cache
 def noisy_run(seed):
     """The model of a random tree, a run of it with noise, and its compressed data."""
     effects = "rigid_body,viscous_friction,torque_offset"
@@ -37,7 +38,11 @@ def noisy_run(seed):
     return model, run, compress(FilteredRuns.filtering(run, FILTERS), model)
 
 
-@given(seeds)
+#: Arms and runs that several tests share.
+FEW = pytest.mark.parametrize("seed", range(6))
+
+
+@FEW
 def test_products_of_columns_fit_some_of_them_as_their_rows_do(seed):
     model, _, regression = noisy_run(seed)
     rng = np.random.default_rng(seed)
@@ -59,7 +64,7 @@ def test_products_of_columns_fit_some_of_them_as_their_rows_do(seed):
     np.testing.assert_allclose(*thetas, rtol=1e-4, atol=1e-6)
 
 
-@given(seeds)
+@FEW
 def test_a_parameter_of_infinite_size_is_not_pulled(seed):
     _, _, regression = noisy_run(seed)
     rng = np.random.default_rng(seed)
@@ -74,7 +79,7 @@ def test_a_parameter_of_infinite_size_is_not_pulled(seed):
         )
 
 
-@given(seeds)
+@FEW
 def test_factors_answer_what_all_rows_would(seed):
     model, run, regression = noisy_run(seed)
     rows = FilteredRun(run, FILTERS).all_rows(model)
@@ -107,11 +112,9 @@ def test_factors_answer_what_all_rows_would(seed):
     )
 
 
-@given(seeds)
+@FEW
 def test_merging_blocks_equals_one_pass(seed):
-    model, _, run = driven(
-        seed, 12.0, 4e-3, "rigid_body,viscous_friction,torque_offset", 0.1
-    )
+    model, run, _ = noisy_run(seed)
     whole = compress(FilteredRuns.filtering(run, FILTERS), model, blocks_per_run=1)
     many = compress(FilteredRuns.filtering(run, FILTERS), model, blocks_per_run=20)
     # Of 20 blocks of 0.6 s the first and the last lie in what the filters need.
