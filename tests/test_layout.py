@@ -1,5 +1,5 @@
 """The house: rooms in the order of the data, no import runs back, no circle, a small
-hall.
+hall; and no other room knows an effect by its name.
 
 Read from the imports themselves, lazy ones and those for types included: what a reader
 has to follow.
@@ -7,13 +7,16 @@ has to follow.
 
 import ast
 import importlib
+import re
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import sdp_vs_penalty
+from sdp_vs_penalty.effects import effect_types
 
 ROOT = Path(sdp_vs_penalty.__file__).parent
 PACKAGE = ROOT.name
@@ -62,12 +65,44 @@ DOOR = PACKAGE
 
 
 @cache
-def nodes(path):
-    """The calls and imports of a file, which is parsed once for all tests."""
+def source(path):
+    """What tests ask of a file, which is parsed once for all: its imports; how many errors it
+    makes, and in which lines without a remedy or a text's encoding; effects that it names."""
+    text = path.read_text("utf-8")
+    nodes = [*ast.walk(ast.parse(text))]
+    calls = [node for node in nodes if isinstance(node, ast.Call)]
+    errors = [
+        call
+        for call in calls
+        if getattr(call.func, "id", "") in ("InputError", "Infeasible")
+    ]
+    return SimpleNamespace(
+        imports=[n for n in nodes if isinstance(n, ast.Import | ast.ImportFrom)],
+        n_errors=len(errors),
+        without_remedy=[e.lineno for e in errors if not has_remedy(e)],
+        without_encoding=[
+            call.lineno
+            for call in calls
+            if getattr(call.func, "attr", "") == "read_text"
+            and not (call.args or call.keywords)
+        ],
+        effects=names_of_effects(nodes) if ANY.search(text) else set(),
+    )
+
+
+def has_remedy(error):
+    """Whether a call of an error says what to do."""
+    named = [k.value for k in error.keywords if k.arg == "remedy"]
+    remedy = (named + error.args[1:2])[:1]
+    return bool(remedy) and bool(getattr(remedy[0], "value", True))
+
+
+def lines(attribute):
+    """FILE:LINE of what a list of every file's source holds."""
     return [
-        node
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
-        if isinstance(node, ast.Call | ast.Import | ast.ImportFrom)
+        f"{path.relative_to(ROOT)}:{line}"
+        for path in sorted(ROOT.rglob("*.py"))
+        for line in getattr(source(path), attribute)
     ]
 
 
@@ -83,10 +118,10 @@ def modules():
 def imports(path, known):
     """The package's own modules that a file imports, wherever in the file."""
     found = set()
-    for node in nodes(path):
+    for node in source(path).imports:
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
+        else:
             assert node.level == 0, f"{path}: a relative import hides where it goes"
             for alias in node.names:
                 full = f"{node.module}.{alias.name}"
@@ -133,7 +168,7 @@ BENCHMARKS = sorted((ROOT.parent / "results").rglob("*.py"))
 
 @pytest.mark.parametrize("path", BENCHMARKS, ids=lambda path: path.stem)
 def test_what_a_benchmark_imports_of_the_package_is_there(path):
-    for node in nodes(path):
+    for node in source(path).imports:
         if isinstance(node, ast.ImportFrom) and str(node.module).startswith(PACKAGE):
             home = importlib.import_module(str(node.module))
             for name in (alias.name for alias in node.names):
@@ -153,40 +188,83 @@ def test_there_is_no_circle(graph):
 
 
 #: A worker of the page hands its error on as the one sentence that it is.
-HANDED_ON = {"page/worker.py"}
+HANDED_ON = ("page/worker.py",)
 
 
 def test_every_error_has_a_remedy():
-    without = []
-    calls = 0
-    for path in sorted(ROOT.rglob("*.py")):
-        for node in nodes(path):
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "") in (
-                "InputError",
-                "Infeasible",
-            ):
-                calls += 1
-                remedy = [
-                    k.value for k in node.keywords if k.arg == "remedy"
-                ] + node.args[1:2]
-                if not remedy or (
-                    isinstance(remedy[0], ast.Constant) and not remedy[0].value
-                ):
-                    without.append(f"{path.relative_to(ROOT)}:{node.lineno}")
-    assert calls > 200
-    assert [
-        place for place in without if place.partition(":")[0] not in HANDED_ON
-    ] == []
+    assert sum(source(path).n_errors for path in ROOT.rglob("*.py")) > 200
+    assert [x for x in lines("without_remedy") if not x.startswith(HANDED_ON)] == []
 
 
 def test_every_text_is_read_in_an_encoding():
     """Where the locale is C, Python takes text for ASCII."""
-    without = []
-    for path in sorted(ROOT.rglob("*.py")):
-        for node in nodes(path):
-            if not isinstance(node, ast.Call):
-                continue
-            name = getattr(node.func, "attr", "")
-            if name == "read_text" and not (node.args or node.keywords):
-                without.append(f"{path.relative_to(ROOT)}:{node.lineno}")
-    assert without == []
+    assert lines("without_encoding") == []
+
+
+#: Who chooses effects as a user does: the paper's models, the demo's hidden effect, and
+#: the worlds that state torques a second time, against which columns are tested.
+USERS = ("effects", "paper", "simulation/worlds", "reports/demo.py")
+#: Names that a sentence may hold as plain words count where a value is compared alone.
+NAMES = {name for name in effect_types() if "_" in name}
+WORDS = {name for name in effect_types() if "_" not in name}
+CLASSES = {kind.__name__ for kind in effect_types().values()}
+IN_TEXT = re.compile(rf"(?<![\w}}])({'|'.join(sorted(NAMES))})(?!\w)")
+#: What no file without it can know an effect by.
+ANY = re.compile("|".join([*NAMES, *WORDS, *CLASSES]))
+
+
+def names_of_effects(nodes):
+    """Names and classes of effects in code; docstrings and comments may name them."""
+    docstrings = {
+        id(node.body[0].value)
+        for node in nodes
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+        and isinstance(node.body[0], ast.Expr)
+    }
+    found = set()
+    for node in nodes:
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            if id(node) not in docstrings:
+                found |= set(IN_TEXT.findall(node.value))
+        elif isinstance(node, ast.Compare):
+            found |= _compared_with_names(node)
+        elif isinstance(node, ast.Name | ast.Attribute | ast.alias):
+            word = (
+                getattr(node, "id", "")
+                or getattr(node, "attr", "")
+                or getattr(node, "name", "")
+            )
+            found |= {word} & CLASSES
+    return found
+
+
+def _compared_with_names(node):
+    """Names without an underscore, as in ``effect.name == "payload"``."""
+    sides = [node.left, *node.comparators]
+    attributes = {side.attr for side in sides if isinstance(side, ast.Attribute)}
+    texts = {side.value for side in sides if isinstance(side, ast.Constant)}
+    return texts & WORDS if attributes & {"name", "effect", "text"} else set()
+
+
+def test_no_other_folder_knows_an_effect_by_its_name():
+    assert not {
+        str(path): source(path).effects
+        for path in ROOT.rglob("*.py")
+        if not path.relative_to(ROOT).as_posix().startswith(USERS)
+        and source(path).effects
+    }
+
+
+@pytest.mark.parametrize(
+    ("code", "found"),
+    [
+        ("if effect.name == 'stiction': pass", {"stiction"}),
+        ("parse('rigid_body,joint_spring:2@k=1')", {"rigid_body", "joint_spring"}),
+        ("from x import Payload", {"Payload"}),
+        ("links.BaseTilt(robot)", {"BaseTilt"}),
+        ("'the torque there is stiction'", set()),
+        ("def f():\n    '''Like coulomb_friction.'''", set()),
+    ],
+)
+def test_the_test_sees_names(code, found):
+    assert names_of_effects([*ast.walk(ast.parse(code))]) == found

@@ -205,13 +205,14 @@ def check_written_form(kind: type[Effect], forms: Forms) -> None:
     for robot in robots().values():
         motion = steady_motion(robot)
         for effect in forms(robot):
+            columns = wide_columns(effect, motion)
             stored = json.loads(json.dumps(effect.entry.to_dict(), allow_nan=False))
             (written,) = parse_effects(effect.text, robot)
             for again in (make_effect(EffectEntry.from_dict(stored), robot), written):
                 same = again.entry.to_dict() == effect.entry.to_dict()
                 demand(same, f"{effect.text} is read as {again.text}")
-                columns = wide_columns(again, motion), wide_columns(effect, motion)
-                demand(np.array_equal(*columns), f"{effect.text} is read otherwise")
+                same = np.array_equal(wide_columns(again, motion), columns)
+                demand(same, f"{effect.text} is read otherwise")
 
 
 def check_memory(kind: type[Effect], forms: Forms) -> None:
