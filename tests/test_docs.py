@@ -2,12 +2,14 @@
 its links lead somewhere, its figures are those of results/.
 """
 
+import ast
 import importlib.util
 import os
 import re
 import runpy
 import shlex
 import shutil
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -172,6 +174,33 @@ def test_sentences_are_told_from_code_lists_and_abbreviated_numbers():
     ]
 
 
+def kinds_of_issues():
+    """What `check` may call an issue: the texts that its code gives as kinds."""
+    kinds = set()
+    for folder in ("checks", "race"):
+        for path in (ROOT / "sdp_vs_penalty" / folder).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                found = []
+                if isinstance(node, ast.Call):
+                    found = [word.value for word in node.keywords if word.arg == "kind"]
+                    if getattr(node.func, "id", "") in ("Hypothesis", "Reason"):
+                        found += node.args[:1]
+                elif isinstance(node, ast.Assign):
+                    names = [getattr(target, "id", "") for target in node.targets]
+                    found = [node.value] if "kind" in names else []
+                texts = [getattr(x, "value", 0) for v in found for x in ast.walk(v)]
+                kinds.update(text for text in texts if isinstance(text, str))
+    return kinds
+
+
+def test_every_kind_of_issue_has_a_row_in_troubleshooting():
+    page = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
+    rows = " ".join(re.findall(r"^\| ([^|]*) \|", page, re.MULTILINE))
+    kinds = kinds_of_issues()
+    assert len(kinds) > 50
+    assert not [kind for kind in kinds if kind not in rows]
+
+
 def test_every_public_name_is_in_the_reference():
     reference = (DOCS / "api.md").read_text(encoding="utf-8")
     public = {name: getattr(sdp_vs_penalty, name) for name in sdp_vs_penalty.__all__}
@@ -180,35 +209,65 @@ def test_every_public_name_is_in_the_reference():
     assert not left, f"docs/api.md has no line {left}"
 
 
-@pytest.mark.long
-def test_how_to(tmp_path, monkeypatch, capsys):
-    """Every command of the page, in order, after those of the rehearsal that it starts
-    from."""
-    shutil.copy(DOCS / "my_arm.urdf", tmp_path)
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(scope="module")
+def rehearsed(tmp_path_factory):
+    """A folder with what the rehearsal of your-robot.md leaves: runs and a model."""
+    folder = tmp_path_factory.mktemp("rehearsed")
+    shutil.copy(DOCS / "my_arm.urdf", folder)
     simulate, *_ = commands("your-robot.md")
     runs = "runs/run1.csv runs/run2.csv runs/run3.csv"
-    run_all(
-        [
-            simulate,
-            f"sdp-vs-penalty identify my_arm.urdf --data {runs} --out model.json",
-        ],
-        capsys,
-    )
-    rows = (Path("runs") / "run1.csv").read_text().splitlines()
-    names = {
-        "t": "time",
-        "q1": "pos_a",
-        "q2": "pos_b",
-        "tau1": "effort_a",
-        "tau2": "effort_b",
-    }
-    head = ",".join(names.get(word, word) for word in rows[0].split(","))
-    Path("theirs.csv").write_text("\n".join([head, *rows[1:]]) + "\n")
-    said = run_all(commands("how-to.md"), capsys)
-    check_printed("how-to.md", said[""])
-    assert "accepted" in said["verify"]
-    assert "mass" in Path("endeffector-config.json").read_text()
+    identify = f"identify my_arm.urdf --data {runs} --out model.json"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert run_cli(*shlex.split(simulate)[1:]) == 0
+        assert run_cli(*shlex.split(identify)) == 0
+    return folder
+
+
+def in_copy(rehearsed, tmp_path, monkeypatch):
+    """Work in a copy of the rehearsal's folder, beside a log with other names."""
+    shutil.copytree(rehearsed, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    head, *rows = (Path("runs") / "run1.csv").read_text().splitlines()
+    for old, new in (("t", "time"), ("q", "pos_"), ("tau", "effort_")):
+        for joint in ("", "1", "2") if old != "t" else ("",):
+            word = {"": new, "1": f"{new}a", "2": f"{new}b"}[joint]
+            head = re.sub(rf"\b{old}{joint}\b", word, head)
+    Path("theirs.csv").write_text("\n".join([head, *rows]) + "\n")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("page", ["how-to.md", "which-motion.md", "tool.md"])
+def test_answers_print_what_they_show(page, rehearsed, tmp_path, monkeypatch, capsys):
+    """Every command of the page, in order, in the folder of the rehearsal."""
+    in_copy(rehearsed, tmp_path, monkeypatch)
+    said = run_all(commands(page), capsys)
+    check_printed(page, said[""])
+    assert "verify" not in said or "accepted" in said["verify"]
+    made = Path("endeffector-config.json")
+    assert page != "tool.md" or "mass" in made.read_text()
+
+
+@pytest.mark.long
+def test_the_model_in_controllers(rehearsed, tmp_path, monkeypatch, capsys):
+    """Python, MuJoCo and C compute one torque, friction and offsets included."""
+    pytest.importorskip("mujoco")
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler")
+    in_copy(rehearsed, tmp_path, monkeypatch)
+    check_printed("controller.md", run_all(commands("controller.md"), capsys)[""])
+    text = (DOCS / "controller.md").read_text(encoding="utf-8")
+    names = {}
+    for code in blocks(text, "python"):
+        exec(code, names)  # our own page
+    (code,) = blocks(text, "c")
+    Path("loop.c").write_text(code)
+    subprocess.run(["cc", "loop.c", "-o", "loop", "-lm"], check=True)
+    printed = subprocess.run(["./loop"], capture_output=True, text=True, check=True)
+    by_c = [float(x) for x in printed.stdout.split()]
+    np.testing.assert_allclose(by_c, names["arm"].torque, atol=1e-5)
+    by_mujoco = names["data"].qfrc_inverse
+    np.testing.assert_allclose(by_mujoco, names["arm"].torque, atol=1e-5)
 
 
 @pytest.mark.parametrize(

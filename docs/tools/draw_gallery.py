@@ -24,6 +24,7 @@ GALLERY = ROOT / "docs" / "gallery"
 #: Of each page the figure that is shown, from 0.
 SHOWN = {
     "own_robot": 2,
+    "students_day": 0,
     "panda_hysteresis": 2,
     "payload": 1,
     "no_torque": 0,

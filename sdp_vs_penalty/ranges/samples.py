@@ -90,6 +90,10 @@ class Samples:
             f" {self.r_hat.max():.3f} ({word})"
         )
 
+    def __str__(self) -> str:
+        """Return the sentence."""
+        return self.sentence
+
 
 def find_samples(
     model: Estimate | str | Path,

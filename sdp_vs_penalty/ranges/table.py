@@ -116,10 +116,28 @@ class Range(JsonRecord):
     @property
     def sentence(self) -> str:
         """What is known of the function: its range, and what decides each end."""
-        return (
-            f"{self.name} lies between {_end_text(self.least)} ({self.least.reason}) and"
-            f" {_end_text(self.greatest)} {self.unit} ({self.greatest.reason})."
+        below, above = self.least, self.greatest
+        lower, upper = (
+            f"{_end_text(below)} {self.unit}",
+            f"{_end_text(above)} {self.unit}",
         )
+        if np.isinf(below.value) and np.isinf(above.value):
+            return f"Nothing limits {self.name} on either side ({above.reason})."
+        if np.isinf(above.value):
+            return f"{self.name} is at least {lower} ({below.reason}); above, {_OPEN}."
+        if np.isinf(below.value):
+            return f"{self.name} is at most {upper} ({above.reason}); below, {_OPEN}."
+        if below.reason == above.reason:
+            reason = f" ({below.reason})"
+            return f"{self.name} lies between {_end_text(below)} and {upper}{reason}."
+        return (
+            f"{self.name} lies between {_end_text(below)} ({below.reason}) and"
+            f" {upper} ({above.reason})."
+        )
+
+    def __str__(self) -> str:
+        """Return the sentence."""
+        return self.sentence
 
 
 @dataclass(frozen=True, repr=False)
@@ -255,6 +273,7 @@ class Ranges(Record, JsonRecord):
         return pandas.DataFrame(rows).set_index("name")
 
 
+_OPEN = "nothing limits it"
 #: Headings of the columns under fewer constraints.
 _UNDER = {
     "consistency": "consistency alone",

@@ -113,6 +113,24 @@ def from_pseudo_inertia(matrix: ArrayLike) -> Array:
     return np.concatenate([p[..., 3, 3, None], p[..., :3, 3], moments], axis=-1)
 
 
+def deformed(theta: ArrayLike, size: float, rng: np.random.Generator) -> Array:
+    """Return links (n, 10) after a random change of shape that keeps them possible.
+
+    P' = (1 + s n')^2 T P T^T, T = [[1 + s N, s r n], [0, 1]]: each point x of a link
+    moves to (1 + s N) x + s r n, and its mass grows. N (3, 3), n (3,) and n' are standard
+    normal, s is the size, r the root mean square distance of the mass from the frame [m].
+    """
+    P = pseudo_inertia(theta)
+    out = np.empty_like(P)
+    for link, matrix in enumerate(P):
+        mass = max(matrix[3, 3], np.finfo(float).tiny)
+        radius = np.sqrt(np.trace(matrix[:3, :3]) / mass)
+        change = np.eye(4)
+        change[:3] += size * rng.normal(size=(3, 4)) * [1.0, 1.0, 1.0, radius]
+        out[link] = (1.0 + size * rng.normal()) ** 2 * change @ matrix @ change.T
+    return from_pseudo_inertia(out)
+
+
 def inertia_matrix(entries: ArrayLike) -> Array:
     """Return the symmetric inertia matrices (..., 3, 3) [kg m^2] of six entries.
 

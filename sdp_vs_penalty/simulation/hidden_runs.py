@@ -27,6 +27,7 @@ from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.results.record import Shown, Summary
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.inertia import deformed, parameter_names
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiments import Experiment, experiment
 from sdp_vs_penalty.simulation.experiments import simulate as measured
@@ -183,6 +184,7 @@ def simulate(
     hide: str | Sequence[str] = (),
     level: str | float = "strong",
     seed: int = 0,
+    link_error: float = 0.0,
 ) -> HiddenRuns:
     """Simulate runs of a robot, with effects hidden in them.
 
@@ -196,18 +198,23 @@ def simulate(
         The hidden torque's RMS over that of the raw noise, or a name for it.
     seed : int
         Seed of everything random.
+    link_error : float
+        How far true links differ from those of the robot's file: 0.2 for about a fifth
+        in size, mass and centre (:func:`~sdp_vs_penalty.robot.inertia.deformed`).
 
     Returns
     -------
     HiddenRuns
-        Three runs to identify from and one to test on.
+        Three runs to identify from and one to test on. ``truth["links"]`` has each
+        link's true parameters, by their names in model.json (m1, mx1, Ixx1; SI).
 
     Raises
     ------
     InputError
-        For an effect that does not exist or makes no torque there, or another level.
+        For an effect that does not exist or makes no torque there, another level, or a
+        link error outside of 0 to 1.
     """
-    return planned(problem, hide, level, seed).simulated()
+    return planned(problem, hide, level, seed, link_error).simulated()
 
 
 def planned(
@@ -215,6 +222,7 @@ def planned(
     hide: str | Sequence[str] = (),
     level: str | float = "strong",
     seed: int = 0,
+    link_error: float = 0.0,
 ) -> Plan:
     """Return the plan of what :func:`simulate` simulates; arguments and errors are the
     same."""
@@ -225,10 +233,12 @@ def planned(
     if size not in LEVELS and (isinstance(size, str) or not 0.0 < size < 1e6):
         remedy = f"write {', '.join(LEVELS)} or a positive number"
         raise InputError(f"level {level!r} is unknown", remedy)
+    if not 0.0 <= link_error <= 1.0:
+        raise InputError(f"link error {link_error!r}", "give a number from 0 to 1")
     effects = [
         (e.name, list(e.asked_joints or ())) for e in parse_effects(hide, robot.robot)
     ]
-    return _plan(robot, effects, size, seed)
+    return _plan(robot, effects, size, seed, link_error=link_error)
 
 
 def true_world(
@@ -322,6 +332,7 @@ def _plan(
     seed: int,
     count: int = len(RUN_FILES),
     world: World | None = None,
+    link_error: float = 0.0,
 ) -> Plan:
     """Draw the motions and size the effects of :func:`hidden_runs`, which has the same
     arguments.
@@ -329,6 +340,9 @@ def _plan(
     factor = LEVELS[level] if isinstance(level, str) else float(level)
     setup = experiment(problem)
     rng = np.random.default_rng([seed, 2])
+    if link_error:
+        links = deformed(setup.links, link_error, np.random.default_rng([seed, 3]))
+        setup = replace(setup, links=links)
     without = [name for name, _ in effects]
     if world is None:
         world = true_world(problem, setup, seed, without)
@@ -365,6 +379,11 @@ def _plan(
             {**h.truth.to_dict(), "size": (h.number or 1.0) * h.size} for h in hidden
         ],
         "model_effects": [e for e in setup.problem.default_effects if e not in without],
+        "links": {
+            name: float(value)
+            for i, link in enumerate(setup.links, start=1)
+            for name, value in zip(parameter_names(i), link, strict=True)
+        },
     }
     return Plan(problem, world, setup, tuple(hidden), tuple(trajectories), seed, truth)
 

@@ -14,6 +14,7 @@ def verb(
     json_: Path | None = None,
     seed: int = 0,
     hold: str | None = None,
+    link_error: float = 0.0,
 ) -> None:
     """Simulate runs in which an effect is hidden, or run a model forward along measured runs.
 
@@ -29,6 +30,7 @@ def verb(
     --level: Size: strong, medium, weak, or the hidden torque's RMS over the raw noise.
     --follow RUN.csv ...: Runs along which the model is run forward.
     --drive: Drive: torque (as measured), pd (and a loop on the motion), or servo (the command).
+    --link-error: How far true links differ from the file's: 0.2 for about a fifth. Default: not.
     --json out.json: JSON file for what is hidden, as truth.json; with --follow for the errors.
     """
     if follow:
@@ -43,7 +45,7 @@ def verb(
             "simulate: no folder to write to", "pass --out DIR, or --follow RUN.csv"
         )
     robot = problem_from_options(source, hold=hold) if hold else source
-    plan = planned(robot, hide or (), level, seed)
+    plan = planned(robot, hide or (), level, seed, link_error)
     # Before the minutes that the runs may take.
     refuse_foreign(out, plan.truth)
     hidden = plan.simulated()
