@@ -245,16 +245,16 @@ tracking.round(2)
 # ## Evening: a family of models for MuJoCo
 #
 # For a robust controller or domain randomisation one model is not enough. Samples are
-# consistent models that all fit, here eight, as compiled MuJoCo models. What the data
+# consistent models that all fit; eight of them become MuJoCo models. What the data
 # know hardly moves; what they do not know is spread.
 
 # %%
 from sdp_vs_penalty.ranges import find_samples
 
 best = fits["lmi-sdp"]
-samples = find_samples(best, 8, prior="entropic")
+samples = find_samples(best, 200)
 print(samples)
-drawn = [best.with_theta(theta).to_mjspec().compile() for theta in samples.theta]
+drawn = [best.with_theta(theta).to_mjspec().compile() for theta in samples.theta[:8]]
 bodies = pd.DataFrame([model.body_mass[1:] for model in drawn]).add_prefix(
     "mass of body "
 )

@@ -13,12 +13,13 @@ __all__ = [
     "identify",
     "identify_and_judge",
     "identify_black_box",
+    "identify_many",
 ]
 __getattr__ = lazy_exports(
     __name__,
     adding="add",
     diagnosis="diagnose add_certain_findings",
     exporting="export judge_as_exported",
-    identification="identify identify_and_judge identify_black_box",
+    identification="identify identify_and_judge identify_black_box identify_many",
     remedies="Files State apply_change command_of next_command next_remedy",
 )

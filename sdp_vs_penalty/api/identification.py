@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.arguments import checked_arguments
-from sdp_vs_penalty.data.files import Source, training_runs
+from sdp_vs_penalty.data.files import Source, as_measurements, training_runs
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare_filtered
 from sdp_vs_penalty.effects.effect import Effect
@@ -30,7 +30,7 @@ from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
 from sdp_vs_penalty.memory import give_back_memory
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.check_command import CheckCommand
-from sdp_vs_penalty.problem.load import as_problem
+from sdp_vs_penalty.problem.load import as_problem, with_bounds
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.robot.arrays import Array
@@ -57,9 +57,10 @@ def identify(
     gain_uncertainty: float | Array = 0.0,
     known_loads: Sequence[tuple[Source, float]] = (),
     known: Mapping[str, float] | None = None,
+    bounds: str | Mapping[str, tuple[float | None, float | None]] | None = None,
     instruments: str | None = None,
     workers: Workers = ALONE,
-    noise_from: Measurements | None = None,
+    noise_from: Source = None,
     check: bool = True,
 ) -> Estimate:
     """Identify a robot's dynamic parameters from measured runs.
@@ -103,11 +104,14 @@ def identify(
     known : mapping of str to float, optional
         Parameters of known value, by name. Without torque they set the scale
         (``{"kp2": 600.0}``).
+    bounds : str or mapping, optional
+        Bounds in place of the problem's: ``{"m2": (1.0, 5.0), "total": (None, 20.0)}``, or
+        the text of --bounds (kg, m, kg m^2; equal ends of a mass: a known value).
     instruments : {"command", "none"}, optional
         Default: "command" where no torque was logged.
     workers : Workers
         Who compresses the runs. The estimate is the same to the last bit.
-    noise_from : Measurements, optional
+    noise_from : the same as measurements, optional
         The runs whose repetition shows the noise; default: the measurements. Name all
         that was recorded where these are a window of it.
     check : bool
@@ -150,23 +154,91 @@ def identify(
         workers=workers,
         progress=progress,
     )
+    robot = with_bounds(as_problem(problem, "identify(problem=...)"), bounds)
+    recorded = None
+    if noise_from is not None:
+        names, what = robot.robot.joint_names, "identify(noise_from=...)"
+        recorded = as_measurements(noise_from, names=names, what=what)
     estimate, runs = _identify(
-        problem, training_runs(measurements), method, options, proof, check
+        robot, training_runs(measurements), method, options, proof, check
     )
     if isinstance(runs, BlackBox):
         return estimate
-    is_window = noise_from is not None and noise_from is not runs.measurements
+    is_window = recorded is not None and recorded is not runs.measurements
     if runs.are_long or is_window:
         # A model must not keep a long recording alive.
-        _judge(estimate, runs, noise_from)
+        _judge(estimate, runs, recorded)
         return estimate
     provenance = Provenance(estimate.provenance)
     # A copy is judged: the model's own provenance would hold the model.
     judged = replace(estimate)
     provenance.work_out_later(
-        ("verdict", "noise"), partial(_judgement, judged, runs, noise_from)
+        ("verdict", "noise"), partial(_judgement, judged, runs, recorded)
     )
     return replace(estimate, provenance=provenance)
+
+
+def identify_many(
+    problem: str | Path | Problem,
+    logs: Mapping[str, Source] | Sequence[str | Path],
+    method: str | Estimator = DEFAULT_METHOD,
+    *,
+    jobs: int = 1,
+    **options: Any,
+) -> dict[str, Estimate]:
+    """Identify one model from each of many logs: units of a series, days, loads.
+
+    Parameters
+    ----------
+    problem : str, Path or Problem
+        As :func:`identify` takes it.
+    logs : mapping or sequence of paths
+        What each model is identified from, by a name; files go by their own.
+    method : str or Estimator, default "lmi-sdp"
+        As :func:`identify` takes it.
+    jobs : int
+        Number of processes.
+    **options
+        The other arguments of :func:`identify`.
+
+    Returns
+    -------
+    dict of str to Estimate
+        Models by name. ``pandas.DataFrame({k: m.links_frame()["mass [kg]"] for k, m in
+        models.items()})`` is a table of their masses.
+
+    Raises
+    ------
+    InputError
+        For input that cannot be used, by the log's name.
+
+    Examples
+    --------
+    >>> from sdp_vs_penalty import identify_many, simulate
+    >>> runs = {f"seed {k}": simulate("two_link", seed=k).train for k in (1, 2)}
+    >>> list(identify_many("two_link", runs))
+    ['seed 1', 'seed 2']
+    """
+    if not isinstance(logs, Mapping):
+        logs = {str(path): path for path in logs}
+    robot = as_problem(problem, "identify_many(problem=...)")
+    one = partial(_identify_one, robot, method, options)
+    models = Workers(jobs).map(one, logs.items())
+    return dict(zip(logs, models, strict=True))
+
+
+def _identify_one(
+    problem: Problem,
+    method: str | Estimator,
+    options: Mapping[str, Any],
+    log: tuple[str, Source],
+) -> Estimate:
+    """Identify the model of one log (name, runs)."""
+    name, source = log
+    try:
+        return identify(problem, source, method, **options)
+    except InputError as error:
+        raise error.within(name) from error
 
 
 @checked_arguments
@@ -252,14 +324,15 @@ def identify_and_judge(
     InputError
         For input that cannot be used.
     """
-    estimate, runs = _identify(problem, measurements, method, options, proof, check)
+    robot = as_problem(problem, "identify(problem=...)")
+    estimate, runs = _identify(robot, measurements, method, options, proof, check)
     if isinstance(runs, BlackBox):
         return estimate, None
     return estimate, _judge(estimate, runs, noise_from)
 
 
 def _identify(
-    problem: str | Path | Problem,
+    problem: Problem,
     measurements: Source | FilteredRuns | BlackBox,
     method: str | Estimator,
     options: PoseOptions,
@@ -270,7 +343,6 @@ def _identify(
 
     The arguments are those of :func:`identify_and_judge`.
     """
-    problem = as_problem(problem, "identify(problem=...)")
     data = load_and_check(problem, measurements, "identify(measurements=...)")
     is_of_caller = not isinstance(measurements, (str, Path))
     if isinstance(data, Measurements) and is_of_caller and data.q.size <= SAMPLES:

@@ -521,7 +521,10 @@ def with_filters(problem: Problem, cutoffs: str | None) -> Problem:
     return replace(problem, preprocessing=settings)
 
 
-def with_bounds(problem: Problem, text: str | None) -> Problem:
+def with_bounds(
+    problem: Problem,
+    bounds: str | Mapping[str, tuple[float | None, float | None]] | None,
+) -> Problem:
     """Return the problem with other bounds of parameters.
 
     Equal ends of a mass, or of a centre of mass in the joint's axes, are known values
@@ -529,21 +532,27 @@ def with_bounds(problem: Problem, text: str | None) -> Problem:
 
     Parameters
     ----------
-    text : str or None
-        "m2=1:5,c2x=-0.1:,total=:20" [kg, m, kg m^2], by the names of a ``bounds.csv``, and
-        ``total``. An end that is left out is open (a mass has 0). None changes nothing.
+    bounds : str, mapping or None
+        "m2=1:5,c2x=-0.1:,total=:20" or {"m2": (1, 5), "c2x": (-0.1, None)} [kg, m, kg m^2],
+        by the names of a ``bounds.csv``, and ``total``. An end that is left out is open (a
+        mass has 0). None changes nothing.
 
     Raises
     ------
     InputError
         Where the text is another one, names no link, or swaps the ends.
     """
-    if text is None:
+    if bounds is None:
         return problem
+    if not isinstance(bounds, str):
+        ends = {
+            k: ["" if x is None else f"{x!r}" for x in v] for k, v in bounds.items()
+        }
+        bounds = ",".join(f"{name}={':'.join(both)}" for name, both in ends.items())
     places = entries(problem.robot.links)
     box = problem.box.copy()
     total = problem.total_mass
-    for name, ends in (pairs("--bounds", text) or {}).items():
+    for name, ends in (pairs("--bounds", bounds) or {}).items():
         low, _, high = ends.partition(":")
         mass = name.startswith(("m", "total"))
         try:
