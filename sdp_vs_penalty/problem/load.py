@@ -521,6 +521,11 @@ def with_filters(problem: Problem, cutoffs: str | None) -> Problem:
     return replace(problem, preprocessing=settings)
 
 
+def _end(value: float | None) -> str:
+    """Return an end of a bound as --bounds has it; "" for an open one."""
+    return "" if value is None else repr(float(value))
+
+
 def with_bounds(
     problem: Problem,
     bounds: str | Mapping[str, tuple[float | None, float | None]] | None,
@@ -545,10 +550,9 @@ def with_bounds(
     if bounds is None:
         return problem
     if not isinstance(bounds, str):
-        ends = {
-            k: ["" if x is None else f"{x!r}" for x in v] for k, v in bounds.items()
-        }
-        bounds = ",".join(f"{name}={':'.join(both)}" for name, both in ends.items())
+        bounds = ",".join(
+            f"{name}={_end(low)}:{_end(high)}" for name, (low, high) in bounds.items()
+        )
     places = entries(problem.robot.links)
     box = problem.box.copy()
     total = problem.total_mass
