@@ -36,7 +36,8 @@ def list_remedies(reports: Sequence[Report]) -> tuple[Remedy, ...]:
         change = Change(
             "transform", f"make these {len(repairs)} repairs", {"apply": words}
         )
-        kinds = formatting.words(list(dict.fromkeys(x.problem for x in repairs)))
+        problems = dict.fromkeys(x.problem.rstrip(".") for x in repairs)
+        kinds = f"{formatting.words(list(problems))}."
         grade = min((x.certainty for x in repairs), key=_GRADES.index)
         why = "the least sure of them is so"
         remedies.insert(0, Remedy(kinds, grade, why, change))

@@ -928,12 +928,18 @@ class Diagnosis(Record, JsonRecord):
         return " ".join(sentences)
 
     @property
+    def main_finding(self) -> Finding | None:
+        """The finding with the most evidence of those whose torque is certain; None
+        without one."""
+        sure = [f for f in self.effects if f.torque_is_certain]
+        return max(sure, key=lambda f: f.gain, default=None)
+
+    @property
     def cause(self) -> str:
         """The main cause in a few words, the joint first: "Joint 3 errs: joint spring"."""
-        sure = [f for f in self.effects if f.torque_is_certain]
-        if not sure:
+        main = self.main_finding
+        if main is None:
             return self._missing
-        main = max(sure, key=lambda f: f.gain)
         likeness = "" if main.effect_is_certain else "something like "
         text = f"Joint {main.main_joint} errs: {likeness}{effect_name(main.effect)}"
         if len(self.sure) > 1:

@@ -90,10 +90,11 @@ class ArmScene:
         caption: str,
         arms: int,
         scale: tuple[str, str] | None,
+        height: int = 330,
     ) -> None:
         """Draw the arm at rest, its clock, the scale of colours, and a note.
 
-        Parameters are those of :func:`chart_and_arm`.
+        Parameters are those of :func:`chart_and_arm`; height : of the picture [pixels].
         """
         self.view = view
         self.about = about
@@ -102,7 +103,7 @@ class ArmScene:
             camera = ui.scene.perspective_camera(fov=_ANGLE)
             with ui.scene(
                 width=360,
-                height=330,
+                height=height,
                 grid=(ground_size(about), _SQUARES),
                 background_color="#f8f9fb",
                 on_click=self.select_link,
@@ -112,6 +113,7 @@ class ArmScene:
                     group for look in _LOOKS[-arms:] for group in self._draw(look)
                 ]
             frame.props["data-arm"] = self.scene.id
+            self.scene.style(f"height: {height}px")
             text = f"The arm in 3D: {caption}"
             self.scene.props.update({"role": "img", "aria-label": text})
             self._draw_clock(arms)
@@ -120,10 +122,8 @@ class ArmScene:
             has_meshes = bool(view.session.robot.get("meshes"))
             surfaces = "Grey: the URDF's meshes. " if has_meshes else ""
             note(
-                f"{surfaces}Ellipsoids of uniform density; {caption}. Violet: joint axes."
-                " A square"
-                f" of the ground: {ground_size(about) / _SQUARES:g} m. Click a link to"
-                " see its joint."
+                f"{surfaces}Ellipsoids with each link's mass and inertia: {caption}."
+                f" Violet: axes. A square: {ground_size(about) / _SQUARES:g} m."
             )
 
     def select_link(self, event: Any) -> None:

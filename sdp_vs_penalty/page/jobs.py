@@ -349,23 +349,6 @@ def change(job: JobRequest) -> Answer:
     return {"effect": effect} | _judged(job, after, uses)
 
 
-def foresee(job: JobRequest) -> Answer:
-    """Try each of ``job["changes"]`` on copies of the runs.
-
-    Returns {"outcomes": for each what it would do to the error on motion left out
-    ("effect"), or why it would be refused ("refused")}.
-    """
-    before = State(job.problem, tuple(job.stored_runs))
-    outcomes = list[dict[str, str]]()
-    for untried in job["changes"]:
-        try:
-            after = apply_change(Change.from_dict(untried), before)
-            outcomes.append({"effect": effect_on_error(before, after)})
-        except InputError as error:
-            outcomes.append({"refused": str(error)})
-    return {"outcomes": outcomes}
-
-
 def motion(job: JobRequest) -> Answer:
     """Write the motion that a remedy asks to record: within the robot's limits, or the
     one that tells the effects of ``job["separate"]`` apart.

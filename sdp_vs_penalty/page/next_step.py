@@ -76,7 +76,11 @@ def _of_runs(session: Session) -> NextStep:
         effect = session.outcome_of(change.to_dict())
         return NextStep(f"{text} {effect}".strip(), label, "check", do, level=level)
     if session.meaningless:
-        return NextStep(session.meaningless[0], "See the check", "check", level="bad")
+        text = (
+            f"{session.meaningless[0]} What is identified from it may be worth nothing."
+        )
+        do = partial(session.start, session.identify_anyway)
+        return NextStep(text, "Identify anyway", "identify", do, level="bad")
     kinds = session.kinds_of_issue
     text = f"The check found {formatting.words(kinds)}." if kinds else ""
     text = text or f"Nothing wrong in {formatting.count(len(session.runs), 'run')}."
@@ -100,7 +104,9 @@ def _of_model(view: View) -> NextStep:
             change = remedy.change.to_dict()
             do = partial(session.start, session.apply, change)
             label = formatting.sentence(remedy.change.words)
-            outcome = describe_outcome(remedy, session.robot["units"])
+            main = diagnosis.main_finding
+            joint = None if main is None else main.main_joint
+            outcome = describe_outcome(remedy, session.robot["units"], joint)
             text = f"{text} {formatting.sentence(outcome)}" if outcome else text
             return NextStep(text, label, "diagnose", do, level=level)
     elif verdict.is_something_missing and len(session.history) == 1:

@@ -18,9 +18,14 @@ from sdp_vs_penalty.api.remedies import Files, command_of, cut_copy
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.parsing import numbers
 from sdp_vs_penalty.diagnosis.causes import VELOCITY
-from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, is_law_of
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
-from sdp_vs_penalty.effects import DEFAULT_EFFECTS, effect_in_words, effects_in_words
+from sdp_vs_penalty.effects import (
+    DEFAULT_EFFECTS,
+    effect_in_words,
+    effect_name,
+    effects_in_words,
+)
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.verdict import Verdict, changes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
@@ -49,6 +54,7 @@ KEPT = (
     "method",
     "mappings",
     "history",
+    "hidden",
 )
 #: What is chosen besides.
 CHOSEN = ("seed", "frozen", "options", "reading", "anyway", "names", "name")
@@ -126,6 +132,8 @@ class Session:
     is_named_by_user: bool = False
     #: The runs, as ``keep`` of jobs.py answers.
     runs: list[dict[str, Any]] = field(default_factory=list)
+    #: The effect that was hidden in simulated runs, as `add` writes it; "" for others.
+    hidden: str = ""
     #: What would mend the runs, as the check orders it.
     remedies: list[dict[str, Any]] = field(default_factory=list)
     #: Effects that were chosen.
@@ -159,6 +167,10 @@ class Session:
     task: asyncio.Task[None] | None = None
     #: What tries the remedies beside everything else; None while nothing does.
     aside: asyncio.Task[None] | None = None
+    #: The change that is being tried, with what tries it.
+    trial: tuple[Mapping[str, Any], asyncio.Task[dict[str, Any]]] | None = None
+    #: What the changes answered that were tried on the runs as they are, by the request.
+    foreseen: dict[str, dict[str, Any]] = field(default_factory=dict)
     #: Tabs that show the session (workbench.py).
     watchers: list[Any] = field(default_factory=list)
     #: Since when no tab shows it, on the monotonic clock [s].
@@ -268,6 +280,30 @@ class Session:
         )
         return sentence or "no joint's error changed by more than 5 %."
 
+    @property
+    def hidden_and_found(self) -> str:
+        """A sentence on the effect that was hidden in simulated runs, and what the last
+        diagnosis says of it; "" for measured runs, and without a diagnosis."""
+        diagnosis = self.findings
+        if diagnosis is None or not self.hidden:
+            return ""
+        effect, _, at = self.hidden.partition(":")
+        if effect == "none":
+            return "Nothing was hidden in these runs."
+        joints = {int(joint) for joint in at.split("+") if joint}
+        found = [f for f in diagnosis.effects if joints <= {*f.joints}]
+        named = [f for f in found if is_law_of(f.effect, effect)]
+        unseen = [x for x in diagnosis.invisible if joints <= {*x.joints}]
+        if named:
+            outcome = f"found ({named[0].rating})"
+        elif any(x.effect == effect for x in unseen):
+            outcome = "not found: parameters of the model absorb it in these runs"
+        elif found:
+            outcome = f"its torque is found as {effect_name(found[0].effect)}"
+        else:
+            outcome = "not found"
+        return f"You hid {effect_in_words(self.hidden)}: {outcome}."
+
     def cause_of(self, joint: int) -> str:
         """Return the cause that shows the error of a joint (from 1): that of its
         finding, or else the one that the error depends on most."""
@@ -367,7 +403,8 @@ class Session:
         is ignored if another task is running.
         """
         if self.task is None:
-            if self.aside is not None:
+            is_asked_for = self.trial is not None and arguments[:1] == self.trial[:1]
+            if self.aside is not None and not is_asked_for:
                 self.aside.cancel()
             self.notice = None
             self.working = Working()
@@ -396,7 +433,7 @@ class Session:
 
     async def _foresee(self) -> None:
         """Try the remedies of the runs beside everything else, and keep what each would
-        do to the error on motion left out."""
+        do to the error on motion left out, and what it would answer."""
         untried = [
             x["change"]
             for x in self.remedies
@@ -407,13 +444,28 @@ class Session:
         n_samples = sum(run["samples"] for run in self.runs)
         if not untried or n_samples > _MOST_TRIED or self.model is not None:
             return
-        request = self._request("foresee", changes=untried)
-        with suppress(InputError):  # nobody has asked for it
-            answer = await self.pool.run(request, lambda text: None, is_aside=True)
-            for change, outcome in zip(untried, answer["outcomes"], strict=True):
-                self._keep_outcome(change, outcome)
+        self.foreseen = {}
+        for change in untried:
+            request = self._change_request(change)
+            work = self.pool.run(request, self._heard_aside, is_aside=True)
+            trial = asyncio.get_running_loop().create_task(work)
+            self.trial = change, trial
+            try:
+                answer = await trial
+            except InputError as error:
+                self._keep_outcome(change, {"refused": str(error)})
+            else:
+                self.foreseen[json.dumps(request)] = answer
+                self._keep_outcome(change, {"effect": answer["effect"]})
+            finally:
+                self.trial = None
             self.save()
             self.changed()
+
+    def _heard_aside(self, text: str) -> None:
+        """Show where a trial stands, while somebody waits for it."""
+        if self.working is not None:
+            self._doing(status=text)
 
     def _keep_outcome(
         self, change: Mapping[str, Any], outcome: Mapping[str, str]
@@ -445,9 +497,11 @@ class Session:
         The request holds the session's state and the ``details``.
         """
         self._doing(title=title, status="")
-        return await self.pool.run(
-            self._request(job, **details), lambda text: self._doing(status=text)
-        )
+        return await self._run(self._request(job, **details))
+
+    async def _run(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Run a request in a worker, and show where it stands."""
+        return await self.pool.run(request, lambda text: self._doing(status=text))
 
     def _request(self, job: str, **details: Any) -> dict[str, Any]:
         """Return the request for a function of jobs.py: the session's state and the
@@ -688,7 +742,8 @@ class Session:
         how["names"] = list(names)
         await self._take_runs("Simulating", "simulate", [], **how)
         at = ":" + "+".join(map(str, joints)) if joints else ""
-        hide = [] if effect == "none" else ["--hide", f"{effect}{at}"]
+        self.hidden = f"{effect}{at}"
+        hide = [] if effect == "none" else ["--hide", self.hidden]
         words = ["--level", level, "--seed", str(seed), "--out", "."]
         self.prepared = [["simulate", self.robot_word, *hide, *words]]
 
@@ -710,6 +765,7 @@ class Session:
         mappings = answer.get("mappings", ())
         refused += [m["reason"] for m in mappings if m["path"] in asked and m["reason"]]
         if new:
+            self.hidden = self.hidden if before else ""
             self._step_from_here(f"{formatting.count(len(new), 'run')} added")
             for run in new:
                 if for_testing(run["name"]):
@@ -866,29 +922,46 @@ class Session:
     async def _change(self, change: Mapping[str, Any]) -> None:
         """Change runs and robot, and check them again; what it did to the error on data
         left out is said."""
-        command = self._check_command
-        words = command_of(Change.from_dict(change), Files(command))
-        names = [run["name"] for run in self.runs]
-        is_copied = words is not None and change["verb"] in ("transform", "read")
-        if is_copied and len(names) == 1:
-            names = [str(command.copy)]
-        elif is_copied:
-            names = [f"{command.copy}/{Path(name).stem}.csv" for name in names]
-        elif change["verb"] == "cut":
-            cut = change["arguments"]["run"]
-            names = [str(cut_copy(x)) if x == cut else x for x in names]
-        title = formatting.sentence(change["words"])
+        request = self._change_request(change)
+        self._doing(title=formatting.sentence(change["words"]), status="")
         try:
-            answer = await self._job(title, "change", change=change, names=names)
+            if self.trial is not None and self.trial[0] == change:
+                answer = await self.trial[1]
+            elif (foreseen := self.foreseen.get(json.dumps(request))) is not None:
+                answer = foreseen
+            else:
+                answer = await self._run(request)
         except InputError as error:
             self._keep_outcome(change, {"refused": str(error)})
             raise
+        if self.aside is not None:
+            self.aside.cancel()
+        words = self._command_of(change)
         self._step_from_here(change["words"])
         self._take(answer)
-        if (is_copied or change["verb"] == "cut") and words is not None:
+        if change["verb"] in ("transform", "read", "cut") and words is not None:
             self.prepared = [*self.prepared, words]
         self.new = ("check", "check")
         self.say(*filter(None, [answer["effect"]]), error=False)
+
+    def _command_of(self, change: Mapping[str, Any]) -> list[str] | None:
+        """Return the words of the command that makes a change of the runs."""
+        return command_of(Change.from_dict(change), Files(self._check_command))
+
+    def _change_request(self, change: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the request for a change of robot and runs, with the names that the
+        runs have afterwards: those of the command that does the same."""
+        command = self._check_command
+        names = [run["name"] for run in self.runs]
+        has_copies = change["verb"] in ("transform", "read")
+        if has_copies and self._command_of(change) is not None:
+            is_alone = len(names) == 1
+            names = [f"{command.copy}/{Path(name).stem}.csv" for name in names]
+            names = [str(command.copy)] if is_alone else names
+        elif change["verb"] == "cut":
+            cut = change["arguments"]["run"]
+            names = [str(cut_copy(x)) if x == cut else x for x in names]
+        return self._request("change", change=change, names=names)
 
     @property
     def _check_command(self) -> CheckCommand:
@@ -930,6 +1003,11 @@ class Session:
                 f"Identifying by {self.method}", "fit", request, label="identified"
             )
         )
+
+    async def identify_anyway(self) -> None:
+        """Identify from runs that the check calls meaningless."""
+        self.anyway = True
+        await self.identify()
 
     async def open_model(self, path: str, name: str) -> None:
         """Begin a new history with a model.json, perhaps identified from other runs.
@@ -1038,11 +1116,9 @@ class Session:
         await self.diagnose()
         assert self.findings is not None
         found = [f.text for f in self.findings.sure]
-        names = effects_in_words(found) or "nothing"
         if found:
             await self.apply(self.findings.remedies[0].change.to_dict())
-        hidden = effect_in_words(f"{HIDDEN}:{joint}")
-        self.say(f"Hidden: {hidden}; found: {names}.", error=False)
+        self.say(self.hidden_and_found, error=False)
 
     async def take(
         self,

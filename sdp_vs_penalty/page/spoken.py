@@ -2,11 +2,18 @@
 
 import re
 
-#: Words of commands that are stages or buttons of the page.
-_STAGES = {"check": "Check", "diagnose": "Diagnose", "identify": "Identify"}
+#: Words of the command line, and what the page has for them.
+_STAGES = {
+    "run `compare` on": "test it on",
+    "`check`": "Check",
+    "`diagnose`": "Diagnose",
+    "`identify`": "Identify",
+    "`ranges` says": 'under "Between which values?" stands',
+    "N*m": "N m",
+}
 #: A clause that names a command with options, or an option of one.
 _CLAUSE = re.compile(
-    r"(?:[;:,(]| or| and)?[^;:,(`]*`[^`]*(?:--|sdp-vs-penalty|convert )[^`]*`[^;:,.`]*"
+    r"(?:[;:,(]| or| and)?[^;:,(`]*`[^`]*(?:--|sdp-vs-penalty|convert |check-urdf)[^`]*`[^;:,.`]*"
     r"|(?:[;:,(]| or| and)[^;:,(.]*\s--[a-z](?:\.\.\.|[^;:,.])*"
 )
 
@@ -26,6 +33,6 @@ def spoken(text: str) -> str:
     """
     text = _CLAUSE.sub("", text)
     for word, stage in _STAGES.items():
-        text = text.replace(f"`{word}`", stage)
+        text = text.replace(word, stage)
     text = text.replace("`", "").strip()
     return f"{text}." if text and text[-1] not in ".!?)" else text

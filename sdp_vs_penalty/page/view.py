@@ -52,6 +52,8 @@ class View:
     projects: Sequence[Project] = ()
     #: Index of the joint that every part shows, from 0; None before one is chosen.
     joint: int | None = None
+    #: File of the model whose worst joint was selected.
+    judged: str = ""
     #: Run that every part shows.
     run: str = ""
     #: Seconds of the run that every part shows [s]; None for all of it.
@@ -93,12 +95,11 @@ class View:
             follow()
 
     def look_at_worst_joint(self) -> None:
-        """Select the joint with the largest error relative to its noise floor.
-
-        A joint that the person selected stays, as long as the robot has it.
-        """
-        n_joints = self.session.robot["n"]
-        if self.joint is None or self.joint >= n_joints:
+        """Select the joint of a new model with the largest error relative to its noise
+        floor; what a person selects then stays."""
+        model = self.session.current.file
+        if self.joint is None or self.judged != model:
+            self.judged = model
             worst = self.session.current.comparison["facts"]["worst_joint"]["value"]
             self.joint = int(worst) - 1
             self.cause = self.session.cause_of(int(worst))

@@ -23,7 +23,7 @@ const workbench = {
         link.scrollIntoView({ block: "nearest", inline: "center" });
       } else link.removeAttribute("aria-current");
     }
-    const first = document.querySelector(`[data-stage="${stage}"] [data-part]`);
+    const first = document.querySelector(`[data-stage="${stage}"] [data-part]:not(.hidden)`);
     const to = part && document.querySelector(`[data-part="${part}"]`);
     if (to && to !== first) to.scrollIntoView({ block: "start" });
     else scrollTo(0, 0);
@@ -101,6 +101,7 @@ addEventListener("DOMContentLoaded", () => {
   const arrive = () => {
     const link = document.querySelector(`nav.stages a[data-to="${document.body.dataset.at}"]`);
     link?.setAttribute("aria-current", "step");
+    link?.scrollIntoView({ block: "nearest", inline: "center" });
     if (link) waiting.disconnect();
   };
   const waiting = new MutationObserver(arrive);

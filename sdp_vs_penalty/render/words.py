@@ -450,21 +450,24 @@ def describe_remedy(remedy: Remedy) -> str:
     return f"{text}: {outcome}" if outcome else f"{text}."
 
 
-def describe_outcome(remedy: Remedy, units: Sequence[str] = ()) -> str:
-    """Say what a remedy does to the error of the joint that gains most on data left
-    out, with the unit of its torque where ``units`` are known; "" where nothing was
-    left out."""
+def describe_outcome(
+    remedy: Remedy, units: Sequence[str] = (), joint: int | None = None
+) -> str:
+    """Say what a remedy does to the error of a joint on data left out; "" where nothing
+    was left out.
+
+    units : of the joints' torques, where known; joint : its number; None: the one whose
+    error falls most.
+    """
     if remedy.before is None or remedy.after is None:
         return ""
-    before = np.maximum(remedy.before, 1e-300)  # never divide by 0
-    joint = int(np.argmin(remedy.after / before))
-    if not remedy.after[joint] < remedy.before[joint]:
-        return "no joint's error falls on data left out."
-    was, now = (formatting.number(x[joint]) for x in (remedy.before, remedy.after))
-    unit = f" {plain_unit(units[joint])}" if units else ""
-    return (
-        f"joint {joint + 1}'s error falls from {was} to {now}{unit} on data left out."
-    )
+    falls = np.array(remedy.before) - np.array(remedy.after)
+    j = int(np.argmax(falls)) if joint is None else joint - 1
+    if not falls[j] > 0.0:
+        return f"joint {j + 1}'s error does not fall on data left out."
+    was, now = (formatting.number(x[j]) for x in (remedy.before, remedy.after))
+    unit = f" {plain_unit(units[j])}" if units else ""
+    return f"joint {j + 1}'s error falls from {was} to {now}{unit} on data left out."
 
 
 def describe_worse(before: Comparison, after: Comparison) -> str:

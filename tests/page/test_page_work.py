@@ -7,6 +7,7 @@ import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,11 +15,14 @@ from page_sessions import Here, Screen, do, finish, numbers, opened, saved
 from recorded import refusal
 from spoiled_logs import write_logs
 
+from tests.cli.test_printed_commands import told
+
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 
 from starlette.requests import ClientDisconnect
 
 from sdp_vs_penalty import InputError
+from sdp_vs_penalty.diagnosis.findings import Invisible
 from sdp_vs_penalty.page import Sessions, WorkerPool, data_chart, guarded, jobs, worker
 from sdp_vs_penalty.page import sessions as tabs
 from sdp_vs_penalty.results import Change
@@ -93,8 +97,10 @@ def test_a_run_is_repaired_where_it_is_certain(here, hidden, tmp_path):
     assert s.runs == [before]
 
 
-def test_what_a_repair_does_is_known_before_the_click(here, hidden, tmp_path):
-    """The sentence beside the button is that of the repair once it is made."""
+def test_what_a_repair_does_is_known_before_the_click(
+    here, hidden, tmp_path, monkeypatch
+):
+    """The sentence beside the button is that of the repair, which is not made again."""
     run = hidden.runs[0]
     wrong = replace(run, tau=run.tau * [1.0, -1.0])
     s = opened(here, "two_link", **saved(tmp_path, [wrong], "sign.csv"))
@@ -102,8 +108,72 @@ def test_what_a_repair_does_is_known_before_the_click(here, hidden, tmp_path):
     asyncio.run(s._foresee())
     outcome = s.outcome_of(change)
     assert outcome.startswith("Error on motion left out: ")
+    monkeypatch.setattr(jobs, "change", lambda job: pytest.fail("done twice"))
     do(s, lambda: s.apply(change))
     assert s.notice.texts == (outcome,)
+
+
+def test_a_repair_that_is_being_tried_is_waited_for(here, hidden, tmp_path):
+    run = hidden.runs[0]
+    wrong = replace(run, tau=run.tau * [1.0, -1.0])
+    s = opened(here, "two_link", **saved(tmp_path, [wrong], "sign.csv"))
+    change = s.remedies[0]["change"]
+    begun = []
+
+    async def story():
+        run_request = s.pool.run
+
+        async def slowly(request, *how, **options):
+            begun.append(request["job"])
+            await asyncio.sleep(0.05)
+            return await run_request(request, *how, **options)
+
+        s.pool = SimpleNamespace(run=slowly)
+        s.aside = asyncio.get_running_loop().create_task(s._foresee())
+        await asyncio.sleep(0.01)
+        s.start(s.apply, change)
+        await asyncio.wait([s.task])
+
+    asyncio.run(story())
+    assert [run["name"] for run in s.runs] == ["sign_fixed.csv"]
+    assert begun.count("change") == 1
+
+
+def test_after_repairs_that_fail_a_way_on_is_left(here, hidden, tmp_path):
+    run = hidden.runs[0]
+    tau = run.tau.copy()
+    tau[[500, 900, 1300], 1] += 1e4
+    files = saved(tmp_path, [replace(run, tau=tau)], "spikes.csv")
+    s = opened(here, "two_link", **files)
+    s.remedies = [{**x, "refused": "it does not help"} for x in s.remedies]
+    screen = Screen(s)
+    assert "Identify anyway" in screen.text("next")
+    screen.click("next")
+    assert len(s.history) == 1
+
+
+@pytest.mark.parametrize(
+    ("hidden_effect", "outcome"),
+    [
+        ("joint_spring:1", "found (confident)"),
+        ("stiffening_spring:1", "its torque is found as joint spring"),
+        ("joint_spring:2", "absorb it"),
+        ("backlash:2", "not found"),
+        ("", None),
+    ],
+)
+def test_what_was_hidden_is_compared_with_what_was_found(
+    here, two_link, hidden_effect, outcome
+):
+    diagnosis = replace(
+        told(two_link, ["joint_spring:1"]),
+        invisible=(Invisible("joint_spring", (2,), 1.0),),
+    )
+    s = here.new()
+    s.history = [SimpleNamespace(findings=diagnosis)]
+    s.hidden = hidden_effect
+    assert (outcome or "") in s.hidden_and_found
+    assert bool(outcome) == bool(s.hidden_and_found)
 
 
 def test_another_set_of_torques_is_taken_by_a_button(here, hidden, tmp_path):

@@ -12,7 +12,7 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import finding_chart, missing_chart
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.view import Stage, StageVerdict, View, requires_model
+from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View, requires_model
 from sdp_vs_penalty.render.pieces import bars
 from sdp_vs_penalty.render.tables import joint_table
 from sdp_vs_penalty.render.words import (
@@ -24,20 +24,22 @@ from sdp_vs_penalty.render.words import (
 from sdp_vs_penalty.results.remedy import Change
 
 
-@requires_model(
-    "history", "The model so far", lambda s: [model.comparison for model in s.history]
+@partial(
+    PagePart,
+    "history",
+    "The model so far",
+    lambda s: len(s.history) > 1,
+    lambda s: [model.comparison for model in s.history],
 )
 def models(view: View) -> None:
     """Draw each joint's error from model to model."""
     session = view.session
     history = session.history
     units = session.robot["units"]
-    draw.judged(history)
-    if len(history) == 1:
-        return
     errors = [model.comparison["rmse"] for model in history]
     floor = history[-1].comparison["noise_floor"]
     ui.html(bars(errors[0], errors[-1], floor, units), sanitize=False)
+    draw.judged(history)
     facts = {f"error {k}": model.facts for k, model in enumerate(history, start=1)}
     runs = ", ".join(history[-1].judged_on)
     with draw.details(f"RMS errors on {runs} as a table", "history-table"):
@@ -59,6 +61,8 @@ def findings(view: View) -> None:
             " holds on data that did not select it."
         )
     else:
+        if session.hidden_and_found:
+            draw.tag("p", session.hidden_and_found, "chosen")
         words = describe_diagnosis(diagnosis, session.robot["units"])
         _cards(view, diagnosis, words)
         _constants(session, diagnosis, words)
@@ -111,16 +115,19 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
         draw.tag("p", words.on_the_arm, "on-the-arm")
         _picture(session, finding)
         draw.tag("p", words.gain)
-        draw.tag("p", f"Size {words.size_and_constants}", "size")
+        if words.size:
+            draw.tag("p", f"Size {words.size}", "size")
         if words.rivals:
             draw.tag("p", words.rivals, "rivals")
         if words.splits:
             draw.note(words.splits)
         if words.test:
             _telling(view, finding, words.test, f"tell-{k}")
-        if words.physics:
+        if words.physics or words.constants:
             with draw.details("What this effect is", f"physics-{k}"):
                 draw.note(words.physics)
+                if words.constants:
+                    draw.note(f"Its constants: {words.constants}.")
         if words.doubt:
             draw.note(words.doubt)
         for warning in session.warnings_of(finding.main_joint):
@@ -240,9 +247,9 @@ def _others(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) -> No
         with draw.details("Every event", "events"), draw.tag("ul"):
             for line in words.all_events:
                 draw.tag("li", f"{formatting.sentence(line)}.")
-    for remark in words.remarks:
+    verdict = () if session.added else (words.verdict,)
+    for remark in (*verdict, *words.remarks, words.left):
         draw.note(remark)
-    draw.note(words.left)
     if words.invisible:
         with draw.details("Not identifiable from these runs", "invisible"):
             draw.note("The model's existing parameters absorb the torque of:")
@@ -262,11 +269,9 @@ def _diagnosed(session: Session) -> StageVerdict | None:
     if diagnosis is not None:
         found = diagnosis.texts
         left = [text for text in found if text not in added]
-        if not added:
-            sentence = diagnosis.headline
-        elif left:
+        if added and left:
             sentence = f"{len(left)} more can be added."
-        else:
+        elif added:
             sentence = "Diagnose again to see what is missing now."
     if len(session.history) > 1:
         change = session.change
@@ -275,5 +280,5 @@ def _diagnosed(session: Session) -> StageVerdict | None:
 
 
 DIAGNOSE = Stage(
-    "diagnose", "Diagnose", "Identify a model first.", (findings, models), _diagnosed
+    "diagnose", "Diagnose", "Identify a model first.", (models, findings), _diagnosed
 )

@@ -34,6 +34,7 @@ from sdp_vs_penalty.render import pieces
 from sdp_vs_penalty.render.charts import Curves, friction_figure
 from sdp_vs_penalty.render.tables import joint_table
 from sdp_vs_penalty.render.words import CERTIFICATE, plain_name
+from sdp_vs_penalty.reports.demo import METHODS
 from sdp_vs_penalty.results.facts import columns_of
 from sdp_vs_penalty.results.table import Table
 
@@ -323,7 +324,7 @@ def _figures(model: ModelStep) -> None:
     draw.figures([(one.column, one.texts[0]) for one in shown])
     draw.note(
         f"Judged on {seconds} s of {judged}, {new} % of it not used for fitting,"
-        f" {scope}; identified in {model.seconds:.2g} s."
+        f" {scope}; checked and identified in {model.seconds:.2g} s."
     )
     for line in model.comparison["verdict"]["lines"][1:]:
         text = f"{line['about'].capitalize()}: {spoken(line['text'])}"
@@ -447,13 +448,19 @@ def methods(view: View) -> None:
     session = view.session
     chosen = view.methods
     names = _methods()
+
+    def boxes(shown: Sequence[str]) -> None:
+        for name in shown:
+            put = partial(chosen.__setitem__, name)
+            label = f"{name}: {names[name]}"
+            draw.check(label, chosen.get(name, False), put, f"method-{name}")
+
     with draw.tag("fieldset"):
         draw.tag("legend", "With the effects of the current model")
-        with draw.tag("div", style="checks"):
-            for name, description in names.items():
-                on = chosen.get(name, False)
-                put = partial(chosen.__setitem__, name)
-                draw.check(name, on, put, f"method-{name}", description)
+        boxes(METHODS)
+        others = [name for name in names if name not in METHODS]
+        with draw.details("More methods", "more-methods"):
+            boxes(others)
 
     def compare() -> None:
         chosen_names = [name for name in names if chosen.get(name)]

@@ -1,8 +1,10 @@
 """Measure: which robot, and which measurements. Check: what they look like, and what
 the check says."""
 
+import re
 import tomllib
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty import formatting
@@ -40,7 +42,7 @@ def robot(view: View) -> None:
             _chosen(view)
         if robot["drawn"]["bodies"]:
             caption = "nominal links; the joint that moves lights up, in their order"
-            arm = ArmScene(view, robot["drawn"], caption, 1, None)
+            arm = ArmScene(view, robot["drawn"], caption, 1, None, height=230)
             read = session.arrays(robot["sweep"])
             arm.load(robot["sweep"], read, read["moves"])
 
@@ -53,7 +55,8 @@ def _chosen(view: View) -> None:
     draw.tag("p", f"{file}{robot['name']}, {robot['title']}", "chosen")
     units = ", ".join(dict.fromkeys(robot["units"]))
     draw.note(f"Joints in order: {', '.join(robot['joints'])}. Torques in {units}.")
-    draw.note(robot["known"])
+    with draw.details("Its limits and filters", "known"):
+        draw.note(robot["known"])
     gravity, hold = view.forms["robot"]
     now = ",".join(f"{g:g}" for g in robot["gravity"])
     fields = ((gravity, now, session.mount), (hold, robot["hold"], session.hold))
@@ -90,11 +93,10 @@ def _choose(view: View) -> None:
     # By name or path: what to call it, what it is, and the shown name of a URDF.
     there: dict[str, tuple[str, str, str | None]] = {}
     for file in sorted(problems_folder().glob("*/problem.toml")):
-        there[file.parent.name] = (
-            file.parent.name,
-            tomllib.loads(file.read_text("utf-8"))["title"],
-            None,
-        )
+        title = tomllib.loads(file.read_text("utf-8"))["title"]
+        name = re.split(r", | \(", title)[0]
+        description = title.removeprefix(name).lstrip(", ")
+        there[file.parent.name] = name, description, None
     for folder in view.folder_problems():
         there[str(folder)] = (
             folder.name,
@@ -112,7 +114,7 @@ def _choose(view: View) -> None:
                 name,
                 description,
                 choose,
-                f"robot-{name}",
+                f"robot-{Path(source).name if urdf is None else name}",
                 "on" if on else "",
                 aria_pressed=pressed,
             )
