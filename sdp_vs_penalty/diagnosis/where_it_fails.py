@@ -105,10 +105,9 @@ USUAL = (
 
 #: What the shares of causes are shares of, for the heading of every table and picture.
 SHARES = (
-    "How much of a joint's error each cause explains on data left out: of the error that"
-    " other values of the model's parameters and the usual friction of drives do not"
-    " explain, or of all of it where nothing stands out there. Causes overlap: do not add"
-    " their shares."
+    "How much of a joint's error each cause explains on data left out, beyond a refit and"
+    " the usual friction of drives (of all of it where nothing stands out there). Causes"
+    " overlap: do not add their shares."
 )
 
 #: What makes an error that follows a torque of the model, by the name of its cause.

@@ -128,6 +128,16 @@ def as_exported(estimate: Estimate, out: str | Path) -> Estimate | None:
     )
 
 
+def effects_left_out(estimate: Estimate, out: str | Path) -> tuple[str, ...]:
+    """Return the effects of a model that a file of this name has no place for, as `add`
+    writes them; none for formats that hold no model of the torque."""
+    held = as_exported(estimate, out)
+    if held is None:
+        return ()
+    kept = {effect.text for effect in held.model.effects}
+    return tuple(e.text for e in estimate.model.effects if e.text not in kept)
+
+
 def exported_verdict(left_out: Sequence[str], judged: Verdict | None) -> str:
     """Return the sentence on a file that lacks some effects, with the verdict on it.
 

@@ -45,7 +45,7 @@ from sdp_vs_penalty.diagnosis.diagnose import diagnose as find_missing_effects
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
-from sdp_vs_penalty.effects import effect_in_words
+from sdp_vs_penalty.effects import effect_in_words, effects_in_words
 from sdp_vs_penalty.errors import (
     ColumnsRemark,
     InputError,
@@ -65,7 +65,8 @@ from sdp_vs_penalty.estimation.shapes import effects_to_estimate_again
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.exporters.export import write_model
+from sdp_vs_penalty.exporters import EXPORTS
+from sdp_vs_penalty.exporters.export import effects_left_out, write_model
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import read_bytes, write_bytes, write_text, writing
 from sdp_vs_penalty.page.splits import confirmed, other_splits, split_run
@@ -1127,10 +1128,14 @@ def about(estimate: Estimate) -> dict[str, Any]:
         "parameters", "links", "certificate": tables; "words": caveats; "friction":
         torque over velocity with half its 95 % interval ("half"), for each joint;
         "bodies", "joints": the arm in 3D
-        (:func:`drawn_arm`).
+        (:func:`drawn_arm`); "left_out": by the name of an exported file what it has no
+        place for, in words.
     """
     links = tables.link_table(estimate)
+    files = [home.FILE for home in EXPORTS.all().values()]
+    left_out = {file: effects_left_out(estimate, file) for file in files}
     return {
+        "left_out": {file: effects_in_words(x) for file, x in left_out.items() if x},
         "parameters": tables.parameter_table(estimate.entries).to_dict(),
         "links": None if links is None else links.to_dict(),
         "words": words.caveats(estimate),

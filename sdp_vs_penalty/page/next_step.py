@@ -11,7 +11,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.view import View, identified, spoken
+from sdp_vs_penalty.page.view import View, checked, identified, spoken
 from sdp_vs_penalty.records import from_json
 from sdp_vs_penalty.render.words import describe_outcome
 from sdp_vs_penalty.results.remedy import Remedy
@@ -81,12 +81,10 @@ def _of_runs(session: Session) -> NextStep:
         )
         do = partial(session.start, session.identify_anyway)
         return NextStep(text, "Identify anyway", "identify", do, level="bad")
-    kinds = session.kinds_of_issue
-    text = f"The check found {formatting.words(kinds)}." if kinds else ""
-    text = text or f"Nothing wrong in {formatting.count(len(session.runs), 'run')}."
+    of_check = checked(session)
     do = partial(session.start, session.identify)
-    level = "usable" if kinds else "good"
-    return NextStep(text, "Identify the model", "identify", do, level=level)
+    label = "Identify the model"
+    return NextStep(of_check.text, label, "identify", do, level=of_check.level)
 
 
 def _of_model(view: View) -> NextStep:

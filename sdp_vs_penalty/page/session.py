@@ -295,7 +295,7 @@ class Session:
         named = [f for f in found if is_law_of(f.effect, effect)]
         unseen = [x for x in diagnosis.invisible if joints <= {*x.joints}]
         if named:
-            outcome = f"found ({named[0].rating})"
+            outcome = "found" if named[0].torque_is_certain else "found, but weak"
         elif any(x.effect == effect for x in unseen):
             outcome = "not found: parameters of the model absorb it in these runs"
         elif found:

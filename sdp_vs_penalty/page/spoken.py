@@ -13,6 +13,7 @@ _STAGES = {
 }
 #: A clause that names a command with options, or an option of one.
 _CLAUSE = re.compile(
+    r"\s*\(--[^)]*\)|"
     r"(?:[;:,(]| or| and)?[^;:,(`]*`[^`]*(?:--|sdp-vs-penalty|convert |check-urdf)[^`]*`[^;:,.`]*"
     r"|(?:[;:,(]| or| and)[^;:,(.]*\s--[a-z](?:\.\.\.|[^;:,.])*"
 )
@@ -28,6 +29,8 @@ def spoken(text: str) -> str:
     'run.csv: no column t.'
     >>> spoken("finger is in no column: where nothing moves there, pass --hold finger=0.")
     'finger is in no column: where nothing moves there.'
+    >>> spoken("A test run (--test) judges both; run `compare` on it.")
+    'A test run judges both; test it on it.'
     >>> spoken("tau is a current in A: --scale tau=... makes torques of it.")
     'tau is a current in A.'
     """

@@ -11,6 +11,7 @@ from typing import Any
 from nicegui import ui
 from nicegui.client import Client
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.causes import VELOCITY
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import spoken
@@ -154,6 +155,17 @@ class StageVerdict:
     text: str
     #: Word with which the sentence begins.
     word: str = ""
+
+
+def checked(session: Session) -> StageVerdict:
+    """Return the verdict of the check: errors first, then warnings, else all is well."""
+    if session.meaningless:
+        return StageVerdict("bad", session.meaningless[0], "Check failed")
+    if kinds := session.kinds_of_issue:
+        text = f"The check found: {formatting.words(kinds)}."
+        return StageVerdict("usable", text, "Check")
+    runs = formatting.count(len(session.runs), "run")
+    return StageVerdict("good", f"Nothing wrong in {runs}.", "Check")
 
 
 def identified(session: Session) -> StageVerdict | None:

@@ -62,6 +62,8 @@ class FindingWords:
     title: str
     #: Rating: confident, near-tie or weak.
     rating: str
+    #: The rating in words: "size uncertain" where nothing else is.
+    badge: str
     #: What the effect is in general.
     physics: str
     #: Why the finding is weak.
@@ -85,7 +87,7 @@ class FindingWords:
     def title_with_doubt(self) -> str:
         """The title, with the rating in brackets unless it is confident."""
         is_sure = self.rating == "confident"
-        return self.title if is_sure else f"{self.title} ({self.rating})"
+        return self.title if is_sure else f"{self.title} ({self.badge})"
 
     @property
     def size_and_constants(self) -> str:
@@ -152,6 +154,7 @@ def describe_finding(
         title=finding.title,
         on_the_arm=finding.on_the_arm,
         rating=finding.rating,
+        badge=_badge_of(finding),
         size=finding.size_text,
         constants=finding.constants,
         gain=finding.gain_sentence(diagnosis),
@@ -171,6 +174,17 @@ def weak_title(n_weak: int, n_added: int = 0) -> str:
         return f"Not worth adding yet: {count}"
     added = "added" if n_added == n_weak else f"{n_added} of them added"
     return f"{count}, {added}"
+
+
+#: Doubts about the size of a torque that is there, and of no other effect.
+_OF_SIZE = {Doubt("uncertain"), Doubt("insignificant")}
+
+
+def _badge_of(rated: Finding | Retune) -> str:
+    """Return how sure a finding is, in a word or two."""
+    is_of_size = rated.torque_is_certain and {*rated.doubts} <= _OF_SIZE
+    is_weak = rated.rating == "weak"
+    return "size uncertain" if is_weak and is_of_size else rated.rating
 
 
 def doubt_of(rated: Finding | Retune, shared: Collection[Doubt] = ()) -> str:
@@ -205,6 +219,7 @@ def describe_constant(constant: Retune) -> FindingWords:
     return FindingWords(
         title=f"{plain_name(constant.effect)}, joint {constant.joint}",
         rating=constant.rating,
+        badge=_badge_of(constant),
         physics=f"Re-estimated constant: {constant.explanation}.",
         doubt=doubt_of(constant),
     )

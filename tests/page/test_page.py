@@ -13,6 +13,7 @@ import page_driver as driver
 import pytest
 from commands import run_cli
 from page_driver import act, expect, go, idle, key, open_page, pick
+from spoiled_logs import write_logs
 
 from sdp_vs_penalty import compare, load_estimate, load_measurements
 from sdp_vs_penalty.data import save
@@ -294,6 +295,24 @@ def test_files_can_be_dragged_onto_the_page(context, server, two_link):
     )
     page.dispatch_event('[data-drop="robot"]', "drop", {"dataTransfer": drop})
     page.wait_for_selector(".chosen:has-text('arm.urdf')")
+
+
+@pytest.mark.long
+def test_a_column_is_dragged_to_what_it_is(context, server, tmp_path):
+    """By the mouse, from the file's columns to a field of ours; a reload keeps it."""
+    urdf, runs = write_logs("headerless", tmp_path)
+    page = open_page(context, server)
+    page.set_input_files(key("drop-robot"), str(urdf))
+    page.wait_for_selector(key("drop-runs"), state="attached")
+    idle(page)
+    page.set_input_files(key("drop-runs"), [str(runs[0])])
+    field = page.locator(key("map-0-q1"))
+    column = page.locator(".of-file", has_text="#3")
+    expect(field).not_to_have_value("#3")
+    column.drag_to(field)
+    expect(field).to_have_value("#3")
+    page.reload()
+    expect(page.locator(key("map-0-q1"))).to_have_value("#3")
 
 
 def test_other_sites_and_names_get_nothing(server):

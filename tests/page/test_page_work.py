@@ -155,7 +155,7 @@ def test_after_repairs_that_fail_a_way_on_is_left(here, hidden, tmp_path):
 @pytest.mark.parametrize(
     ("hidden_effect", "outcome"),
     [
-        ("joint_spring:1", "found (confident)"),
+        ("joint_spring:1", ": found."),
         ("stiffening_spring:1", "its torque is found as joint spring"),
         ("joint_spring:2", "absorb it"),
         ("backlash:2", "not found"),

@@ -401,7 +401,9 @@ def show_every_kind(story: SimpleNamespace) -> SimpleNamespace:
 
 def needs_a_terminal(text: str) -> list[str]:
     """Words of a text that only a terminal takes."""
-    return re.findall(r"`[^`]*`|sdp-vs-penalty [a-z]\S*| --[a-z]\S*", text)
+    words = r"`[^`]*`|sdp-vs-penalty [a-z]\S*|(?<![\w-])--[a-z]\S*"
+    verbs = r"\b(?:run|with|pass) (?:compare|convert|excite|export|check-urdf)\b"
+    return re.findall(f"{words}|{verbs}", text)
 
 
 def test_no_text_outside_the_panel_needs_a_terminal(story):

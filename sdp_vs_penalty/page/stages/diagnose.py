@@ -12,7 +12,14 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import finding_chart, missing_chart
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View, requires_model
+from sdp_vs_penalty.page.view import (
+    PagePart,
+    Stage,
+    StageVerdict,
+    View,
+    requires_model,
+    spoken,
+)
 from sdp_vs_penalty.render.pieces import bars
 from sdp_vs_penalty.render.tables import joint_table
 from sdp_vs_penalty.render.words import (
@@ -65,7 +72,6 @@ def findings(view: View) -> None:
             draw.tag("p", session.hidden_and_found, "chosen")
         words = describe_diagnosis(diagnosis, session.robot["units"])
         _cards(view, diagnosis, words)
-        _constants(session, diagnosis, words)
         _curves(view, diagnosis, words)
         _others(session, diagnosis, words)
     with draw.tag("div", style="row"):
@@ -78,25 +84,32 @@ def findings(view: View) -> None:
 
 
 def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
-    """Draw a card for each finding: first the certain ones; weak ones are folded away.
+    """Draw a card for each finding and each constant to re-estimate: first those whose
+    torque is certain; the others are folded away.
 
     The position of a finding in the diagnosis numbers its card, so that both lists use
     the same numbers.
     """
-    places = list(enumerate(diagnosis.effects))
-    sure = [k for k, finding in places if finding.torque_is_certain]
-    weak = [k for k, finding in places if not finding.torque_is_certain]
+    findings, constants = enumerate(diagnosis.effects), enumerate(diagnosis.retuned)
+    sure, others = list[partial[None]](), list[partial[None]]()
+    for k, finding in findings:
+        card = partial(_card, view, diagnosis, words.findings[k], k)
+        (sure if finding.torque_is_certain else others).append(card)
+    for k, constant in constants:
+        card = partial(_constant, view.session, constant, words.constants[k], k)
+        (sure if constant.torque_is_certain else others).append(card)
     with draw.tag("ol", style="findings"):
-        for k in sure:
-            _card(view, diagnosis, words.findings[k], k)
-    if not weak:
+        for card in sure:
+            card()
+    if not others:
         return
-    with draw.details(weak_title(len(weak)), "weak-findings", on=not sure):
+    title = weak_title(len(others))
+    with draw.details(title, "weak-findings", on=not sure):
         if words.shared_doubt:
             draw.note(words.shared_doubt)
         with draw.tag("ol", style="findings"):
-            for k in weak:
-                _card(view, diagnosis, words.findings[k], k)
+            for card in others:
+                card()
 
 
 def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None:
@@ -111,7 +124,7 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
     with draw.tag("li", style=f"card finding-card{done}"):
         with draw.tag("div", style="head"):
             draw.tag("h4", words.title)
-            draw.tag("span", words.rating, f"badge {words.rating}")
+            draw.tag("span", words.badge, f"badge {words.rating}")
         draw.tag("p", words.on_the_arm, "on-the-arm")
         _picture(session, finding)
         draw.tag("p", words.gain)
@@ -170,21 +183,18 @@ def _adding(
         draw.button("Add", add, key, aria_label=label)
 
 
-def _constants(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
-    """Draw a card for each constant of the model's effects that should be
-    re-estimated.
-    """
-    pairs = zip(diagnosis.retuned, words.constants, strict=True)
-    for k, (constant, said) in enumerate(pairs):
-        with draw.tag("div", style="card finding-card"):
-            draw.tag("h4", said.title)
-            _picture(session, constant)
-            draw.tag("p", said.physics)
-            if said.doubt:
-                draw.note(said.doubt)
-            change = constant.remedy.change
-            key = f"add-constant-{k}"
-            _adding(session, constant.text, change.to_dict(), key, f"Add {said.title}")
+def _constant(session: Session, constant: Retune, words: FindingWords, k: int) -> None:
+    """Draw the card of a constant of the model's effects, the k-th, that should be
+    re-estimated."""
+    with draw.tag("li", style="card finding-card"):
+        draw.tag("h4", words.title)
+        _picture(session, constant)
+        draw.tag("p", words.physics)
+        if words.doubt:
+            draw.note(words.doubt)
+        change = constant.remedy.change.to_dict()
+        key = f"add-constant-{k}"
+        _adding(session, constant.text, change, key, f"Add {words.title}")
 
 
 def _curves(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
@@ -249,7 +259,7 @@ def _others(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) -> No
                 draw.tag("li", f"{formatting.sentence(line)}.")
     verdict = () if session.added else (words.verdict,)
     for remark in (*verdict, *words.remarks, words.left):
-        draw.note(remark)
+        draw.note(spoken(remark))
     if words.invisible:
         with draw.details("Not identifiable from these runs", "invisible"):
             draw.note("The model's existing parameters absorb the torque of:")
@@ -267,7 +277,7 @@ def _diagnosed(session: Session) -> StageVerdict | None:
     added = session.added
     sentence = ""
     if diagnosis is not None:
-        found = diagnosis.texts
+        found = [finding.text for finding in diagnosis.sure]
         left = [text for text in found if text not in added]
         if added and left:
             sentence = f"{len(left)} more can be added."

@@ -219,11 +219,6 @@ class _Fit:
         show = partial(_show, view)
         self.bars = ui.html("", sanitize=False).on("click", show, js_handler=_CELL)
         draw.note("Click a joint to see it below.")
-        _figures(self.model)
-        with draw.details("Every joint as a table", "joints-table"):
-            units = view.session.robot["units"]
-            shown = joint_table({"error": self.model.facts}, units)
-            draw.table(shown, "Facts of each joint")
         with draw.tag("div", style="pick"):
             choose = lambda name: view.select(run=name)  # noqa: E731
             draw.choice("Run", self.model.runs, view.run, choose, "shown-run")
@@ -236,6 +231,11 @@ class _Fit:
         self.chart.on("plotly_relayout", self.zoom)
         self.legend = ui.html("", sanitize=False)
         self.words = draw.tag("p", "", "words")
+        _figures(self.model)
+        with draw.details("Every joint as a table", "joints-table"):
+            units = view.session.robot["units"]
+            shown = joint_table({"error": self.model.facts}, units)
+            draw.table(shown, "Facts of each joint")
         if self.model.failures:
             joints = self.model.failures
             failures = Failures.from_dict({"units": (), "joints": joints})

@@ -16,7 +16,7 @@ from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import SUFFIXES
 from sdp_vs_penalty.page.spoken import spoken
-from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
+from sdp_vs_penalty.page.view import PagePart, Stage, View, checked
 from sdp_vs_penalty.render.words import plain_name
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, MAKERS
 
@@ -55,18 +55,19 @@ def _chosen(view: View) -> None:
     draw.tag("p", f"{file}{robot['name']}, {robot['title']}", "chosen")
     units = ", ".join(dict.fromkeys(robot["units"]))
     draw.note(f"Joints in order: {', '.join(robot['joints'])}. Torques in {units}.")
-    with draw.details("Its limits and filters", "known"):
-        draw.note(robot["known"])
     gravity, hold = view.forms["robot"]
     now = ",".join(f"{g:g}" for g in robot["gravity"])
     fields = ((gravity, now, session.mount), (hold, robot["hold"], session.hold))
-    with draw.tag("div", style="fields"):
-        for option, value, do in fields:
-            text = draw.option_help(option)
-            example = str(option.metavar)
-            draw.text_field(
-                text, value, partial(session.start, do), option.dest, example
-            )
+    is_changed = bool(robot["hold"]) or robot["gravity"] != robot["own_gravity"]
+    title = "Mounting, joints that stand still, limits and filters"
+    with draw.details(title, "known", is_changed):
+        with draw.tag("div", style="fields"):
+            for option, value, do in fields:
+                text = draw.option_help(option)
+                example = str(option.metavar)
+                put = partial(session.start, do)
+                draw.text_field(text, value, put, option.dest, example)
+        draw.note(robot["known"])
     if session.runs:  # they are this robot's: another one has a page of its own
         new = {"href": "/new", "target": "_blank", "data_key": "another-robot"}
         draw.tag("a", "Another robot, on a new page", **new)
@@ -482,19 +483,4 @@ def _issues_with_runs(
     return list(groups.values())
 
 
-def _checked(session: Session) -> StageVerdict:
-    """Return the verdict of the check: errors first, then warnings, else all is
-    well.
-    """
-    if session.meaningless:
-        return StageVerdict("bad", session.meaningless[0], "Check failed")
-    if warned := session.kinds_of_issue:
-        return StageVerdict("usable", f"It found {formatting.words(warned)}.", "Check")
-    return StageVerdict(
-        "good",
-        f"Nothing wrong in {formatting.count(len(session.runs), 'run')}.",
-        "Check",
-    )
-
-
-CHECK = Stage("check", "Check", "Add measurements first.", (check,), _checked)
+CHECK = Stage("check", "Check", "Add measurements first.", (check,), checked)

@@ -1,6 +1,7 @@
 """Use: the model's files, its runs, the commands that make the same, and the model run
 forward."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -9,7 +10,14 @@ from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import chart_and_arm
 from sdp_vs_penalty.page.charts import torque_chart
-from sdp_vs_penalty.page.view import Stage, View, identified, requires_model
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.view import (
+    Stage,
+    StageVerdict,
+    View,
+    identified,
+    requires_model,
+)
 from sdp_vs_penalty.render.charts import Curves
 from sdp_vs_penalty.results.table import Table
 
@@ -36,12 +44,14 @@ def take_away(view: View) -> None:
     """
     session = view.session
     flange = {"flange": ""}
+    left_out = session.current.about.get("left_out", {})
 
     def tiles(label: str, files: dict[str, str]) -> None:
         with draw.tiles(label):
             for name, use in files.items():
                 take = partial(session.start, session.take, name, view.download, flange)
-                draw.tile(name, use, take, f"take-{name}")
+                lacks = f", without {left_out[name]}" if name in left_out else ""
+                draw.tile(name, f"{use}{lacks}", take, f"take-{name}")
 
     findings_file = (
         {} if session.findings is None else {"findings.json": "the diagnosis"}
@@ -103,7 +113,6 @@ def forward(view: View) -> None:
             " model of torques can be good without it."
         )
         return
-    draw.tag("p", answer["verdict"], "words")
     draw.table(Table.from_dict(answer["table"]), "Errors of the simulated motion")
     draw.note(answer["explained"])
     if answer["left_out"]:
@@ -153,4 +162,14 @@ def _replay(view: View, answer: dict[str, Any]) -> None:
     follow()
 
 
-USE = Stage("use", "Use", "Identify a model first.", (take_away, forward), identified)
+def _used(session: Session) -> StageVerdict | None:
+    """Return the verdict on the current model, with that on its simulation once it was
+    run forward."""
+    verdict = identified(session)
+    answer = session.answer("forward")
+    if verdict is None or answer is None:
+        return verdict
+    return replace(verdict, text=f"{verdict.text} Run forward: {answer['verdict']}")
+
+
+USE = Stage("use", "Use", "Identify a model first.", (take_away, forward), _used)
