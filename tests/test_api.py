@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from commands import python
 from recorded import refusal
-from small_runs import small_run, write_run
+from small_runs import small_model, small_run, write_run
 
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.data import columns_of
@@ -78,10 +78,7 @@ def test_measurements_are_checked_first_unless_told_otherwise(two_link):
     remembered."""
     run = small_run(two_link)
     dead = {"t": run.t, "q": run.q, "tau": np.where([True, False], run.tau, 0.25)}
-    for verb in (
-        sdp.identify,
-        lambda model, log: sdp.diagnose(sdp.identify(two_link, run), log),
-    ):
+    for verb in (sdp.identify, lambda problem, log: sdp.diagnose(small_model(), log)):
         refusal(
             lambda verb=verb: verb(two_link, dead),
             "tau2 is 0.25 N*m in every row",

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from commands import run_cli
-from small_runs import small_run
+from small_runs import small_run, write_run
 
 from sdp_vs_penalty import identify, load_problem
 from sdp_vs_penalty.data import save
@@ -29,17 +29,15 @@ def test_every_built_in_problem_is_identified(name):
 
 
 def walk(problem, run, test, plainer, added, *effects):
-    """Each verb ends with 0: check, identify (with ``effects``), compare, diagnose, add
-    (to the model ``plainer``), export, report."""
+    """Each verb ends with 0: identify (with ``effects``), compare, diagnose, add (to the
+    model ``plainer``), export, report."""
     folder = plainer.parent
-    window = ("--window", "0:6", "-q")
-    data = ("--data", run, *window)
+    data = ("--data", run, "-q")
     model = folder / "model.json"
     endings = (".json",) if problem in WITHOUT_URDF else (".json", ".urdf")
     commands = [
-        ("check", problem, "--data", run, "-q"),
         ("identify", problem, *effects, *data, "--out", model),
-        ("compare", model, "--data", test, *window),
+        ("compare", model, "--data", test, "-q"),
         ("diagnose", model, *data, "--json", folder / "findings.json"),
         ("add", plainer, added, *data, "--out", folder / "extended.json"),
         *(("export", model, "--out", folder / f"out{x}", "-q") for x in endings),
@@ -54,8 +52,10 @@ def walk(problem, run, test, plainer, added, *effects):
 def test_every_built_in_problem_walks_through_a_job(name, tmp_path):
     runs = tmp_path / "runs"
     assert run_cli("simulate", name, "--out", runs, "-q") == 0
-    model = tmp_path / "model.json"
-    walk(name, runs / "run1.csv", runs / "test.csv", model, "joint_spring:1")
+    assert run_cli("check", name, "--data", runs / "run1.csv", "-q") == 0
+    problem = load_problem(name)
+    run, test = (write_run(tmp_path / f"{k}.csv", problem, seed=k) for k in (0, 1))
+    walk(name, run, test, tmp_path / "model.json", "joint_spring:1")
 
 
 @pytest.fixture(scope="module")
@@ -75,11 +75,11 @@ def runs(tmp_path_factory):
 
 #: Some at a time: what a verb does with one it does with each.
 NAMES = [*effect_types()]
-FOUR = [NAMES[k : k + 4] for k in range(0, len(NAMES), 4)]
+EIGHT = [NAMES[k : k + 8] for k in range(0, len(NAMES), 8)]
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("names", FOUR, ids=lambda names: names[0])
+@pytest.mark.parametrize("names", EIGHT, ids=lambda names: names[0])
 def test_every_effect_walks_through_a_job_in_its_default_form(names, runs, tmp_path):
     """Part of a model, and added to one without it; tests/effects hides each in a world."""
     run, test = runs

@@ -24,7 +24,7 @@ import pytest
 from commands import peak_memory
 from mutations import change_structure, pick, sound_meshes
 from scipy import sparse
-from small_runs import hostile_log, small_run, write_bag
+from small_runs import hostile_log, small_model, small_run, write_bag
 
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.data import save
@@ -238,7 +238,7 @@ def read_mutated(seed, sources, folder):
 def verbs():
     """What is done with a log, by name."""
     problem = sdp.load_problem("two_link")
-    model = sdp.identify(problem, small_run(problem))
+    model = small_model()
     first = {
         verb.__name__: partial(verb, problem) for verb in (sdp.identify, sdp.check)
     }

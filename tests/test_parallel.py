@@ -7,8 +7,8 @@ import signal
 import threading
 import time
 
-import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from small_runs import write_run
 from unchecked import identify
 
@@ -39,7 +39,7 @@ def test_processes_give_the_same_and_a_killed_one_is_replaced(two_link, runs, tm
         FilteredRuns.filtering(runs, settings), two_link.model(), workers=Workers(2)
     )
     for a, b in zip(here.factors, there.factors, strict=True):
-        np.testing.assert_array_equal(a.triangle, b.triangle)
+        assert_array_equal(a.triangle, b.triangle)
     assert here.blocks == there.blocks
 
     def dies_once(mark):  # a local function travels by value
@@ -64,8 +64,8 @@ def test_folds_are_the_same_by_processes(two_link, runs):
     assert counted == 2 * ["1 of 3 done", "2 of 3 done", "3 of 3 done"]
     assert len(alone.folds) == 3
     for a, b in zip(alone.folds, several.folds, strict=True):
-        np.testing.assert_array_equal(a.theta, b.theta)
-        np.testing.assert_array_equal(a.losses, b.losses)
+        assert_array_equal(a.theta, b.theta)
+        assert_array_equal(a.losses, b.losses)
 
 
 @pytest.mark.long
@@ -85,4 +85,4 @@ def test_a_cluster_gives_the_same_though_a_worker_is_killed(two_link, runs):
         )
         killer.join()
         assert time.monotonic() - started > 0.5  # it was killed while they worked
-    np.testing.assert_array_equal(found.theta, alone.theta)
+    assert_array_equal(found.theta, alone.theta)

@@ -13,7 +13,7 @@ import pytest
 from hostile_names import hostile_names
 from lxml import html
 from markdown_it import MarkdownIt
-from small_runs import small_run
+from small_runs import small_model
 
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.errors import printable
@@ -25,9 +25,9 @@ from sdp_vs_penalty.results.table import escape_latex
 NAMES = list(hostile_names(200, of_files=False, seed=7))
 
 
-@pytest.fixture(scope="module")
-def model(two_link):
-    return sdp.identify(two_link, small_run(two_link))
+@pytest.fixture
+def model():
+    return small_model()
 
 
 def named(model, name):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from commands import run_cli
+from numpy.testing import assert_allclose, assert_array_equal
 from small_runs import small_run
 
 from sdp_vs_penalty import InputError, check, load_measurements
@@ -85,7 +86,7 @@ def test_the_first_remedy_of_a_check_repairs_its_runs(spoiled):
     assert remedy.change.arguments == {"apply": ["sign:tau2"]}
     repaired = apply_change(remedy.change, spoiled)
     for before, after in zip(spoiled.runs, repaired.runs, strict=True):
-        np.testing.assert_allclose(after.tau[:, 1], -before.tau[:, 1])
+        assert_allclose(after.tau[:, 1], -before.tau[:, 1])
     assert "Error on motion left out" in repaired.effect
     command = next_command(list_remedies(reports[0]), FILES)
     assert command is not None
@@ -98,7 +99,7 @@ def test_spans_are_cut_units_read_and_gravity_set(spoiled):
     assert not np.any((first.t >= 0.75) & (first.t <= 2.25))
     assert len(second.t) == len(spoiled.runs[1].t)
     read = apply_change(Change("read", "", {"scale": {"tau": "mNm"}}), spoiled)
-    np.testing.assert_allclose(read.runs[0].tau, 1e-3 * spoiled.runs[0].tau)
+    assert_allclose(read.runs[0].tau, 1e-3 * spoiled.runs[0].tau)
     mount = Change("mount", "", {"gravity": [0.0, -9.81, 0.0]})
     assert apply_change(mount, spoiled).problem.robot.gravity == (0.0, -9.81, 0.0)
 
@@ -127,7 +128,7 @@ def test_a_command_cuts_as_the_button_does(spoiled, tmp_path, monkeypatch):
     before = replace(spoiled, runs=(load_measurements("run1.csv"),))
     after = apply_change(cut, before)
     (written,) = load_measurements("run1_cut.csv").runs()
-    np.testing.assert_array_equal(written.t, after.runs[0].t)
+    assert_array_equal(written.t, after.runs[0].t)
     (faults,), (left,) = (
         check(spoiled.problem, list(x.runs), thorough=False) for x in (before, after)
     )

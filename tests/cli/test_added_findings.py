@@ -11,9 +11,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from commands import run_cli
-from small_runs import small_run, write_run
+from small_runs import small_model, write_run
 
-from sdp_vs_penalty import InputError, identify
+from sdp_vs_penalty import InputError
 from sdp_vs_penalty.diagnosis import Curve
 from sdp_vs_penalty.diagnosis.doubts import REASONS, Doubt
 from sdp_vs_penalty.effects import MeasuredCurve
@@ -28,7 +28,7 @@ def home(two_link, tmp_path_factory):
     """A folder with run.csv and the model of it."""
     folder = tmp_path_factory.mktemp("home")
     write_run(folder / "run.csv", two_link)
-    identify(two_link, small_run(two_link), "ols").save(folder / "model.json")
+    small_model("ols").save(folder / "model.json")
     return folder
 
 

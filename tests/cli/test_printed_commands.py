@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from arms import HEAVY, SCARA, write_folder, write_urdf
 from commands import run_cli
+from numpy.testing import assert_allclose, assert_array_equal
 from page_sessions import do
 from small_runs import small_run, write_run
 
@@ -154,7 +155,7 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
     before, text, file = (
         load_estimate(Path(name)) for name in ("model.json", *written)
     )
-    np.testing.assert_array_equal(text.theta, file.theta)
+    assert_array_equal(text.theta, file.theta)
     assert len(text.theta) > len(before.theta)
     bounds = load_problem(source).constraints(text.model)
     assert ConstraintSet(bounds.convex).margin(text.theta) >= 0.0
@@ -263,7 +264,7 @@ def test_what_a_held_model_misses_is_added_to_it_held(twelve_found, run, panda):
     )
     before = load_estimate(Path("model.json"))
     after = load_estimate(Path("model2.json"))
-    np.testing.assert_array_equal(after.theta[: len(before.theta)], before.theta)
+    assert_array_equal(after.theta[: len(before.theta)], before.theta)
     assert after.certificate.held == [e.text for e in before.model.effects]
 
 
@@ -327,7 +328,7 @@ def test_the_pages_commands_make_the_pages_models(kind, sessions, run, tmp_path)
     for k, model in enumerate(s.history, start=1):
         theirs = load_estimate(model.file)
         ours = load_estimate(tmp_path / f"model{k}.json")
-        np.testing.assert_array_equal(ours.theta, theirs.theta)
+        assert_array_equal(ours.theta, theirs.theta)
         assert ours.to_dict()["problem"] == theirs.to_dict()["problem"]
 
 
@@ -353,4 +354,4 @@ def test_torques_in_another_unit_are_mended_before_anything_is_identified(
     assert words[-2:] == ["--apply", "unit:tau"]
     assert run_cli(*words) == 0
     fixed = load_measurements(words[words.index("--fix") + 1])
-    np.testing.assert_allclose(fixed.tau, true.tau, rtol=1e-9, atol=1e-9)
+    assert_allclose(fixed.tau, true.tau, rtol=1e-9, atol=1e-9)

@@ -10,7 +10,7 @@ import pytest
 from commands import run_cli
 from recorded import refusals, same_refusal
 from servo_log import log, write_slide
-from small_runs import small_run, write_run
+from small_runs import small_model, small_run, write_run
 
 from sdp_vs_penalty import identify
 from sdp_vs_penalty.cli import main
@@ -29,7 +29,7 @@ def folder(two_link, panda, tmp_path_factory):
     save(replace(degrees, q=np.degrees(degrees.q)), home / "degrees.csv")
     save(run := small_run(panda), home / "panda.csv")
     identify(panda, run, "ols", effects="rigid_body").save(home / "rigid.json")
-    identify(two_link, small_run(two_link), "ols").save(home / "model.json")
+    small_model("ols").save(home / "model.json")
     found = told(panda, TWELVE)
     weak = replace(
         found, effects=tuple(replace(f, confidence="weak") for f in found.effects)

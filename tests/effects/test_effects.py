@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from random_robots import sines
 from recorded import refusal, refusals, same_refusal
 from scipy import interpolate
@@ -35,7 +36,7 @@ def test_a_model_computes_its_current_torque_from_its_own_reference():
         robot.inverse_dynamics(links, motion.q, motion.dq, motion.ddq) + 0.3 * motion.dq
     )
     found = replace(model, reference=theta).torque(theta, bare)
-    np.testing.assert_allclose(found, 1.05 * torque, atol=1e-9)
+    assert_allclose(found, 1.05 * torque, atol=1e-9)
 
 
 def test_without_links_what_depends_on_them_makes_no_torque():
@@ -50,8 +51,8 @@ def test_without_links_what_depends_on_them_makes_no_torque():
         [2, 3, 4, 5],
     ]
     for joint in range(robot.n):
-        np.testing.assert_array_equal(columns[joint].columns[:, 1:4], 0.0)
-    np.testing.assert_allclose(columns[0].columns[:, 4], 0.4 * motion.dq[:, 0])
+        assert_array_equal(columns[joint].columns[:, 1:4], 0.0)
+    assert_allclose(columns[0].columns[:, 4], 0.4 * motion.dq[:, 0])
 
 
 def test_a_model_knows_the_gain_of_each_joints_position_error():
@@ -79,10 +80,8 @@ def test_a_curve_reads_a_combination_of_joints():
     q = motion.q
     dq = motion.dq
     for effect, x in ((both, q[:, 1] - 2.0 * q[:, 2]), (fast, dq[:, 0] + dq[:, 1])):
-        np.testing.assert_allclose(
-            wide_columns(effect, motion)[1, :, 0], np.clip(x, -9.0, 9.0)
-        )
-        np.testing.assert_array_equal(effect.outside(motion), np.abs(x) > 9.0)
+        assert_allclose(wide_columns(effect, motion)[1, :, 0], np.clip(x, -9.0, 9.0))
+        assert_array_equal(effect.outside(motion), np.abs(x) > 9.0)
 
 
 def test_a_curve_is_its_values_between_its_ends_and_constant_beyond():
@@ -101,15 +100,15 @@ def test_a_curve_is_its_values_between_its_ends_and_constant_beyond():
     }
     one = kind(robot, [1], xn=12.0, **table)
     along = np.interp(q, np.linspace(low, high, 12), values)
-    np.testing.assert_allclose(wide_columns(one, motion)[1, :, 0], along, atol=1e-12)
-    np.testing.assert_array_equal(one.outside(motion), (q < low) | (q > high))
+    assert_allclose(wide_columns(one, motion)[1, :, 0], along, atol=1e-12)
+    assert_array_equal(one.outside(motion), (q < low) | (q > high))
     two = kind(
         robot, [1], xn=3.0, y=2.0, yn=4.0, ylow=dq.min(), yhigh=dq.max(), **table
     )
     knots = np.linspace(low, high, 3), np.linspace(dq.min(), dq.max(), 4)
     both = interpolate.RegularGridInterpolator(knots, values.reshape(3, 4))
     expected = both(np.column_stack([np.clip(q, low, high), dq]))
-    np.testing.assert_allclose(wide_columns(two, motion)[1, :, 0], expected, atol=1e-12)
+    assert_allclose(wide_columns(two, motion)[1, :, 0], expected, atol=1e-12)
     for key, value, said in (
         ("xn", 12.5, "whole number"),
         ("xn", 0.0, "whole number"),
@@ -178,7 +177,7 @@ def test_waves_that_are_sought_along_a_slide_are_told_apart_over_its_travel(
         waves = np.array(
             [shape["k"] for shape in every if shape.get("waves", 1.0) == 1.0]
         )
-        np.testing.assert_allclose(np.diff(waves), np.pi / travel, rtol=2e-3)
+        assert_allclose(np.diff(waves), np.pi / travel, rtol=2e-3)
         assert waves[0] == pytest.approx(2.0 * np.pi / travel, rel=1e-4)
         assert waves[-1] <= 1.0001 * finest
         assert len(waves) == 200 or waves[-1] > 0.999 * finest - np.pi / travel
@@ -230,8 +229,8 @@ def test_torque_is_that_of_the_columns_over_the_models_own_width():
     )
     sign = np.tanh(motion.dq / 0.3)
     dip = np.exp(-((motion.dq / 0.1) ** 2))
-    np.testing.assert_allclose(torque, sign * (theta[:3] + theta[3:] * dip), atol=1e-12)
-    np.testing.assert_allclose(model.torque(theta, motion), torque, atol=1e-12)
+    assert_allclose(torque, sign * (theta[:3] + theta[3:] * dip), atol=1e-12)
+    assert_allclose(model.torque(theta, motion), torque, atol=1e-12)
 
 
 def test_what_is_smoothed_is_the_motion_without_what_is_faster():
@@ -288,13 +287,11 @@ def test_kinematic_errors_between_some_instants_are_cubic_splines(count):
     instants = np.unique(np.append(np.arange(0, count, 16), count - 1))
     sparse = effect.torques(motion.part(instants))
     columns = effect.torques(motion.with_torque(q))
-    np.testing.assert_array_equal(effect.torques(motion), columns)
+    assert_array_equal(effect.torques(motion), columns)
     expected = interpolate.CubicSpline(t[instants], sparse)(t)
-    np.testing.assert_allclose(columns, expected, rtol=1e-9, atol=1e-9)
+    assert_allclose(columns, expected, rtol=1e-9, atol=1e-9)
     theta = np.random.default_rng(0).normal(size=columns.shape[2])
-    np.testing.assert_allclose(
-        effect.torque(theta, motion), columns @ theta, rtol=1e-9, atol=1e-8
-    )
+    assert_allclose(effect.torque(theta, motion), columns @ theta, rtol=1e-9, atol=1e-8)
 
 
 @pytest.mark.parametrize(

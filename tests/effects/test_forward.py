@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 from sdp_vs_penalty import load_problem
@@ -57,10 +58,8 @@ def test_simulations_side_by_side_weigh_what_each_does_alone():
     both = Plant(light.model, np.concatenate([light.theta, heavy.theta]))
     q = light.robot.random_configurations(2, 5)
     alone = [one.mass(row[None])[0] for one, row in zip((light, heavy), q, strict=True)]
-    np.testing.assert_allclose(both.mass(q), alone, rtol=1e-12)
-    np.testing.assert_allclose(
-        heavy.mass(q) - light.mass(q), np.tile(0.6 * np.eye(2), (2, 1, 1))
-    )
+    assert_allclose(both.mass(q), alone, rtol=1e-12)
+    assert_allclose(heavy.mass(q) - light.mass(q), np.tile(0.6 * np.eye(2), (2, 1, 1)))
 
 
 @pytest.mark.parametrize("name", ["two_link", "panda", "ur10e"])
@@ -99,7 +98,7 @@ def test_as_mujoco_with_armature_and_damping(name):
         mujoco.mj_step(model, data)
     ours = run(p, at_rest(p), torque, h)
     travel = np.abs(data.qpos - 0.3).max()
-    np.testing.assert_allclose(ours.q[0], data.qpos, atol=1e-4 * travel)
+    assert_allclose(ours.q[0], data.qpos, atol=1e-4 * travel)
 
 
 @pytest.mark.parametrize("h", [pytest.param(1e-3, marks=pytest.mark.long), 1e-2])
@@ -169,7 +168,7 @@ def test_friction_that_follows_the_load_follows_that_of_the_links_alone():
 def test_channels_are_undone_and_others_left_out():
     p = plant("two_link", "rigid_body,torque_gain:2,backlash:1", torque_gain=0.1)
     torque = np.ones((5, 2))
-    np.testing.assert_allclose(p.true_torque(np.arange(5.0), torque)[:, 1], 1.0 / 1.1)
+    assert_allclose(p.true_torque(np.arange(5.0), torque)[:, 1], 1.0 / 1.1)
     assert p.left_out == ("backlash:1@law=rests@band=4",)
     declared = {kind.forward for kind in effect_types().values()}
     assert declared == {"torque", "channel", "drive", "left out"}

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from random_robots import repeating_run
 
 from sdp_vs_penalty import InputError, cross_validate
@@ -27,7 +28,7 @@ def test_errors_are_of_unseen_motion(two_link):
     assert result.folds[result.worst_fold - 1].relative_error_percent == worst
     assert f"worst fold {result.worst_fold}: {worst:.3g} %" in result.verdict
     rows = sum(f.rows for f in result.folds)
-    np.testing.assert_allclose(
+    assert_allclose(
         result.rmse**2, sum(f.losses for f in result.folds) / rows, rtol=1e-12
     )
     assert [f.start for f in result.folds] == pytest.approx(
@@ -37,7 +38,7 @@ def test_errors_are_of_unseen_motion(two_link):
     assert list(frame.index) == [(k, j) for k in (1, 2, 3, 4) for j in (1, 2)]
     for number, fold in enumerate(result.folds, start=1):
         of_fold = frame.loc[number]
-        np.testing.assert_array_equal(of_fold["error [N m or N]"], fold.rmse)
+        assert_array_equal(of_fold["error [N m or N]"], fold.rmse)
         assert set(of_fold["start [s]"]) == {fold.start}
         assert set(of_fold["relative error [%]"]) == {fold.relative_error_percent}
 
@@ -57,7 +58,7 @@ def test_a_torque_of_the_judged_phase_does_not_reach_its_model(two_link):
         after = cross_validate(
             two_link, changed, "ols", effects=names, folds=4, weighting="none"
         )
-        np.testing.assert_allclose(
+        assert_allclose(
             after.folds[1].theta, before.folds[1].theta, rtol=1e-7, atol=1e-9
         )
         assert np.abs(after.folds[0].theta - before.folds[0].theta).max() > 1e-3

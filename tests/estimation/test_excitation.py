@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drawn import given, settings, st
+from numpy.testing import assert_allclose
 from scipy import special
 from unchecked import identify
 
@@ -77,7 +78,8 @@ def test_limits_that_admit_no_trajectory_are_refused(two_link, change, match):
 
 @pytest.fixture(scope="module")
 def estimate(panda):
-    return identify(panda, experiment(panda).training_run(), "ols", check=False)
+    run = experiment(panda).training_run().rows(slice(None, None, 4))
+    return identify(panda, run, "ols")
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +109,7 @@ def test_its_deviations_are_those_of_loads_that_are_estimated(estimate, run):
     rows = Y.reshape(-1, 10)
     noise = np.random.default_rng(5).standard_normal((len(rows), 400))
     spread = np.linalg.lstsq(rows, noise, rcond=None)[0].std(axis=1)
-    np.testing.assert_allclose(spread, run.deviation, rtol=0.15)
+    assert_allclose(spread, run.deviation, rtol=0.15)
 
 
 PAIR = "torque_ripple:2@k=2,joint_spring:2"
@@ -115,7 +117,8 @@ PAIR = "torque_ripple:2@k=2,joint_spring:2"
 
 @pytest.fixture(scope="module")
 def small(two_link):
-    return identify(two_link, experiment(two_link).training_run(), "ols", check=False)
+    run = experiment(two_link).training_run().rows(slice(None, None, 4))
+    return identify(two_link, run, "ols")
 
 
 def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(small):
@@ -130,7 +133,7 @@ def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(small
     content = json.loads(joint_trajectory(small.robot.joint_names, found.trajectory))
     assert content["joint_names"] == list(small.robot.joint_names)
     assert len(content["points"]) == 501
-    np.testing.assert_allclose(content["points"][-1]["positions"], q[-1], atol=1e-3)
+    assert_allclose(content["points"][-1]["positions"], q[-1], atol=1e-3)
 
 
 def test_the_stated_length_decides_rightly_as_often_as_stated(small):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from unchecked import identify
 
 from sdp_vs_penalty import Measurements, add, diagnose, load_estimate, load_problem
@@ -122,13 +123,13 @@ def test_gains_known_to_a_per_cent_widen_the_intervals(arm, tmp_path):
     friction = [
         i for i, p in enumerate(estimate.model.parameters) if p.name.startswith("f_")
     ]
-    np.testing.assert_allclose(together[friction], estimate.theta[friction], rtol=1e-6)
+    assert_allclose(together[friction], estimate.theta[friction], rtol=1e-6)
     # The parameters that are kept know it as well, and so does whoever reads the file.
     assert np.all(wide.uncertainty.std[friction] > plain.uncertainty.std[friction])
     wide.save(tmp_path / "wide.json")
     again = load_estimate(tmp_path / "wide.json")
-    np.testing.assert_array_equal(again.covariance, wide.covariance)
-    np.testing.assert_allclose(
+    assert_array_equal(again.covariance, wide.covariance)
+    assert_allclose(
         np.sqrt(np.diagonal(wide.covariance)), wide.uncertainty.std, rtol=1e-9
     )
 

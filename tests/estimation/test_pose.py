@@ -6,8 +6,8 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from recorded import refusal
 from sdp_readers import outside_optimum
 
@@ -53,9 +53,7 @@ def _same(problem, run, tmp_path, options, **told):
     upper = estimate.certificate.upper
     assert about["method"] == SDPA_METHOD
     assert about["effects"] == [effect.text for effect in estimate.model.effects]
-    np.testing.assert_allclose(
-        (about["lower"], about["upper"]), (lower, upper), rtol=1e-7
-    )
+    assert_allclose((about["lower"], about["upper"]), (lower, upper), rtol=1e-7)
     programs = [p for p in ("csdp", "sdpa") if shutil.which(p)] or ["csdp"]
     losses = [
         about["offset"] + about["scale"] * outside_optimum(p, tmp_path)
@@ -89,7 +87,7 @@ def test_a_default_file_for_cbf_is_the_default_method(two_link, tmp_path):
     assert about["method"] == "lmi-sdp"
     estimate = identify(two_link, run, check=False)
     found = (estimate.certificate.lower, estimate.certificate.upper)
-    np.testing.assert_allclose((about["lower"], about["upper"]), found, rtol=1e-7)
+    assert_allclose((about["lower"], about["upper"]), found, rtol=1e-7)
 
 
 def test_options_are_read_from_texts_and_what_is_not_given_is_the_default():

@@ -9,8 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from small_runs import small_run
 
-from sdp_vs_penalty import identify, simulate
+from sdp_vs_penalty import identify
 from sdp_vs_penalty.api import identify_and_judge
 from sdp_vs_penalty.estimation.build_problem import PoseOptions
 from sdp_vs_penalty.estimation.provenance import Provenance
@@ -18,8 +19,8 @@ from sdp_vs_penalty.signals import filtered
 
 
 @pytest.fixture(scope="module")
-def run():
-    return simulate("two_link", seed=1).train[0]
+def run(two_link):
+    return small_run(two_link)
 
 
 def counted():

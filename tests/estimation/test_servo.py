@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from recorded import refusal
 from servo_log import COULOMB, EFFECTS, KD, KP, MASS, OFFSET, VISCOUS, log, write_slide
 
@@ -52,7 +53,7 @@ def test_a_known_mass_gives_the_gains_and_friction(found, tmp_path):
     assert value(found, "f_o1") == pytest.approx(OFFSET, rel=0.05)
     found.save(tmp_path / "model.json")
     again = sdp.load_estimate(tmp_path / "model.json")
-    np.testing.assert_array_equal(again.theta, found.theta)
+    assert_array_equal(again.theta, found.theta)
     (shown,) = sdp.compare(again, log())
     assert shown.relative_error_percent < 3.0
     other = log(seed=3).window(0.0, 2.5)
@@ -230,7 +231,7 @@ def test_beside_a_torque_the_loop_is_told_and_the_load_does_not_feel_it(arm, cap
     loop = f"{EFFECTS},servo_position,servo_integral"
     found = sdp.identify(arm, run, effects=loop, check=False)
     plain = sdp.identify(arm, run, effects=EFFECTS, check=False)
-    np.testing.assert_array_equal(found.theta, plain.theta)
+    assert_array_equal(found.theta, plain.theta)
     told = found.details["loop"]
     assert told["delay"] == pytest.approx(0.02, abs=1e-3)
     assert min(told["share"]) > 0.999

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
+from numpy.testing import assert_allclose
 from random_robots import repeating_run
 from small_runs import small_run
 
-import sdp_vs_penalty
 from sdp_vs_penalty import InputError, identify
 from sdp_vs_penalty.estimation import (
     LEVEL,
@@ -94,7 +94,7 @@ def test_a_draw_of_the_bootstrap_is_the_certified_fit_of_its_rows(two_link):
     again = Objective(rows, objective.entropy)
     best = PosedSdp(task, again, constraints).fit(again)
     base = base_rows(two_link, task.model).rows
-    np.testing.assert_allclose(base @ theta[0], base @ best.theta, rtol=1e-4, atol=1e-4)
+    assert_allclose(base @ theta[0], base @ best.theta, rtol=1e-4, atol=1e-4)
     with pytest.raises(InputError, match="not drawn anew"):
         bootstrap(two_link, run, 1, "ols")
 
@@ -144,7 +144,7 @@ def test_white_intervals_are_those_of_a_gaussian_posterior(two_link):
         found.white * (rows * unit) @ np.linalg.pinv(information, 1e-9, hermitian=True)
     )
     expected = NORMAL_95 * np.sqrt(np.sum(expected * (rows * unit), axis=1))
-    np.testing.assert_allclose(found.half_widths(rows), expected, rtol=1e-5)
+    assert_allclose(found.half_widths(rows), expected, rtol=1e-5)
 
 
 def test_intervals_end_where_what_is_possible_does(two_link):
@@ -220,11 +220,8 @@ def test_what_the_prior_determines_is_not_identifiable(two_link):
     assert words["identifiable"] + words["weakly"] == estimate.n_from_data
 
 
-def test_intervals_are_worked_out_once_when_they_are_first_read():
-    estimate = identify(
-        "two_link", sdp_vs_penalty.simulate("two_link", seed=1).train[0], check=False
-    )
-    late = estimate.uncertainty
+def test_intervals_are_worked_out_once_when_they_are_first_read(two_link):
+    late = identify(two_link, small_run(two_link), check=False).uncertainty
     assert type(late) is LateUncertainty
     copied = pickle.loads(pickle.dumps(late))
     assert type(copied) is type(late) is Uncertainty
@@ -260,8 +257,8 @@ def test_threads_read_intervals_that_one_of_them_works_out():
     assert len(calls) == 1
 
 
-def test_intervals_of_long_runs_are_worked_out_at_once(monkeypatch):
-    run = sdp_vs_penalty.simulate("two_link", seed=1).train[0]
+def test_intervals_of_long_runs_are_worked_out_at_once(two_link, monkeypatch):
+    run = small_run(two_link)
     later = identify("two_link", run, check=False).uncertainty
     monkeypatch.setattr(filtered, "SAMPLES", run.q.size - 1)
     at_once = identify("two_link", run, check=False).uncertainty

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from random_robots import repeating_run, sines
 from unchecked import identify
 
@@ -96,7 +97,7 @@ def test_weights_make_the_residuals_of_all_joints_equal():
         (Parameter("x", "-", "e", 0),), len(sigmas), (), tuple(factors)
     )
     weights = joint_weights(regression, np.array([1.0]))
-    np.testing.assert_allclose(weights * sigmas, (weights * sigmas)[0], rtol=1e-9)
+    assert_allclose(weights * sigmas, (weights * sigmas)[0], rtol=1e-9)
     # Their scale keeps the meaning of the loss: the sum of squares over all joints
     # stays.
     assert np.sum((weights * sigmas) ** 2) == pytest.approx(np.sum(np.square(sigmas)))
@@ -109,4 +110,4 @@ def test_ols_is_the_minimiser_nearest_to_the_nominal_robot():
     assert np.abs(gradient / scale).max() < 1e-6 * np.sqrt(task.data.tau_squared)
     unseen = task.data.column_norms == 0.0
     assert unseen.any()
-    np.testing.assert_allclose(task.ols[unseen], task.nominal[unseen], atol=1e-9)
+    assert_allclose(task.ols[unseen], task.nominal[unseen], atol=1e-9)

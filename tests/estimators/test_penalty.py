@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from random_robots import link_parameters, open_problem, posed_task, sines, tree
 
 from sdp_vs_penalty import Measurements
@@ -113,12 +114,12 @@ def test_slopes_and_curvatures_are_those_of_the_penalty(name, request):
 
     value, gradient = along(0.0, 0)
     ends = [(along(h, k), along(-h, k)) for k in range(len(x))]
-    np.testing.assert_allclose(
+    assert_allclose(
         gradient, [(a[0] - b[0]) / (2 * h) for a, b in ends], rtol=1e-4, atol=1e-3
     )
     numeric = np.array([(a[1] - b[1]) / (2 * h) for a, b in ends])
     J = penalty.rows(x, shifts, weight)[1] @ axes
-    np.testing.assert_allclose(2.0 * J.T @ J, numeric, atol=1e-4)
+    assert_allclose(2.0 * J.T @ J, numeric, atol=1e-4)
     beyond = sum(np.sum(z**2) for z in penalty.shifted(x, shifts, weight))
     loss = (task.data.loss(inside) - task.data.residual_norm**2) / penalty.loss_scale
     assert value == pytest.approx(loss + beyond / (2.0 * weight), rel=1e-9)
@@ -180,15 +181,13 @@ def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
         before = demand.margins(p - step)
         _, rows = demand.margins_and_slopes(p)
         slope = rows @ step[: rows.shape[1]]
-        np.testing.assert_allclose(after - before, 2.0 * slope, rtol=1e-3, atol=1e-12)
+        assert_allclose(after - before, 2.0 * slope, rtol=1e-3, atol=1e-12)
     of_family = [d.margins(p) for d in loss.demands if d.family == family]
     cones = [c for c in task.constraints.convex if c.family == family]
     margins = [
         c.margin(theta) / theta[c.indices[0]] for c in cones
     ]  # of the centre, not of m c
-    np.testing.assert_allclose(
-        np.sort(np.concatenate(of_family)), np.sort(margins), rtol=1e-9
-    )
+    assert_allclose(np.sort(np.concatenate(of_family)), np.sort(margins), rtol=1e-9)
     worst = loss.violations(p)
     assert worst[family] == pytest.approx(max(0.0, -np.min(margins)))
     moments = np.linalg.eigvalsh(inertia.inertia_matrix(p[box.links[:, 4:]]))
@@ -198,7 +197,7 @@ def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
     estimator = replace(make_estimator(method), runs=3, evaluations=1000)
     fit = estimator.fit(task)
     p = box.p(fit.theta)
-    np.testing.assert_allclose(
+    assert_allclose(
         box.theta(p), fit.theta, rtol=1e-9, atol=1e-9
     )  # nothing was clipped
     assert np.all(np.isfinite(box.lower))

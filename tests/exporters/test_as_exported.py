@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from commands import run_cli
 from dynamics_files import FULL, READERS, by_c, by_mujoco, estimate_of
+from numpy.testing import assert_allclose
 from random_robots import states
 from small_runs import write_run
 
@@ -56,7 +57,7 @@ def test_the_header_makes_each_effects_torque(written, two_link, tmp_path):
     assert export(estimate, tmp_path / "model.h") == ()
     rows = states(robot, 50, 2)
     made = by_c(tmp_path / "model.h", robot, *rows)
-    np.testing.assert_allclose(made, torque(estimate, *rows), rtol=0.0, atol=1e-9)
+    assert_allclose(made, torque(estimate, *rows), rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("effects", ["joint_spring", "joint_spring,torque_offset"])
@@ -67,7 +68,7 @@ def test_mujoco_makes_the_torque_of_springs_and_offsets(name, effects, tmp_path)
     assert export(estimate, tmp_path / "robot.xml") == ()
     rows = states(robot, 30, 1)
     made = by_mujoco(tmp_path / "robot.xml", robot, *rows)
-    np.testing.assert_allclose(made, torque(estimate, *rows), rtol=0.0, atol=1e-9)
+    assert_allclose(made, torque(estimate, *rows), rtol=0.0, atol=1e-9)
 
 
 def exportable(ending):
@@ -107,7 +108,7 @@ def check_that_file_is_what_is_judged(estimate, out):
     rows = states(estimate.robot, 20, 1)
     for read in READERS[ending_of(out)][0]:
         made = read(out, estimate.robot, *rows)
-        np.testing.assert_allclose(made, torque(judged, *rows), rtol=0.0, atol=1e-8)
+        assert_allclose(made, torque(judged, *rows), rtol=0.0, atol=1e-8)
 
 
 def ending_of(out):
@@ -158,7 +159,7 @@ def test_plain_json_holds_every_effect_with_its_values(tmp_path):
     assert export(estimate, tmp_path / "effects.json") == ()
     content = json.loads((tmp_path / "effects.json").read_text())
     values = [p["value"] for e in content["effects"] for p in e["parameters"]]
-    np.testing.assert_allclose(values, estimate.theta, rtol=0.0, atol=0.0)
+    assert_allclose(values, estimate.theta, rtol=0.0, atol=0.0)
     names = [e["effect"] for e in content["effects"]]
     assert names == [e.name for e in estimate.model.effects]
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from dynamics_files import FULL, by_mujoco, estimate_of
+from numpy.testing import assert_allclose
 from random_robots import states
-from small_runs import small_run
-from unchecked import identify
+from small_runs import small_model
 
 from sdp_vs_penalty import InputError, export, load_problem
 from sdp_vs_penalty.effects import Motion
@@ -38,7 +38,7 @@ def test_pinocchio_makes_the_torque_of_links_and_rotors(name):
     q, dq, ddq = states(robot, 30, 1)
     made = [pin.rnea(model, data, *row) for row in zip(q, dq, ddq, strict=True)]
     expected = torque_of_links_and_rotors(estimate, q, dq, ddq)
-    np.testing.assert_allclose(np.array(made), expected, rtol=0.0, atol=1e-9)
+    assert_allclose(np.array(made), expected, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -52,7 +52,7 @@ def test_pinocchio_has_the_friction_in_its_fields(name):
         for p, x in zip(estimate.model.parameters, estimate.theta, strict=True)
     }
     viscous = [values[f"f_v{j}"] for j in range(1, robot.n + 1)]
-    np.testing.assert_allclose(model.damping, viscous)
+    assert_allclose(model.damping, viscous)
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -64,7 +64,7 @@ def test_mujoco_makes_the_whole_torque(name, tmp_path):
     q, dq, ddq = states(robot, 30, 1)
     made = by_mujoco(tmp_path / "robot.xml", robot, q, dq, ddq)
     expected = estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq))
-    np.testing.assert_allclose(made, expected, rtol=0.0, atol=1e-4)
+    assert_allclose(made, expected, rtol=0.0, atol=1e-4)
 
 
 def test_a_model_without_links_is_no_pinocchio_model():
@@ -73,9 +73,9 @@ def test_a_model_without_links_is_no_pinocchio_model():
         estimate_of(robot, "viscous_friction", 3).to_pinocchio()
 
 
-@pytest.fixture(scope="module")
-def identified(two_link):
-    return identify(two_link, small_run(two_link), "ols", check=False)
+@pytest.fixture
+def identified():
+    return small_model("ols")
 
 
 def test_a_frame_of_links_names_its_units(identified):

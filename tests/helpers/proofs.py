@@ -96,6 +96,38 @@ def value(p, x):
     return total
 
 
+def constraint(name, cone, indices, constant, coefficients, dual, *entropy):
+    """A constraint as docs/proof.md writes it, of arrays."""
+    return {
+        "family": "any",
+        "name": str(name),
+        "cone": cone,
+        "indices": [*indices],
+        "constant": texts(constant),
+        "coefficients": texts(coefficients) if len(indices) else [],
+        "dual": texts(dual),
+        "entropy": [*entropy],
+    }
+
+
+def proof(R, rho, y, theta, constraints, floor=0.0, bound=8.0):
+    """The claim of an optimum, without its interval."""
+    return {
+        "format": verify_proof.FORMAT,
+        "kind": "optimum",
+        "model": "",
+        "data": "",
+        "floor": text(floor),
+        "parameters": [f"x{k}" for k in range(len(theta))],
+        "R": texts(R) if len(R) else [],
+        "rho": texts(rho),
+        "bound": texts(np.full(len(theta), bound)),
+        "y": texts(y),
+        "theta": texts(theta),
+        "constraints": constraints,
+    }
+
+
 def genuine(rng):
     """A random problem with a strictly feasible theta, multipliers in the cones, and
     what they prove.
@@ -106,16 +138,12 @@ def genuine(rng):
     n = int(rng.integers(1, 7))
     m = int(rng.integers(0, 7))
     theta = short(rng, n)
-    bound = np.full(n, 8.0)
-    R = short(rng, m, n)
-    y = short(rng, m) / 4.0
-    floor = float(rng.integers(0, 9)) / 4.0
     unit = float(rng.choice([1.0, 1.0, 1.0, 2.0**-300, 2.0**300]))
-    R = unit * R
-    y = unit * y
-    floor = unit * floor
+    R = unit * short(rng, m, n)
+    y = unit * short(rng, m) / 4.0
+    floor = unit * float(rng.integers(0, 9)) / 4.0
     rho = R @ theta + unit * short(rng, m) / 8.0
-    constant = floor**2 - 2 * y @ rho - y @ y
+    value_at_zero = floor**2 - 2 * y @ rho - y @ y
     slope = 2 * y @ R
     constraints = []
     for k in range(int(rng.integers(1, 5))):
@@ -132,10 +160,7 @@ def genuine(rng):
             inside = definite(rng, d).ravel()
             dual = (v @ v.T).ravel()
         elif cone == "soc":
-            inside[0], dual[0] = (
-                np.ceil(np.sum(inside)) + 0.5,
-                np.ceil(np.sum(dual)) + 0.5,
-            )
+            inside[0], dual[0] = (np.ceil(np.sum(x)) + 0.5 for x in (inside, dual))
         coefficients = np.array(shapes).reshape(len(indices), size)
         F0 = inside - theta[indices] @ coefficients
         S = dual
@@ -145,51 +170,31 @@ def genuine(rng):
             T = definite(rng, d)
             inverse = definite(rng, d)
             log_det = float(rng.integers(-8, 9)) / 4
-            entropy = [
-                {
-                    "weight": text(weight),
-                    "dual": texts(T.ravel()),
-                    "log_det": text(log_det),
-                }
-            ]
-            entropy[0]["inverse"] = texts(inverse.ravel())
-            constant += weight * (np.linalg.slogdet(T)[1] + log_det)
+            entropy = [entropy_of(weight, T, inverse, log_det)]
+            value_at_zero += weight * (np.linalg.slogdet(T)[1] + log_det)
             S = S + weight * (T - inverse).ravel()
-        constant -= F0 @ S
+        value_at_zero -= F0 @ S
         np.subtract.at(slope, indices, coefficients @ S)
-        about = {
-            "family": "any",
-            "name": str(k),
-            "cone": cone,
-            "indices": indices.tolist(),
-        }
-        about |= {
-            "constant": texts(F0),
-            "coefficients": texts(coefficients) if len(indices) else [],
-        }
-        constraints.append({**about, "dual": texts(dual), "entropy": entropy})
-    p = {
-        "format": verify_proof.FORMAT,
-        "kind": "optimum",
-        "model": "",
-        "data": "",
-        "floor": text(floor),
-    }
-    p |= {
-        "parameters": [f"x{k}" for k in range(n)],
-        "R": texts(R) if m else [],
-        "rho": texts(rho),
-    }
-    p |= {
-        "bound": texts(bound),
-        "y": texts(y),
-        "theta": texts(theta),
-        "constraints": constraints,
-    }
-    lower = float(constant - np.abs(slope) @ bound)
+        constraints.append(
+            constraint(k, cone, indices.tolist(), F0, coefficients, dual, *entropy)
+        )
+    p = proof(R, rho, y, theta, constraints, floor)
+    lower = float(value_at_zero - 8.0 * np.sum(np.abs(slope)))
     upper = value(p, theta)
-    p["lower"] = repr(lower - _CLEARLY * (1.0 + abs(lower)))
-    return p | {"upper": repr(upper + _CLEARLY * (1.0 + abs(upper)))}
+    return p | {
+        "lower": repr(lower - _CLEARLY * (1.0 + abs(lower))),
+        "upper": repr(upper + _CLEARLY * (1.0 + abs(upper))),
+    }
+
+
+def entropy_of(weight, dual, inverse, log_det):
+    """The divergence of a constraint's matrix, weighted, with its own multiplier."""
+    return {
+        "weight": text(weight),
+        "dual": texts(dual.ravel()),
+        "inverse": texts(inverse.ravel()),
+        "log_det": text(log_det),
+    }
 
 
 def without_loss(rng):
@@ -203,21 +208,8 @@ def without_loss(rng):
     theta = short(rng, n)
     m = int(rng.integers(0, 3))
     R = short(rng, m, n)
-    p = {
-        "format": verify_proof.FORMAT,
-        "kind": "optimum",
-        "model": "",
-        "data": "",
-        "floor": "0",
-        "parameters": [f"x{k}" for k in range(n)],
-        "R": texts(R) if m else [],
-        "rho": texts(R @ theta),
-        "bound": texts(np.full(n, 8.0)),
-        "y": ["0"] * m,
-        "theta": texts(theta),
-    }
     constraints = []
-    for number_of_link in range(int(rng.integers(1, 4))):
+    for k in range(int(rng.integers(1, 4))):
         d = int(rng.integers(1, 5))
         shapes = [short(rng, d, d) for _ in range(n)]
         shapes = [a + a.T for a in shapes]
@@ -234,24 +226,13 @@ def without_loss(rng):
         least = np.linalg.eigvalsh(dual)[0] / (1e-300 + np.linalg.norm(beside, 2))
         inverse = dual + size * min(least, 1.0) * beside
         dual, inverse = 0.5 * (dual + dual.T), 0.5 * (inverse + inverse.T)
-        e = {
-            "weight": text(float(rng.integers(1, 5)) / 2),
-            "dual": texts(dual.ravel()),
-            "inverse": texts(inverse.ravel()),
-            "log_det": text(-float(np.linalg.slogdet(inverse)[1])),
-        }
-        c = {
-            "family": "any",
-            "name": str(number_of_link),
-            "cone": "psd",
-            "indices": list(range(n)),
-            "constant": texts(constant.ravel()),
-            "coefficients": texts(np.array(shapes).reshape(n, -1)),
-            "dual": ["0"] * (d * d),
-            "entropy": [e],
-        }
+        log_det = -float(np.linalg.slogdet(inverse)[1])
+        e = entropy_of(float(rng.integers(1, 5)) / 2, dual, inverse, log_det)
+        coefficients = np.array(shapes).reshape(n, -1)
+        flat = constant.ravel()
+        c = constraint(k, "psd", range(n), flat, coefficients, 0.0 * flat, e)
         constraints.append(c)
-    return with_interval(p | {"constraints": constraints})
+    return with_interval(proof(R, R @ theta, np.zeros(m), theta, constraints))
 
 
 def with_interval(p):
@@ -321,18 +302,9 @@ def infeasible(rng):
     for c in p["constraints"]:
         c.update(entropy=[], dual=["0"] * len(c["constant"]))
     for sign in (1.0, -1.0):
-        c = {
-            "family": "any",
-            "name": "one",
-            "cone": "nonnegative",
-            "indices": [k],
-            "entropy": [],
-        }
-        c |= {
-            "constant": [text(-1.0 - sign * a)],
-            "coefficients": [[text(sign * s)]],
-            "dual": ["1"],
-        }
+        c = constraint(
+            "one", "nonnegative", [k], [-1.0 - sign * a], [[sign * s]], [1.0]
+        )
         p["constraints"].append(c)
     return without_optimum(p)
 
@@ -408,23 +380,8 @@ def singular(p, rng):
 
 def with_entropy(p, F, dual):
     """The same with one more constraint, of a constant matrix that has an entropy."""
-    e = {
-        "weight": "1",
-        "dual": texts(dual.ravel()),
-        "inverse": texts(np.eye(len(F)).ravel()),
-    }
-    c = {
-        "family": "any",
-        "name": "constant",
-        "cone": "psd",
-        "indices": [],
-        "coefficients": [],
-    }
-    c |= {
-        "constant": texts(F.ravel()),
-        "dual": ["0"] * F.size,
-        "entropy": [e | {"log_det": "0"}],
-    }
+    e = entropy_of(1.0, dual, np.eye(len(F)), 0.0)
+    c = constraint("constant", "psd", [], F.ravel(), [], np.zeros(F.size), e)
     return p | {"constraints": [*p["constraints"], c]}
 
 

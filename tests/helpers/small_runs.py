@@ -2,11 +2,12 @@
 and of verbs."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import Measurements, load_problem
+from sdp_vs_penalty import Measurements, identify, load_problem
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.signals import Preprocessing
@@ -31,6 +32,13 @@ def small_run(problem, seconds=6.0, seed=0, rate=100.0):
     theta[len(model.rigid_indices) :] = 0.5
     tau = model.torque(theta, Motion(t, q, dq, ddq))
     return Measurements(t, q, tau + 0.05 * rng.normal(size=tau.shape), dq)
+
+
+@cache
+def small_model(method="lmi-sdp"):
+    """The model of a small run of the two links: made once, and nobody changes it."""
+    problem = load_problem("two_link")
+    return identify(problem, small_run(problem), method, check=False)
 
 
 def write_run(path, problem, seconds=6.0, seed=0):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from sdp_vs_penalty import InputError, identify, load_problem
 from sdp_vs_penalty.effects import Model, Motion, parse_effects
@@ -29,7 +30,7 @@ def test_the_torque_is_the_models(name):
         one.update(q, dq, ddq)
         motion = Motion(np.zeros(1), q[None], dq[None], ddq[None])
         torque = one.model.torque(one.theta, motion)[0]
-        np.testing.assert_allclose(one.torque, torque, atol=1e-4, rtol=1e-4)
+        assert_allclose(one.torque, torque, atol=1e-4, rtol=1e-4)
 
 
 def test_a_models_controller_makes_its_torque(hidden):
@@ -37,7 +38,7 @@ def test_a_models_controller_makes_its_torque(hidden):
     state = np.random.default_rng(2).normal(size=(3, 2))
     loop = estimate.controller()
     loop.update(*state)
-    np.testing.assert_allclose(loop.torque, estimate.predict(*state)[0], atol=1e-4)
+    assert_allclose(loop.torque, estimate.predict(*state)[0], atol=1e-4)
 
 
 @pytest.mark.parametrize("name", ["panda", "ur10e", "dvrk_psm"])
@@ -47,7 +48,7 @@ def test_the_columns_are_the_payloads_effect(name):
     one.update(q, dq, ddq)
     (payload,) = parse_effects("payload", one.model.robot)
     columns = payload.torques(Motion(np.zeros(1), q[None], dq[None], ddq[None]))[0]
-    np.testing.assert_allclose(one.columns, columns, atol=1e-9)
+    assert_allclose(one.columns, columns, atol=1e-9)
 
 
 def test_gains_scale_torque_and_columns():
@@ -56,8 +57,8 @@ def test_gains_scale_torque_and_columns():
     q, dq, ddq = np.random.default_rng(1).normal(size=(3, 2))
     plain.update(q, dq, ddq)
     scaled.update(q, dq, ddq)
-    np.testing.assert_allclose(scaled.torque, [0.9, 1.2] * plain.torque)
-    np.testing.assert_allclose(scaled.columns, [[0.9], [1.2]] * plain.columns)
+    assert_allclose(scaled.torque, [0.9, 1.2] * plain.torque)
+    assert_allclose(scaled.columns, [[0.9], [1.2]] * plain.columns)
 
 
 @pytest.mark.parametrize(
@@ -77,8 +78,8 @@ def test_a_cubic_comes_out_exactly_and_late_by_the_delay(rate):
     then = t - one.delay
     assert is_full
     expected = [1.0 + then - then**2 + then**3, 1 - 2 * then + 3 * then**2]
-    np.testing.assert_allclose(out[:2, 0], expected)
-    np.testing.assert_allclose(out[2, 0], -2.0 + 6.0 * then, atol=1e-6)
+    assert_allclose(out[:2, 0], expected)
+    assert_allclose(out[2, 0], -2.0 + 6.0 * then, atol=1e-6)
 
 
 def test_a_delay_beyond_fifty_milliseconds_is_refused():

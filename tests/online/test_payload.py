@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from sdp_vs_penalty import (
     Estimate,
@@ -199,7 +200,7 @@ def test_the_mass_is_within_its_interval_half_a_second_later(arm, picked, at):
 def test_mass_and_centre_of_a_payload_that_is_carried_for_a_while(arm, picked):
     payload = picked(4.0).payloads[14.0]
     assert payload.mass == pytest.approx(arm.mass, rel=0.03)
-    np.testing.assert_allclose(payload.com, arm.com, atol=0.02)
+    assert_allclose(payload.com, arm.com, atol=0.02)
 
 
 def test_what_is_published_is_consistent_and_certified(picked):
@@ -430,7 +431,7 @@ def test_torques_of_mujoco_are_weighed_as_well(exact, tmp_path):
     assert change.time == pytest.approx(2.0, abs=0.05)
     assert payload.mass == pytest.approx(mass, abs=3.0 * payload.mass_std)
     assert payload.mass == pytest.approx(mass, rel=0.03)
-    np.testing.assert_allclose(payload.com, com, atol=0.01)
+    assert_allclose(payload.com, com, atol=0.01)
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from arms import random_arm
 from drawn import given, seeds
+from numpy.testing import assert_allclose, assert_array_equal
 from random_robots import link_parameters, tree
 
 from sdp_vs_penalty import load_problem
@@ -37,11 +38,9 @@ def test_a_body_holds_its_points_and_little_else(seed):
     body = around(np.concatenate([corners, inner]) @ turn.T + shift, "geometry")
     ends = np.column_stack([corners @ turn.T + shift, np.ones(8)])
     assert np.all(np.einsum("ki,ij,kj->k", ends, body.quadric, ends) >= -1e-9)
-    np.testing.assert_allclose(
-        np.sort(body.half_axes), np.sort(np.sqrt(3.0) * half), rtol=0.03
-    )
+    assert_allclose(np.sort(body.half_axes), np.sort(np.sqrt(3.0) * half), rtol=0.03)
     back = Body.from_dict(body.to_dict())
-    np.testing.assert_array_equal(back.quadric, body.quadric)
+    assert_array_equal(back.quadric, body.quadric)
 
 
 PENDULUM = Robot(
@@ -76,9 +75,7 @@ def test_a_body_is_as_large_as_what_it_is_known_from_says():
     ):
         (body,) = link_bodies(PENDULUM, *given_ones)
         assert body.source == source
-        np.testing.assert_allclose(
-            np.sort(body.half_axes), np.sort(expected), rtol=1e-6
-        )
+        assert_allclose(np.sort(body.half_axes), np.sort(expected), rtol=1e-6)
 
 
 def test_the_body_of_a_cylinder_is_not_for_rounding_to_choose():
@@ -94,9 +91,7 @@ def test_the_body_of_a_cylinder_is_not_for_rounding_to_choose():
             PENDULUM, nowhere, inertia.from_pseudo_inertia(second)[None]
         )
         quadrics.append(body.quadric)
-    np.testing.assert_allclose(
-        quadrics, quadrics[1:2] * 3, atol=1e-6 * np.abs(quadrics).max()
-    )
+    assert_allclose(quadrics, quadrics[1:2] * 3, atol=1e-6 * np.abs(quadrics).max())
 
 
 @given(seeds)
@@ -135,7 +130,7 @@ def test_a_files_own_inertials_fit_and_travel(seed, tmp_path):
     assert np.all(fits(problem, problem.nominal_links) > 0.3)
     again = ProblemFields.from_problem(problem).problem(problem.robot)
     for old, new in zip(problem.link_bodies, again.link_bodies, strict=True):
-        np.testing.assert_array_equal(old.quadric, new.quadric)
+        assert_array_equal(old.quadric, new.quadric)
         assert (old.source, old.volume) == (new.source, new.volume)
     assert again.nominal_from == problem.nominal_from
 
@@ -162,13 +157,13 @@ def test_the_nominal_link_fills_its_geometry(tmp_path):
     (body,) = problem.link_bodies
     assert (body.source, problem.nominal_from) == ("geometry", ("geometry",))
     assert body.volume == pytest.approx(size.prod())
-    np.testing.assert_allclose(
+    assert_allclose(
         np.sort(body.half_axes), 1.2 * np.sqrt(0.75) * size + 0.03, rtol=0.03
     )
     assert problem.nominal_links[0, 0] == pytest.approx(1500.0 * size.prod())
     # Second moments between those of a ball and a box, of the bare ellipsoid around it.
     second = np.linalg.eigvalsh(inertia.second_moment(problem.nominal_links[0]))
-    np.testing.assert_allclose(second, 0.75 * size**2 / 7.0, rtol=0.06)
+    assert_allclose(second, 0.75 * size**2 / 7.0, rtol=0.06)
 
 
 def visual(radius):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drawn import given, seeds
+from numpy.testing import assert_allclose, assert_array_equal
 from random_robots import bare, link_parameters, open_problem, task_of, tree, with_box
 from recorded import refusal
 
@@ -41,9 +42,9 @@ def test_given_inertials_are_kept_where_they_are_consistent(seed):
             rng.choice([0, 1, 2]) * 0.0 if rng.random() < 0.5 else -given[link]
         )
     found, _ = plausible_links(robot, spoiled)
-    np.testing.assert_array_equal(found[~bad], given[~bad])
+    assert_array_equal(found[~bad], given[~bad])
     assert np.all(inertia.consistency_margin(found) > 0.0)
-    np.testing.assert_array_equal(plausible_links(robot, found)[0], found)
+    assert_array_equal(plausible_links(robot, found)[0], found)
 
 
 @given(seeds)
@@ -193,12 +194,10 @@ def test_a_nominal_link_is_a_tube_between_half_actuators(length, efforts):
     for mass, x in ((tube, 0.5 * length), (own, 0.0), (next_, length)):
         at = np.array([x, 0.0, 0.0, 1.0])
         expected += mass * np.outer(at, at)
-    np.testing.assert_allclose(
-        inertia.pseudo_inertia(first), expected, rtol=1e-12, atol=1e-12
-    )
+    assert_allclose(inertia.pseudo_inertia(first), expected, rtol=1e-12, atol=1e-12)
     # What it ends in is not known: all of it at its joint.
     assert last[0] == pytest.approx(tube + next_)
-    np.testing.assert_allclose(last[1:4], 0.0, atol=1e-12)
+    assert_allclose(last[1:4], 0.0, atol=1e-12)
 
 
 def test_what_bounds_a_link_by_default_is_the_largest_that_is_known():
@@ -227,9 +226,7 @@ def test_what_bounds_a_link_by_default_is_the_largest_that_is_known():
     ):
         robot = Robot("one", joints)
         problem = open_problem(robot, np.array(links))
-        np.testing.assert_allclose(
-            problem.link_defaults, [[mass, radius]] * robot.n, rtol=1e-12
-        )
+        assert_allclose(problem.link_defaults, [[mass, radius]] * robot.n, rtol=1e-12)
         assert not problem.guessed_links.any()  # nothing says so
     problem = open_problem(Robot("one", (arm,)), np.zeros((1, 10)))
     # Where a centre of mass may be, the link reaches.
@@ -253,14 +250,10 @@ def test_bounds_alone_draw_ellipsoids_that_fill_them(tmp_path):
     )
     mass = np.array([6.0 * surface[0] / surface.sum(), 0.9])
     found = inertia.barycentric_from_standard(problem.nominal_links)
-    np.testing.assert_allclose(found[:, 0], mass)
-    np.testing.assert_allclose(
-        found[:, 1:4], [[-0.1, 0.0, 0.0], [0.3, 0.0, 0.05]], atol=1e-12
-    )
+    assert_allclose(found[:, 0], mass)
+    assert_allclose(found[:, 1:4], [[-0.1, 0.0, 0.0], [0.3, 0.0, 0.05]], atol=1e-12)
     second = mass[:, None] * size**2 / 5.0
-    np.testing.assert_allclose(
-        found[:, [4, 6, 9]], second.sum(axis=1, keepdims=True) - second
-    )
+    assert_allclose(found[:, [4, 6, 9]], second.sum(axis=1, keepdims=True) - second)
     assert problem.nominal_from == ("bounds", "bounds")
 
 
@@ -291,9 +284,7 @@ def test_bounds_on_central_inertia_are_sent_as_their_convex_consequence(panda):
     mass = theta.reshape(7, 10)[:, :1]
     moments = theta.reshape(7, 10)[:, [4, 6, 9]]
     others = np.roll(far, 1, axis=1) + np.roll(far, 2, axis=1)
-    np.testing.assert_allclose(
-        sent, panda.box[:, [4, 6, 9], 1] + mass * others - moments
-    )
+    assert_allclose(sent, panda.box[:, [4, 6, 9], 1] + mass * others - moments)
 
 
 @pytest.mark.parametrize(
@@ -307,7 +298,7 @@ def test_a_given_inertial_is_as_slender_as_its_link_is_long(length, thin, kept):
     found, sources = plausible_links(two_joints(length), theirs)
     assert sources == ("inertial",) * 2
     assert np.array_equal(found, theirs) is kept
-    np.testing.assert_allclose(found[:, 0], 1.5)
+    assert_allclose(found[:, 0], 1.5)
 
 
 @pytest.mark.parametrize(
@@ -319,7 +310,7 @@ def test_a_cone_bounds_a_centre_of_mass_where_it_ends(ends, across):
     made = replace(
         with_box(problem, 0, 3, *ends), cones=(CentreOfMassCone(1, "z", 0.1, 0.3),)
     )
-    np.testing.assert_allclose(made.centre_boxes[0, :2], [[-across, across]] * 2)
+    assert_allclose(made.centre_boxes[0, :2], [[-across, across]] * 2)
 
 
 def test_what_a_problem_leaves_out_is_open(tmp_path):
@@ -374,7 +365,7 @@ def test_a_link_with_impossible_moments_keeps_its_mass_and_centre(centre, diagon
     theirs = inertia.standard_from_barycentric([barycentric] * 2)
     found, sources = plausible_links(two_joints(0.3), theirs)
     assert sources == ("inertial",) * 2
-    np.testing.assert_allclose(found[:, :4], theirs[:, :4], atol=1e-12)
+    assert_allclose(found[:, :4], theirs[:, :4], atol=1e-12)
     assert np.all(inertia.consistency_margin(found) > 0.0)
 
 
@@ -390,4 +381,4 @@ def test_the_moments_of_an_impossible_link_are_the_nearest_possible_ones():
     thin = 2.0 * (0.05 * robot.link_reach()[0]) ** 2 / 5.0
     across = 0.005 / 3.0 + thin
     expected = [across, 0.0, across, 0.0, 0.0, 0.01 / 3.0]
-    np.testing.assert_allclose(about_centre, expected, rtol=1e-6, atol=1e-12)
+    assert_allclose(about_centre, expected, rtol=1e-6, atol=1e-12)

@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from arms import Axis, write_urdf
+from numpy.testing import assert_allclose
 
 import sdp_vs_penalty as sdp
 
@@ -121,7 +122,7 @@ def test_the_relative_error_does_not_depend_on_the_size(length):
 
 @pytest.mark.parametrize("length", [0.1, 1.0, 10.0])
 def test_masses_are_right_at_any_size(length):
-    np.testing.assert_allclose(judged(length)[2], 1.0, atol=0.03)
+    assert_allclose(judged(length)[2], 1.0, atol=0.03)
 
 
 def test_light_links_may_be_lighter_than_ten_grams(tmp_path):
@@ -129,7 +130,7 @@ def test_light_links_may_be_lighter_than_ten_grams(tmp_path):
         replace(axis, mass=m) for axis, m in zip(BASE, (3e-3, 0.02, 5.0), strict=True)
     ]
     problem = sdp.load_problem(write_urdf(tmp_path / "arm.urdf", "arm", axes))
-    np.testing.assert_allclose(problem.box[:, 0, 0], [1e-3, 0.02 / 3.0, 0.01])
+    assert_allclose(problem.box[:, 0, 0], [1e-3, 0.02 / 3.0, 0.01])
 
 
 #: An arm of a hand's size.
@@ -166,4 +167,4 @@ def test_an_arm_with_links_of_a_few_grams_is_good():
 def test_masses_of_a_few_grams_are_near_the_truth():
     """Those of the first link do not show in the torque."""
     true_masses = [axis.mass for axis in SMALL]
-    np.testing.assert_allclose(small_arm()[1][1:], true_masses[1:], rtol=0.2)
+    assert_allclose(small_arm()[1][1:], true_masses[1:], rtol=0.2)

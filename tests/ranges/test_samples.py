@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from sdp_vs_penalty import InputError, identify, simulate
 from sdp_vs_penalty.ranges import (
@@ -49,7 +50,7 @@ def test_a_flat_link_has_the_moments_of_its_cone():
     P = inertia.pseudo_inertia(drawn.reshape(-1, 10))
     # Five standard errors of a mean whose samples scatter by about 0.1.
     close = 5.0 * 0.1 / np.sqrt(effective.min())
-    np.testing.assert_allclose(P.mean(axis=0), 10.0 / 44.0 * np.eye(4), atol=close)
+    assert_allclose(P.mean(axis=0), 10.0 / 44.0 * np.eye(4), atol=close)
     mean_trace = np.trace(P, axis1=1, axis2=2).mean()
     assert mean_trace == pytest.approx(10.0 / 11.0, abs=close)
 
@@ -76,8 +77,8 @@ def test_a_normal_distribution_keeps_its_moments():
     A = np.array([[1.0, 0.5], [0.0, 2.0]])
     chains = Chains(cones, A, A @ [1.0, 2.0], np.zeros(2), np.random.default_rng(0))
     flat = chains.draw(600).reshape(-1, 2)
-    np.testing.assert_allclose(flat.mean(axis=0), [1.0, 2.0], atol=0.1)
-    np.testing.assert_allclose(np.cov(flat.T), np.linalg.inv(A.T @ A), atol=0.12)
+    assert_allclose(flat.mean(axis=0), [1.0, 2.0], atol=0.1)
+    assert_allclose(np.cov(flat.T), np.linalg.inv(A.T @ A), atol=0.12)
 
 
 @pytest.mark.parametrize("prior", ["flat", "entropic"])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from sdp_vs_penalty.render.arms import binary_stl, simplified
 from sdp_vs_penalty.robot import link_surfaces
@@ -52,8 +53,8 @@ def test_a_mesh_beside_the_urdf_is_read_with_its_pose_and_scale(tmp_path, place)
     (folder / "one.urdf").write_text(urdf(place))
     (surface,) = link_surfaces(folder / "one.urdf")
     assert surface.shape == (4, 3, 3)
-    np.testing.assert_allclose(surface.min(axis=(0, 1)), [0.0, 0.0, 2.0])
-    np.testing.assert_allclose(surface.max(axis=(0, 1)), [0.5, 0.5, 2.5])
+    assert_allclose(surface.min(axis=(0, 1)), [0.0, 0.0, 2.0])
+    assert_allclose(surface.max(axis=(0, 1)), [0.5, 0.5, 2.5])
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -69,12 +70,12 @@ def test_a_fine_mesh_becomes_a_coarse_one_of_the_same_size():
     fine = sphere(70)
     coarse = simplified(fine, 3000)
     assert 500 < len(coarse) <= 3000
-    np.testing.assert_allclose(np.ptp(coarse, axis=(0, 1)), 2.0, atol=0.1)
+    assert_allclose(np.ptp(coarse, axis=(0, 1)), 2.0, atol=0.1)
 
 
 def test_a_coarse_mesh_stays():
     assert simplified(CORNERS[FACES]) is not None
-    np.testing.assert_array_equal(simplified(CORNERS[FACES]), CORNERS[FACES])
+    assert_array_equal(simplified(CORNERS[FACES]), CORNERS[FACES])
 
 
 def test_a_binary_stl_holds_normals_and_corners():
@@ -82,5 +83,5 @@ def test_a_binary_stl_holds_normals_and_corners():
     assert len(written) == 84 + 4 * 50
     assert int.from_bytes(written[80:84], "little") == 4
     first = np.frombuffer(written[84:132], "<f4")
-    np.testing.assert_allclose(first[:3], [0.0, 0.0, -1.0])
-    np.testing.assert_allclose(first[3:].reshape(3, 3), CORNERS[list(FACES[0])])
+    assert_allclose(first[:3], [0.0, 0.0, -1.0])
+    assert_allclose(first[3:].reshape(3, 3), CORNERS[list(FACES[0])])

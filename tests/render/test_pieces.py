@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from sdp_vs_penalty.render import bars, heat_map
 from sdp_vs_penalty.render.charts import mean_curve, spread_rows
@@ -31,7 +32,7 @@ def test_time_is_counted_from_the_nearest_reversal():
     t = np.arange(0.0, 2.0, 0.1)
     velocity = np.where(t < 0.95, -1.0, 1.0)
     seconds, direction = since_reversal(t, velocity)
-    np.testing.assert_allclose(seconds, t - 0.95)
+    assert_allclose(seconds, t - 0.95)
     assert np.all(direction == 1.0)
 
 
@@ -43,7 +44,7 @@ def test_a_motion_without_reversal_is_far_from_one():
 def test_a_mean_curve_runs_through_a_line():
     x = np.linspace(0.0, 1.0, 480)
     centres, means = mean_curve(x, 2.0 * x)
-    np.testing.assert_allclose(means, 2.0 * centres)
+    assert_allclose(means, 2.0 * centres)
 
 
 def test_rows_are_spread_from_the_first_to_the_last():

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import run_cli
+from numpy.testing import assert_allclose, assert_array_equal
 from small_runs import small_run
 from unchecked import identify
 
@@ -179,9 +180,9 @@ def test_a_judged_run_keeps_columns_where_its_band_is_drawn(two_link):
     (filtered,) = FilteredRuns.filtering(run, estimate.preprocessing).runs
     whole = filtered.all_rows(estimate.model)
     judged = JudgedRun.from_run(filtered, estimate)
-    np.testing.assert_array_equal(judged.torque, whole.torque)
-    np.testing.assert_array_equal(judged.motion.t, whole.motion.t)
+    assert_array_equal(judged.torque, whole.torque)
+    assert_array_equal(judged.motion.t, whole.motion.t)
     for few, every in zip(judged.columns, whole.columns, strict=True):
-        np.testing.assert_array_equal(few.columns, every.columns[judged.shown])
+        assert_array_equal(few.columns, every.columns[judged.shown])
     modelled = [c.columns @ estimate.theta[c.indices] for c in whole.columns]
-    np.testing.assert_allclose(judged.modelled.T, modelled, atol=1e-12)
+    assert_allclose(judged.modelled.T, modelled, atol=1e-12)

@@ -4,6 +4,7 @@ geometry."""
 import numpy as np
 import pytest
 from drawn import given, seeds, st
+from numpy.testing import assert_allclose, assert_array_equal
 from random_robots import link_parameters, pose
 
 from sdp_vs_penalty import Problem
@@ -68,9 +69,9 @@ def test_projection_is_the_nearest_point_of_the_cone(cone, seed):
     polar = project(cone, -x)
     assert cone_margin(cone, inside) >= -1e-12
     assert cone_margin(cone, polar) >= -1e-12
-    np.testing.assert_allclose(inside - polar, x, atol=1e-12)
+    assert_allclose(inside - polar, x, atol=1e-12)
     assert float(np.sum(inside * polar)) == pytest.approx(0.0, abs=1e-10)
-    np.testing.assert_allclose(project(cone, inside), inside, atol=1e-12)
+    assert_allclose(project(cone, inside), inside, atol=1e-12)
 
 
 @pytest.mark.parametrize("cone", CONES)
@@ -97,8 +98,8 @@ def test_rows_have_the_gradient_and_hessian_of_half_the_projections_square(cone,
         [(gradient(h * e) - gradient(-h * e)) / (2.0 * h) for e in np.eye(2)]
     )
     r, J = projected_rows(cone, values, A.reshape(3, -1, 2))
-    np.testing.assert_allclose(J.T @ J, numeric, rtol=1e-4, atol=1e-5)
-    np.testing.assert_allclose(J.T @ r, gradient(np.zeros(2)), atol=1e-12)
+    assert_allclose(J.T @ J, numeric, rtol=1e-4, atol=1e-5)
+    assert_allclose(J.T @ r, gradient(np.zeros(2)), atol=1e-12)
     assert r @ r == pytest.approx(np.sum(project(cone, values) ** 2))
 
 
@@ -136,12 +137,8 @@ def test_entries_are_the_constraints_and_the_size_of_what_is_summed(two_link):
         for place, value, most in zip(group.places, values, sizes, strict=True):
             c = every.convex[place]
             terms = np.tensordot(np.diag(theta[c.indices]), c.coefficients, axes=1)
-            np.testing.assert_allclose(
-                value, c.constant + terms.sum(axis=0), atol=1e-12
-            )
-            np.testing.assert_allclose(
-                most, np.abs(c.constant) + np.abs(terms).sum(axis=0)
-            )
+            assert_allclose(value, c.constant + terms.sum(axis=0), atol=1e-12)
+            assert_allclose(most, np.abs(c.constant) + np.abs(terms).sum(axis=0))
 
 
 @given(seeds)
@@ -247,12 +244,8 @@ def test_pseudo_inertia_is_the_second_moment_of_the_mass(seed):
     homogeneous = np.column_stack([x, np.ones(len(x))])
     second = np.einsum("k,ki,kj->ij", masses, homogeneous, homogeneous)
     theta = parameters_of(masses, x)
-    np.testing.assert_allclose(
-        inertia.pseudo_inertia(theta), second, rtol=1e-12, atol=1e-12
-    )
-    np.testing.assert_allclose(
-        inertia.from_pseudo_inertia(second), theta, rtol=1e-12, atol=1e-12
-    )
+    assert_allclose(inertia.pseudo_inertia(theta), second, rtol=1e-12, atol=1e-12)
+    assert_allclose(inertia.from_pseudo_inertia(second), theta, rtol=1e-12, atol=1e-12)
 
 
 @given(seeds)
@@ -262,13 +255,11 @@ def test_barycentric_and_standard_invert_each_other(seed):
     theta = parameters_of(masses, x)
     barycentric = inertia.barycentric_from_standard(theta)
     centre = masses @ x / masses.sum()
-    np.testing.assert_allclose(barycentric[1:4], centre, rtol=1e-12)
-    np.testing.assert_allclose(
-        barycentric[4:], parameters_of(masses, x - centre)[4:], atol=1e-10
-    )
+    assert_allclose(barycentric[1:4], centre, rtol=1e-12)
+    assert_allclose(barycentric[4:], parameters_of(masses, x - centre)[4:], atol=1e-10)
     stack = np.stack([theta, 2.0 * theta]).reshape(2, 1, 10)
     back = inertia.standard_from_barycentric(inertia.barycentric_from_standard(stack))
-    np.testing.assert_allclose(back, stack, rtol=1e-9)
+    assert_allclose(back, stack, rtol=1e-9)
 
 
 @given(seeds)
@@ -279,7 +270,7 @@ def test_transform_moves_the_mass(seed):
     moved = x @ placement[:3, :3].T + placement[:3, 3]
     theta = parameters_of(masses, x)
     expected = parameters_of(masses, moved)
-    np.testing.assert_allclose(
+    assert_allclose(
         inertia.transform(placement) @ theta, expected, rtol=1e-9, atol=1e-9
     )
 
@@ -320,4 +311,4 @@ def test_thickness_of_known_bodies():
     # Without a mass there is no centre, and (by filterwarnings of pyproject.toml) no
     # warning.
     nothing = inertia.barycentric_from_standard(np.zeros(10))
-    np.testing.assert_array_equal(nothing, [0.0, *[np.nan] * 9])
+    assert_array_equal(nothing, [0.0, *[np.nan] * 9])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from arms import ELBOW, SHOULDER, TURN, write_urdf
 from commands import run_cli
+from numpy.testing import assert_allclose
 from recorded import refusal
 from small_runs import small_run
 
@@ -53,7 +54,7 @@ def test_a_held_arm_makes_the_torque_of_the_whole_one(urdf):
     held, fewer = load_urdf(urdf, held={"finger_joint": 0.3})
     moving, full = states(3, 0.3)
     expected = whole.inverse_dynamics(links, *full)[:, :3]
-    np.testing.assert_allclose(held.inverse_dynamics(fewer, *moving), expected)
+    assert_allclose(held.inverse_dynamics(fewer, *moving), expected)
 
 
 def test_held_links_belong_to_their_parents(urdf):
@@ -89,7 +90,7 @@ def test_a_joint_of_a_table_is_held_too():
     moving, full = states(6, 0.4)
     expected = whole.robot.inverse_dynamics(whole.nominal_links, *full)[:, :6]
     torque = held.robot.inverse_dynamics(whole.nominal_links, *moving)
-    np.testing.assert_allclose(torque, expected)
+    assert_allclose(torque, expected)
 
 
 def log(urdf, joints):

@@ -132,7 +132,9 @@ def box(*size):
 
 
 #: A box of .4 x .08 x .06 m and 2 kg about its own centre, at x = .2 m.
-BOX = "2 0.2 0 0 0.0016667 0 0 0.027267 0 0.0277333"
+NUMBERS = "2 0.2 0 0 0.0016667 0 0 0.027267 0 0.0277333"
+BOX = dict(zip(NAMES, NUMBERS.split(), strict=True))
+BOX_SHAPE = box(0.4, 0.08, 0.06) + np.array([0.2, 0.0, 0.0])
 IN_BOX = {
     "axes exchanged": (
         {"ixx": "0.027267", "iyy": "0.0016667"},
@@ -158,11 +160,9 @@ IN_BOX = {
 def test_what_does_not_fit_its_shapes_is_named_and_not_clear(name):
     """A body can have these numbers: they may be meant, and are never replaced."""
     typed, why, words = IN_BOX[name]
-    texts = dict(zip(NAMES, BOX.split(), strict=True))
-    shape = box(0.4, 0.08, 0.06) + np.array([0.2, 0.0, 0.0])
-    right = WrittenInertial(texts, np.eye(3), shape=shape)
+    right = WrittenInertial(BOX, np.eye(3), shape=BOX_SHAPE)
     assert right.misfit(right.barycentric()) == ""
-    wrong = WrittenInertial(texts | typed, np.eye(3), shape=shape)
+    wrong = WrittenInertial(BOX | typed, np.eye(3), shape=BOX_SHAPE)
     assert wrong.misfit(wrong.barycentric()).startswith(why)
     repairs, _ = find_repairs(wrong)
     assert words in " ".join(x.sentence for x in repairs)
@@ -173,14 +173,12 @@ def test_what_does_not_fit_its_shapes_is_named_and_not_clear(name):
 def test_moments_about_exchanged_axes_are_found_in_shapes_that_hold_them(pair, filling):
     """A link that is thicker at its middle than the box around it is within the bounds
     of its shapes about any axis; the box tells which is its long one."""
-    texts = dict(zip(NAMES, BOX.split(), strict=True))
-    texts |= {k: repr(filling * float(texts[k])) for k in LARGEST}
-    shape = box(0.4, 0.08, 0.06) + np.array([0.2, 0.0, 0.0])
-    right = WrittenInertial(texts, np.eye(3), shape=shape)
+    texts = BOX | {k: repr(filling * float(BOX[k])) for k in LARGEST}
+    right = WrittenInertial(texts, np.eye(3), shape=BOX_SHAPE)
     assert find_exchanges(right) == []
     a, b = pair
     typed = texts | {a: texts[b], b: texts[a]}
-    wrong = WrittenInertial(typed, np.eye(3), shape=shape)
+    wrong = WrittenInertial(typed, np.eye(3), shape=BOX_SHAPE)
     if pair == ("iyy", "izz"):  # the box is about as high as wide
         assert find_exchanges(wrong) == []
     else:
@@ -201,10 +199,8 @@ def test_the_bound_of_a_shape_is_exact():
 
 def test_the_worst_axis_decides():
     """Along x the mass is spread more, along z farther than the shapes allow."""
-    texts = dict(zip(NAMES, BOX.split(), strict=True))
-    texts |= {"mass": "1", "ixx": "0.0042", "iyy": "0.039", "izz": "0.0352"}
-    shape = box(0.4, 0.08, 0.06) + np.array([0.2, 0.0, 0.0])
-    written = WrittenInertial(texts, np.eye(3), shape=shape)
+    texts = BOX | {"mass": "1", "ixx": "0.0042", "iyy": "0.039", "izz": "0.0352"}
+    written = WrittenInertial(texts, np.eye(3), shape=BOX_SHAPE)
     radius = np.sqrt(0.5 * (0.0042 + 0.039 - 0.0352))
     assert f"its mass is {radius:.3g} m" in written.misfit(written.barycentric())
 
@@ -221,8 +217,8 @@ def test_a_mistake_that_hardly_beats_an_unknown_error_is_not_clear():
 def test_a_turned_tensor_is_judged_in_its_own_axes():
     """The box's shapes turned by 90 degrees about z against the link frame."""
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    texts = dict(zip(NAMES, BOX.split(), strict=True)) | {"x": "0", "y": "0.2"}
-    shape = (box(0.4, 0.08, 0.06) + np.array([0.2, 0.0, 0.0])) @ turn.T
+    texts = BOX | {"x": "0", "y": "0.2"}
+    shape = BOX_SHAPE @ turn.T
     written = WrittenInertial(texts, turn, shape=shape)
     assert written.misfit(written.barycentric()) == ""
     unturned = WrittenInertial(texts, np.eye(3), shape=shape)

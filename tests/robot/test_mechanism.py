@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from random_robots import link_parameters, states
 from recorded import refusal, refusals, same_refusal
 
@@ -50,13 +51,11 @@ def test_what_moves_and_what_has_parameters(urdf):
     assert robot.links == len(nominal) == 6  # of seven links: one has no mass
     q = np.array([[0.1, 0.5, 0.8]])
     (tree,) = robot.tree_state(q)  # depth first: the bar comes last
-    np.testing.assert_allclose(
-        tree[0], [0.1, 0.5, -0.2, 0.8, 0.05, 0.05, 0.5], atol=1e-15
-    )
+    assert_allclose(tree[0], [0.1, 0.5, -0.2, 0.8, 0.05, 0.05, 0.5], atol=1e-15)
     restored = Robot.from_dict(json.loads(json.dumps(robot.to_dict())))
     links = some_links(robot)
     torques = (r.inverse_dynamics(links, *states(r, 20)) for r in (robot, restored))
-    np.testing.assert_array_equal(*torques)
+    assert_array_equal(*torques)
 
 
 def test_inverse_dynamics_are_those_of_mujoco_under_equality_constraints(urdf):
@@ -83,7 +82,7 @@ def test_inverse_dynamics_are_those_of_mujoco_under_equality_constraints(urdf):
             np.abs(data.efc_pos).max() < 1e-12
         )  # the constraints hold where we say the tree is
         found = heavy.mechanism.matrix.T @ (data.qfrc_inverse + data.qfrc_constraint)
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+        assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_a_robot_with_followers_is_identified_and_written_back(urdf):
@@ -115,7 +114,7 @@ def test_a_robot_with_followers_is_identified_and_written_back(urdf):
         again, written = file.robot, file.links
         assert (again.n, again.links) == (robot.n, robot.links)
         found = again.inverse_dynamics(written, q, dq, ddq)
-        np.testing.assert_allclose(
+        assert_allclose(
             found, robot.inverse_dynamics(estimate.links, q, dq, ddq), atol=1e-8
         )
 
@@ -128,7 +127,7 @@ def test_a_problem_says_what_follows_by_formulas(tmp_path):
     )
     robot = load_problem(tmp_path).robot
     assert (robot.n, robot.links) == (2, 2)
-    np.testing.assert_allclose(robot.tree_state([[0.2, 0.5]])[0], [[0.2, 0.4, 0.5]])
+    assert_allclose(robot.tree_state([[0.2, 0.5]])[0], [[0.2, 0.4, 0.5]])
     (tmp_path / "problem.toml").write_text(
         (tmp_path / "problem.toml").read_text().replace('"q2"]', '"2 q2"]')
     )
@@ -143,13 +142,11 @@ def test_the_tool_turns_about_the_remote_centre_and_slides_through_it():
         pitch = poses[names.index("pitch_joint")]
         insertion = poses[names.index("insertion_joint")]
         centre = insertion[:3, 3] - (q[2] - 0.4318) * insertion[:3, 2]
-        np.testing.assert_allclose(
-            centre, [0.0, 0.516, 0.0], atol=1e-9
-        )  # on the yaw axis, fixed
+        assert_allclose(centre, [0.0, 0.516, 0.0], atol=1e-9)  # on the yaw axis, fixed
         # The bars stay parallel: bottom and pitch differ by a turn that the pose does
         # not change.
         relative = pitch[:3, :3].T @ poses[names.index("bottom_joint")][:3, :3]
-        np.testing.assert_allclose(relative, np.diag([-1.0, -1.0, 1.0]), atol=1e-9)
+        assert_allclose(relative, np.diag([-1.0, -1.0, 1.0]), atol=1e-9)
 
 
 def test_tables_without_header_are_read_at_their_rate(tmp_path):
@@ -158,7 +155,7 @@ def test_tables_without_header_are_read_at_their_rate(tmp_path):
     np.savetxt(path, rows, delimiter=",")
     run = convert(path, rate=200.0)
     assert np.array_equal(np.hstack([run.q, run.dq, run.tau]), rows)
-    np.testing.assert_allclose(np.diff(run.t), 0.005)
+    assert_allclose(np.diff(run.t), 0.005)
     for text, words in (("1,2\n3,4\n", "three a joint"), ("1,2,x\n", "not a number")):
         path.write_text(text)
         refusal(lambda: convert(path, rate=200.0), words)
@@ -187,11 +184,9 @@ def test_joints_come_back_from_channels_of_either_side(seed):
     )
     found = to_joints(logged, transmission)
     for value, expected in ((found.q, q), (found.dq, dq), (found.tau, tau)):
-        np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-9)
+        assert_allclose(value, expected, rtol=1e-9, atol=1e-9)
     power = np.sum(motors * (dq @ transmission.matrix.T), axis=1)
-    np.testing.assert_allclose(
-        np.sum(found.tau * found.dq, axis=1), power, rtol=1e-9, atol=1e-9
-    )
+    assert_allclose(np.sum(found.tau * found.dq, axis=1), power, rtol=1e-9, atol=1e-9)
     restored = Transmission.from_dict(json.loads(json.dumps(transmission.to_dict())))
     assert np.array_equal(restored.joint_torques(logged.tau), found.tau)
 
@@ -215,10 +210,10 @@ def test_the_tx40_converts_as_its_authors_do():
     q[:, 1] -= np.pi / 2.0
     q[:, 2] += np.pi / 2.0
     tau[:, 4] += tau[:, 5]
-    np.testing.assert_allclose(robot.transmission.joint_positions(q_m), q, atol=1e-12)
-    np.testing.assert_allclose(robot.transmission.joint_torques(tau_m), tau, atol=1e-12)
+    assert_allclose(robot.transmission.joint_positions(q_m), q, atol=1e-12)
+    assert_allclose(robot.transmission.joint_torques(tau_m), tau, atol=1e-12)
     (wrist,) = robot.couplings
-    np.testing.assert_array_equal(wrist, [0, 0, 0, 0, 1, 1])
+    assert_array_equal(wrist, [0, 0, 0, 0, 1, 1])
 
 
 def test_a_log_of_motors_is_recognised_by_the_robots_transmission():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from arms import ELBOW, SHOULDER, write_urdf
 from commands import run_cli
+from numpy.testing import assert_allclose
 from recorded import refusal
 from small_runs import small_run
 
@@ -91,7 +92,7 @@ def test_torques_are_mujoco_s(name, tmp_path):
     for k in range(robot.n):
         torque[:, k] += values.get(f"I_a{k + 1}", 0.0) * ddq[:, k]
         torque[:, k] += values.get(f"f_v{k + 1}", 0.0) * dq[:, k]
-    np.testing.assert_allclose(torque, expected, rtol=1e-9, atol=1e-9)
+    assert_allclose(torque, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_joint_values_are_nominal_ones(tmp_path):
@@ -102,7 +103,7 @@ def test_joint_values_are_nominal_ones(tmp_path):
         zip([p.name for p in model.parameters], problem.nominal(model), strict=True)
     )
     shown = [by_name[name] for name in ("I_a1", "I_a2", "f_v1", "f_c1")]
-    np.testing.assert_allclose(shown, [0.3, 0.05, 1.5, 0.7])
+    assert_allclose(shown, [0.3, 0.05, 1.5, 0.7])
 
 
 def test_a_held_joint_s_links_belong_to_the_parent(tmp_path):
@@ -113,7 +114,7 @@ def test_a_held_joint_s_links_belong_to_the_parent(tmp_path):
     zeros = np.zeros((10, 1))
     full = np.hstack([q, zeros + 0.2]), np.hstack([dq, zeros]), np.hstack([ddq, zeros])
     expected = whole.inverse_dynamics(links, *full)[:, :1]
-    np.testing.assert_allclose(held.inverse_dynamics(fewer, q, dq, ddq), expected)
+    assert_allclose(held.inverse_dynamics(fewer, q, dq, ddq), expected)
     assert fewer[:, 0].sum() == pytest.approx(links[:, 0].sum())
 
 

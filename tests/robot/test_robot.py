@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drawn import example, given, seeds, settings, st
+from numpy.testing import assert_allclose, assert_array_equal
 from random_robots import link_parameters, tree
 from recorded import refusal
 
@@ -34,9 +35,7 @@ def test_the_regressor_makes_the_inverse_dynamics(seed):
     robot, theta, (q, dq, ddq) = random_case(seed)
     by_rnea = robot.inverse_dynamics(theta, q, dq, ddq)
     size = np.abs(by_rnea).max() + 1e-3
-    np.testing.assert_allclose(
-        robot.regressor(q, dq, ddq) @ theta, by_rnea, atol=1e-11 * size
-    )
+    assert_allclose(robot.regressor(q, dq, ddq) @ theta, by_rnea, atol=1e-11 * size)
 
 
 @given(seeds)
@@ -47,9 +46,7 @@ def test_masses_of_least_squares_may_be_negative(seed):
     robot, theta, (q, dq, ddq) = random_case(seed)
     consistent = robot.mass_matrices(theta, q)
     exact = 0.0 if seed else 1e-15  # with followers, products on either side
-    np.testing.assert_allclose(
-        consistent, np.swapaxes(consistent, 1, 2), rtol=exact, atol=exact
-    )
+    assert_allclose(consistent, np.swapaxes(consistent, 1, 2), rtol=exact, atol=exact)
     assert np.all(np.linalg.eigvalsh(consistent) > 0.0)
     k = np.arange(len(theta))
     for some in (
@@ -59,19 +56,15 @@ def test_masses_of_least_squares_may_be_negative(seed):
         parts = robot.mass_matrices(theta * ~some, q) + robot.mass_matrices(
             theta * some, q
         )
-        np.testing.assert_allclose(
-            parts, consistent, atol=1e-9 * np.abs(consistent).max()
-        )
+        assert_allclose(parts, consistent, atol=1e-9 * np.abs(consistent).max())
     wild = np.random.default_rng(seed).normal(size=np.shape(theta))
     matrices = robot.mass_matrices(wild, q)
     by_q, by_dq, by_ddq = robot.inverse_dynamics_derivatives(wild, q, dq, ddq)
     rest = robot.inverse_dynamics(wild, q, dq, 0.0 * ddq)
     by_rnea = robot.inverse_dynamics(wild, q, dq, ddq) - rest
     scale = np.abs(by_rnea).max() + 1.0
-    np.testing.assert_allclose(
-        np.einsum("kij,kj->ki", matrices, ddq), by_rnea, atol=1e-9 * scale
-    )
-    np.testing.assert_allclose(by_ddq, matrices, atol=1e-9 * scale)
+    assert_allclose(np.einsum("kij,kj->ki", matrices, ddq), by_rnea, atol=1e-9 * scale)
+    assert_allclose(by_ddq, matrices, atol=1e-9 * scale)
     states = np.stack([q, dq, ddq])
     for by, (k, j) in zip(
         (by_q, by_q, by_dq, by_dq), ((0, 0), (0, -1), (1, 0), (1, -1)), strict=True
@@ -81,9 +74,7 @@ def test_masses_of_least_squares_may_be_negative(seed):
         after = robot.inverse_dynamics(wild, *states + 1.0 * step)
         before = robot.inverse_dynamics(wild, *states + -1.0 * step)
         slope = (after - before) / 2e-6
-        np.testing.assert_allclose(
-            by[:, :, j], slope, atol=1e-5 * (np.abs(slope).max() + scale)
-        )
+        assert_allclose(by[:, :, j], slope, atol=1e-5 * (np.abs(slope).max() + scale))
 
 
 def test_dh_tables_place_frames_as_craig_and_the_standard_do():
@@ -96,13 +87,11 @@ def test_dh_tables_place_frames_as_craig_and_the_standard_do():
         Robot.from_dh("r", [a], [alpha], [d], k).joints
         for k in ("modified", "standard")
     )
-    np.testing.assert_allclose(craig.placement[:3, 3], [a, -s * d, c * d])
-    np.testing.assert_allclose(far.link_frame[:3, 3], [a, 0.0, d])
+    assert_allclose(craig.placement[:3, 3], [a, -s * d, c * d])
+    assert_allclose(far.link_frame[:3, 3], [a, 0.0, d])
     for turned in (craig.placement, far.link_frame):
-        np.testing.assert_allclose(
-            turned[:3, :3], [[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]
-        )
-    np.testing.assert_array_equal([craig.link_frame, far.placement], [np.eye(4)] * 2)
+        assert_allclose(turned[:3, :3], [[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    assert_array_equal([craig.link_frame, far.placement], [np.eye(4)] * 2)
 
 
 @settings(derandomize=False)
@@ -116,8 +105,8 @@ def test_velocity_and_acceleration_are_the_derivatives(seed):
     _, dq, ddq = trajectory.states(t)
     before = trajectory.states(t - h)
     after = trajectory.states(t + h)
-    np.testing.assert_allclose(dq, (after[0] - before[0]) / (2 * h), atol=1e-8)
-    np.testing.assert_allclose(ddq, (after[1] - before[1]) / (2 * h), atol=1e-7)
+    assert_allclose(dq, (after[0] - before[0]) / (2 * h), atol=1e-8)
+    assert_allclose(ddq, (after[1] - before[1]) / (2 * h), atol=1e-7)
 
 
 def test_it_starts_and_ends_at_rest_and_stays_there(panda):
@@ -126,10 +115,10 @@ def test_it_starts_and_ends_at_rest_and_stays_there(panda):
     assert np.all(dq == 0.0)
     assert np.all(ddq == 0.0)
     series, rate, _ = paper.states([paper.blend])  # where the blend ends
-    np.testing.assert_allclose(
+    assert_allclose(
         q[:2], np.tile(series - 0.5 * paper.blend * rate, (2, 1)), atol=1e-15
     )
-    np.testing.assert_array_equal(q[2], q[3])
+    assert_array_equal(q[2], q[3])
 
 
 def test_random_trajectories_stay_inside_range_and_velocity_limits(panda):
@@ -144,12 +133,12 @@ def test_random_trajectories_stay_inside_range_and_velocity_limits(panda):
             np.ptp(q, axis=0) / (upper - lower) / 0.8,
             np.abs(dq).max(axis=0) / velocity / 0.6,
         )
-        np.testing.assert_allclose(filled, 1.0, rtol=1e-3)
+        assert_allclose(filled, 1.0, rtol=1e-3)
     assert random_trajectory(panda.robot, 0).duration == 10.0
     first, again = (
         random_trajectory(panda.robot, 3).states([4.0])[0] for _ in range(2)
     )
-    np.testing.assert_array_equal(first, again)
+    assert_array_equal(first, again)
     assert not np.allclose(first, random_trajectory(panda.robot, 4).states([4.0])[0])
 
 
@@ -185,4 +174,4 @@ def test_the_reach_of_links_is_the_callers_own():
     robot = load_problem("panda").robot
     before = robot.link_reach()
     robot.link_reach()[:] = 0.0
-    np.testing.assert_array_equal(robot.link_reach(), before)
+    assert_array_equal(robot.link_reach(), before)

@@ -9,6 +9,7 @@ import random_robots
 from arms import ELBOW, SHOULDER, write_urdf
 from commands import run_cli
 from dynamics_files import FULL, estimate_of
+from numpy.testing import assert_allclose
 from recorded import refusal
 
 from sdp_vs_penalty import export, load_problem
@@ -33,11 +34,11 @@ def with_end(path, end, name="changed.urdf"):
 
 def same_arm(path, other):
     ours, plain = load_robot(path), load_robot(other)
-    np.testing.assert_allclose(ours.links, plain.links, rtol=1e-12, atol=1e-15)
+    assert_allclose(ours.links, plain.links, rtol=1e-12, atol=1e-15)
     q, dq, ddq = np.random.default_rng(0).normal(size=(3, 20, plain.robot.n))
     torque = plain.robot.inverse_dynamics(plain.links, q, dq, ddq)
     again = ours.robot.inverse_dynamics(ours.links, q, dq, ddq)
-    np.testing.assert_allclose(again, torque, rtol=1e-9, atol=1e-12)
+    assert_allclose(again, torque, rtol=1e-9, atol=1e-12)
 
 
 def test_a_mujoco_block_and_a_comment_make_no_other_format(tmp_path):
@@ -149,9 +150,7 @@ def test_frames_of_an_sdf_by_hand(tmp_path):
     assert np.isinf(file.robot.joints[1].effort)
     zeros = np.zeros((1, 2))
     poses = file.robot.poses(zeros)[0]
-    np.testing.assert_allclose(
-        poses[:, :3, 3], [[0.05, 0.2, 0.3], [-0.3, 0.2, 0.3]], atol=1e-12
-    )
+    assert_allclose(poses[:, :3, 3], [[0.05, 0.2, 0.3], [-0.3, 0.2, 0.3]], atol=1e-12)
     # Their moments about that axis: one's iyy, two's ixx [kg m^2].
     turned = file.robot.inverse_dynamics(file.links, zeros, zeros, np.eye(2)[:1])
     assert turned[0] == pytest.approx([0.01 + 0.01, 0.0], abs=1e-12)
@@ -169,7 +168,7 @@ def test_an_axis_of_an_old_sdf_is_the_models(tmp_path):
     for ours, theirs in zip(
         load_robot(path).robot.joints, new.robot.joints, strict=True
     ):
-        np.testing.assert_allclose(ours.axis, theirs.axis, atol=1e-12)
+        assert_allclose(ours.axis, theirs.axis, atol=1e-12)
 
 
 def test_a_mimic_joint_of_an_sdf_counts_from_its_reference(tmp_path):

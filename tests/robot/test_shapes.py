@@ -4,6 +4,7 @@ forms."""
 import numpy as np
 import pytest
 from drawn import given, seeds, st
+from numpy.testing import assert_allclose, assert_array_equal
 from random_robots import link_parameters
 from recorded import refusal
 
@@ -92,7 +93,7 @@ def test_a_mesh_is_found_beside_the_file_and_where_ros_has_it(tmp_path, monkeypa
             ' 3"/></geometry>'
         )
         (found,) = geometry.link_geometry(robot_file(at, shape))
-        np.testing.assert_allclose(found.points.max(axis=0), [1.0, 2.0, 3.0])
+        assert_allclose(found.points.max(axis=0), [1.0, 2.0, 3.0])
         assert found.volume == pytest.approx(1.0)
         if variable:
             monkeypatch.delenv(variable)
@@ -116,15 +117,15 @@ def test_a_move_from_point_to_point_is_smooth_and_as_fast_as_its_limits(seed):
         [0.0, *(starts + moves), path.duration], points[[0, 1, 2, 3, 3]], strict=True
     ):
         q, dq, ddq = path.states([at])
-        np.testing.assert_allclose(q[0], point, atol=1e-9)
+        assert_allclose(q[0], point, atol=1e-9)
         assert max(np.abs(dq).max(), np.abs(ddq).max()) < 1e-9
     t = np.linspace(0.0, path.duration, 4001)
     h = 1e-4
     (q, dq, ddq), (before, low, _), (after, high, _) = (
         path.states(t + x) for x in (0.0, -h, h)
     )
-    np.testing.assert_allclose(dq, (after - before) / (2.0 * h), atol=1e-4)
-    np.testing.assert_allclose(ddq, (high - low) / (2.0 * h), atol=1e-2)
+    assert_allclose(dq, (after - before) / (2.0 * h), atol=1e-4)
+    assert_allclose(ddq, (high - low) / (2.0 * h), atol=1e-2)
     jerk = np.abs(np.diff(ddq, axis=0)) / t[1]
     for k, (start, time) in enumerate(zip(starts, moves, strict=True)):
         inside = (t >= start) & (t <= start + time)
@@ -194,7 +195,7 @@ def test_the_motors_of_a_transmission_turn_as_ros_control_says(
         )
     ]
     path = robot_file(tmp_path, more=second + transmission(kind, *parts))
-    np.testing.assert_array_equal(load_urdf(path)[0].transmission.matrix, expected)
+    assert_array_equal(load_urdf(path)[0].transmission.matrix, expected)
     path.write_text(path.read_text().replace(">5<", ">0<"))
     refusal(lambda: load_urdf(path), "a number other than 0")
     fixed = robot_file(
@@ -242,6 +243,4 @@ def test_work_done_by_gravity_is_the_fall_of_the_links(name):
         (energy(q + h * e) - energy(q - h * e)) / (2.0 * h) for e in np.eye(robot.n)
     ]
     rest = robot.inverse_dynamics(theta, q, 0.0 * q, 0.0 * q)
-    np.testing.assert_allclose(
-        rest, np.transpose(slope), atol=1e-6 * np.abs(rest).max() + 1e-8
-    )
+    assert_allclose(rest, np.transpose(slope), atol=1e-6 * np.abs(rest).max() + 1e-8)

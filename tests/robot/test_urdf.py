@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import urdfdom_torque
+from numpy.testing import assert_allclose, assert_array_equal
 from recorded import refusal, refusals, same_refusal
 
 from sdp_vs_penalty.errors import InputError
@@ -47,7 +48,7 @@ def test_torques_equal_those_of_pinocchios_own_parser():
     robot, theta = load_urdf(GANTRY)
     states = np.random.default_rng(2).normal(size=(3, 20, robot.n))
     expected = urdfdom_torque(GANTRY, robot, *states)
-    np.testing.assert_allclose(
+    assert_allclose(
         robot.inverse_dynamics(theta, *states), expected, rtol=1e-12, atol=1e-12
     )
 
@@ -125,7 +126,7 @@ def test_angles_in_degrees_are_refused_with_their_radians(place, tmp_path):
     ],
 )
 def test_numbers_are_those_of_xml(text, value):
-    np.testing.assert_array_equal(numbers_of(text, 1), [value])
+    assert_array_equal(numbers_of(text, 1), [value])
 
 
 def test_macros_are_refused_by_every_reader(tmp_path):

@@ -10,6 +10,7 @@ import subprocess
 import numpy as np
 import pytest
 from commands import run_cli
+from numpy.testing import assert_allclose, assert_array_equal
 from recorded import refusal
 from scipy.sparse import csc_matrix
 from sdp_readers import read_cbf
@@ -17,6 +18,7 @@ from sdp_readers import read_cbf
 from sdp_vs_penalty.shootout import catalogue, instance
 from sdp_vs_penalty.shootout.answers import judge_answers
 from sdp_vs_penalty.shootout.judge import classes
+from sdp_vs_penalty.shootout.runner import Results
 from sdp_vs_penalty.solvers import (
     Cone,
     ConicProblem,
@@ -96,10 +98,8 @@ def test_arrays_are_the_problem_of_the_text(written):
                 tuple(Cone(str(kind), int(size)) for kind, size in cones),
             )
         linear = linear_objective(posed).problem
-        np.testing.assert_array_equal(np.sort(linear.q), np.sort(sent.q))
-        np.testing.assert_allclose(
-            np.sort(linear.A.data), np.sort(sent.A.data), rtol=1e-15
-        )
+        assert_array_equal(np.sort(linear.q), np.sort(sent.q))
+        assert_allclose(np.sort(linear.A.data), np.sort(sent.A.data), rtol=1e-15)
 
 
 def test_what_judges_an_answer_stands_beside_the_file(written):
@@ -110,8 +110,8 @@ def test_what_judges_an_answer_stands_beside_the_file(written):
         about = json.loads(text)
         made = instance(name)
         assert about["hash"] == row["hash"] == made.hash
-        np.testing.assert_array_equal(about["centre"], made.sdp.centre)
-        np.testing.assert_array_equal(about["theta_scale"], made.sdp.theta_scale)
+        assert_array_equal(about["centre"], made.sdp.centre)
+        assert_array_equal(about["theta_scale"], made.sdp.theta_scale)
         if row["status"] == "proved infeasible":
             assert about["interior"] is None
             continue
@@ -151,7 +151,7 @@ def test_answers_made_elsewhere_are_judged_from_the_files_of_the_library(
     file = answers(tmp_path / "answers.json", *items)
     out = tmp_path / "out"
     assert run_cli("shootout", "judge", file, "--out", out) == 0
-    runs = judge_answers([file], out, lambda text: None).runs  # replaces the first
+    runs = Results(out).runs
     said = dict(zip(runs["solver"], classes(runs, 1e-6), strict=True))
     expected = {"outsider": "right", "wrong": "far_unchecked", "modest": "failed"}
     if shutil.which("csdp"):

@@ -23,6 +23,7 @@ import pandas
 import pytest
 from commands import run_cli
 from committed import as_kept
+from numpy.testing import assert_allclose
 from recorded import refusal
 
 from sdp_vs_penalty.problem.load import load_problem
@@ -339,16 +340,14 @@ def test_a_chart_of_links_begins_inside_and_knows_its_slope():
     inside = made.interior
     rng = np.random.default_rng(0)
     chart = Chart(made.sent, inside)
-    np.testing.assert_allclose(
-        chart.theta(chart.start)[0], inside, rtol=1e-9, atol=1e-12
-    )
+    assert_allclose(chart.theta(chart.start)[0], inside, rtol=1e-9, atol=1e-12)
     x = chart.start + 0.3 * rng.normal(size=len(inside))
     gradient = rng.normal(size=len(inside))
     steps = 1e-6 * np.eye(len(x))
     moved = [
         (chart.theta(x + s)[0] - chart.theta(x - s)[0]) @ gradient / 2e-6 for s in steps
     ]
-    np.testing.assert_allclose(
+    assert_allclose(
         chart.slope(chart.theta(x)[1], gradient), moved, rtol=1e-6, atol=1e-8
     )
 
@@ -587,9 +586,9 @@ def test_summary_of_known_runs(tmp_path):
     assert table.loc["good", "mean seconds 1e-06"] == pytest.approx(expected)
     assert table.loc["liar", "far_unchecked"] == 2
     curves = summary.profile(rows[:-1], 1e-6)
-    np.testing.assert_allclose(curves["good"][0], [1.0, 2.0])
-    np.testing.assert_allclose(curves["good"][1], [0.5, 1.0])
-    np.testing.assert_allclose(curves["fast"][0], [1.0])
+    assert_allclose(curves["good"][0], [1.0, 2.0])
+    assert_allclose(curves["good"][1], [0.5, 1.0])
+    assert_allclose(curves["fast"][0], [1.0])
     assert len(curves["liar"][0]) == 0
     left_out = {"mosek": "no licence"}, [("a", "x", "no cone")]
     paths = summary.write_summary(tmp_path, rows, *left_out)

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 from drawn import given, seeds, st
+from numpy.testing import assert_allclose, assert_array_equal
 from small_runs import SETTINGS, periodic, run_of
 
 from sdp_vs_penalty.data import Measurements, concatenate
@@ -197,7 +198,7 @@ def test_a_long_recording_is_seen_in_windows_spread_over_it():
     assert subsample_sentence(short, short, "noise of") is None
     part = window_subsample(long, SETTINGS)
     ends = [(run.t[0], run.t[-1]) for run in part.runs()]
-    np.testing.assert_allclose(
+    assert_allclose(
         ends, 62.5 * np.array([[0, 1], [5, 6], [10, 11], [15, 16]]), atol=0.11
     )
     assert part.names[1] == "long, 312.5 s to 375 s"
@@ -322,5 +323,5 @@ def test_extremes_of_neighbours_are_scipys(width):
     near = np.pad(x, ((0, 0), (half, half)), mode="symmetric")
     largest = sliding(np.maximum, near, width)
     smallest = sliding(np.minimum, near, width)
-    np.testing.assert_array_equal(largest, maximum_filter1d(x, width))
-    np.testing.assert_array_equal(smallest, minimum_filter1d(x, width))
+    assert_array_equal(largest, maximum_filter1d(x, width))
+    assert_array_equal(smallest, minimum_filter1d(x, width))

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy import signal
 from small_runs import periodic
 
@@ -97,7 +98,7 @@ def test_the_floor_from_the_spectrum_is_that_of_the_filtered_noise(ar):
     run = run_of(4, 1000.0, 240.0, ar)
     loud = np.array([0.3, 2.0, 1.0, 1.0, 1.0, 1.0])
     floor = spectral_floor(segmented(replace(run, tau=loud * run.tau), SETTINGS))
-    np.testing.assert_allclose(floor, loud * true_floor(ar), rtol=0.05)
+    assert_allclose(floor, loud * true_floor(ar), rtol=0.05)
 
 
 def behind_a_filter(order, corner):
@@ -140,7 +141,7 @@ def test_drift_and_events_are_no_noise():
     )  # ever faster
     disturbed[5000:5060, 2] += 30.0
     noise = noise_of(without_model(replace(run, tau=disturbed)))
-    np.testing.assert_allclose(noise.floor, clean, rtol=0.05)
+    assert_allclose(noise.floor, clean, rtol=0.05)
     assert noise.suspect[:, 2].any()
     assert not noise.suspect[:, [0, 1, 3, 4, 5]].any()
 
@@ -196,7 +197,7 @@ def test_a_window_has_the_floor_of_the_whole():
     beside = noise_of(window, whole)
     assert alone.source == SPECTRUM
     assert beside.source == REPETITION
-    np.testing.assert_array_equal(beside.floor, noise_of(whole).floor)
+    assert_array_equal(beside.floor, noise_of(whole).floor)
     assert beside.profile.shape == window.residual.shape
     shown = window.t[beside.suspect[:, 2]] - run.t[0]
     assert len(shown)

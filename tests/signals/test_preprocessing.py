@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
+from numpy.testing import assert_allclose, assert_array_equal
 from random_robots import driven, sines, tree
 from recorded import refusal
 
@@ -37,10 +38,10 @@ def responses(cutoff, dt, share):
 @pytest.mark.parametrize(("cutoff", "dt"), CASES)
 def test_gain_is_what_the_docstring_says(cutoff, dt):
     """Of no phase: the imaginary part is zero as well."""
-    np.testing.assert_allclose(responses(cutoff, dt, 0.1), 1.0, atol=6e-7)
+    assert_allclose(responses(cutoff, dt, 0.1), 1.0, atol=6e-7)
     assert responses(cutoff, dt, 0.1)[0] == pytest.approx(1.0, abs=6e-8)
-    np.testing.assert_allclose(responses(cutoff, dt, 0.5), 1.0, atol=0.012)
-    np.testing.assert_allclose(responses(cutoff, dt, 1.0), 0.5, atol=0.005)
+    assert_allclose(responses(cutoff, dt, 0.5), 1.0, atol=0.012)
+    assert_allclose(responses(cutoff, dt, 1.0), 0.5, atol=0.005)
     stop = [
         abs(responses(cutoff, dt, x)[0])
         for x in np.linspace(1.4, 0.5 / dt / cutoff, 100)
@@ -56,7 +57,7 @@ def test_a_position_far_from_zero_keeps_its_derivatives():
     near = kernel.states(q)
     far = kernel.states(q + 6283.0)
     for a, b in zip(near[1:], far[1:], strict=True):
-        np.testing.assert_allclose(a, b, atol=1e-7 * np.abs(a).max())
+        assert_allclose(a, b, atol=1e-7 * np.abs(a).max())
 
 
 @pytest.mark.parametrize("chunk", [pytest.param(1, marks=pytest.mark.long), 500])
@@ -71,22 +72,20 @@ def test_pieces_give_exactly_the_whole(chunk, monkeypatch):
     assert len(pieces) > 1
     # Once more, of what waits in a file; another process is not sent it.
     for rows, again in zip(pieces, cut.rows(model), strict=True):
-        np.testing.assert_array_equal(rows.torque, again.torque)
+        assert_array_equal(rows.torque, again.torque)
         for one, same in zip(rows.columns, again.columns, strict=True):
-            np.testing.assert_array_equal(one.columns, same.columns)
+            assert_array_equal(one.columns, same.columns)
     assert len(list(pickle.loads(pickle.dumps(cut)).rows(model))) == len(pieces)
-    np.testing.assert_array_equal(
-        np.concatenate([p.motion.t for p in pieces]), whole.motion.t
-    )
+    assert_array_equal(np.concatenate([p.motion.t for p in pieces]), whole.motion.t)
     for name in ("q", "dq", "ddq"):
         joined = np.concatenate([getattr(p.motion, name) for p in pieces])
-        np.testing.assert_allclose(joined, getattr(whole.motion, name), atol=1e-9)
-    np.testing.assert_allclose(
+        assert_allclose(joined, getattr(whole.motion, name), atol=1e-9)
+    assert_allclose(
         np.concatenate([p.torque for p in pieces]), whole.torque, atol=1e-12
     )
     for k, columns in enumerate(whole.columns):
         joined = np.concatenate([p.columns[k].columns for p in pieces])
-        np.testing.assert_allclose(joined, columns.columns, atol=1e-9)
+        assert_allclose(joined, columns.columns, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -135,7 +134,7 @@ def test_idle_joints_do_not_set_the_filters():
     every = FilteredRun(run, replace(settings, standstill=0.0)).all_rows(model).motion.t
     assert kept.max() < 30.5
     assert every.max() > 39.0
-    np.testing.assert_array_equal(every[every < 29.5], kept[kept < 29.5])
+    assert_array_equal(every[every < 29.5], kept[kept < 29.5])
 
 
 @pytest.mark.parametrize("base", [0.05, 0.2, 0.8])
@@ -220,9 +219,7 @@ def test_columns_of_the_links_are_those_at_every_sample(cutoffs):
     at = np.rint(found.motion.t / filters.dt).astype(int) - half
     for own, exact in zip(found.columns, model.columns(dense), strict=True):
         low = Decimator(filters.column, at) @ exact.columns
-        np.testing.assert_allclose(
-            own.columns, low, rtol=0.0, atol=1e-5 * np.abs(low).max()
-        )
+        assert_allclose(own.columns, low, rtol=0.0, atol=1e-5 * np.abs(low).max())
 
 
 @pytest.mark.parametrize(("noise", "ratio"), [(3e-6, 3.0), (3e-3, 1.9), (3e-2, 1.0)])
@@ -273,7 +270,7 @@ def test_friction_turns_round_where_the_joint_does():
 def test_an_autoregressive_process_is_that_of_scipy(poles):
     white = np.random.default_rng(0).normal(size=300)
     expected = scipy.signal.lfilter([1.0], poles, white)
-    np.testing.assert_allclose(autoregressive(poles, white), expected, atol=1e-12)
+    assert_allclose(autoregressive(poles, white), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("steps", [[20] * 100, [20] * 40 + [13] * 40 + [20] * 37, [7]])
@@ -284,5 +281,5 @@ def test_one_column_is_low_passed_as_beside_others(steps):
     low_pass = Decimator(kernel, at)
     x = np.random.default_rng(0).normal(size=(int(at[-1]) + kernel.half + 1, 2))
     both = low_pass @ x
-    np.testing.assert_allclose(low_pass @ x[:, 0], both[:, 0], rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(low_pass @ x[:, 1:], both[:, 1:], rtol=1e-12, atol=1e-12)
+    assert_allclose(low_pass @ x[:, 0], both[:, 0], rtol=1e-12, atol=1e-12)
+    assert_allclose(low_pass @ x[:, 1:], both[:, 1:], rtol=1e-12, atol=1e-12)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy.interpolate
 import scipy.optimize
+from numpy.testing import assert_allclose
 from small_runs import write_run
 
 from sdp_vs_penalty import load_problem
@@ -22,13 +23,13 @@ def test_a_spline_is_that_of_scipy(n_knots, order):
     at = np.concatenate([x, np.linspace(x[0] - 0.5, x[-1] + 0.5, 50)])
     right = scipy.interpolate.CubicSpline(x, values)(at, order)
     ours = CubicSpline(x, values)(at, order)
-    np.testing.assert_allclose(ours, right, rtol=1e-9, atol=1e-9 * abs(right).max())
+    assert_allclose(ours, right, rtol=1e-9, atol=1e-9 * abs(right).max())
 
 
 def test_coefficients_of_a_spline_are_those_of_scipy():
     x = np.log([0.01, 0.02, 0.05, 0.1, 0.3])
     right = scipy.interpolate.CubicSpline(x, np.eye(5))
-    np.testing.assert_allclose(CubicSpline(x, np.eye(5)).c, right.c, atol=1e-12)
+    assert_allclose(CubicSpline(x, np.eye(5)).c, right.c, atol=1e-12)
 
 
 @pytest.mark.parametrize("x", [[0.0, 0.0, 1.0], [0.0, np.nan, 1.0], [1.0, 0.0]])
@@ -44,7 +45,7 @@ def test_a_nonnegative_fit_is_that_of_scipy(seed):
     columns = rng.normal(size=(40, k)) + 0.5 * (seed % 3)
     target = rng.normal(size=40) + columns @ rng.normal(size=k)
     right = scipy.optimize.nnls(columns, target)[0]
-    np.testing.assert_allclose(nonnegative_fit(columns, target), right, atol=1e-9)
+    assert_allclose(nonnegative_fit(columns, target), right, atol=1e-9)
 
 
 def test_a_nonnegative_fit_of_dependent_columns_fits_as_well():

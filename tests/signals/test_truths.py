@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from drawn import given, seeds
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy import signal
 
 from sdp_vs_penalty import Measurements, signals
@@ -34,9 +35,7 @@ def test_a_gap_is_twenty_usual_steps_and_at_least_fifty_milliseconds(dt, bridged
         for part in found:
             assert part.dt == pytest.approx(dt)
             grid = part.resampled(part.q, 0, part.count)
-            np.testing.assert_allclose(
-                grid[-1], np.sin(part.clock(part.count - 1)), atol=0.01
-            )
+            assert_allclose(grid[-1], np.sin(part.clock(part.count - 1)), atol=0.01)
             assert 0.0 <= part.t[-1] - part.clock(part.count - 1) < dt
     lone = log(np.append(even, [even[-1] + 9.0]))  # one sample is no stretch
     assert [len(part.t) for part in runs.split_at_gaps(lone)] == [400]
@@ -78,7 +77,7 @@ def test_an_instant_is_of_motion_where_half_a_second_goes_as_far_as_the_share():
     t = np.arange(0.0, 30.0, 0.01)
     q = np.column_stack([np.clip(t - 10.0, 0.0, 10.0), 1e-5 * (np.arange(3000) % 2)])
     moves = t[runs.Movement(log(t, q), 0.2).moves]
-    np.testing.assert_allclose(moves[[0, -1]], [9.85, 20.15], atol=0.02)
+    assert_allclose(moves[[0, -1]], [9.85, 20.15], atol=0.02)
     assert len(moves) == pytest.approx(1030, abs=3)
 
 
@@ -123,7 +122,7 @@ def test_the_spectrum_of_a_torque_is_that_of_its_noise(ar):
     known = spectrum.torque_spectrum(parts, 8.0)
     w = 2.0 * np.pi * known.frequency * 4e-3
     law = 1.0 / (1.0 + ar**2 - 2.0 * ar * np.cos(w))
-    np.testing.assert_allclose(known.spectrum, np.outer([0.3**2, 4.0], law), rtol=0.08)
+    assert_allclose(known.spectrum, np.outer([0.3**2, 4.0], law), rtol=0.08)
     assert (known.is_smoothed, known.is_uneven) == (False, False)
     low = signal.sosfiltfilt(
         signal.butter(2, 4.0, fs=250.0, output="sos"), run.tau, axis=0
@@ -164,7 +163,7 @@ def test_an_autoregression_filters_row_by_row(seed):
             expected[piece[k]] = x[piece[k]] - sum(
                 a * x[piece[k - 1 - m]] for m, a in enumerate(ar)
             )
-    np.testing.assert_allclose(pieces.filter(ar, 80) @ x, expected, atol=1e-12)
+    assert_allclose(pieces.filter(ar, 80) @ x, expected, atol=1e-12)
     # The noise of innovations sigma, where the motion swells them and a joint stands
     # still.
     profile, held = rng.uniform(0.5, 2.0, (2, 80, 1))
@@ -183,13 +182,11 @@ def test_an_autoregression_filters_row_by_row(seed):
         scale[k] += sum(
             (a * held[k - 1 - m, 0]) ** 2 for m, a in enumerate(ar) if k > m
         )
-    np.testing.assert_allclose(
-        known.whiten(x, 0, pieces), expected / np.sqrt(scale)[:, None]
-    )
-    np.testing.assert_array_equal(
+    assert_allclose(known.whiten(x, 0, pieces), expected / np.sqrt(scale)[:, None])
+    assert_array_equal(
         known.whiten(x[:, 0], 0, pieces), known.whiten(x, 0, pieces)[:, 0]
     )
-    np.testing.assert_allclose(known.worth[:, 0], (1.7 * profile[:, 0]) ** 2 / scale)
+    assert_allclose(known.worth[:, 0], (1.7 * profile[:, 0]) ** 2 / scale)
 
 
 def test_an_autoregression_is_found_and_what_is_too_short_for_one_is_white():
@@ -199,7 +196,7 @@ def test_an_autoregression_is_found_and_what_is_too_short_for_one_is_white():
     )
     pieces = signals.coloured_noise.Pieces(np.array_split(np.arange(len(x)), 10))
     ar, sigma, degrees = signals.coloured_noise.autoregression(x, pieces)
-    np.testing.assert_allclose(ar, truth, atol=0.02)
+    assert_allclose(ar, truth, atol=0.02)
     assert sigma == pytest.approx(0.7, rel=0.02)
     assert degrees == 40_000 - 10 * 4 - 4
     few = signals.coloured_noise.Pieces([np.arange(3, 18)])
@@ -238,7 +235,7 @@ def test_noise_that_swells_with_a_rate_has_its_law():
     variance = 0.3 + 2.0 * rates[:, 1]
     white = np.sqrt(variance) * rng.normal(size=20_000)
     found = signals.coloured_noise.noise_profile(white, rates, rates) ** 2
-    np.testing.assert_allclose(found, variance / variance.mean(), rtol=0.3)
+    assert_allclose(found, variance / variance.mean(), rtol=0.3)
     assert np.all(
         signals.coloured_noise.noise_profile(white[:59], rates[:59], rates) == 1.0
     )
@@ -291,7 +288,7 @@ def test_rows_that_only_a_later_row_connects_are_one_motion():
 def test_the_resolution_of_positions_is_four_of_their_noises_deviations():
     t = np.arange(0.0, 60.0, 0.004)[:, None]
     q = np.sin(t) + 1e-4 * np.random.default_rng(5).normal(size=(len(t), 3))
-    np.testing.assert_allclose(standstill.resolution(q), 4e-4, rtol=0.03)
+    assert_allclose(standstill.resolution(q), 4e-4, rtol=0.03)
 
 
 def test_the_same_motion_read_again_has_errors_of_other_steps():
@@ -302,6 +299,6 @@ def test_the_same_motion_read_again_has_errors_of_other_steps():
     for step in (1e-2, 1e-7):
         read = step * np.round(q / step)
         errors.append(np.hstack([read, read_again(log(t, read)).q]) - q)
-    np.testing.assert_allclose(errors[0].std(axis=0), 1e-2 / np.sqrt(12.0), rtol=0.1)
+    assert_allclose(errors[0].std(axis=0), 1e-2 / np.sqrt(12.0), rtol=0.1)
     assert abs(np.corrcoef(errors[0].T)[0, 1]) < 0.15
     assert np.abs(errors[1]).max() < 1e-6

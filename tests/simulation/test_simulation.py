@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import SCARA, write_urdf
+from numpy.testing import assert_allclose, assert_array_equal
 from recorded import refusal
 from scipy import signal
 from small_runs import small_run
@@ -38,11 +39,11 @@ def test_an_ideal_sensor_shows_the_truth(panda):
         Sensor(1e3, np.zeros(7)),
     )
     q, dq, ddq = x.trajectory.states(m.t)
-    np.testing.assert_array_equal(m.q, q)
+    assert_array_equal(m.q, q)
     assert np.ptp(np.diff(m.t)) < 1e-12
     # The regressor's torque against Newton-Euler's: two routes to the same number.
     expected = panda.robot.inverse_dynamics(x.links, q, dq, ddq)
-    np.testing.assert_allclose(m.tau, expected, atol=1e-10)
+    assert_allclose(m.tau, expected, atol=1e-10)
 
 
 def test_sigmoid_friction_is_the_papers_formula(panda):
@@ -51,14 +52,14 @@ def test_sigmoid_friction_is_the_papers_formula(panda):
     got = sigmoid_torque(phi, dq)
     p1, p2, p3 = phi.T
     expected = p1 / (1 + np.exp(-p2 * (dq + p3))) - p1 / (1 + np.exp(-p2 * p3))
-    np.testing.assert_allclose(got, expected, atol=1e-13)
-    np.testing.assert_allclose(sigmoid_torque(phi, np.zeros((1, 7))), 0.0, atol=1e-15)
+    assert_allclose(got, expected, atol=1e-13)
+    assert_allclose(sigmoid_torque(phi, np.zeros((1, 7))), 0.0, atol=1e-15)
 
 
 def test_noise_has_the_spectrum_it_is_given(panda):
     sensor = experiment(panda).sensor
     e = sensor.noise(200_000, np.random.default_rng(1))
-    np.testing.assert_allclose(e.std(axis=0), sensor.torque_std, rtol=0.02)
+    assert_allclose(e.std(axis=0), sensor.torque_std, rtol=0.02)
     for j in range(7):
         whitened = signal.lfilter(sensor.poles[j], [1.0], e[:, j])
         share = whitened.var() / e[:, j].var()
@@ -79,9 +80,7 @@ def test_the_log_is_jittered_held_and_quantised_as_the_real_one(panda):
     repeated = np.mean(np.all(np.diff(m.q, axis=0) == 0.0, axis=1))
     assert 0.04 < repeated < 0.09  # 6.1 % in the real log
     for j, step in enumerate(experiment(panda).sensor.torque_step):
-        np.testing.assert_allclose(
-            m.tau[:, j] / step, np.round(m.tau[:, j] / step), atol=1e-6
-        )
+        assert_allclose(m.tau[:, j] / step, np.round(m.tau[:, j] / step), atol=1e-6)
     assert np.diff(np.unique(np.round(m.q[:, 0], 7))).min() == pytest.approx(1e-5)
 
 
@@ -98,7 +97,7 @@ def test_misplaced_joints_are_off_by_errors_of_the_size_told(panda):
         off += [pin.log(a.inverse() * b).vector for a, b in pairs]
     expected = np.diag([metres] * 3 + [np.deg2rad(degrees)] * 3) ** 2
     scale = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(
+    assert_allclose(
         np.cov(np.transpose(off)) / np.outer(scale, scale), np.eye(6), atol=0.1
     )
 
@@ -119,11 +118,9 @@ def test_a_torque_channel_carries_what_is_hidden_besides(two_link):
     )
     gain, spring = torques(runs.world, motion, runs.hidden)
     whole = runs.world.torque(motion) + spring
-    np.testing.assert_allclose(
-        gain[:, 0], runs.truth["effects"][0]["size"] * whole[:, 0]
-    )
+    assert_allclose(gain[:, 0], runs.truth["effects"][0]["size"] * whole[:, 0])
     assert not gain[:, 1].any()
-    np.testing.assert_array_equal(spring[:, 0], runs.hidden[1].size * motion.q[:, 0])
+    assert_array_equal(spring[:, 0], runs.hidden[1].size * motion.q[:, 0])
 
 
 def test_a_pickled_effect_adds_the_same_torque(two_link):
@@ -135,16 +132,14 @@ def test_a_pickled_effect_adds_the_same_torque(two_link):
         effect = replace(made(name, world, 1, rng), size=0.3)
         again = pickle.loads(pickle.dumps(effect))
         assert again.truth == effect.truth
-        np.testing.assert_array_equal(
-            again.torque(world, motion), effect.torque(world, motion)
-        )
+        assert_array_equal(again.torque(world, motion), effect.torque(world, motion))
 
 
 def test_simulated_runs_can_be_pickled(two_link):
     runs = hidden_runs(two_link, [("joint_spring", [0])], seed=2, count=1)
     again = pickle.loads(pickle.dumps(runs))
     assert again.truth == runs.truth
-    np.testing.assert_array_equal(again.test.tau, runs.test.tau)
+    assert_array_equal(again.test.tau, runs.test.tau)
 
 
 def test_any_robot_has_an_experiment(tmp_path):
@@ -203,7 +198,7 @@ def test_the_band_of_a_free_run_is_that_of_the_covariance(known):
     made = [follow(e, run, steps=400, windows=9) for e in (estimate, same)]
     bands = [x.free[0].spread for x in made]
     assert np.all(bands[0] > 0.0)
-    np.testing.assert_allclose(*bands, rtol=1e-6)
+    assert_allclose(*bands, rtol=1e-6)
     # The truth is right a step and a window ahead.
     for x in (made[0].one_step, made[0].ahead):
         assert np.all(x.rms < 0.01 * x.naive)
@@ -226,7 +221,7 @@ def test_a_loop_adds_the_torque_that_a_model_lacks(known):
     assert more.simulated.t[0] == pytest.approx(1.0, abs=0.25)
     states = random_trajectory(estimate.robot, 1, 6.0).states(more.simulated.t - 1.0)
     lacks = estimate.robot.inverse_dynamics(0.1 * estimate.theta[links], *states)
-    np.testing.assert_allclose(more.loop, np.sqrt(np.mean(lacks**2, axis=0)), rtol=0.04)
+    assert_allclose(more.loop, np.sqrt(np.mean(lacks**2, axis=0)), rtol=0.04)
     assert np.all(true.loop < 0.05 * more.loop)
     still = follow(
         estimate, run.window(0.0, 0.7), steps=50, windows=3

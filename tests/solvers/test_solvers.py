@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from recorded import refusal
 from scipy import sparse
 from sdp_readers import read_cbf
@@ -94,12 +95,12 @@ def test_rewriting_keeps_the_solution_and_its_multipliers(step):
     rewritten = step(conic)
     other = make_solver("clarabel").solve(rewritten.problem, 1e-9)
     x, z = rewritten.back(other.x, other.z)
-    np.testing.assert_allclose(x, direct.x, atol=2e-5)
+    assert_allclose(x, direct.x, atol=2e-5)
     # Stationarity P x + q + A^T z = 0 of the original problem, equalities' multipliers
     # included.
     full = sparse.triu(conic.P) + sparse.triu(conic.P, 1).T
     slope = full @ x + conic.q + conic.A.T @ z
-    np.testing.assert_allclose(slope, 0.0, atol=1e-5)
+    assert_allclose(slope, 0.0, atol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -116,7 +117,7 @@ def test_a_quadratic_is_the_square_of_its_factor(root):
     )
     factor = rewrite.quadratic_factor(told)
     assert factor.shape == (2, 3)
-    np.testing.assert_allclose((factor.T @ factor).toarray(), whole, atol=1e-12)
+    assert_allclose((factor.T @ factor).toarray(), whole, atol=1e-12)
     bounded = rewrite.linear_objective(
         told
     ).problem  # t >= |G x|^2 / 2 is what it costs
@@ -134,8 +135,8 @@ def test_exported_files_read_back_to_the_same_problem(tmp_path, entropic):
     sent = rewrite.reorder(rewrite.linear_objective(sdp.conic).problem, kinds).problem
     found = rewrite.reorder(read_cbf(tmp_path / "problem.cbf"), kinds).problem
     assert found.cones == sent.cones
-    np.testing.assert_array_equal(found.q, sent.q)
-    np.testing.assert_allclose(found.b, sent.b, rtol=1e-15)
+    assert_array_equal(found.q, sent.q)
+    assert_allclose(found.b, sent.b, rtol=1e-15)
     assert abs(found.A - sent.A).max() <= 1e-15 * abs(sent.A).max()
     if entropic:
         refusal(
@@ -321,7 +322,7 @@ def test_cones_of_a_higher_order_are_clarabels():
     fit, reference = both(task, "lmi-sdp")
     assert fit.details["solver"] == "clarabel"
     assert fit.gap <= 1e-8
-    np.testing.assert_array_equal(fit.theta, reference.theta)
+    assert_array_equal(fit.theta, reference.theta)
 
 
 def test_a_quadratic_form_keeps_what_small_units_make_small():
@@ -333,9 +334,7 @@ def test_a_quadratic_form_keeps_what_small_units_make_small():
     empty = sparse.csc_matrix((0, 3))
     G = quadratic_factor(solvers.ConicProblem(P, np.zeros(3), empty, np.zeros(0), ()))
     rebuilt = (G.T @ G).toarray() / np.outer(unit, unit)
-    np.testing.assert_allclose(
-        rebuilt, 2.0 * R.T @ R / np.outer(unit, unit), rtol=1e-12
-    )
+    assert_allclose(rebuilt, 2.0 * R.T @ R / np.outer(unit, unit), rtol=1e-12)
 
 
 def test_substituted_equalities_leave_the_parameters_where_they_are():
@@ -347,6 +346,6 @@ def test_substituted_equalities_leave_the_parameters_where_they_are():
     form = without_equalities(
         solvers.ConicProblem(no_curvature, q, A, np.array([2.0, 3.0]), cones)
     )
-    np.testing.assert_allclose(form.problem.q, [5.0, 0.0])
+    assert_allclose(form.problem.q, [5.0, 0.0])
     x, _ = form.back(np.array([1.0, 2.0]), np.zeros(1))
-    np.testing.assert_allclose(x, [1.0, 2.0, 3.0])
+    assert_allclose(x, [1.0, 2.0, 3.0])
