@@ -161,7 +161,9 @@ def test_the_certificate_decides_whether_a_solver_gave_up(finds, task, monkeypat
             )
             return found if finds else replace(found, x=0.0 * found.x, z=0.0 * found.z)
 
-    monkeypatch.setattr("sdp_vs_penalty.estimators.lmi_sdp.solver", lambda _: Doubtful)
+    monkeypatch.setattr(
+        "sdp_vs_penalty.estimators.lmi_sdp.make_solver", lambda _: Doubtful
+    )
     method = LmiSdpThickness(solver="clarabel")
     if finds:
         _, certificate = certify(task, method.fit(task))
