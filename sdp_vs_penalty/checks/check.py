@@ -19,7 +19,7 @@ from sdp_vs_penalty.checks.facts import channels, magnitude, mended, standing, s
 from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.facts.repetition import find_overlaps
 from sdp_vs_penalty.checks.glance import RunSummary
-from sdp_vs_penalty.checks.issue import FACT, Issue, gravest_first
+from sdp_vs_penalty.checks.issue import FACT, Issue, gravest_first, mended_for_certain
 from sdp_vs_penalty.checks.long_runs import issues_of_run, windows_of
 from sdp_vs_penalty.checks.report import Report
 from sdp_vs_penalty.checks.velocity import find_wrong_velocities
@@ -141,6 +141,13 @@ def check_runs(
     windows = [judge_ranges(problem, report, are_plausible) for report in windows]
     if thorough:
         windows = [judge_excitation(problem, report, settings) for report in windows]
+    windows = [
+        replace(
+            w,
+            repaired_certain=mended_for_certain(w.original or w.repaired_all, w.issues),
+        )
+        for w in windows
+    ]
     reports = [_report_of_run(run, windows[part]) for run, part in of_run]
     return [replace(r, issues=gravest_first(r.issues)) for r in reports]
 
@@ -184,11 +191,9 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
         issue = Issue.of_refusal("no rows", error, certain("read from the file"))
         return Report(run.names[0], (issue,), run, run)
     with_filters = replace(problem, preprocessing=settings)
-    issues, glance, fixed = mended(
-        run, problem.robot, settings.standstill, with_filters
-    )
+    issues, glance = mended(run, problem.robot, settings.standstill, with_filters)
     work = glance.run
-    report = Report(run.names[0], tuple(issues), work, fixed, original=run)
+    report = Report(run.names[0], tuple(issues), work, run, original=run)
     if any(f.kind in NO_ROWS for f in issues):
         return report
     if len(work.t) < RUN:

@@ -15,6 +15,7 @@ from sdp_vs_penalty.checks.constants import GAP, NO_DYNAMICS
 from sdp_vs_penalty.checks.explain import (
     NOT_REPAIRED,
     issue_of_difference,
+    issue_of_span,
     issues_of_all,
     repair_of,
 )
@@ -183,6 +184,11 @@ class LoggerJudge:
             part = claim.hypothesis.part
             if part is None or part.run not in (None, place):
                 continue
+            if part.until is not None:
+                begin, end = (self._time_in_run(number, x) for x in part.ends)
+                if begin is not None and end is not None:
+                    issues.append(issue_of_span(log, claim, begin, end))
+                continue
             repair = repair_of(claim, log.as_logged)
             if part.after is None:
                 name = self.reports[number].run
@@ -193,7 +199,8 @@ class LoggerJudge:
                 issue = _two_arms(log, claim, part.after)
                 cuts = _cuts_at(self.reports[number], part.after)
                 issues.append(replace(issue, changes=cuts))
-        return issues[:1] if issues and issues[0].kind == TWO_ARMS else issues
+        are_two = [issue for issue in issues if issue.kind == TWO_ARMS][:1]
+        return are_two if issues[:1] == are_two else issues
 
     def _report_run(
         self,
@@ -241,7 +248,7 @@ class LoggerJudge:
         ]
         # Of a motion of few directions what is left says nothing.
         unexplained = [] if self.is_poor_motion else [*unexplained_torque(log, net)]
-        if any(issue.kind in (TWO_ARMS, *NOT_REPAIRED) for issue in differences):
+        if any(x.kind in (TWO_ARMS, EVENT, *NOT_REPAIRED) for x in differences):
             unexplained = [f for f in unexplained if f.kind != EVENT]
         unexplained = [
             replace(f, changes=(_cut_around(report, f.figures["t"]),))
@@ -255,8 +262,8 @@ class LoggerJudge:
         ]
         # Repaired by the search first, then by what is left unexplained (events).
         run = repaired.apply(report.repaired_all)
-        for issue in (*size, *unexplained):
-            if issue.repair is not None:
+        for issue in (*differences, *size, *unexplained):
+            if issue.repair is not None and not (issue in differences and issue.apply):
                 run = issue.repair(run)
         self.reports[number] = replace(
             report,

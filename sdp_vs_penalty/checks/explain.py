@@ -1,11 +1,13 @@
 """What the race finds in a log, as issues of the check."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, with_rival_effects
+from sdp_vs_penalty.checks.residual import EVENT, without_moment
 from sdp_vs_penalty.race.arm_fit import text_of_share
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.fault import APPLY, Fault, joints_text
@@ -296,6 +298,32 @@ def issue_of_difference(
         elif other.effect:
             effects.append(other.effect)
     return with_rival_effects(issue, [*dict.fromkeys(effects)])
+
+
+def issue_of_span(log: Likelihood, claim: Claim, begin: float, end: float) -> Issue:
+    """Return the issue that something pushed the last link from one instant to another
+    [s]."""
+    # Rows are filtered: what they hold began before them and ends after them.
+    begin, end = begin - 1.0 / log.data.cutoff, end + 1.0 / log.data.cutoff
+    middle, width = 0.5 * (begin + end), end - begin
+    share = float(np.log(claim.before.left / claim.fit.left).max())
+    issue = Issue(
+        kind=EVENT,
+        nature=EXPLANATION,
+        severity="warning",
+        where=f"t = {begin:.3g} to {end:.3g} s",
+        what=f"a force on the last link from t = {begin:.3g} to {end:.3g} s (a contact, a"
+        " push) explains what all joints together leave there.",
+        certainty=likely(
+            "without it one arm leaves of a joint's torque"
+            f" {float(np.exp(0.5 * share)):.2g} times as much"
+        ),
+        remedy=f"exclude {begin:.3g} to {end:.3g} s",
+        repair=partial(without_moment, at=middle, width=width),
+        figures={"t": middle, "span": [begin, end], "log_odds": float(claim.log_odds)},
+    )
+    rivals = [x.hypothesis.effect or x.hypothesis.kind for x in claim.rivals]
+    return with_rival_effects(issue, [*dict.fromkeys(rivals)])
 
 
 def _words_of_number(

@@ -172,7 +172,11 @@ def _fixed(report: Report, apply: Sequence[str]) -> tuple[Measurements, list[Iss
     Orders of channels are repaired first: signs and gains refer to joints.
     """
     facts = [f for f in report.issues if f.can_fix]
-    named = [f for f in report.issues if f.apply in apply and f.repair is not None]
+    named = [
+        f
+        for f in report.issues
+        if f.apply in apply and f.repair is not None and not f.can_fix
+    ]
     run = report.repaired_certain
     for issue in sorted(named, key=lambda f: not f.apply.startswith("order:")):
         assert issue.repair is not None

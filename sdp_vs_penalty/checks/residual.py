@@ -190,7 +190,7 @@ def _event(log: Likelihood, repair: LogTransform, fit: ArmFit) -> Iterator[Issue
             f" {_EVENT_OVER_REST:g} times that at any other moment.",
             certainty=likely("an effect of the arm itself would recur"),
             remedy=f"exclude {EVENT_WIDTH:g} s around it",
-            repair=partial(_without_moment, at=at),
+            repair=partial(without_moment, at=at),
             where=f"t = {at:.3g} s, {joints_text([j])}",
             t=at,
         )
@@ -213,9 +213,9 @@ def _is_corner(log: Likelihood, repair: LogTransform, joint: int, at: float) -> 
     return bool(explains_more and largest <= _EVENT_OVER_REST * elsewhere)
 
 
-def _without_moment(run: Measurements, at: float) -> Measurements:
-    """Return the run without the rows within half of EVENT_WIDTH of an instant [s]."""
-    return run.rows(np.abs(run.t - at) > 0.5 * EVENT_WIDTH)
+def without_moment(run: Measurements, at: float, width: float = EVENT_WIDTH) -> Measurements:
+    """Return the run without the rows within half of a width of an instant [s]."""
+    return run.rows(np.abs(run.t - at) > 0.5 * width)
 
 
 def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:

@@ -9,7 +9,9 @@ what is done to the raw log:
     tau_j = gain_j / ratio_j (tau_raw[tau_order_j] earlier by lead_j) + lag_j d(tau_j)/dt - events_j
 
 where a channel that bends is straightened first: s artanh(tau_raw / s), s = max
-|tau_raw| / bend_j.
+|tau_raw| / bend_j. Where the motor of joint j turns with the joint before it as well, these
+are angles m and torques of motors, m_j = q_j + carried_j q_{j-1}; q = A m, and the joints'
+torques are A^-T tau.
 """
 
 from __future__ import annotations
@@ -76,6 +78,9 @@ class LogTransform:
     bend: Numbers
     #: Gear ratio over the logger's: a factor of positions, a divisor of torques [-].
     ratio: Numbers
+    #: How far the logged motor of a joint turns with the joint before it [-]: 1 or -1 of
+    #: a parallelogram, whose motors sit on one link.
+    carried: Numbers
     #: True time over the file's [-].
     rate: float = 1.0
     #: Whether the clock runs backwards.
@@ -103,6 +108,7 @@ class LogTransform:
             longer=zeros,
             bend=zeros,
             ratio=ones,
+            carried=zeros,
         )
 
     @property
@@ -244,7 +250,8 @@ class LogTransform:
         return np.array(self.gain) / np.array(self.ratio)
 
     def positions(self, q: Array) -> Array:
-        """Return the true positions: q_j = ratio_j scale_j q_logged[order_j] + zero_j.
+        """Return the true positions: q_j = ratio_j scale_j q_logged[order_j] + zero_j, of
+        motors that are carried times A.
 
         Parameters
         ----------
@@ -257,7 +264,23 @@ class LogTransform:
             Positions by joint [rad, m].
         """
         logged = q[:, list(self.order)]
-        return np.asarray(logged * self.position_factors + np.array(self.zero))
+        motors = logged * self.position_factors + np.array(self.zero)
+        return self.of_joints(motors)
+
+    @cached_property
+    def joints_by_motors(self) -> Array | None:
+        """(n, n) A, q = A m of angles m of the motors; None where each joint has its
+        own."""
+        if not any(self.carried):
+            return None
+        motors = np.eye(self.n) + np.diag(self.carried[1:], -1)
+        return np.asarray(np.linalg.inv(motors))
+
+    def of_joints(self, motors: Array) -> Array:
+        """Return angles, velocities or accelerations (N, n) of joints by those of
+        motors."""
+        a = self.joints_by_motors
+        return np.asarray(motors if a is None else motors @ a.T)
 
     def apply(self, run: Measurements) -> Measurements:
         """Return the log repaired: order, scale, zero, gain, delay and clock.
@@ -279,6 +302,7 @@ class LogTransform:
         dq = run.dq
         if dq is not None:
             dq = dq[:, list(self.order)] * self.position_factors / self.rate
+            dq = self.of_joints(dq)
         repaired = replace(
             run,
             t=t[0] + self.rate * (t - t[0]),
@@ -298,7 +322,9 @@ class LogTransform:
         for j, lead in enumerate(self.lead):
             if lead:
                 tau[:, j] = np.interp(run.t + lead, run.t, tau[:, j])
-        return np.asarray(tau * self.torque_factors)
+        tau = tau * self.torque_factors
+        a = self.joints_by_motors
+        return np.asarray(tau if a is None else tau @ np.linalg.inv(a))
 
 
 @lru_cache(99)

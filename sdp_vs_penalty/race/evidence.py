@@ -27,7 +27,7 @@ from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.arm_fit import RepairedRows, orthonormal
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.likelihood import Likelihood, without_inertial_power
-from sdp_vs_penalty.race.records import Hypothesis, View
+from sdp_vs_penalty.race.records import Hypothesis, Part, View
 from sdp_vs_penalty.race.rows import random_rows
 from sdp_vs_penalty.regression.base_parameters import structure
 from sdp_vs_penalty.regression.evidence import independent_rows, jackknifed
@@ -230,8 +230,8 @@ class Evidence:
         return _Columns(rows, probe, power, mask.sum(axis=1))
 
     def _states(self, chain: LogTransform) -> tuple[Array, Array]:
-        """Return velocity and acceleration (n, M) under a transform."""
-        motion = self.log.motion(chain)
+        """Return velocity and acceleration (n, M) of the motors under a transform."""
+        motion = self.log.motion(chain.with_defaults("carried"))
         return motion.dq.T, motion.ddq.T
 
     def _torque(self, view: View) -> Array:
@@ -569,11 +569,15 @@ class Evidence:
 
     # -- the second witness
 
-    def held_out(self, fit: Fit, further: Array | None = None) -> tuple[Array, Array]:
+    def held_out(
+        self, fit: Fit, further: Array | None = None, span: Part | None = None
+    ) -> tuple[Array, Array]:
         """Fit an arm to all parts of the log but one, each in turn.
 
         Parameters
         ----------
+        span : Part, optional
+            Rows of which each part has its share.
         further : (n, M, r) array, optional
             Columns beside those of the fit, of sizes that may be any.
 
@@ -590,8 +594,14 @@ class Evidence:
         columns = [rows.basis, rows.raw, self._torque(fit.view)[:, :, None]]
         if further is not None:
             columns.insert(2, further)
-        parts = np.array_split(np.concatenate(columns, axis=2)[moving], c.PARTS, axis=1)
-        grams = np.stack([part.swapaxes(1, 2) @ part for part in parts])
+        together = np.concatenate(columns, axis=2)[moving]
+        grams = np.zeros((c.PARTS, len(together), *2 * together.shape[2:]))
+        at = np.ones(together.shape[1], bool)
+        if span is not None:
+            at = span.rows(self.runs, self.log.data.motion.t)
+        for rows_ in (together[:, at], together[:, ~at]):
+            for k, part in enumerate(np.array_split(rows_, c.PARTS, axis=1)):
+                grams[k] += part.swapaxes(1, 2) @ part
         others = NormalEquations.eliminating(
             grams.sum(axis=0) - grams, rows.basis.shape[2]
         )

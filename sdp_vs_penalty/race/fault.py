@@ -77,6 +77,7 @@ APPLY = {
     "joint order": ("order", "joint"),
     "torque gain": ("gain", "tau"),
     "gear ratio": ("ratio", "joint"),
+    "motor on the base": ("motor", "joint"),
     "delay": ("delay", "tau"),
     "channel delay": ("delay", "tau"),
     "encoder offset": ("zero", "q"),

@@ -270,8 +270,8 @@ class Likelihood:
         return Motion(
             logged.t[0] + repair.rate * (logged.t - logged.t[0]),
             repair.positions(logged.q),
-            speed * scale * logged.dq[:, order] / repair.rate,
-            push * scale * logged.ddq[:, order] / repair.rate**2,
+            repair.of_joints(speed * scale * logged.dq[:, order] / repair.rate),
+            repair.of_joints(push * scale * logged.ddq[:, order] / repair.rate**2),
         )
 
     # -- columns
@@ -379,7 +379,8 @@ class Likelihood:
     def _make_columns(
         self, arms: Sequence[LogTransform], speed: float = 1.0, push: float = 1.0
     ) -> list[Array]:
-        """Make the columns (n, M, p) of the links under each of several repairs.
+        """Make the columns (n, M, p) of the links under each of several repairs, by the
+        logged motors.
 
         The repairs have the same gravity and the same lengths, so that one model makes
         all columns, from the rows of all repaired motions one after the other. speed,
@@ -390,7 +391,11 @@ class Likelihood:
             return [np.zeros((self.n, self.data.count, 0)) for _ in arms]
         motions = [self.motion(arm, speed, push) for arm in arms]
         rows = motions[0] if len(motions) == 1 else joined(motions)
-        return np.split(model.dense_columns(rows), len(arms), axis=1)
+        columns = np.split(model.dense_columns(rows), len(arms), axis=1)
+        for k, arm in enumerate(arms):
+            if (a := arm.joints_by_motors) is not None:  # torques of motors: A^T tau
+                columns[k] = np.tensordot(a.T, columns[k], 1)
+        return columns
 
     def _prepare_columns(self, repairs: Sequence[LogTransform]) -> None:
         """Compute and cache the columns of the links under all these repairs that are

@@ -370,7 +370,9 @@ class Race:
     def _is_confirmed(self, x: Scored, fit: Fit) -> bool:
         """Whether parts of the log that nothing was fitted to confirm a hypothesis."""
         number = x.hypothesis.number
-        before, after = self.all.held_out(fit)[0], self.all.held_out(x.fit)[0]
+        part = x.hypothesis.part
+        span = part if part is not None and part.until is not None else None
+        before, after = (self.all.held_out(y, span=span)[0] for y in (fit, x.fit))
         falls = np.log(before / after)
         clearness = standard_errors_above_zero(falls.sum(axis=1))
         moving = fit.weights > 0.0

@@ -63,13 +63,22 @@ class Number:
 
 @dataclass(frozen=True)
 class Part:
-    """Rows of a log to which a difference is confined: those of a run, or those after an
-    instant."""
+    """Rows of a log to which a difference is confined: those of a run, those after an
+    instant, or those of a span of time."""
 
     #: Number of the run, from 0; None for rows of any run.
     run: int | None = None
     #: Instant [s] after which the rows are; None for all.
     after: float | None = None
+    #: Instant [s] up to which they are; None: to the end.
+    until: float | None = None
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Both ends of a span [s]."""
+        assert self.after is not None
+        assert self.until is not None
+        return self.after, self.until
 
     def rows(self, runs: NDArray[np.intp], t: Array) -> NDArray[np.bool_]:
         """Return which rows (M,) belong to it.
@@ -82,7 +91,8 @@ class Part:
             Instants [s].
         """
         is_of_run = np.ones(len(t), bool) if self.run is None else runs == self.run
-        return is_of_run & (True if self.after is None else t > self.after)
+        is_before = True if self.until is None else t <= self.until
+        return is_of_run & is_before & (True if self.after is None else t > self.after)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +105,8 @@ class Further:
     sd: Array
     #: Whether the first size is positive: a mass that is added.
     is_positive: bool = False
+    #: Span of time outside of which they are zero; None where it is all.
+    span: Part | None = None
     #: The columns under another transform, where they hold channels of the log.
     columns_under: Callable[[LogTransform], Array] | None = None
 

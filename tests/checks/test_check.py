@@ -25,7 +25,9 @@ from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.gate import consented, needs_check
 from sdp_vs_penalty.data import load_measurements, save
+from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.problem import measured_runs
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.simulation import experiment
 
 Spoil = Callable[[Measurements], Measurements]
@@ -216,6 +218,69 @@ def test_where_torques_do_not_tell_degrees_from_per_cent_both_are_named(
     assert np.abs(fixed.q).max() < 2.5
     with pytest.raises(InputError, match="degrees, or per cent of each joint's range"):
         identify(problem, logged)
+
+
+def _degrees(run, joints):
+    q = run.q.copy()
+    q[:, joints] = np.degrees(q[:, joints])
+    return replace(run, q=q, dq=None)
+
+
+def _slower_clock(run):
+    dq = np.gradient(run.q, run.t, axis=0)
+    return replace(run, t=run.t[0] + 1.4 * (run.t - run.t[0]), dq=dq)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "kind"),
+    [
+        (lambda run: _degrees(run, [0]), "position unit"),
+        (lambda run: _degrees(run, [0, 1, 2]), "positions in degrees"),
+        (_slower_clock, "clock against velocity"),
+    ],
+)
+def test_what_is_certain_is_fixed_whatever_tells_it(spoil, kind, tmp_path):
+    """Joints' ranges, an arm or velocities: their repairs were not made, and the copy was
+    then refused since it was no better."""
+    path = write_urdf(tmp_path / "arm.urdf", "arm", (TURN, SHOULDER, ELBOW))
+    problem = load_problem(path)
+    run = small_run(problem, seconds=10.0)
+    # The first axis is upright; its angle is beyond 100 degrees, which are no per cent.
+    run = replace(run, q=run.q + np.array([2.3 - run.q[:, 0].max(), 0.0, 0.0]))
+    (report,) = check(problem, spoil(run), thorough=False)
+    (issue,) = report.errors_and_warnings
+    assert (issue.kind, issue.can_fix) == (kind, True)
+    (fixed,) = fix_runs(problem, [spoil(run)], [report]).runs
+    np.testing.assert_allclose(fixed.q, run.q, atol=1e-9)
+    np.testing.assert_allclose(fixed.t, run.t, rtol=2e-3, atol=0.02)
+
+
+@pytest.mark.parametrize("turn", [1.0, -1.0])
+def test_a_motor_on_the_base_is_named_and_mended(turn, tmp_path):
+    """A parallelogram or a crossed belt: it was a gear ratio."""
+    path = write_urdf(tmp_path / "arm.urdf", "arm", (TURN, SHOULDER, ELBOW))
+    problem = load_problem(path)
+    run = small_run(problem, seconds=10.0)
+    model = problem.model()
+    friction = np.full(len(model.parameters), 0.5)
+    friction[model.rigid_indices] = 0.0
+    motors = np.eye(3)
+    motors[2, 1] = turn
+
+    def rubs(states: list[Array]) -> Array:
+        return model.torque(friction, Motion(run.t, *states))
+
+    joints = [run.q, run.dq, np.gradient(run.dq, run.t, axis=0)]
+    of_links = (run.tau - rubs(joints)) @ np.linalg.inv(motors)
+    angles = [x @ motors.T for x in joints]
+    logged = replace(run, q=angles[0], tau=of_links + rubs(angles), dq=None)
+    (report,) = check(problem, logged, thorough=False)
+    (issue,) = report.errors_and_warnings
+    assert (issue.kind, issue.certainty.grade) == ("motor on the base", "likely")
+    assert issue.apply == "motor:joint3"
+    np.testing.assert_allclose(report.repaired_all.q, run.q, atol=1e-12)
+    repaired = report.repaired_all.tau
+    np.testing.assert_allclose(repaired, logged.tau @ motors, atol=1e-12)
 
 
 def test_only_what_is_certain_is_fixed(simulated):

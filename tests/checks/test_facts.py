@@ -14,6 +14,7 @@ from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion, lockstep_groups
 from sdp_vs_penalty.checks.facts.magnitude import possible_magnitudes
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.glance import RunSummary
+from sdp_vs_penalty.checks.issue import mended_for_certain
 from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import Motion
@@ -42,7 +43,8 @@ def test_coarse_stamps_are_spaced_evenly_and_no_row_is_lost(times, begin):
     step = times * float(np.median(np.diff(RUN.t)))
     log = replace(coarse(RUN, step), dq=None)
     log = replace(log, t=log.t + begin)
-    issues, _, fixed = mended(log, PROBLEM.robot, STANDSTILL)
+    issues, _ = mended(log, PROBLEM.robot, STANDSTILL)
+    fixed = mended_for_certain(log, issues)
     assert [x.kind for x in issues] == ["coarse time stamps"]
     assert len(fixed.t) == len(RUN.t)
     even = np.diff(RUN.t)
@@ -110,7 +112,8 @@ def test_a_channel_without_numbers_is_named_and_no_row_is_deleted(name):
     values = getattr(RUN, name).copy()
     values[:, 1] = np.nan
     log = replace(RUN, **{name: values})
-    issues, _, fixed = mended(log, PROBLEM.robot, STANDSTILL)
+    issues, _ = mended(log, PROBLEM.robot, STANDSTILL)
+    fixed = mended_for_certain(log, issues)
     assert [(x.kind, x.where) for x in issues] == [
         ("channel without numbers", f"{name}2")
     ]
@@ -124,7 +127,8 @@ def test_degrees_that_wrap_are_one_fact(low):
     q = np.column_stack([1.2 * np.sin(1.7 * t), 1.4 * np.cos(2.3 * t)])
     turned = np.degrees(q + (np.pi if low else 0.0))
     log = Measurements(t, (turned - low) % 360.0 + low, np.cos(q))
-    issues, _, fixed = mended(log, PROBLEM.robot, STANDSTILL)
+    issues, _ = mended(log, PROBLEM.robot, STANDSTILL)
+    fixed = mended_for_certain(log, issues)
     (issue,) = [x for x in issues if x.kind == "positions in degrees"]
     assert "wrapped" in issue.what
     np.testing.assert_allclose(np.diff(fixed.q, axis=0), np.diff(q, axis=0), atol=1e-9)

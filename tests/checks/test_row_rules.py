@@ -17,6 +17,7 @@ from sdp_vs_penalty.checks import Issue, mended
 from sdp_vs_penalty.checks.facts import RULES
 from sdp_vs_penalty.checks.facts.stuck import find_bad_torque_channels
 from sdp_vs_penalty.checks.glance import RunSummary
+from sdp_vs_penalty.checks.issue import mended_for_certain
 from sdp_vs_penalty.data.files import check_usable
 from sdp_vs_penalty.errors import InputError
 
@@ -54,7 +55,8 @@ def found(kind: str, run: Measurements) -> Issue | None:
 
 
 def told(run: Measurements) -> tuple[list[Issue], Measurements]:
-    issues, _, fixed = mended(run, ROBOT, STANDSTILL)
+    issues, _ = mended(run, ROBOT, STANDSTILL)
+    fixed = mended_for_certain(run, issues)
     return issues, fixed
 
 
@@ -73,7 +75,8 @@ def test_what_is_left_of_a_spoiled_log_is_the_clean_one(name):
     (kind, gone, off), clean = ROWS[name], replace(motion(), dq=None)
     (corruption,) = (c for c in corruptions(2) if c.name == name)
     spoiled = corruption.spoil(clean)
-    (issue,), summary, fixed = mended(spoiled, ROBOT, STANDSTILL)
+    (issue,), summary = mended(spoiled, ROBOT, STANDSTILL)
+    fixed = mended_for_certain(spoiled, [issue])
     whole = summary.run
     assert issue.kind == kind
     assert kind == "interpolated rows" or found("interpolated rows", spoiled) is None
@@ -197,7 +200,8 @@ def test_a_joint_that_is_told_to_go_beyond_its_range_lies_against_its_end_stop(f
     )  # it follows its command 20 ms later
     q[:, 0] = q[:, 0] if follows else np.clip(q[:, 0], -range_ - 0.01, range_ + 0.01)
     run = replace(run, q=q, commanded={"qcmd": told})
-    issues, _, fixed = mended(run, narrow, STANDSTILL)
+    issues, _ = mended(run, narrow, STANDSTILL)
+    fixed = mended_for_certain(run, issues)
     issue = next((x for x in issues if x.kind == "end stop"), None)
     assert (issue is None) is follows
     if issue is not None:
@@ -218,7 +222,7 @@ def test_stamps_that_jitter_over_even_samples_are_spaced_evenly():
     rng = np.random.default_rng(2)
     even = clean.t
     jittered = even + rng.uniform(-0.4, 0.4, len(even)) / RATE
-    issues, summary, _ = mended(
+    issues, summary = mended(
         replace(clean, t=jittered), ROBOT, STANDSTILL
     )  # likely, not certain
     (issue,) = [x for x in issues if x.kind == "jittered time stamps"]
@@ -368,7 +372,8 @@ def test_a_time_that_repeats_keeps_the_first_of_its_rows():
 
 def silent_about_zeros(run: Measurements) -> bool:
     """No rule calls a zero a row that was filled in, and nothing is an error."""
-    issues, _, fixed = mended(run, ROBOT, STANDSTILL)
+    issues, _ = mended(run, ROBOT, STANDSTILL)
+    fixed = mended_for_certain(run, issues)
     kinds = [x.kind for x in issues]
     is_error = any(x.severity == "error" for x in issues)
     return "zeros" not in kinds and not is_error and len(fixed.t) == len(run.t)

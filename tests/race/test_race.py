@@ -33,6 +33,15 @@ def scaled(run: Measurements, gains: tuple[float, float]) -> Measurements:
     return replace(run, tau=run.tau * np.array(gains))
 
 
+def pushed_for_a_second(run: Measurements) -> Measurements:
+    """Return a run in which the last link is pushed from 3 to 4 s."""
+    torque = np.column_stack(
+        [4.0 * np.sin(run.q[:, 1]) + 6.0, np.full(len(run.t), 5.0)]
+    )
+    is_pushed = (run.t > 3.0) & (run.t < 4.0)
+    return replace(run, tau=run.tau + torque * is_pushed[:, None])
+
+
 @pytest.fixture(scope="module")
 def evidence() -> Evidence:
     log = rows_of(RUN)
@@ -55,8 +64,9 @@ def test_a_clean_log_has_nothing_wrong():
             (),
         ),
         (lambda run: replace(run, q=run.q * [1.0, -1.0]), "position sign", (1,)),
+        (pushed_for_a_second, "passing force", ()),
     ],
-    ids=["a sign", "all signs", "an order", "time", "a position's sign"],
+    ids=["a sign", "all signs", "an order", "time", "a position's sign", "a push"],
 )
 def test_what_was_done_is_claimed(spoil, kind, joints):
     claim, *others = judged(spoil(RUN)).claims

@@ -75,7 +75,7 @@ RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
 
 def mended(
     run: Measurements, robot: Robot, standstill: float, problem: Problem | None = None
-) -> tuple[list[Issue], RunSummary, Measurements]:
+) -> tuple[list[Issue], RunSummary]:
     """Apply the rules about rows, clock and channels in order, each to the run as the
     rules before have repaired it.
 
@@ -92,11 +92,8 @@ def mended(
         In the order of mending.
     summary : RunSummary
         Of the run with all of them mended.
-    repaired_certain : Measurements
-        The run with the certain ones mended.
     """
     issues: list[Issue] = []
-    fixed = run
     glance = RunSummary(run, robot, standstill, problem)
     for rule in RULES:
         if any(issue.kind in NO_ROWS for issue in issues):
@@ -108,8 +105,5 @@ def mended(
         for issue in rule(glance):
             issues.append(issue)
             if issue.repair is not None:
-                # What is only likely is mended for the rules that follow, and deletes
-                # no row.
-                fixed = issue.repair(fixed) if issue.can_fix else fixed
                 glance = replace(glance, run=issue.repair(glance.run))
-    return issues, glance, fixed
+    return issues, glance

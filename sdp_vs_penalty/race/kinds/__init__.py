@@ -11,6 +11,7 @@ from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, Fit
 from sdp_vs_penalty.race.fault import Fault
 from sdp_vs_penalty.race.kinds import (
+    carried,
     clock_rate,
     degrees,
     delay,
@@ -36,6 +37,7 @@ KINDS: tuple[ModuleType, ...] = (
     clock_rate,
     sign,
     order,
+    carried,
     mounting,
     weight,
     events,

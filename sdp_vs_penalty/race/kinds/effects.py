@@ -1,5 +1,5 @@
 """Effects of the arm that act on several joints at once, and so resemble a fault of the log:
-a constant force on the last link, gears that couple two joints.
+a constant force on the last link, always or for a time, gears that couple two joints.
 
 What one joint's own motion makes is in its own columns; a load that all runs carry is in
 the last link's parameters. Which effect it is, a diagnosis judges.
@@ -12,13 +12,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.constants import COULOMB_WIDTHS
 from sdp_vs_penalty.race.evidence import Evidence, Fit
 from sdp_vs_penalty.race.fault import prior_of_one_of
 from sdp_vs_penalty.race.kinds.of_one_part import load_on_last_link
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Further, Hypothesis
+from sdp_vs_penalty.race.records import Further, Hypothesis, Part
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Standard deviation beforehand of a force [N] and of its moment [N m].
@@ -26,6 +26,8 @@ _FORCE, _MOMENT = 30.0, 6.0
 #: Standard deviation of the ratio of gears, and of their friction and inertia over the
 #: joint's torque [-].
 _RATIO, _SHARE = 1.0, 0.3
+#: How long somebody pushes [s].
+_SPANS = (0.5, 1.0, 1.5, 2.5, 4.0)
 #: Parameters of a link, and how many of them make its weight.
 _PARAMETERS_OF_A_LINK, _STATIC = 10, 4
 
@@ -60,6 +62,12 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
     force = Further(np.concatenate(columns, axis=2), sd)
     what = "a constant force on the last link"
     yield Hypothesis("force", (), prior_of_one_of(1), now, further=force, effect=what)
+    spans = _worst_spans(evidence, fit)
+    odds = -c.LOG_ODDS_AGAINST_DIFFERENCE - float(np.log(c.ROWS))
+    for span in spans:
+        at = span.rows(evidence.runs, log.data.motion.t)[None, :, None]
+        pushed = Further(force.columns * at, force.sd, span=span)
+        yield Hypothesis("passing force", (), odds, now, part=span, further=pushed)
     for pair in pairwise(range(log.n)):
         for a, b in (pair, pair[::-1]):
             further_at = partial(_coupling, log, now, a, b)
@@ -75,6 +83,27 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
             )
 
 
+def _worst_spans(evidence: Evidence, fit: Fit) -> list[Part]:
+    """List the span of each length in which the arm errs most, beside spans that are
+    explained."""
+    t = evidence.log.data.motion.t
+    errors = fit.weights @ evidence.residual(fit) ** 2  # (M,)
+    for taken in fit.view.further:
+        if taken.span is not None:
+            errors[taken.span.rows(evidence.runs, t)] = 0.0
+    summed = np.concatenate([[0.0], np.cumsum(errors)])
+    spans = []
+    for seconds in _SPANS:
+        ends = np.searchsorted(t, t + seconds, side="right")
+        # A sum of K squares of unit variance errs by sqrt(2 K); rows come unevenly.
+        count = ends - np.arange(len(t))
+        excess = summed[ends] - summed[:-1] - count * summed[-1] / len(t)
+        first = int(np.argmax(excess / np.sqrt(count)))
+        before = t[first - 1] if first else t[0] - 1.0
+        spans.append(Part(after=float(before), until=float(t[ends[first] - 1])))
+    return spans
+
+
 def _coupling(
     log: Likelihood, now: LogTransform, a: int, b: int, ratio: float
 ) -> Further:
@@ -86,7 +115,7 @@ def _coupling(
     """
     motion, torque = log.motion(now), log.torques(now)
     velocity = motion.dq[:, b] + ratio * motion.dq[:, a]
-    friction = [np.tanh(velocity / width) for width in COULOMB_WIDTHS]
+    friction = [np.tanh(velocity / width) for width in c.COULOMB_WIDTHS]
     of_a = [-torque[b], motion.dq[:, b], motion.ddq[:, b], *friction]
     of_b = [motion.dq[:, a], motion.ddq[:, a], *friction]
     columns = np.zeros((log.n, log.data.count, len(of_a) + len(of_b)))

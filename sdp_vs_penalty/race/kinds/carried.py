@@ -1,0 +1,44 @@
+"""A joint whose motor sits on the link before (a parallelogram, a belt): its logged angle is
+q_j + q_{j-1} or q_j - q_{j-1}, and its torque acts on the joint before as well."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.fault import Fault, prior_of_one_of
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.records import Hypothesis
+
+
+def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+    """Yield each joint, of an arm that is poorly explained, as driven past the joint before,
+    of either sense."""
+    log, now = evidence.log, fit.chain
+    if not fit.is_poorly_explained.any():
+        return
+    for j in log.revolute:
+        if j - 1 in log.revolute:
+            for turn in (1.0, -1.0):
+                chain = now.with_entries("carried", (j,), now.carried[j] + turn)
+                prior = prior_of_one_of(2 * log.n)
+                yield Hypothesis("motor on the base", (j,), prior, chain)
+
+
+def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+    """Yield a fault for each joint whose motor turns with the joint before as well."""
+    for j in np.flatnonzero(chain.carried).tolist():
+        one, before = j + 1, j
+        sign = "+" if chain.carried[j] > 0.0 else "-"
+        back = "-" if chain.carried[j] > 0.0 else "+"
+        yield Fault(
+            kind="motor on the base",
+            joints=(j,),
+            what=f"the motor of joint {one} does not turn with joint {before} (a"
+            f" parallelogram, a belt): q{one} is logged as q{one} {sign} q{before}, and"
+            f" tau{one} acts on joint {before} as well.",
+            remedy=f"replace q{one} by q{one} {back} q{before}, and tau{before} by"
+            f" tau{before} {sign} tau{one}",
+            without=chain.with_entries("carried", (j,), 0.0),
+        )
