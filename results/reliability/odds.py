@@ -11,6 +11,7 @@ are in odds.csv are not judged again.
 """
 
 import argparse
+import gc
 import os
 import sys
 import tempfile
@@ -87,7 +88,7 @@ def judged(name: str, number: int, count: int) -> Iterator[Row]:
         return verdicts[-1]
 
     Race.run = kept  # type: ignore[method-assign]
-    constants.LOG_ODDS_OF_A_CLAIM = LEAST
+    constants.LOG_ODDS_OF_A_CLAIM = constants.LIKELY = LEAST
     try:
         with tempfile.TemporaryDirectory() as folder:
             for arm, log in logs_of(name, number, count):
@@ -95,6 +96,7 @@ def judged(name: str, number: int, count: int) -> Iterator[Row]:
                 path.write_text(arm.urdf)
                 verdicts.clear()
                 yield from _of_log(arm, log, path, half, verdicts)
+        gc.collect()  # rows and columns of all logs
     finally:
         Race.run = run  # type: ignore[method-assign]
 
@@ -242,6 +244,15 @@ def markdown(rows: pandas.DataFrame, command: str) -> str:
             if len(of[-1]):
                 table.append([f"{by}, {word}", *(_cell(x["is_right"]) for x in of)])
     text += markdown_lines(["word", *(f"right, {x}" for x in halves)], table)
+    missed = logs[logs["change"] != "clean"]
+    right = rows[rows["is_right"] & (rows["by"] != "log") & (rows["word"] != "usual")]
+    named = {(x.arm, x.change) for x in right.itertuples()}
+    text += ["", "## By change", ""]
+    table = [
+        [str(change), str(len(of)), str(sum((x, change) in named for x in of["arm"]))]
+        for change, of in missed.groupby("change")
+    ]
+    text += markdown_lines(["change", "logs", "named by any word"], table)
     text += ["", f"## Wrong, from {constants.LOG_ODDS_OF_A_CLAIM:g}", ""]
     wrong = said_above(rows, constants.LOG_ODDS_OF_A_CLAIM)
     other = rows[
@@ -274,7 +285,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--logs", type=int, default=6, help="changed ones of each arm")
     parser.add_argument("--out", type=Path, default=Path("results", "reliability"))
     options = parser.parse_args(arguments)
-    threshold = constants.LOG_ODDS_OF_A_CLAIM
+    threshold = constants.LOG_ODDS_OF_A_CLAIM, constants.LIKELY
     first, last = map(int, options.arms.split(":"))
     path = options.out / "odds.csv"
     rows = read(path)
@@ -290,7 +301,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         table = pandas.DataFrame([asdict(row) for row in rows])
         text = table.to_csv(index=False, lineterminator="\n", float_format="%.4g")
         write_text(path, text)
-    constants.LOG_ODDS_OF_A_CLAIM = threshold
+    constants.LOG_ODDS_OF_A_CLAIM, constants.LIKELY = threshold
     table = pandas.DataFrame([asdict(row) for row in rows])
     command = f"python results/reliability/odds.py --arms {options.arms} --logs {options.logs}"
     write_text(options.out / "odds.md", markdown(table, command))

@@ -14,6 +14,7 @@ from sdp_vs_penalty.checks.certainty import certain
 from sdp_vs_penalty.checks.constants import GAP, NO_DYNAMICS
 from sdp_vs_penalty.checks.explain import (
     NOT_REPAIRED,
+    graded,
     issue_of_difference,
     issue_of_span,
     issues_of_all,
@@ -187,16 +188,18 @@ class LoggerJudge:
             if part.until is not None:
                 begin, end = (self._time_in_run(number, x) for x in part.ends)
                 if begin is not None and end is not None:
-                    issues.append(issue_of_span(log, claim, begin, end))
+                    issue = issue_of_span(log, claim, begin, end)
+                    issues.append(graded(issue, verdict, [claim]))
                 continue
             repair = repair_of(claim, log.as_logged)
             if part.after is None:
                 name = self.reports[number].run
-                issues.append(issue_of_difference(log, claim, name, repair))
+                issue = issue_of_difference(log, claim, name, repair)
+                issues.append(graded(issue, verdict, [claim]))
                 if repair is not None:
                     self.only_in[number] = self.only_in[number].followed_by(repair)
             else:
-                issue = _two_arms(log, claim, part.after)
+                issue = graded(_two_arms(log, claim, part.after), verdict, [claim])
                 cuts = _cuts_at(self.reports[number], part.after)
                 issues.append(replace(issue, changes=cuts))
         are_two = [issue for issue in issues if issue.kind == TWO_ARMS][:1]

@@ -10,6 +10,7 @@ from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, with_rival_effects
 from sdp_vs_penalty.checks.residual import EVENT, without_moment
 from sdp_vs_penalty.race.arm_fit import text_of_share
 from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.constants import LIKELY
 from sdp_vs_penalty.race.fault import APPLY, Fault, joints_text
 from sdp_vs_penalty.race.kinds import list_faults
 from sdp_vs_penalty.race.likelihood import Likelihood
@@ -44,6 +45,8 @@ _DIFFERENCES = {
 NOT_REPAIRED = "another load", "another arm"
 #: What competes with all that leaves much unexplained.
 SOMETHING_ELSE = "something that the model lacks, since much stays unexplained"
+#: What competes with a claim of low odds.
+LITTLE = "something that the model lacks, since the log tells little of it"
 #: What they are as rivals of others.
 _RIVALS = {"another load": "a load on the last link", "another arm": "other links"}
 
@@ -73,17 +76,20 @@ def issues_of_all(
         ]
         if fault.by_run is not None and len(runs) > 1:
             fault = fault.by_run(runs)
-        issues.append(_graded(_of_fault(log, fault, claims, net), verdict, claims))
+        issues.append(graded(_of_fault(log, fault, claims, net), verdict, claims))
     for claim in verdict.claims:
         if claim.hypothesis.by_controller:
-            issues.append(_graded(_of_controller(claim), verdict, [claim]))
+            issues.append(graded(_of_controller(claim), verdict, [claim]))
     return issues
 
 
-def _graded(issue: Issue, verdict: Verdict, claims: Sequence[Claim]) -> Issue:
+def graded(issue: Issue, verdict: Verdict, claims: Sequence[Claim]) -> Issue:
     """Return the issue about some claims, only possible where one may not be likely."""
-    is_sure = all(map(verdict.is_sure_of, claims))
-    return issue if is_sure else with_rival_effects(issue, [SOMETHING_ELSE])
+    if all(map(verdict.is_sure_of, claims)):
+        return issue
+    odds = min(claim.log_odds for claim in claims)
+    other = SOMETHING_ELSE if odds >= LIKELY else LITTLE
+    return with_rival_effects(issue, [other])
 
 
 def _of_controller(claim: Claim) -> Issue:

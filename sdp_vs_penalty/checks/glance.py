@@ -178,7 +178,8 @@ class RunSummary:
             Bad rows of each channel, by its name ("q1"); or bad rows of all channels.
         what : str
             The sentence, with places for the figures ``{rows}``, ``{named}``
-            (channels), ``{seconds}`` (the longest part) and ``{times}`` (how many parts).
+            (channels), ``{seconds}`` (the longest part) and ``{times}`` (how many parts);
+            ``{are}`` and ``{s}`` follow the number of channels.
         sure : str
             How certain it is, and why.
         unusable : bool
@@ -210,7 +211,12 @@ class RunSummary:
             kind=kind,
             severity="error" if refuses else "warning",
             where=where,
-            what=what.format(**figures, times=formatting.times(len(places))),
+            what=what.format(
+                **figures,
+                times=formatting.times(len(places)),
+                are="are" if len(channels) > 1 else "is",
+                s="" if len(channels) > 1 else "s",
+            ),
             certainty=sure,
             remedy=remedy,
             repair=lambda r: r.rows(~gone),

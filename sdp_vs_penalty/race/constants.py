@@ -39,15 +39,16 @@ LOG_ODDS_AGAINST_EVENT = 3.0 * LOG_ODDS_AGAINST_FAULT
 SAME_FIT = 0.2
 
 # -- the race
-#: Log-odds from which on a hypothesis is taken. Arms have what no hypothesis has, and odds are
-#: too bold by a factor: on worlds of a stranger the prototype's were by 20, of all rows; of
-#: as few rows as here 10, and e^2 is 88 %.
+#: Log-odds from which on a hypothesis is taken, and from which on it is called likely: arms
+#: have what no hypothesis has, and odds are too bold (results/reliability/odds.md).
 LOG_ODDS_OF_A_CLAIM = 20.0
+LIKELY = 45.0
 #: Hypotheses that are less likely than the best by no more are told with it.
 AS_LIKELY = 6.0
-#: Hypotheses that are looked at on all rows, and the least log-odds at the first look.
+#: Hypotheses that are looked at on all rows, and the least log-odds at the first look: of
+#: what was claimed they were 15 at least.
 LOOKS = 12
-WORTH_A_LOOK = -4.0
+WORTH_A_LOOK = 4.0
 #: At most so many things are wrong at once.
 MAX_FAULTS = 6
 

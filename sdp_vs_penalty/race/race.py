@@ -99,13 +99,14 @@ class Verdict:
         ]
 
     def is_sure_of(self, claim: Claim) -> bool:
-        """Whether a claim may be likely: what is left is small, or it explains half of
-        what was left. An arm that leaves much tells no sign by its friction.
+        """Whether a claim may be likely: claims of its odds have been right, and what is
+        left is small, or it explains half of what was left. An arm that leaves much tells
+        no sign by its friction.
 
         Friction of the wrong sign, which a missing law makes as well, has no second
         witness.
         """
-        if not claim.hypothesis.is_friction_real:
+        if not claim.hypothesis.is_friction_real or claim.log_odds < c.LIKELY:
             return False
         moving = self.fit.weights > 0.0
         before, after = (x.shares[moving] for x in (claim.before, claim.fit))

@@ -61,7 +61,7 @@ def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
             times=glance.one_arm_is_worse(j, is_off),
         )
     what = (
-        "{named} is exactly zero for {seconds:.3g} s, {times}, while the joint moves:"
+        "{named} {are} exactly zero for {seconds:.3g} s, {times}, in motion:"
         " the drive was off, or nothing was logged; what moved the joint is not in the log."
     )
     sure = certain("it stays at no other value for nearly as long")
@@ -192,8 +192,8 @@ def find_frozen_channels(glance: RunSummary, word: str, name: str) -> Iterator[I
             bad[channel] = _stuck(glance, j, x, is_position)
             bad[channel] &= is_position or not glance.holds_torque(j, bad[channel])
     what = (
-        "{named} repeats one value for {seconds:.3g} s, {times}, while the arm"
-        " moves: the channel was frozen."
+        "{named} repeat{s} one value for {seconds:.3g} s, {times}, while the arm"
+        " moves: frozen."
     )
     sure = certain("elsewhere it never repeats for nearly as long")
     yield from glance.delete_rows(f"frozen {word}", bad, what, sure)
