@@ -14,6 +14,8 @@ DATA = os.environ.get("SDP_VS_PENALTY_DATA", ".")
 #: Arms of two and three joints, by the sample of corruptions that each is given.
 SMALL = {3: range(1040, 1058)}
 REAL = "panda,tx40,ur10,emps,ur10e"
+#: Numbers of the arms of strangers.py: first, and behind the last.
+ARMS = "0:40"
 WORLDS = HERE.parent / "check_worlds" / "worlds_claims.csv"
 
 
@@ -29,7 +31,9 @@ def names(numbers: range) -> str:
     return ",".join(f"small{number}" for number in numbers)
 
 
+ODDS = "results/reliability/odds.py"
 COMMANDS = [
+    [ODDS, "--arms", ARMS, "--out", str(HERE)],
     ["results/reliability/check_real.py", "--data", DATA, "--out", str(HERE)],
     *(corruptions("small", names(arms), 6, part) for part, arms in SMALL.items()),
     corruptions("real", REAL, 10, 3),

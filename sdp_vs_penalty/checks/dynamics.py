@@ -189,6 +189,9 @@ class LoggerJudge:
                 begin, end = (self._time_in_run(number, x) for x in part.ends)
                 if begin is not None and end is not None:
                     issue = issue_of_span(log, claim, begin, end)
+                    at, (first, last) = issue.figures["t"], issue.figures["span"]
+                    cut = _cut_around(self.reports[number], at, last - first)
+                    issue = replace(issue, changes=(cut,))
                     issues.append(graded(issue, verdict, [claim]))
                 continue
             repair = repair_of(claim, log.as_logged)
@@ -390,11 +393,11 @@ def _is_near_gap(run: Measurements, t: float) -> bool:
     return bool(np.any(is_gap & near))
 
 
-def _cut_around(report: Report, at: float) -> Change:
-    """Return the change that leaves out what happens once at an instant [s] of a run's
-    clock."""
-    span = [at - 0.5 * EVENT_WIDTH, at + 0.5 * EVENT_WIDTH]
-    words = f"leave {EVENT_WIDTH:g} s around {at:.4g} s of {report.run} out"
+def _cut_around(report: Report, at: float, width: float = EVENT_WIDTH) -> Change:
+    """Return the change that leaves out what happens once about an instant [s] of a
+    run's clock."""
+    span = [at - 0.5 * width, at + 0.5 * width]
+    words = f"leave {width:.2g} s around {at:.4g} s of {report.run} out"
     return Change("cut", words, {"run": report.run, "spans": [span]})
 
 

@@ -213,7 +213,9 @@ def _is_corner(log: Likelihood, repair: LogTransform, joint: int, at: float) -> 
     return bool(explains_more and largest <= _EVENT_OVER_REST * elsewhere)
 
 
-def without_moment(run: Measurements, at: float, width: float = EVENT_WIDTH) -> Measurements:
+def without_moment(
+    run: Measurements, at: float, width: float = EVENT_WIDTH
+) -> Measurements:
     """Return the run without the rows within half of a width of an instant [s]."""
     return run.rows(np.abs(run.t - at) > 0.5 * width)
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +25,7 @@ from scipy.special import log_ndtr
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.arm_fit import RepairedRows, orthonormal
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.likelihood import Likelihood, without_inertial_power
+from sdp_vs_penalty.race.likelihood import Likelihood, recent, without_inertial_power
 from sdp_vs_penalty.race.records import Hypothesis, Part, View
 from sdp_vs_penalty.race.rows import random_rows
 from sdp_vs_penalty.regression.base_parameters import structure
@@ -132,7 +131,7 @@ class Evidence:
         self.log = log
         self.runs = runs
         self._prior = self._prior_of_links()
-        self._columns = lru_cache(64)(self._make_columns)
+        self._columns = recent(64, self._make_columns)
 
     def thinned(self, step: int) -> Evidence:
         """Return the evidence of one row in ``step``."""

@@ -17,9 +17,10 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import _lru_cache_wrapper, cached_property, lru_cache
 from itertools import pairwise
-from typing import TypeAlias
+from typing import Any, TypeVar
+from weakref import WeakMethod
 
 import numpy as np
 
@@ -46,8 +47,7 @@ from sdp_vs_penalty.signals.filtered import joined
 FEW_ROWS = 128
 #: Rows of several repaired motions that are computed at a time.
 _ROWS_AT_A_TIME = 2000
-#: A repair as a function of one of its numbers.
-At: TypeAlias = Callable[[float], LogTransform]
+T = TypeVar("T")
 #: A logarithm's argument, a divisor: no smaller than this.
 _TINY = 1e-300
 #: An amplifier's curve is inverted up to this share of its limit [-].
@@ -57,6 +57,20 @@ _LARGEST_SHARE_OF_LIMIT = 0.999
 _SEEN_BESIDE_ARM = 100.0 * RIDGE
 #: Least share of the samples that is taken to be free of parameters [-].
 _LEAST_SPARE_SHARE = 0.1
+
+
+def recent(size: int, method: Callable[..., T]) -> _lru_cache_wrapper[T]:
+    """Return a method of an object that remembers its last results, as many as ``size``,
+    and does not keep the object alive: rows are large, and a cycle waits for the garbage
+    collector."""
+    of_object = WeakMethod(method)
+
+    def made(*arguments: Any) -> T:
+        make = of_object()
+        assert make is not None
+        return make(*arguments)
+
+    return lru_cache(size)(made)
 
 
 class ColumnCache:
@@ -110,13 +124,13 @@ class Likelihood:
         self.as_logged = LogTransform.unchanged(self.n, problem.robot.gravity)
         # Cache sizes: about the repairs of one round of a search; large arrays fewer.
         self._columns = ColumnCache(128 if data.count <= FEW_ROWS else 12)
-        self._fit = lru_cache(8)(self._make_fit)
-        self._rows = lru_cache(6)(self._make_rows)
-        self._raw = lru_cache(6)(self._make_raw)
-        self._model = lru_cache(12)(self._make_model)
-        self._basis = lru_cache(20)(self._make_basis)
-        self._basis_of_channels = lru_cache(4)(self._make_basis_of_channels)
-        self._channels_at = lru_cache(40)(self._interpolate_channels)
+        self._fit = recent(8, self._make_fit)
+        self._rows = recent(6, self._make_rows)
+        self._raw = recent(6, self._make_raw)
+        self._model = recent(12, self._make_model)
+        self._basis = recent(20, self._make_basis)
+        self._basis_of_channels = recent(4, self._make_basis_of_channels)
+        self._channels_at = recent(40, self._interpolate_channels)
 
     @classmethod
     def of_all_runs(cls, logs: Sequence[Likelihood]) -> Likelihood:
