@@ -30,15 +30,17 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     """Yield a fault for each joint whose motor turns with the joint before as well."""
     for j in np.flatnonzero(chain.carried).tolist():
         one, before = j + 1, j
-        sign = "+" if chain.carried[j] > 0.0 else "-"
-        back = "-" if chain.carried[j] > 0.0 else "+"
+        is_sum = chain.carried[j] > 0.0
+        motors = [f"q{k + 1}" for k in range(log.n)]
+        motors[j] = f"q{before}+q{one}" if is_sum else f"q{one}-q{before}"
+        sign, back = ("+", "-") if is_sum else ("-", "+")
         yield Fault(
             kind="motor on the base",
             joints=(j,),
             what=f"the motor of joint {one} does not turn with joint {before} (a"
-            f" parallelogram, a belt): q{one} is logged as q{one} {sign} q{before}, and"
+            f" parallelogram, a belt): q{one} of the log is {motors[j]} of the joints, and"
             f" tau{one} acts on joint {before} as well.",
-            remedy=f"replace q{one} by q{one} {back} q{before}, and tau{before} by"
-            f" tau{before} {sign} tau{one}",
+            remedy=f"identify with --motors {','.join(motors)}, or replace q{one} by"
+            f" q{one} {back} q{before} and tau{before} by tau{before} {sign} tau{one}",
             without=chain.with_entries("carried", (j,), 0.0),
         )
