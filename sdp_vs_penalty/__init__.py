@@ -12,9 +12,6 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.api.diagnosis import diagnose as diagnose
     from sdp_vs_penalty.api.exporting import export as export
     from sdp_vs_penalty.api.identification import identify as identify
-    from sdp_vs_penalty.api.identification import (
-        identify_black_box as identify_black_box,
-    )
     from sdp_vs_penalty.api.identification import identify_many as identify_many
     from sdp_vs_penalty.api.registration import register as register
     from sdp_vs_penalty.checks.check import check as check
@@ -41,7 +38,7 @@ if TYPE_CHECKING:
 _NAMES = {
     "api.adding": "add",
     "api.diagnosis": "diagnose",
-    "api.identification": "identify identify_black_box identify_many",
+    "api.identification": "identify identify_many",
     "api.registration": "register",
     "checks": "check",
     "data.datasets": "fetch",

@@ -8,7 +8,7 @@ from math import isnan
 from numbers import Integral, Real
 from typing import Any, ParamSpec, TypeVar
 
-from sdp_vs_penalty.errors import InputError, given
+from sdp_vs_penalty.errors import InputError, quote_value
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -60,7 +60,7 @@ def checked_arguments(verb: Callable[P, T]) -> Callable[P, T]:
             for one in value if is_several else [value]:
                 if one is parameter.default:
                     continue
-                where = f"{verb.__name__}({name}={given(one)})"
+                where = f"{verb.__name__}({name}={quote_value(one)})"
                 is_nan = isinstance(one, float) and isnan(one)
                 if is_nan or not _is_of(types[name], one):
                     raise InputError(where, f"give {_in_words(types[name])}")

@@ -368,7 +368,7 @@ def missing_extra(what: str, extra: str) -> InputError:
     return InputError(f"{what} the extra [{extra}]", install_command(extra))
 
 
-def given(value: object) -> str:
+def quote_value(value: object) -> str:
     """Return a value as an error message shows it: one line of at most 60
     characters.
     """

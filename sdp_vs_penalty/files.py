@@ -23,7 +23,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
-from sdp_vs_penalty.errors import InputError, given, unreadable
+from sdp_vs_penalty.errors import InputError, quote_value, unreadable
 
 T = TypeVar("T")
 
@@ -347,7 +347,7 @@ def require_format(
     """
     number = data.get("format", unmarked)
     if not isinstance(number, int) or isinstance(number, bool):
-        what = f"its format is {given(number)}, which is no whole number"
+        what = f"its format is {quote_value(number)}, which is no whole number"
         raise InputError(what, "write the file anew")
     if number < oldest:
         what = f"written by an earlier version (format {number})"

@@ -156,7 +156,7 @@ class Registry(Generic[P]):
         Raises
         ------
         InputError
-            If there is none.
+            Where no plug-in has this name.
         """
         plugin = self.find(name)
         if plugin is None and provider:

@@ -22,7 +22,7 @@ from small_runs import write_run
 
 import sdp_vs_penalty
 from sdp_vs_penalty import load_estimate, load_problem
-from sdp_vs_penalty.cli.main import VERBS, named
+from sdp_vs_penalty.cli.main import VERBS, import_verb
 from sdp_vs_penalty.cli.options import Parser
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.effects import effect_name
@@ -134,7 +134,7 @@ def run_all(lines, capsys):
 def test_every_command_parses_and_every_link_leads_somewhere(page):
     for line in commands(page):
         _, verb, *words = shlex.split(line)
-        Parser(verb, named(verb)).given(words)
+        Parser(verb, import_verb(verb)).parse_words(words)
     text = (DOCS / page).read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#]+)\)", text):
         assert (DOCS / target).resolve().is_file(), f"{page}: {target}"
@@ -333,7 +333,7 @@ def test_the_demo_tells_the_whole_story(tmp_path, capsys):
     assert int(fall.rpartition("(")[2]) <= -60
     check_printed("demo.md", shown.out)
     ((verb, *words),) = map(shlex.split, re.findall(NEXT, shown.out, re.MULTILINE))
-    Parser(verb, named(verb)).given(words)
+    Parser(verb, import_verb(verb)).parse_words(words)
     figures = re.findall(rf"([\d.]+)<!--tests/{Path(__file__).name}-->", README)
     assert len(figures) == 4
     assert not [figure for figure in figures if figure not in text]

@@ -3,7 +3,7 @@
 import pytest
 
 from sdp_vs_penalty import InputError, errors
-from sdp_vs_penalty.errors import given
+from sdp_vs_penalty.errors import quote_value
 
 EMPTY = InputError("it is empty", "delete it", "row 3")
 
@@ -31,8 +31,8 @@ def test_an_unknown_name_is_told_what_there_is():
 
 @pytest.mark.parametrize("length", [58, 59])
 def test_what_was_given_is_shown_in_sixty_characters(length):
-    assert len(given("x" * length)) == 60
-    assert given("x" * length).endswith("...") == (length == 59)
+    assert len(quote_value("x" * length)) == 60
+    assert quote_value("x" * length).endswith("...") == (length == 59)
 
 
 def test_a_file_that_cannot_be_read_and_a_missing_extra_say_why():

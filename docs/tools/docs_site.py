@@ -33,14 +33,14 @@ def on_files(files: Any, config: Any) -> Any:
 
 def options_page() -> str:
     """Every command's options, as its own --help prints them."""
-    from sdp_vs_penalty.cli.main import VERBS, named
+    from sdp_vs_penalty.cli.main import VERBS, import_verb
     from sdp_vs_penalty.cli.options import Parser
 
     lines = ["# Every option", ""]
     for purpose, verbs in VERBS.items():
         lines += [f"## {purpose}", ""]
         for name in verbs:
-            text = Parser(name, named(name)).format_help().rstrip()
+            text = Parser(name, import_verb(name)).format_help().rstrip()
             lines += [f"### {name}", "", "```text", text, "```", ""]
     return "\n".join(lines)
 

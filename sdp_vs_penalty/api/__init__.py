@@ -12,7 +12,6 @@ __all__ = [
     "export",
     "identify",
     "identify_and_judge",
-    "identify_black_box",
     "identify_many",
 ]
 __getattr__ = lazy_exports(
@@ -20,6 +19,6 @@ __getattr__ = lazy_exports(
     adding="add",
     diagnosis="diagnose add_certain_findings",
     exporting="export judge_as_exported",
-    identification="identify identify_and_judge identify_black_box identify_many",
+    identification="identify identify_and_judge identify_many",
     remedies="Files State apply_change command_of next_command next_remedy",
 )

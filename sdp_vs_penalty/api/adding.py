@@ -49,7 +49,7 @@ def add(
         would absorb it. Findings about a frozen model's own effects are left out;
         identify it again for these.
     seed : int
-        Of the method.
+        Seed of the method's random choices.
     progress : callable
         Hears where the computation stands, a short text each time.
 

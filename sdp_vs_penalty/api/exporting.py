@@ -19,7 +19,6 @@ def export(
     force: bool = False,
     flange: tuple[float, float, float] = (0.0, 0.0, 0.0),
     measurements: Source = None,
-    noise_from: Source = None,
 ) -> tuple[str, ...]:
     """Write a model in the format that the file's name chooses.
 
@@ -40,8 +39,6 @@ def export(
     measurements : path, arrays, DataFrame, Measurements, list of these, optional
         Runs on which a file is judged that cannot hold all effects: a copy of the model
         without them is compared with these runs, and that verdict stands in the file.
-    noise_from : the same, optional
-        The recordings of which the measurements are windows.
 
     Returns
     -------
@@ -55,7 +52,7 @@ def export(
         robot.
     """
     model = as_estimate(estimate, "export(estimate=...)")
-    judged = judge_as_exported(model, out, measurements, noise_from)
+    judged = judge_as_exported(model, out, measurements)
     verdict = None if judged is None else judged[0]
     return exporting.write_model(
         model, out, urdf, force=force, flange=flange, judged=verdict

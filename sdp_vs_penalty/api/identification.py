@@ -1,5 +1,5 @@
-"""The verbs that make a model: ``identify`` from measured runs, ``identify_black_box``
-from the answers of a simulator or a manufacturer's library."""
+"""The verb that makes a model, ``identify``, from measured runs or from the answers of a
+simulator or a manufacturer's library."""
 
 from __future__ import annotations
 
@@ -76,7 +76,9 @@ def identify(
     measurements : path, arrays, DataFrame, Measurements, list of these, FilteredRuns
         What :func:`~sdp_vs_penalty.data.files.as_measurements` takes: t (N,) s, q (N,
         n) rad or m, tau (N, n) N m or N. The filters of FilteredRuns hold. A BlackBox,
-        or the path of its .npz file, goes to :func:`identify_black_box`.
+        or its .npz file, answers without noise and friction: q (K, n) rad or m, gravity
+        (K, n) N m or N, mass_matrix (K, n, n) kg m^2. Nothing is weighted or filtered,
+        and there is no verdict.
     method : str or Estimator, default "lmi-sdp"
         A name of `sdp-vs-penalty list methods`, or an Estimator with its own settings.
         "output-error" refines the default method's estimate by simulation.
@@ -90,7 +92,7 @@ def identify(
         "noise" divides each joint's rows by its residual in a first least-squares pass.
         "none" leaves the newton metres of all joints equal.
     seed : int
-        Of everything random.
+        Seed of the method's random choices.
     progress : callable
         Hears where the computation stands, a short text each time.
     proof : str or Path, optional
@@ -191,11 +193,11 @@ def identify_many(
     Parameters
     ----------
     problem : str, Path or Problem
-        As :func:`identify` takes it.
+        The robot with its bounds, as :func:`identify` takes it.
     logs : mapping or sequence of paths
         What each model is identified from, by a name; files go by their own.
     method : str or Estimator, default "lmi-sdp"
-        As :func:`identify` takes it.
+        A name or an Estimator, as :func:`identify` takes it.
     jobs : int
         Number of processes.
     **options
@@ -239,54 +241,6 @@ def _identify_one(
         return identify(problem, source, method, **options)
     except InputError as error:
         raise error.within(name) from error
-
-
-@checked_arguments
-def identify_black_box(
-    problem: str | Path | Problem,
-    answers: str | Path | BlackBox,
-    method: str | Estimator = "reverse-engineering",
-    *,
-    seed: int = 0,
-    progress: Progress = no_progress,
-) -> Estimate:
-    """Identify links from what a black box answers: gravity and mass matrices at poses.
-
-    A black box (a manufacturer's library, a simulator) knows no friction, filters or
-    noise. The one effect is rigid_body, and no weighting applies.
-
-    Parameters
-    ----------
-    problem : str, Path or Problem
-        As in :func:`identify`.
-    answers : BlackBox or path of its .npz file
-        q (K, n) rad or m, gravity (K, n) N m or N, mass_matrix (K, n, n) kg m^2.
-    method : str or Estimator, default "reverse-engineering"
-        Any method takes a black box but "output-error".
-    seed : int
-        Of everything random.
-    progress : callable
-        Hears where the computation stands.
-
-    Returns
-    -------
-    Estimate
-        Parameters with a certificate. There is no verdict: no torque was measured.
-
-    Raises
-    ------
-    InputError
-        For input that cannot be used.
-    """
-    problem = as_problem(problem, "identify_black_box(problem=...)")
-    data = load_and_check(problem, answers, "identify_black_box(answers=...)")
-    if not isinstance(data, BlackBox):
-        raise InputError(
-            "identify_black_box(answers=...) are measured runs",
-            "use identify, or give the .npz of q, gravity and mass_matrix",
-        )
-    options = PoseOptions(seed=seed, progress=progress)
-    return estimate_parameters(problem, data, method, options)
 
 
 def identify_and_judge(

@@ -290,9 +290,9 @@ def _record_words(arguments: Mapping[str, Any], files: Files) -> list[str]:
     """`excite`: the motion within the robot's limits, or the one that tells two effects
     apart."""
     separate = arguments.get("separate")
-    of = files.check.problem if not separate else files.model
-    how = ["--separate", ",".join(separate)] if separate else []
-    return ["excite", str(of), *how, "--out", str(files.new["trajectory"])]
+    source = files.model if separate else files.check.problem
+    options = ["--separate", ",".join(separate)] if separate else []
+    return ["excite", str(source), *options, "--out", str(files.new["trajectory"])]
 
 
 _APPLY: Mapping[Verb, Callable[[Change, State], State]] = {

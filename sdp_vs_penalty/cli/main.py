@@ -213,7 +213,7 @@ def _help() -> str:
     return "\n".join(lines)
 
 
-def named(name: str) -> Callable[..., None]:
+def import_verb(name: str) -> Callable[..., None]:
     """Import and return the verb of this name. Raises InputError if there is none."""
     known_names = [known for verbs in VERBS.values() for known in verbs]
     require_known("command", name, known_names)
@@ -237,9 +237,9 @@ def _run(words: Sequence[str]) -> None:
             "python -OO drops the docstrings that options come from", "use -O"
         )
     _require_folder()
-    verb = named(first)
+    verb = import_verb(first)
     parser = Parser(first, verb)
-    arguments = parser.given(words[1:])
+    arguments = parser.parse_words(words[1:])
     _require_different({name: x for name, x in arguments.items() if name in OUTPUTS})
     for name, value in arguments.items():
         if name not in OUTPUTS:

@@ -96,7 +96,7 @@ def _value(kind: type, low: float | None, high: float | None) -> Callable[[str],
         str, int, float, Path or a StrEnum, whose words are the allowed ones.
     """
 
-    def made(word: str) -> Any:
+    def convert(word: str) -> Any:
         if issubclass(kind, StrEnum) and word not in list(kind):
             there = ", ".join(repr(str(x)) for x in kind)
             raise argparse.ArgumentTypeError(f"{word!r} is not one of {there}")
@@ -111,7 +111,7 @@ def _value(kind: type, low: float | None, high: float | None) -> Callable[[str],
             raise argparse.ArgumentTypeError(f"it must be at most {high:g}")
         return value
 
-    return made
+    return convert
 
 
 class Parser(argparse.ArgumentParser):
@@ -218,7 +218,7 @@ class Parser(argparse.ArgumentParser):
             *flags, dest=p.name, required=required, help=text, **how
         )
 
-    def given(self, words: Sequence[str]) -> dict[str, Any]:
+    def parse_words(self, words: Sequence[str]) -> dict[str, Any]:
         """Parse the words after a verb.
 
         Parameters

@@ -29,8 +29,8 @@ from sdp_vs_penalty.errors import (
     MissingJoints,
     Remark,
     RepairableError,
-    given,
     other_robot,
+    quote_value,
 )
 from sdp_vs_penalty.files import reading
 from sdp_vs_penalty.robot.arrays import Array
@@ -184,7 +184,7 @@ def _one(
                 " of these"
             )
             raise InputError(
-                "no measurements", remedy, what.replace("...", given(part))
+                "no measurements", remedy, what.replace("...", quote_value(part))
             )
         _refuse_transposed(part, log.names, what)
         run_read = run_of(log)

@@ -146,7 +146,7 @@ class _Shown:
         motions = [s.motion for s in rows.segments]
         self.has_temperature = all(m.temperature is not None for m in motions)
         self.has_motors = all(m.motors is not None for m in motions)
-        self.coverage = [rows.seen(joint) for joint in range(rows.n)]
+        self.coverage = [rows.coverage(joint) for joint in range(rows.n)]
 
     def __call__(self, effect: Effect) -> bool:
         """Return whether the rows can show the effect, and tell it from others.

@@ -87,7 +87,7 @@ class Judged:
     @property
     def resembles(self) -> tuple[str, ...]:
         """Names of effects that make nearly the same torque over what was travelled."""
-        coverage = self.search.data.rows.seen(self.effect.joints[0])
+        coverage = self.search.data.rows.coverage(self.effect.joints[0])
         return self.effect.resembles_over(coverage)
 
     @property
@@ -97,7 +97,7 @@ class Judged:
         The effect decides from its size and from the travel and resolution that the
         rows show of its first joint. "" if there is no such cause.
         """
-        coverage = self.search.data.rows.seen(self.effect.joints[0])
+        coverage = self.search.data.rows.coverage(self.effect.joints[0])
         size, _ = self.value_and_std
         return self.effect.looks_like(size, coverage)
 
@@ -192,7 +192,7 @@ def _is_held(x: Judged) -> bool:
     """
     rows = x.search.data.rows
     joints = x.effect.robot.joints
-    return all(rows.seen(j).travel < HELD_TRAVEL[joints[j].kind] for j in x.joints)
+    return all(rows.coverage(j).travel < HELD_TRAVEL[joints[j].kind] for j in x.joints)
 
 
 def _is_of_a_series(x: Judged) -> bool:

@@ -298,7 +298,7 @@ def _may_be_constant(search: Search, term: ScoredEffect) -> bool:
     slowly with the angle; and a series of ripples may stand for a curve with a mean.
     """
     effect = term.form.effect
-    coverage = search.data.rows.seen(effect.joints[0])
+    coverage = search.data.rows.coverage(effect.joints[0])
     is_slow = bool(effect.looks_like(0.0, coverage))
     n_alike = sum(other.key == term.key for other in search.terms)
     return effect.has_constant_part or is_slow or n_alike >= SERIES

@@ -21,7 +21,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import EFFECTS, make_effect, standard_effect
 from sdp_vs_penalty.effects.effect import Effect, Motion
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError, given, other_robot
+from sdp_vs_penalty.errors import InputError, other_robot, quote_value
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.link_figures import (
@@ -575,35 +575,27 @@ class Estimate(Record):
         """
         return _FRAMES("covariance_frame")(self, base)
 
-    def to_pinocchio(self, force: bool = False) -> Any:
+    def to_pinocchio(self) -> Any:
         """Return the links, armature and friction as a Pinocchio Model.
-
-        Parameters
-        ----------
-        force : bool
-            Export even if the mass of a link lies outside of its body.
 
         Returns
         -------
         pinocchio.Model
-            See :func:`~sdp_vs_penalty.exporters.simulators.to_pinocchio`.
+            Made by :func:`~sdp_vs_penalty.exporters.simulators.to_pinocchio`, with what it leaves
+            out.
         """
-        return _SIMULATORS("to_pinocchio")(self, force)
+        return _SIMULATORS("to_pinocchio")(self)
 
-    def to_mjspec(self, force: bool = False) -> Any:
+    def to_mjspec(self) -> Any:
         """Return the model as MuJoCo's MjSpec.
-
-        Parameters
-        ----------
-        force : bool
-            Export even if the mass of a link lies outside of its body.
 
         Returns
         -------
         mujoco.MjSpec
-            See :func:`~sdp_vs_penalty.exporters.simulators.to_mjspec`.
+            Made by :func:`~sdp_vs_penalty.exporters.simulators.to_mjspec`, to be edited
+            further.
         """
-        return _SIMULATORS("to_mjspec")(self, force)
+        return _SIMULATORS("to_mjspec")(self)
 
     @property
     def weighting(self) -> str:
@@ -627,12 +619,12 @@ class Estimate(Record):
         Parameters
         ----------
         motion : Motion
-            Motion at N instants.
+            Positions, velocities and accelerations at N instants.
 
         Returns
         -------
         (N, n) array
-            Torque [N m, N].
+            Torque of each joint [N m, N].
 
         Raises
         ------
@@ -651,19 +643,15 @@ class Estimate(Record):
 
         Parameters
         ----------
-        q : (N, n) array
-            Positions [rad, m].
-        dq : (N, n) array
-            Velocities [rad/s, m/s].
-        ddq : (N, n) array
-            Accelerations [rad/s^2, m/s^2].
+        q, dq, ddq : (N, n) array
+            Positions [rad, m], velocities and accelerations of the joints.
         t : (N,) array, optional
             Instants [s], needed where an effect depends on time or on earlier motion.
 
         Returns
         -------
         (N, n) array
-            [N m, N].
+            Torque of each joint [N m, N].
 
         Raises
         ------
@@ -732,7 +720,7 @@ class Estimate(Record):
         Raises
         ------
         InputError
-            Without matplotlib (extra [plot]).
+            Where matplotlib is missing (extra [plot]).
         """
         table = self.to_frame()
         mass = table.index.str.fullmatch("m[0-9]+")
@@ -1020,7 +1008,7 @@ def as_estimate(source: Estimate | str | Path, what: str = "estimate") -> Estima
         return source
     if isinstance(source, str | Path):
         return load_estimate(source)
-    what = what.replace("...", given(source))
+    what = what.replace("...", quote_value(source))
     raise InputError("no model", "give an Estimate or the path of a model.json", what)
 
 

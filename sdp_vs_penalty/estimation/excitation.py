@@ -4,20 +4,19 @@ limits allow.
 For W(x), the stacked base regressor of a trajectory with coefficients x = (a, b, q_0) of
 :class:`~sdp_vs_penalty.robot.trajectory.FourierTrajectory`,
 
-    minimise log(|W|_F |W^+|_F)   ("condition", a smooth upper bound of log cond W), or
-             -log det W^T W / p   ("d-optimal": the volume of the confidence ellipsoid)
+    minimise log(|W|_F |W^+|_F), a smooth upper bound of log cond W,
 
 subject to limits of position, velocity and acceleration at every instant (Swevers et
 al., T-RA 1997; Gautier, Khalil, IJRR 1992): linear inequalities in x, which every step
 of the sequential linear programming (in a trust region, x in units of the limits)
 keeps. Collisions are not looked at: choose position limits within which the robot is
-free. :func:`payload_run` weighs a load: a short motion of the wrist, d-optimal for its
-ten parameters.
+free. :func:`payload_run` weighs a load: a short motion of the wrist that minimises the
+volume of the confidence ellipsoid of its ten parameters, -log det W^T W / p.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -29,7 +28,7 @@ from sdp_vs_penalty.arguments import checked_arguments, require_in_range
 from sdp_vs_penalty.effects import standard_effect
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model, depends
-from sdp_vs_penalty.errors import InputError, require_known
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import DIFFERENCE
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
@@ -125,7 +124,8 @@ class Regressor:
         return cls(model, np.array(base_rows(problem, model).leading))
 
 
-OBJECTIVES = ("condition", "d-optimal")
+#: Of a regressor W (rows, p) what is minimised, and its gradient by W (rows, p).
+Objective = Callable[[Array], tuple[float, Array]]
 
 
 @dataclass(frozen=True)
@@ -263,7 +263,6 @@ def excite(
     limits: Limits | None = None,
     start: FourierTrajectory | None = None,
     effects: str | None = None,
-    objective: str = "condition",
     harmonics: int = 5,
     frequency: float = 0.15 * np.pi,
     duration: float = 21.0,
@@ -288,15 +287,12 @@ def excite(
         random trajectory with the five settings below.
     effects : str, optional
         Effects whose columns count; default: the problem's.
-    objective : {"condition", "d-optimal"}
-        What is minimised: the columns' condition number, or the volume of the
-        parameters' ellipsoid.
     harmonics : int
         Number of harmonics of the random start.
     frequency : float
         Frequency of its first harmonic [rad/s].
     duration : float
-        Its duration [s].
+        Its duration, both blends included [s].
     blend : float
         Its time from rest to the periodic motion, and back to rest [s].
     iterations : int
@@ -314,10 +310,9 @@ def excite(
     Raises
     ------
     InputError
-        For limits that admit no trajectory, or an objective that does not exist.
+        For limits that admit no trajectory.
     """
     problem = as_problem(problem, "excite(problem=...)")
-    require_known("objective", objective, OBJECTIVES)
     for name, value, low, high in (
         ("harmonics", harmonics, 1, 100),
         ("frequency", frequency, 1e-3, 1e3),
@@ -332,14 +327,16 @@ def excite(
             problem.robot, seed, duration, harmonics, frequency, blend
         )
     regressor = Regressor.from_problem(problem, effects)
-    return optimised(regressor, bounds, start, objective, iterations, progress=progress)
+    return optimised(
+        regressor, bounds, start, condition_bound, iterations, progress=progress
+    )
 
 
 def optimised(
     regressor: Regressor,
     limits: Limits,
     start: FourierTrajectory,
-    objective: str,
+    objective: Objective,
     iterations: int,
     moving: Sequence[int] | None = None,
     progress: Progress = no_progress,
@@ -420,7 +417,7 @@ class _Search:
         regressor: Regressor,
         limits: Limits,
         start: FourierTrajectory,
-        objective: str,
+        objective: Objective,
         moving: Sequence[int] | None,
     ) -> None:
         """Precompute the linear maps from Fourier coefficients to states and to limits.
@@ -469,15 +466,13 @@ class _Search:
         (3, K, n) array
             Positions, velocities and accelerations at K instants.
         float
-            Objective, as ``self.objective`` names it.
+            Value of what is minimised [-].
         (K, n, p) array
             Gradient of the objective by the regressor W.
         """
         states = np.stack([linear @ x.T for linear in self.maps])
         regressor = self.regressor.at(self.t, *states)
-        value, outer = _objective(
-            regressor.reshape(-1, regressor.shape[2]), self.objective
-        )
+        value, outer = self.objective(regressor.reshape(-1, regressor.shape[2]))
         return states, value, outer.reshape(regressor.shape)
 
     def evaluated(self, x: Array) -> tuple[float, Array]:
@@ -540,23 +535,28 @@ class _Search:
         return out
 
 
-def _objective(w: Array, objective: str) -> tuple[float, Array]:
-    """Return the objective of the regressor w (rows, p), and its gradient (rows, p).
+def condition_bound(w: Array) -> tuple[float, Array]:
+    """Return log(|W|_F |W^+|_F) of a regressor w (rows, p), and its gradient (rows, p).
 
-    "d-optimal": -log det(W^T W) / p. "condition": log(|W|_F |W^+|_F), which is half the
-    logarithm of tr(W^T W) tr((W^T W)^-1).
+    It is half the logarithm of tr(W^T W) tr((W^T W)^-1).
     """
     gram = w.T @ w
     inverse = np.linalg.pinv(gram, hermitian=True)
-    p = len(gram)
-    if objective == "d-optimal":
-        log_det = float(np.linalg.slogdet(gram)[1])
-        return -log_det / p, -2.0 / p * (w @ inverse)
     trace = float(np.trace(gram))
     trace_of_inverse = float(np.trace(inverse))
     value = 0.5 * float(np.log(trace * trace_of_inverse))
     gradient = w / trace - w @ (inverse @ inverse) / trace_of_inverse
     return value, gradient
+
+
+def log_volume(w: Array) -> tuple[float, Array]:
+    """Return -log det(W^T W) / p of a regressor w (rows, p), which grows with the volume
+    of the parameters' confidence ellipsoid, and its gradient (rows, p).
+    """
+    gram = w.T @ w
+    p = len(gram)
+    log_det = float(np.linalg.slogdet(gram)[1])
+    return -log_det / p, -2.0 / p * (w @ np.linalg.pinv(gram, hermitian=True))
 
 
 def shrunk(trajectory: FourierTrajectory, limits: Limits) -> FourierTrajectory:
@@ -732,7 +732,7 @@ def payload_run(
         regressor,
         limits,
         start,
-        objective="d-optimal",
+        objective=log_volume,
         iterations=iterations,
         moving=moving,
         progress=progress,

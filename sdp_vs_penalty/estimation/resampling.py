@@ -180,7 +180,7 @@ class CrossValidation(Record):
         )
 
     @property
-    def how(self) -> str:
+    def split_sentence(self) -> str:
         """How the runs were split, in one sentence."""
         kind = (
             "phase blocks: a motion's repetitions share a fold"
@@ -194,7 +194,7 @@ class CrossValidation(Record):
         """Return the title and the (label, text) lines of the printed summary."""
         return f"CrossValidation: {self.verdict}", [
             ("RMSE", ", ".join(f"{x:.3g}" for x in self.rmse)),
-            ("split", self.how),
+            ("split", self.split_sentence),
             ("band", self.scope),
         ]
 
@@ -272,23 +272,23 @@ def cross_validate(
     Parameters
     ----------
     problem : str, Path or Problem
-        As in :func:`identify`.
+        The robot with its bounds, as in :func:`identify`.
     measurements : path, arrays, DataFrame, Measurements, list of these
-        The runs.
+        The runs of which each fold leaves a part out.
     method : str or Estimator, default "lmi-sdp"
-        The method to judge.
+        The method to judge, as in :func:`identify`.
     effects : str, names or Effects, optional
-        Default: the problem's.
+        Effects of the models; default: the problem's.
     preprocessing : Preprocessing, optional
         Filter settings; default: the problem's.
     weighting : {"noise", "none"}
-        As in :func:`identify`.
+        Weights of the joints, as in :func:`identify`.
     folds : int
         Number of stretches into which the clock of every motion is cut.
     seed : int
-        Seed of the method.
+        Seed of the method's random choices.
     known : mapping of str to float, optional
-        As in :func:`identify`.
+        Parameters of known value, as in :func:`identify`.
     progress : callable
         Receives a line of text at each stage.
     workers : Workers

@@ -161,10 +161,13 @@ class Hypotheses:
         ]
         if len(columns) == 1:
             no_effect = X[:, :0]
-            smallest = _apart(X, columns[0], no_effect)
+            smallest = _smallest_distance(X, columns[0], no_effect)
         else:
             first, second = columns
-            smallest = min(_apart(X, first, second), _apart(X, second, first))
+            smallest = min(
+                _smallest_distance(X, first, second),
+                _smallest_distance(X, second, first),
+            )
         # RATE rows a second are computed, row_rate of them are independent.
         return smallest * self.row_rate / RATE
 
@@ -206,7 +209,7 @@ class Hypotheses:
         return float(np.exp(root))
 
 
-def _apart(X: Array, A: Array, B: Array) -> float:
+def _smallest_distance(X: Array, A: Array, B: Array) -> float:
     """Return the smallest delta^2 of effect A over unit parameters.
 
     X (r, p), A (r, k) and B (r, l) are columns of the model and of the two effects,

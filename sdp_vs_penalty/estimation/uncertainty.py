@@ -522,7 +522,7 @@ class Uncertainty(JsonRecord):
         parameter (:func:`named_by_source`), as an estimate's ``details`` say it."""
         base = {entry["name"]: entry["source"] for entry in details["base_parameters"]}
 
-        def named(
+        def with_verdicts(
             intervals: Sequence[Interval], source_by_name: Mapping[str, str]
         ) -> tuple[Interval, ...]:
             """Return intervals with the verdicts of their sources; others are data."""
@@ -533,8 +533,8 @@ class Uncertainty(JsonRecord):
 
         return replace(
             self,
-            standard=named(self.standard, details["undetermined"]),
-            base=named(self.base, base),
+            standard=with_verdicts(self.standard, details["undetermined"]),
+            base=with_verdicts(self.base, base),
         )
 
     def widened(self, factors: Array, base: Array) -> Uncertainty:

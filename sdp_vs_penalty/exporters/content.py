@@ -84,7 +84,7 @@ class Content:
         Raises
         ------
         InputError
-            As :meth:`of`; for a link whose mass lies farther out than its body reaches,
+            As :meth:`from_estimate`; for a link whose mass lies farther out than its body reaches,
             unless forced.
         """
         content = cls.from_estimate(estimate)

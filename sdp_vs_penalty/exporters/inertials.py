@@ -345,8 +345,8 @@ def sentences(
         return ["The file has no inertials."]
     if units:
         checks = [replace(c, misfit="", repairs=()) if c.misfit else c for c in checks]
-    how = _verdict(checks)
-    lines = [f"{formatting.count(len(checks), 'inertial')} checked: {how}"]
+    verdict = _verdict(checks)
+    lines = [f"{formatting.count(len(checks), 'inertial')} checked: {verdict}"]
     lines += [text for check in checks for text in check.sentences]
     if massless:
         lines.append(
@@ -366,7 +366,7 @@ def _verdict(checks: Sequence[LinkCheck]) -> str:
         "contradictory": [c.link for c in checks if c.contradictions],
         "possible but implausible": [c.link for c in checks if c.unlikely],
     }
-    found = [f"{', '.join(links)} {how}" for how, links in kinds.items() if links]
+    found = [f"{', '.join(links)} {kind}" for kind, links in kinds.items() if links]
     return f"{'; '.join(found)}." if found else "all are consistent."
 
 

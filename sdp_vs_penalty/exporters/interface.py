@@ -33,7 +33,7 @@ class ExportFormat(Protocol):
         Parameters
         ----------
         estimate : Estimate
-            The model.
+            The model to write, with its problem.
         options : Options
             The URDF to edit, whether implausible links are taken (``force``), and the
             flange of a payload [m].
@@ -41,7 +41,7 @@ class ExportFormat(Protocol):
         Returns
         -------
         content : bytes
-            The file's bytes.
+            All bytes of the file.
         left_out : tuple of str
             The effects that have no place in it, as they are written.
 

@@ -17,7 +17,7 @@ from sdp_vs_penalty.exporters.content import (
     xml_text,
 )
 from sdp_vs_penalty.exporters.interface import Written
-from sdp_vs_penalty.robot.urdf import rpy_of
+from sdp_vs_penalty.robot.rotation import rpy_of
 
 ENDING = ".sdf"
 FILE = "robot.sdf"

@@ -10,7 +10,7 @@ from sdp_vs_penalty.exporters.content import Content, Options
 from sdp_vs_penalty.exporters.mjcf import make_mjcf
 
 
-def to_pinocchio(estimate: Estimate, force: bool = False) -> Any:
+def to_pinocchio(estimate: Estimate) -> Any:
     """Return a model as a Pinocchio Model: links, armature, viscous and Coulomb
     friction.
 
@@ -22,8 +22,6 @@ def to_pinocchio(estimate: Estimate, force: bool = False) -> Any:
     ----------
     estimate : Estimate
         A model with a rigid_body effect.
-    force : bool
-        Whether to accept links whose mass lies farther out than their bodies reach.
 
     Returns
     -------
@@ -42,16 +40,15 @@ def to_pinocchio(estimate: Estimate, force: bool = False) -> Any:
             f"model {estimate.problem.name}: some of its joints follow others",
             "export it as MJCF or URDF, which can say so",
         )
-    content = Content.plausible(estimate, Options(force=force))
-    return robot.pinocchio_model(
-        content.links,
-        armature=content.armature,
-        damping=content.damping,
-        friction=content.friction,
-    )
+    content = Content.plausible(estimate, Options())
+    model = robot.pinocchio_model(estimate.links)
+    # Pinocchio 4 knows bounds of dry friction; earlier versions one number.
+    model.armature, model.damping = content.armature, content.damping
+    model.friction = content.friction
+    return model
 
 
-def to_mjspec(estimate: Estimate, force: bool = False) -> Any:
+def to_mjspec(estimate: Estimate) -> Any:
     """Return a model as MuJoCo's MjSpec: links, armature, damping, dry friction,
     springs, offsets and gears.
 
@@ -59,8 +56,6 @@ def to_mjspec(estimate: Estimate, force: bool = False) -> Any:
     ----------
     estimate : Estimate
         A model with a rigid_body effect.
-    force : bool
-        Whether to accept links whose mass lies farther out than their bodies reach.
 
     Returns
     -------
@@ -77,6 +72,6 @@ def to_mjspec(estimate: Estimate, force: bool = False) -> Any:
         import mujoco
     except ImportError as error:
         raise missing_extra("An MjSpec needs", "engines") from error
-    content = Content.plausible(estimate, Options(force=force))
+    content = Content.plausible(estimate, Options())
     text = make_mjcf(estimate.robot, content).decode()
     return mujoco.MjSpec.from_string(text)

@@ -37,7 +37,8 @@ from sdp_vs_penalty.files import read_bytes
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.robot.urdf import load_urdf, placed_links, rpy_of
+from sdp_vs_penalty.robot.rotation import rpy_of
+from sdp_vs_penalty.robot.urdf import load_urdf, placed_links
 
 #: What may hold a < or > that is none of a tag's; then a whole tag, in which quotes may
 #: hold a >.

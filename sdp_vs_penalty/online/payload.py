@@ -246,7 +246,7 @@ class PayloadEstimator:
         delay : float
             Delay of the filters [s].
         prior : PayloadPrior, optional
-            Prior of a payload.
+            What is known of a payload before it is measured.
         forgetting : float
             Time after which data of a payload count exp(-1) [s].
         drift : float
@@ -295,11 +295,11 @@ class PayloadEstimator:
         Parameters
         ----------
         t : float
-            Time [s].
+            Instant of the sample [s].
         q : (n,) array
-            Positions [rad, m].
+            Positions of the joints [rad, m].
         tau : (n,) array
-            Torques [N m, N].
+            Torques of the joints [N m, N].
 
         Returns
         -------

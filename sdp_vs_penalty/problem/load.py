@@ -22,7 +22,7 @@ from sdp_vs_penalty.data.files import read_run, save, without_spans
 from sdp_vs_penalty.data.hypotheses.renaming import scaled
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.parsing import numbers, pairs
-from sdp_vs_penalty.errors import InputError, Remark, given
+from sdp_vs_penalty.errors import InputError, Remark, quote_value
 from sdp_vs_penalty.files import problems_folder, read_table, read_toml, write_text
 from sdp_vs_penalty.formatting import given_options
 from sdp_vs_penalty.problem import constants as c
@@ -382,7 +382,7 @@ def as_problem(source: str | Path | Problem, what: str = "problem") -> Problem:
         return load_problem(source)
     names = f"give a built-in name ({', '.join(problem_names())})"
     remedy = f"{names}, a folder with a problem.toml, a URDF file, or a Problem"
-    raise InputError("no problem", remedy, what.replace("...", given(source)))
+    raise InputError("no problem", remedy, what.replace("...", quote_value(source)))
 
 
 @checked_arguments

@@ -151,23 +151,48 @@ class Problem(Shown):
         Where bounds contradict themselves, or do not belong to the robot.
     """
 
+    #: Name by which verbs and files call it.
     name: str
+    #: What it is, for people.
     title: str
+    #: Kinematics of the robot; it has n links.
     robot: Robot
+    #: (n, 10, 2) lower and upper bounds of (m, cx, cy, cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz)
+    #: about the centre of mass [kg, m, kg m^2], infinite where there is none.
     box: Array
+    #: (n, 10) standard parameters of a plausible, strictly consistent robot.
     nominal_links: Array
+    #: Least and largest mass of the moving links together [kg].
     total_mass: tuple[float, float] = (0.0, np.inf)
+    #: Further constraints on centres of mass.
     cones: tuple[CentreOfMassCone, ...] = ()
+    #: Side of the gear on which the torque is measured: "link", "motor" or "unknown".
     torque_side: str = "unknown"
+    #: Filter settings that hold where a verb has none.
     preprocessing: Preprocessing = field(default_factory=Preprocessing)
+    #: Names of the base parameters; None: those of a decomposition.
     independent: tuple[str, ...] | None = None
+    #: Folder that it was read from.
     folder: Path | None = None
+    #: Texts of the effects that a model has by default.
     effects: tuple[str, ...] | None = None
+    #: (n, 2) what bounds a link where box and cones do not: its largest mass [kg], and
+    #: the radius [m] of the ball about its frame in which its mass lies. None:
+    #: :attr:`link_defaults`.
     defaults: Array | None = None
+    #: Where each link's mass can be; None: from the bounds and the kinematics.
     bodies: tuple[Body, ...] | None = None
+    #: Origin of each nominal link: "inertial", "bounds", "geometry" or "kinematics". A
+    #: mass of the last two is a guess, whose scale the data may choose.
     nominal_from: tuple[str, ...] | None = None
+    #: (n,) reading of each torque channel over the true torque, where known loads have
+    #: shown it.
     gains: tuple[float, ...] | None = None
+    #: Parameters that are no link's, by name (I_a1, f_v1), where the robot's file has
+    #: them.
     nominal_values: Mapping[str, float] = field(default_factory=dict)
+    #: What a user names to load it: a built-in name, a folder or a file; None for the
+    #: problem of a model.json.
     source: str | Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
@@ -350,20 +375,10 @@ class Problem(Shown):
         return Model(self.robot, effects, gains=self.gains, known=known)
 
     def with_gravity(self, gravity: Sequence[float]) -> Problem:
-        """Return the problem with another direction of gravity.
+        """Return the problem with another gravity (3,) in the base frame [m/s^2].
 
         Named base parameters are dropped if gravity's direction changes, as others may
         lead then.
-
-        Parameters
-        ----------
-        gravity : (3,) sequence
-            Gravity in the base frame [m/s^2].
-
-        Returns
-        -------
-        Problem
-            The changed problem.
         """
         robot = replace(self.robot, gravity=tuple(map(float, gravity)))
         is_turned = not np.allclose(np.cross(robot.gravity, self.robot.gravity), 0.0)
@@ -371,17 +386,8 @@ class Problem(Shown):
         return replace(self, robot=robot, independent=independent)
 
     def constraints(self, model: Model) -> ConstraintSet:
-        """Return all constraints on the parameters of a model of this robot.
-
-        Parameters
-        ----------
-        model : Model
-            Torque model.
-
-        Returns
-        -------
-        ConstraintSet
-            Physical consistency, the problem's bounds, and constraints of the effects.
+        """Return all constraints on the parameters of a model of this robot: physical
+        consistency, the problem's bounds, and those of the effects.
         """
         convex: list[Constraint] = []
         nonconvex: list[BarycentricBound] = []
@@ -413,20 +419,11 @@ class Problem(Shown):
         return ConstraintSet(tuple(convex), tuple(nonconvex))
 
     def parameter_bound(self, model: Model) -> Array:
-        """Return B with |theta_k| <= B_k for every feasible theta.
+        """Return B (p,) with |theta_k| <= B_k for every feasible theta of a model, in the
+        unit of each parameter.
 
         B follows from the convex constraints. The certificate's lower bound needs it in
         directions that the data do not determine.
-
-        Parameters
-        ----------
-        model : Model
-            Torque model.
-
-        Returns
-        -------
-        (p,) array
-            B, in the unit of each parameter.
         """
         bound = np.concatenate(
             [np.full(len(e.parameters), e.largest_parameter) for e in model.effects]
@@ -441,18 +438,8 @@ class Problem(Shown):
         return bound
 
     def nominal(self, model: Model) -> Array:
-        """Return the nominal parameters of a model.
-
-        Parameters
-        ----------
-        model : Model
-            Torque model.
-
-        Returns
-        -------
-        (p,) array
-            Nominal links; other parameters from the robot's file, or else the effect's
-            nominal values.
+        """Return the nominal parameters (p,) of a model: the links', others from the
+        robot's file, or else the effect's nominal values.
         """
         theta = np.concatenate([effect.nominal for effect in model.effects])
         for k, parameter in enumerate(model.parameters):

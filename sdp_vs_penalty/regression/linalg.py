@@ -141,13 +141,13 @@ class InTurn:
 
     def residual(self, x: Array) -> Array:
         """Return the residual vector r(x) (m,) of the least-squares problem at x (p,)."""
-        return self._both(x)[0]
+        return self._residual_and_jacobian(x)[0]
 
     def jacobian(self, x: Array) -> Array:
         """Return the Jacobian dr/dx (m, p) of the residual vector at x (p,)."""
-        return self._both(x)[1]
+        return self._residual_and_jacobian(x)[1]
 
-    def _both(self, x: Array) -> tuple[Array, Array]:
+    def _residual_and_jacobian(self, x: Array) -> tuple[Array, Array]:
         """Return residual and Jacobian at x; those of the last x are kept.
 
         SciPy asks for the two one after the other at the same x.

@@ -7,7 +7,6 @@ and over joints, each weighted by its own residual. A part is left out by subtra
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -74,17 +73,6 @@ class NormalEquations:
             energy=np.maximum(energy, 0.0),
             total=positive(full[..., -1, -1]),
             own_solution=own_solution,
-        )
-
-    @classmethod
-    def together(cls, logs: Sequence[NormalEquations]) -> NormalEquations:
-        """Join the joints of several logs, arrays (1, n, ...) each, to fit one arm to
-        all of them: arrays (1, n times the number of logs, ...)."""
-        return cls(
-            gram=np.concatenate([log.gram for log in logs], axis=1),
-            cross=np.concatenate([log.cross for log in logs], axis=1),
-            energy=np.concatenate([log.energy for log in logs], axis=1),
-            total=np.concatenate([log.total for log in logs], axis=1),
         )
 
     def left_of(self, full: Array, theta: Array) -> Array:

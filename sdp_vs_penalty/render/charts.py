@@ -543,7 +543,6 @@ def cause_figure(
     position_units: Sequence[str],
     floor: Sequence[float | None] | Array | None,
     waves: float = 1.0,
-    names: tuple[str, str] = ("before", "after"),
 ) -> Figure:
     """A joint's error against its cause, before and after effects were added.
 
@@ -562,8 +561,6 @@ def cause_figure(
         RMS noise of each joint, drawn as the band that holds 95 % of it.
     waves : float
         Of the cause WAVES: how many of them there are in 2 pi of the position.
-    names : pair of str
-        Names of the two models in the legend.
     """
     j = joint - 1
     axis = cause_axis(before, joint, cause, position_units[j], waves)
@@ -596,9 +593,9 @@ def cause_figure(
         if after is None:
             cloud(before.residual[:, j], "mean of measured - modelled", AFTER)
         else:
-            cloud(before.residual[:, j], names[0], BEFORE)
+            cloud(before.residual[:, j], "before", BEFORE)
         if after is not None and len(after.t) == len(before.t):
-            cloud(after.residual[:, j], names[1], AFTER)
+            cloud(after.residual[:, j], "after", AFTER)
             added = (after.modelled[:, j] - before.modelled[:, j]) * axis.sign
             centres, means = mean_curve(x, added[inside])
             line = {"color": ADDED, "width": 2, "dash": "dash"}

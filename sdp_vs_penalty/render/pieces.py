@@ -87,7 +87,6 @@ def bars(
     after: Sequence[float] | Array | None,
     floor: Sequence[float | None] | Array | None,
     units: Sequence[str],
-    joints: Sequence[int] = (),
     what: str = "Error",
     chosen: int | None = None,
 ) -> Markup:
@@ -102,8 +101,6 @@ def bars(
         RMS noise of each joint. Where one is unknown, errors stand in their own units.
     units : sequence of str
         Torque unit of each joint.
-    joints : sequence of int
-        Numbers of the joints; default: 1, 2, ...
     what : str
         Name of the error in the caption.
     chosen : int or None
@@ -114,9 +111,8 @@ def bars(
     is_known = ratios is not None
     old_errors, new_errors = errors_of_both if ratios is None else ratios
     scale = _Scale.for_errors(np.concatenate([old_errors, new_errors]), is_known)
-    numbers = joints or range(1, len(old_errors) + 1)
     rows = []
-    for j, number_of_joint in enumerate(numbers):
+    for j in range(len(old_errors)):
         row = _bar(
             old_errors[j],
             new_errors[j],
@@ -124,7 +120,7 @@ def bars(
             has_change=after is not None,
             is_known=is_known,
         )
-        row |= {"name": f"joint {number_of_joint}", "number": j + 1}
+        row |= {"name": f"joint {j + 1}", "number": j + 1}
         row |= {"is_chosen": j == chosen}
         errors = [before[j]] if after is None else [before[j], after[j]]
         row["amount"] = f"{' → '.join(map(number, errors))} {plain_unit(units[j])}"

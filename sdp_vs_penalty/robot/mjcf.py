@@ -26,7 +26,7 @@ from sdp_vs_penalty.robot.joint import (
     resolve_mimic_joints,
 )
 from sdp_vs_penalty.robot.robot import Robot, check_held
-from sdp_vs_penalty.robot.urdf import joint_motion
+from sdp_vs_penalty.robot.rotation import joint_motion, rotation_of_quaternion
 
 #: The arrays of MuJoCo's model that are needed, by its own names.
 _ARRAYS = (
@@ -508,11 +508,8 @@ def _inertial(model: MujocoModel, body: int) -> Array:
 
 def _pose(position: Array, quaternion: Array) -> Array:
     """Return the pose (4, 4) of a position [m] and a quaternion w, x, y, z."""
-    w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    # Rotation R = 1 + 2 w k + 2 k k, with k the cross product by (x, y, z).
-    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     pose = np.eye(4)
-    pose[:3, :3] += 2.0 * w * k + 2.0 * k @ k
+    pose[:3, :3] = rotation_of_quaternion(quaternion[1:], quaternion[0])
     pose[:3, 3] = position
     return pose
 

@@ -26,6 +26,7 @@ from sdp_vs_penalty.robot.joint import (
     Mechanism,
     Transmission,
 )
+from sdp_vs_penalty.robot.rotation import joint_motions
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
@@ -234,18 +235,8 @@ class Robot(JsonRecord):
         """
         out = np.empty((*state.shape, 4, 4))
         for i, joint in enumerate(self.tree):
-            move = np.tile(np.eye(4), (len(state), 1, 1))
-            value = state[:, i, None]
-            if joint.kind == "prismatic":
-                move[:, :3, 3] = value * joint.axis
-            else:
-                # Rodrigues' formula, with k v = axis x v.
-                k = np.cross(np.eye(3), joint.axis)
-                angle = value[:, None]
-                turn = np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k)
-                move[:, :3, :3] += turn
             parent = np.eye(4) if joint.parent < 0 else out[:, joint.parent]
-            out[:, i] = parent @ joint.placement @ move
+            out[:, i] = parent @ joint.placement @ joint_motions(joint, state[:, i])
         return out
 
     @cached_property
@@ -488,8 +479,8 @@ class Robot(JsonRecord):
             blocks = np.einsum("kjla,lab->kjlb", blocks, self._link_maps)
         return blocks.reshape(len(out), self.n, -1)
 
-    def _with_inertias(self, theta: ArrayLike) -> Any:
-        """Return Pinocchio's model with the links' standard parameters.
+    def pinocchio_model(self, theta: ArrayLike) -> Any:
+        """Return Pinocchio's model of the tree with the links' standard parameters.
 
         theta (10 links,) is about the links' frames; Pinocchio takes it about the
         joints' frames, so each link is transformed (``_link_maps`` (links, 10, 10),
@@ -510,36 +501,6 @@ class Robot(JsonRecord):
                 )
         return model
 
-    def pinocchio_model(
-        self,
-        links: ArrayLike,
-        armature: ArrayLike,
-        damping: ArrayLike,
-        friction: ArrayLike,
-    ) -> Any:
-        """Return the Pinocchio model of this robot.
-
-        Parameters
-        ----------
-        links : (links, 10) array
-            Standard parameters about the joint frames.
-        armature : (n,) array
-            Rotor inertia [kg m^2, kg].
-        damping : (n,) array
-            Viscous friction [N m s/rad, N s/m].
-        friction : (n,) array
-            Dry friction [N m, N].
-        """
-        pin, model = self._pin, self._model.copy()
-        rows = np.asarray(links, float).reshape(self.links, 10)
-        for joint, row in zip(self.link_joints, rows, strict=True):
-            model.inertias[joint + 1] = pin.Inertia.FromDynamicParameters(row)
-        model.armature = np.asarray(armature, float)
-        # Pinocchio 4 knows bounds of dry friction; earlier versions one number.
-        model.damping = np.asarray(damping, float)
-        model.friction = np.asarray(friction, float)
-        return model
-
     def inverse_dynamics(
         self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
     ) -> Array:
@@ -551,7 +512,7 @@ class Robot(JsonRecord):
         q, dq, ddq : (N, n) array
             Joint positions, velocities and accelerations.
         """
-        model = self._with_inertias(theta)
+        model = self.pinocchio_model(theta)
         rnea = self._pin.rnea
         data = model.createData()
         rows = zip(*self.tree_state(q, dq, ddq), strict=True)
@@ -734,12 +695,12 @@ class Robot(JsonRecord):
         """
         links = np.array(theta, float).reshape(-1, 10)
         if np.all(links[:, 0] > 0.0):
-            return [(1.0, self._with_inertias(links))]
+            return [(1.0, self.pinocchio_model(links))]
         heavy = np.zeros_like(links)
         heavy[:, 0] = 1.0 + 2.0 * np.abs(links[:, 0]).sum()
         return [
-            (1.0, self._with_inertias(links + heavy)),
-            (-1.0, self._with_inertias(heavy)),
+            (1.0, self.pinocchio_model(links + heavy)),
+            (-1.0, self.pinocchio_model(heavy)),
         ]
 
 

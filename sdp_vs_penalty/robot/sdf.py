@@ -15,7 +15,12 @@ from lxml import etree
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.urdf import numbers_of, rotation_of_rpy, rpy_of
+from sdp_vs_penalty.robot.rotation import (
+    rotation_of_quaternion,
+    rotation_of_rpy,
+    rpy_of,
+)
+from sdp_vs_penalty.robot.urdf import numbers_of
 
 #: The frame of the model, and what does not move.
 _MODEL = "__model__"
@@ -262,9 +267,7 @@ def _pose(element: Any) -> Array:
         raise InputError(what, "correct the file")
     out[:3, 3] = values[:3]
     if is_quaternion:
-        x, y, z, w = values[3:] / np.linalg.norm(values[3:])
-        k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        out[:3, :3] += 2.0 * w * k + 2.0 * k @ k
+        out[:3, :3] = rotation_of_quaternion(values[3:6], values[6])
     else:
         in_degrees = pose.get("degrees") in ("1", "true")
         out[:3, :3] = rotation_of_rpy(

@@ -32,6 +32,7 @@ from sdp_vs_penalty.robot.joint import (
 )
 from sdp_vs_penalty.robot.model_files import format_of, unexpanded
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot, check_held
+from sdp_vs_penalty.robot.rotation import joint_motion, rotation_of_rpy
 
 _MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
 #: Lengths [m], masses [kg] and inertias [kg m^2] beyond this are no robot's and
@@ -141,38 +142,6 @@ def pose_of(element: Any) -> Array:
         raise InputError(what, f'write radians, as in rpy="{radians}"')
     out[:3, :3] = rotation_of_rpy(angles)
     return out
-
-
-def rotation_of_rpy(angles: Sequence[float] | Array) -> Array:
-    """Return R = Rz(yaw) Ry(pitch) Rx(roll).
-
-    Parameters
-    ----------
-    angles : (3,) sequence
-        Roll, pitch and yaw [rad].
-    """
-    (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
-
-
-def rpy_of(rotation: Array) -> Array:
-    """Return roll, pitch and yaw (3,) [rad] of R = Rz(yaw) Ry(pitch) Rx(roll), (3, 3).
-
-    They reproduce R up to rounding, also at a pitch of 90 degrees, where roll and yaw
-    turn about the same axis: the roll is computed after yaw and pitch are undone, so
-    that it makes up for the rounding of the yaw.
-    """
-    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
-    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
-    y_after_yaw = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
-    roll = np.arctan2(-y_after_yaw @ rotation[:, 2], y_after_yaw @ rotation[:, 1])
-    return np.array([roll, pitch, yaw])
 
 
 def read_inertial(link: Any) -> Array:
@@ -545,23 +514,6 @@ def _joint(element: Any, parent: int, placement: Array) -> Joint:
     return Joint(
         name, _MOVING[kind], parent, placement, axis / length, np.eye(4), *limits
     )
-
-
-def joint_motion(joint: Joint, value: float) -> Array:
-    """Return the pose of a link relative to its joint frame at a joint position.
-
-    Parameters
-    ----------
-    value : float
-        Position of the joint [rad, m].
-    """
-    out = np.eye(4)
-    if joint.kind == "prismatic":
-        out[:3, 3] = value * joint.axis
-    else:
-        k = np.cross(np.eye(3), joint.axis)
-        out[:3, :3] += np.sin(value) * k + (1.0 - np.cos(value)) * (k @ k)
-    return out
 
 
 def _transmission(root: Any, names: Sequence[str]) -> Transmission | None:

@@ -249,7 +249,7 @@ class SegmentedRuns:
             return np.full(motion.q.shape[1], np.nan)
         return motion.mean_inertias
 
-    def seen(self, joint: int) -> JointCoverage:
+    def coverage(self, joint: int) -> JointCoverage:
         """Return how much of a joint (from 0) the runs show: its travel and both ends
         of it, the resolution of its position, and how often it stands still.
 

@@ -204,7 +204,7 @@ class Following(Record, JsonRecord):
         worst = max(self.free, key=lambda run: float(run.rms.max()))
         joint = int(np.argmax(worst.rms))
         return (
-            f"stays within {said(worst.rms[joint], self.units[joint])} RMS over"
+            f"stays within {in_thousandths(worst.rms[joint], self.units[joint])} RMS over"
             f" {worst.seconds:.3g} s"
         )
 
@@ -295,10 +295,10 @@ class Following(Record, JsonRecord):
         return f"{text}."
 
 
-def said(value: float, unit: str) -> str:
+def in_thousandths(value: float, unit: str) -> str:
     """Write an angle or a length in thousandths of its unit.
 
-    >>> said(0.0123, "rad")
+    >>> in_thousandths(0.0123, "rad")
     '12.3 mrad'
     """
     return f"{1e3 * value:.3g} m{unit}"
@@ -328,7 +328,7 @@ def follow(
     model : Estimate, str or Path
         The model, or its model.json.
     measurements : path, arrays, DataFrame, Measurements, list of these
-        The runs.
+        The runs to follow, with their torques or commands.
     drive : {"torque", "pd", "servo"}
         What moves the arm: the measured torque alone, this torque and a loop on the
         measured motion, or the command, through the model's servos.

@@ -35,7 +35,7 @@ from sdp_vs_penalty.simulation.worlds.hidden import (
     LEVELS,
     MAKERS,
     Hidden,
-    made,
+    make_hidden,
     torques,
 )
 from sdp_vs_penalty.simulation.worlds.world import (
@@ -164,7 +164,7 @@ class Plan:
     hidden: tuple[Hidden, ...]
     #: Trajectory of each run.
     trajectories: tuple[FourierTrajectory, ...]
-    #: Seed of everything random.
+    #: Seed of the motions, the sensors' noise and what is hidden.
     seed: int
     #: Content of truth.json.
     truth: dict[str, Any]
@@ -197,7 +197,7 @@ def simulate(
     level : {"strong", "medium", "weak"} or float
         The hidden torque's RMS over that of the raw noise, or a name for it.
     seed : int
-        Seed of everything random.
+        Seed of the motions, the sensors' noise and what is hidden.
     link_error : float
         How far true links differ from those of the robot's file: 0.2 for about a fifth
         in size, mass and centre (:func:`~sdp_vs_penalty.robot.inertia.deformed`).
@@ -267,7 +267,7 @@ def true_world(
     coulomb = size * rng.uniform(0.5, 1.5, robot.n)
     viscous = size * rng.uniform(0.2, 0.8, robot.n)
     offset = 0.2 * size * rng.uniform(-1.0, 1.0, robot.n)
-    model = robot._with_inertias(setup.links)
+    model = robot.pinocchio_model(setup.links)
     chain = robot.mechanism
     rotary = np.array([joint.kind == "revolute" for joint in robot.joints])
     arm = Arm(
@@ -423,7 +423,7 @@ def _sized_effects(
     sized_effects = []
     for joint in joints or all_joints:
         if name in MAKERS:
-            unsized = made(name, world, joint, rng)
+            unsized = make_hidden(name, world, joint, rng)
         else:
             unsized = _of_columns(kind(problem.robot, [joint]))
         sized = unsized.sized(world, motions, factor)

@@ -58,12 +58,8 @@ def flat(values: Any, size: int) -> Array:
 
 
 def tiny_problem(exponential: bool) -> ConicProblem:
-    """Return a problem of two variables with a cone of each kind: minimise x1 + x2.
-
-    Parameters
-    ----------
-    exponential : bool
-        Whether one is exponential.
+    """Return a problem of two variables with a cone of each kind, an exponential one on
+    demand: minimise x1 + x2.
     """
     cones = (Cone("nonnegative", 2), Cone("soc", 3), Cone("psd", 2), Cone("exp", 3))
     # b - A x lies in these cones, with x (2,):
@@ -123,7 +119,7 @@ class Solver(ABC):
         problem : ConicProblem
             Rewritten to :attr:`cones`, :attr:`order` and :attr:`full_matrices`.
         options : mapping
-            Result of :meth:`options`.
+            Options by the solver's own names, as :meth:`options` makes them.
 
         Returns
         -------
@@ -159,7 +155,7 @@ class Solver(ABC):
         Parameters
         ----------
         problem : ConicProblem
-            Problem to solve.
+            With any cones; it is rewritten for the solver.
         accuracy : float
             Relative accuracy of gap and feasibility.
         tuned : bool
@@ -187,7 +183,7 @@ class Solver(ABC):
         Parameters
         ----------
         problem : ConicProblem
-            Problem to solve.
+            With any cones; it is rewritten for the solver.
         accuracy : float
             Relative accuracy of gap and feasibility.
 
@@ -212,25 +208,9 @@ class Solver(ABC):
     def make_solution(
         self, x: Array, z: Array, status: str, iterations: float, more: str = ""
     ) -> Solution:
-        """Return a Solution with the meaning of the solver's status.
-
-        Parameters
-        ----------
-        x : (m,)
-            Variables.
-        z : (r,)
-            Multipliers.
-        status : str
-            A key of :attr:`status_meaning`; others mean "failed".
-        iterations : float
-            Number of iterations.
-        more : str
-            Further words of the status.
-
-        Returns
-        -------
-        Solution
-            With status and claims.
+        """Return a Solution with the meaning of the solver's status: variables x (m,),
+        multipliers z (r,), and the status, a key of :attr:`status_meaning` (others mean
+        "failed"), with ``more`` words of the solver.
         """
         meaning = self.status_meaning.get(status, "failed")
         return Solution(

@@ -10,12 +10,12 @@ import pytest
 
 import sdp_vs_penalty
 from sdp_vs_penalty import InputError
-from sdp_vs_penalty.cli.main import VERBS, main, named
+from sdp_vs_penalty.cli.main import VERBS, import_verb, main
 from sdp_vs_penalty.cli.options import Parser
 
 ROOT = Path(sdp_vs_penalty.__file__).parent
 PARSERS = {
-    verb: Parser(verb, named(verb)) for verbs in VERBS.values() for verb in verbs
+    verb: Parser(verb, import_verb(verb)) for verbs in VERBS.values() for verb in verbs
 }
 EXAMPLES = {
     verb: re.findall(r"Example:\n  (.*)", parser.epilog)
@@ -42,7 +42,7 @@ def test_every_file_of_verbs_is_in_the_programs_help(capsys):
 @pytest.mark.parametrize("verb", sorted(EXAMPLES))
 def test_the_programs_help_says_of_a_verb_what_its_docstring_does(verb):
     summaries = {name: line for verbs in VERBS.values() for name, line in verbs.items()}
-    first, _, _ = str(named(verb).__doc__).partition("\n\n")
+    first, _, _ = str(import_verb(verb).__doc__).partition("\n\n")
     assert summaries[verb] == " ".join(first.split())
 
 
@@ -54,7 +54,7 @@ def test_there_is_one_example_and_it_parses(verb):
     (example,) = EXAMPLES[verb]
     program, called, *words = shlex.split(example)
     assert (program, called) == ("sdp-vs-penalty", verb)
-    PARSERS[verb].given(words)
+    PARSERS[verb].parse_words(words)
 
 
 def test_values_that_a_verb_begins_with_are_those_of_its_function():
@@ -66,7 +66,7 @@ def test_values_that_a_verb_begins_with_are_those_of_its_function():
             if inspect.isroutine(function)
             else {}
         )
-        for name, own in inspect.signature(named(verb)).parameters.items():
+        for name, own in inspect.signature(import_verb(verb)).parameters.items():
             if name in theirs and own.default not in (None, own.empty):
                 told += 1
                 assert own.default == pytest.approx(theirs[name].default), (verb, name)
@@ -76,14 +76,13 @@ def test_values_that_a_verb_begins_with_are_those_of_its_function():
 def test_a_flag_is_given_by_its_name_and_taken_back_where_it_holds_by_itself():
     page = PARSERS["page"]
     export = PARSERS["export"]
-    assert [page.given(words)["browser"] for words in ([], ["--no-browser"])] == [
+    assert [page.parse_words(words)["browser"] for words in ([], ["--no-browser"])] == [
         True,
         False,
     ]
     words = ["m.json", "--out", "a.urdf"]
-    assert [export.given([*words, *more])["force"] for more in ([], ["--force"])] == [
-        False,
-        True,
-    ]
+    assert [
+        export.parse_words([*words, *more])["force"] for more in ([], ["--force"])
+    ] == [False, True]
     with pytest.raises(InputError, match="did you mean --force"):
-        export.given([*words, "--no-force"])
+        export.parse_words([*words, "--no-force"])

@@ -11,7 +11,7 @@ from commands import run_cli
 from small_runs import small_run
 
 import sdp_vs_penalty as sdp
-from sdp_vs_penalty.cli.main import named
+from sdp_vs_penalty.cli.main import import_verb
 from sdp_vs_penalty.cli.next_step import free_name, say_what_follows
 from sdp_vs_penalty.cli.options import Parser
 from sdp_vs_penalty.cli.runs import recorded_runs
@@ -140,4 +140,4 @@ def test_commands_that_follow_each_other_run(inside, capsys):
 def test_what_follows_parses(words, inside, capsys):
     assert run_cli(*words.split()) == 0
     verb, *rest = next_words(capsys.readouterr().out)
-    Parser(verb, named(verb)).given(rest)
+    Parser(verb, import_verb(verb)).parse_words(rest)

@@ -6,11 +6,11 @@ import pytest
 from commands import run_cli
 from small_runs import write_run
 
-from sdp_vs_penalty.cli.main import VERBS, named
+from sdp_vs_penalty.cli.main import VERBS, import_verb
 from sdp_vs_penalty.cli.options import Parser
 
 PARSERS = {
-    verb: Parser(verb, named(verb)) for verbs in VERBS.values() for verb in verbs
+    verb: Parser(verb, import_verb(verb)) for verbs in VERBS.values() for verb in verbs
 }
 WITH_DATA = [verb for verb, parser in PARSERS.items() if "data" in parser.options]
 

@@ -355,7 +355,7 @@ def test_wrenches_are_those_of_recursive_newton_euler(name, column):
     links = published_links(problem, column)
     q, dq, ddq = states(robot, 5)
     made = wrenches.wrench_regressor(robot, q, dq, ddq) @ links.ravel()
-    model = robot._with_inertias(links)
+    model = robot.pinocchio_model(links)
     data = model.createData()
     for k in range(5):
         pin.rnea(model, data, q[k], dq[k], ddq[k])

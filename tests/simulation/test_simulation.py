@@ -27,7 +27,7 @@ from sdp_vs_penalty.simulation import (
 )
 from sdp_vs_penalty.simulation.experiments import simulate
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
-from sdp_vs_penalty.simulation.worlds.hidden import made
+from sdp_vs_penalty.simulation.worlds.hidden import make_hidden
 
 
 def test_an_ideal_sensor_shows_the_truth(panda):
@@ -129,7 +129,7 @@ def test_a_pickled_effect_adds_the_same_torque(two_link):
     motion = TrueMotion(t, *(np.outer(np.sin(t + k), [1.0, 0.5]) for k in range(3)))
     rng = np.random.default_rng(4)
     for name in ("stribeck_friction", "torque_offset", "joint_zero_error"):
-        effect = replace(made(name, world, 1, rng), size=0.3)
+        effect = replace(make_hidden(name, world, 1, rng), size=0.3)
         again = pickle.loads(pickle.dumps(effect))
         assert again.truth == effect.truth
         assert_array_equal(again.torque(world, motion), effect.torque(world, motion))

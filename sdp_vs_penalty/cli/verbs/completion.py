@@ -25,14 +25,14 @@ def _whole_parser() -> argparse.ArgumentParser:
     """Return one argparse parser of the program with all its verbs."""
     import shtab
 
-    from sdp_vs_penalty.cli.main import VERBS, named
+    from sdp_vs_penalty.cli.main import VERBS, import_verb
     from sdp_vs_penalty.cli.options import Parser
 
     whole = argparse.ArgumentParser("sdp-vs-penalty")
     verbs = whole.add_subparsers()
     for summaries in VERBS.values():
         for name, summary in summaries.items():
-            parser = Parser(name, named(name))
+            parser = Parser(name, import_verb(name))
             for option in parser.options.values():
                 if option.nargs != 0 and option.choices is None:
                     option.complete = shtab.FILE  # type: ignore[attr-defined]

@@ -54,7 +54,7 @@ def verb(
             progress=progress,
         )
     console.say(result.verdict, style="bold")
-    console.paragraph(result.how)
+    console.paragraph(result.split_sentence)
     console.table(result.table(robot.robot.torque_units))
     settings = {
         "--method": method,

@@ -10,7 +10,6 @@ def verb(
     duration: float | None = None,
     harmonics: int = 5,
     frequency: float = 0.4712389,
-    objective: str = "condition",
     iterations: int | None = None,
     separate: str | None = None,
     level: float = 1.0,
@@ -35,7 +34,6 @@ def verb(
     --duration: Duration of the motion, in seconds; default: 21, with --payload 2.
     --harmonics >=1: Harmonics of the Fourier series.
     --frequency: Frequency of the first harmonic, in rad/s.
-    --objective: Objective: condition or d-optimal.
     --iterations >=1: Maximum iterations; default: 60, with --separate 200.
     --separate A,B: Two effects that the run is to tell apart, as `add` takes them; one: from nothing.
     --level: With --separate: RMS of each effect over the noise, on the default excitation.
@@ -63,7 +61,7 @@ def verb(
     from sdp_vs_penalty.cli.runs import problem_from_options
     from sdp_vs_penalty.estimation.excitation import excite
 
-    how |= {"objective": objective, "harmonics": harmonics, "frequency": frequency}
+    how |= {"harmonics": harmonics, "frequency": frequency}
     with console.progress("excitation") as progress:
         robot = problem_from_options(problem, hold=hold) if hold else problem
         excitation = excite(robot, progress=progress, **how)

@@ -242,7 +242,7 @@ def truth_of(problem_name: str, setting: Setting) -> Truth:
     known = experiment(problem)
     robot = problem.robot
     zeros = np.zeros(robot.n)
-    arm = robot.pinocchio_model(known.links, zeros, zeros, zeros)
+    arm = robot.pinocchio_model(known.links)
 
     def rigid(motion: Motion) -> Array:
         """Return the torque of the links (N, n), by Pinocchio's Newton-Euler."""

@@ -141,7 +141,7 @@ class Hidden:
         )
 
 
-def made(name: str, world: World, joint: int, rng: Generator) -> Hidden:
+def make_hidden(name: str, world: World, joint: int, rng: Generator) -> Hidden:
     """Make an effect by its name.
 
     Parameters
@@ -164,7 +164,7 @@ def _made_again(
     name: str, made_of: tuple[World, int, Generator], size: float
 ) -> Hidden:
     """Make an effect of a size as it was made before; ``made_of`` stays as it is."""
-    return replace(made(name, *deepcopy(made_of)), size=size)
+    return replace(make_hidden(name, *deepcopy(made_of)), size=size)
 
 
 def torques(world: World, motion: TrueMotion, hidden: Sequence[Hidden]) -> list[Array]:
