@@ -1,7 +1,5 @@
 """A log before anyone knows what its columns are: what every adapter makes of a file."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -41,10 +39,8 @@ class Column:
     @property
     def head(self) -> Array:
         """(K,) numbers in the first cells; those of lists in one row."""
-        found = re.findall(
-            r"[-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?", " ".join(self.cells)
-        )
-        return np.array(found, float)
+        number = r"[-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?"
+        return np.array(re.findall(number, " ".join(self.cells)), float)
 
 
 @dataclass(frozen=True)
@@ -92,12 +88,19 @@ class Log:
         return list(self.columns)
 
 
+def cells_of_rows(rows: Array) -> list[str]:
+    """Format rows (K, ...) of numbers as the cells of a :class:`Column`."""
+    return [" ".join(f"{x:.15g}" for x in np.ravel(row)) for row in rows]
+
+
 def log_of_arrays(
     path: Path,
     arrays: Mapping[str, Array],
     texts: Mapping[str, Sequence[Sequence[str]]] | None = None,
     facts: Mapping[str, Mapping[str, Any]] | None = None,
     rows: NDArray[np.intp] | None = None,
+    *,
+    has_gaps: bool = False,
     **more: Any,
 ) -> Log:
     """Make a log of arrays in memory.
@@ -107,36 +110,62 @@ def log_of_arrays(
     arrays : mapping of str to array
         (N,) columns, or (N, n) and (n, N) blocks, by name.
     texts : mapping of str to sequence
-        Texts of each row by the name of a column of texts.
+        Texts of each row by the name of a column of texts. Times become seconds.
     facts : mapping of str to mapping
         Fields of :class:`Column` that the file says, by the column's name.
     rows : (N,) array of int, optional
         Number in the file of each row.
+    has_gaps : bool
+        Whether NaN stands for an empty cell.
     more : dict
         Further fields of the log.
     """
-    texts = texts or {}
-    columns = {name: Column("text", [str(x[0])]) for name, x in texts.items() if len(x)}
+    texts, columns = texts or {}, dict[str, Column]()
+    arrays = dict(arrays)
+    for name, cells in texts.items():
+        first = [str(row if len(row) > 1 else row[0]) for row in cells[:1] if row]
+        columns[name] = Column("text", first)
+        stamps = _seconds_of_rows(cells)
+        if stamps is not None:
+            arrays[name] = stamps
     for name, array in arrays.items():
         is_block = array.ndim > 1 and min(array.shape) > 1
         is_upright = array.ndim < 2 or array.shape[0] >= array.shape[1]
         head = (array if is_upright else array.T)[:ROWS_DESCRIBED]
-        cells = [" ".join(f"{x:.15g}" for x in np.ravel(row)) for row in head]
-        columns[name] = Column("list" if is_block else "number", cells)
+        kind = "stamp" if name in texts else "list" if is_block else "number"
+        columns[name] = Column(kind, cells_of_rows(head))
     for name, said in (facts or {}).items():
         if name in columns:
             columns[name] = Column(**{**vars(columns[name]), **said})
 
     def rows_of_texts(names: Sequence[str]) -> list[list[str]]:
-        return [
-            [x for cell in row for x in cell]
-            for row in zip(*(texts[n] for n in names), strict=True)
+        cells = [
+            texts[n] if n in texts else [[f"{x:.12g}"] for x in np.ravel(arrays[n])]
+            for n in names
         ]
+        rows = zip(*cells, strict=True)
+        return [[x for cell in row for x in cell] for row in rows]
 
     def read(names: Sequence[str]) -> Values:
-        return Values({name: arrays[name] for name in names}, rows)
+        chosen = {name: arrays[name] for name in names}
+        missing = {
+            name: np.asarray(np.isnan(x).any(axis=tuple(range(1, x.ndim))))
+            for name, x in (chosen.items() if has_gaps else ())
+            if x.ndim < 2 or x.shape[0] >= x.shape[1]
+        }
+        return Values(chosen, rows, {x: gap for x, gap in missing.items() if gap.any()})
 
-    return Log(path, columns, read, rows_of_texts if texts else None, **more)
+    return Log(path, columns, read, rows_of_texts, **more)
+
+
+def _seconds_of_rows(rows: Sequence[Sequence[str]]) -> Array | None:
+    """Convert one text a row to seconds (N,) [s]; None where one is no time."""
+    from sdp_vs_penalty.data.words.stamps import is_stamp, past_midnight, seconds_of
+
+    cells = [row[0] for row in rows if len(row) == 1]
+    if not rows or len(cells) < len(rows) or not all(map(is_stamp, cells)):
+        return None
+    return past_midnight(seconds_of(cells))
 
 
 def real_numbers(path: Path, name: str, array: Any) -> Array:

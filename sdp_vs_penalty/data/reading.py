@@ -14,6 +14,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import TYPE_CHECKING, Any
@@ -35,7 +36,7 @@ from sdp_vs_penalty.errors import ColumnsRemark, InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.data.hypotheses.arm import Fit
+    from sdp_vs_penalty.data.hypotheses.arm import ChannelFit
 
 # Files with our own names need no tables of words and loggers: these are imported where
 # a foreign file is recognised.
@@ -89,34 +90,32 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
     InputError
         A channel that is missing, or columns that do not fit together.
     """
+    log, run, found = run_and_reading(log, choice)
+    if found.is_identity:
+        return run
+    sentence, said = sentence_and_command(log, found, choice)
+    others = {
+        name: columns
+        for name, columns in found.torques.items()
+        if not columns.items() <= found.rename.items()
+    }
+    remark = ColumnsRemark(said, _rows_shown(run, found.rename), found.rename, others)
+    warnings.warn(remark, stacklevel=2)
+    return replace(run, reading=f"{log.path.name}: {sentence}")
+
+
+def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recognition]:
+    """Return the run of a log, what its columns were taken for, and the log, perhaps with
+    a column a joint."""
     if choice.rate is None and log.rate is not None:
-        said = f"{log.path}: {log.rate:g} rows a second, as the file's header says"
-        warnings.warn(said, Remark, stacklevel=2)
+        _remark(log, f"{log.rate:g} rows a second, as the file's header says")
         choice = replace(choice, rate=log.rate)
     log, found = _channels(log, choice)
     groups = _groups(found.rename, log, choice)
-    names = [name for group in groups.values() for name in group]
-    if found.episode:
-        names.append(found.episode)
-    for name in names:
-        if name in log.twice:
-            raise InputError(
-                f"column {name} comes twice", "rename one of them", log.path
-            )
-        column = log.columns[name]
-        if column.kind == "text" and column.cells:
-            cell = column.cells[0][:40]
-            what = f"column {name} is never a number: {cell!r} is not a number"
-            remedy = "name the column that holds it with `convert --rename`"
-            raise InputError(what, remedy, log.path)
-    unused = [name for name in log.columns if name not in names]
-    if (
-        unused
-        and not choice.rename
-        and all(x == y for x, y in found.rename.items())
-        and found.rename
-    ):
-        _say_unused(log, unused)
+    names = [*chain(*groups.values()), *filter(None, [found.episode])]
+    _require_numbers(log, names)
+    if found.has_our_names and not choice.rename:
+        _say_unused(log, [name for name in log.columns if name not in names])
     torques = {} if choice.rename else found.torques
     rivals = {x: list(y.values()) for x, y in torques.items()}
     values = log.read(list(dict.fromkeys(chain(names, *rivals.values()))))
@@ -132,55 +131,49 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
         )
     }
     values = _in_one_order(log, values, found, choice)
-    t, columns, rows = _aligned(log, groups, values, found, choice.rate)
-    run, found = _in_si(log, found, groups, t, columns, rows, choice)
+    t, columns, rows = _aligned(log, groups, values, found)
+    run, found = _in_si(log, found, groups, t, columns, choice)
     if found.scale:
         from sdp_vs_penalty.data.hypotheses.wrapping import POSITIONS, unwrapped
         from sdp_vs_penalty.data.words.units import UNITS
 
         in_degrees = {group_of(x) for x, y in found.scale.items() if y == UNITS["deg"]}
         run = unwrapped(run, log.path, [x for x in POSITIONS if x in in_degrees])
-    if found.is_identity:
-        return run
-    sentence = reading_sentence(log, found)
-    command = repeating_command(log, found, choice)
-    repeated = f"; the same by `{command}`" if command and not log.remedy else ""
-    shown = _rows_shown(run, found.rename)
-    others = {
-        name: columns
-        for name, columns in found.torques.items()
-        if not columns.items() <= found.rename.items()
-    }
-    remark = ColumnsRemark(
-        f"{log.path}: {sentence}{repeated}", shown, found.rename, others
-    )
-    warnings.warn(remark, stacklevel=2)
-    return replace(run, reading=f"{log.path.name}: {sentence}")
+    return log, replace(run, file_rows=rows), found
+
+
+def _remark(log: Log, said: str) -> None:
+    """Remark on a file."""
+    warnings.warn(f"{log.path}: {said}", Remark, stacklevel=3)
 
 
 # -- 1. what each column is -----------------------------------------------------------
 
 
+def our_columns(names: Sequence[str]) -> dict[str, str]:
+    """Return the columns that have our names, by these."""
+    return {x: x for x in names if group_of(x) in ("t", *GROUPS)}
+
+
 def _channels(log: Log, choice: Choice) -> tuple[Log, Recognition]:
     """Return the log, perhaps with a column a joint, and which of its columns are which
     channels (a Recognition)."""
-    names = log.names
     joints = choice.joints
     if log.is_of_messages:
         from sdp_vs_penalty.data.hypotheses.facts import by_facts
 
         return log, by_facts(log, joints, choice.topic)
     if choice.rename:
-        return log, _other_torques(log, choice) or _as_chosen(log, choice)
-    if has_our_names(names):
-        ours = {x: x for x in names if group_of(x) in ("t", *GROUPS)}
+        return _as_chosen(log, choice)
+    ours = our_columns(log.names)
+    if has_our_names(log.names):
         episode = None
-        if len(ours) < len(names):
+        if len(ours) < len(log.columns):
             from sdp_vs_penalty.data.words.loggers import episode_of
 
-            episode = episode_of([x for x in names if x not in ours])
+            episode = episode_of([x for x in log.columns if x not in ours])
         return log, Recognition(ours, episode=episode, order=_order(log, joints))
-    if names[:1] == ["#1"]:
+    if log.names[:1] == ["#1"]:
         from sdp_vs_penalty.data.hypotheses.proposals import names_without_header
 
         n_joints = None if joints is None else len(joints)
@@ -198,7 +191,7 @@ def _channels(log: Log, choice: Choice) -> tuple[Log, Recognition]:
 
         problem = "columns are counted from 0, and not alike"
         raise lacking(log, problem, ["q", "tau"], None)
-    ours = {x: x for x in log.names if group_of(x) in ("t", *GROUPS)}
+    ours = our_columns(log.names)
     _require_channels(log, ours, choice)
     return log, Recognition(ours)
 
@@ -206,55 +199,49 @@ def _channels(log: Log, choice: Choice) -> tuple[Log, Recognition]:
 def recognised_in(log: Log, joints: Sequence[str] | None) -> Recognition | None:
     """Return what is recognised of a log; InputError with the command that chooses,
     where two sets of columns are equally good."""
-    from sdp_vs_penalty.data.hypotheses.recognition import (
-        AmbiguousColumnsError,
-        recognise,
-    )
+    from sdp_vs_penalty.data.hypotheses import recognition
 
     try:
-        return recognise(log.columns, joints)
-    except AmbiguousColumnsError as error:
+        return recognition.recognise(log.columns, joints)
+    except recognition.AmbiguousColumnsError as error:
         command = formatting.convert_command(log.path, "--rename", error.words)
         how = log.remedy or f"choose, such as with `{command}`"
         raise InputError(error.what, how, log.path) from None
 
 
-def _other_torques(log: Log, choice: Choice) -> Recognition | None:
-    """Return what is recognised of a log, with the torques that the user chose; None
-    where the user chose other channels as well, or nothing is recognised."""
-    from sdp_vs_penalty.data.hypotheses.recognition import with_torque
-    from sdp_vs_penalty.data.hypotheses.renaming import expanded
-
-    chosen = expanded(choice.rename or {}, log.names)
-    is_torque = all(group_of(x) == "tau" for x in chosen)
-    if has_our_names(log.names) or not is_torque:
-        return None
-    if not {*chosen.values()} <= {*log.columns}:
-        return None
-    found = recognised_in(log, choice.joints)
-    return found and with_torque(found, chosen)
-
-
-def _as_chosen(log: Log, choice: Choice) -> Recognition:
-    """Return the columns that the user chose, and those that have our names."""
-    from sdp_vs_penalty.data.hypotheses.recognition import find_clock
+def _as_chosen(log: Log, choice: Choice) -> tuple[Log, Recognition]:
+    """Return the columns that the user chose, and those that have our names; where only
+    torques are chosen, what is recognised beside them. Names that a table with a row a
+    joint does not have are those of the log with a column a joint."""
+    from sdp_vs_penalty.data.hypotheses.recognition import find_clock, with_torque
     from sdp_vs_penalty.data.hypotheses.renaming import expanded
     from sdp_vs_penalty.data.words.loggers import episode_of
 
+    rename = choice.rename or {}
+    if log.texts is not None and not {*rename.values()} <= {*log.names}:
+        from sdp_vs_penalty.data.hypotheses.long_form import widened
+
+        with suppress(InputError):
+            wide = widened(log)
+            expanded(rename, wide.names)
+            log = wide
     names = log.names
-    chosen = expanded(choice.rename or {}, names)
+    chosen = expanded(rename, names)
     for our_name, their_name in chosen.items():
-        for name in parts_of(their_name, names):
-            if name not in log.columns:
-                what = (
-                    f"no column {name!r} to take as {our_name} (columns:"
-                    f" {brief_names(names)})"
-                )
-                raise InputError(what, "give --rename a name of the file", log.path)
-    ours = {x: x for x in names if group_of(x) in ("t", *GROUPS)}
+        if not {*parts_of(their_name, names)} <= {*names}:
+            what = (
+                f"no column {their_name!r} to take as {our_name} (columns:"
+                f" {brief_names(names)})"
+            )
+            raise InputError(what, "give --rename a name of the file", log.path)
+    if {*map(group_of, chosen)} == {"tau"} and not has_our_names(names):
+        found = recognised_in(log, choice.joints)
+        if found is not None:
+            return log, with_torque(found, chosen)
     # A group that is chosen as a whole is not also a column a joint.
     taken = {*chosen, *chosen.values()}
-    rename = {x: x for x in ours if not {x, group_of(x)} & taken} | chosen
+    ours = {x: x for x in our_columns(names) if not {x, group_of(x)} & taken}
+    rename = ours | chosen
     clock = rename.get("t") or find_clock(log.columns)
     rename = {**({"t": clock} if clock else {}), **rename}
     _require_channels(log, rename, choice)
@@ -265,7 +252,7 @@ def _as_chosen(log: Log, choice: Choice) -> Recognition:
             raise InputError(what, "give --rename one column a channel", log.path)
     order = _order(log, choice.joints)
     episode = episode_of([x for x in names if x not in rename.values()])
-    return Recognition(rename, logger="", order=order, episode=episode)
+    return log, Recognition(rename, logger="", order=order, episode=episode)
 
 
 def _order(log: Log, joints: Sequence[str] | None) -> tuple[int, ...] | None:
@@ -273,15 +260,13 @@ def _order(log: Log, joints: Sequence[str] | None) -> tuple[int, ...] | None:
     columns of names, whatever the others are called; None for the file's order."""
     if not joints or not any(x.kind == "text" for x in log.columns.values()):
         return None
-    from sdp_vs_penalty.data.hypotheses import recognition
+    from sdp_vs_penalty.data.hypotheses.recognition import joints_in_cells
+    from sdp_vs_penalty.data.words.joints import in_order_of
 
-    if not recognition.columns_of_joint_names(log.names):
+    in_file = joints_in_cells(log.columns)
+    if not in_file or all(x.kind != "list" for x in log.columns.values()):
         return None
-    try:
-        found = recognition.recognise(log.columns, joints)
-    except recognition.AmbiguousColumnsError:
-        return None
-    return None if found is None else found.order
+    return tuple(in_file.index(x) for x in in_order_of(joints, in_file)[0])
 
 
 def _require_channels(log: Log, rename: Mapping[str, str], choice: Choice) -> None:
@@ -293,8 +278,7 @@ def _require_channels(log: Log, rename: Mapping[str, str], choice: Choice) -> No
         from sdp_vs_penalty.data.hypotheses.proposals import lacking
 
         missing = [x for x in ("t", *needed) if x not in groups]
-        problem = f"no column {' or '.join(missing)}"
-        raise lacking(log, problem, missing, choice.joints)
+        raise lacking(log, f"no column {' or '.join(missing)}", missing, choice.joints)
 
 
 def _groups(
@@ -303,40 +287,49 @@ def _groups(
     """List the file's columns of each channel group in the joints' order, the clock
     (one column or its parts) first; InputError for a gap in the joints' numbers."""
     groups = dict[str, list[str]]()
-    clock = rename.get("t", "") if choice.rate is None else ""
-    if clock in log.columns and "t" in rename:
-        groups["t"] = [clock]
-    elif clock:
-        groups["t"] = list(parts_of(clock, log.names))
+    if "t" in rename and choice.rate is None:
+        groups["t"] = list(parts_of(rename["t"], log.names))
     for group in GROUPS:
         if group in rename:
             groups[group] = [rename[group]]
             continue
-        numbers = sorted(
-            int(x[len(group) :])
-            for x in rename
-            if re.fullmatch(rf"{group}[1-9][0-9]{{0,3}}", x)
-        )
+        pattern = rf"{group}([1-9][0-9]{{0,3}})"
+        matches = (re.fullmatch(pattern, x) for x in rename)
+        numbers = sorted(int(match[1]) for match in matches if match)
         gap = next((k for k, number in enumerate(numbers, 1) if k != number), None)
         if gap is None and numbers:
             groups[group] = [rename[f"{group}{k}"] for k in numbers]
         elif gap is not None and group not in _WHOLE:
-            lacking = f"no column {group}{gap}, but {group}{numbers[-1]}"
-            raise InputError(lacking, "give each joint a column", log.path)
+            what = f"no column {group}{gap}, but {group}{numbers[-1]}"
+            raise InputError(what, "give each joint a column", log.path)
     return groups
+
+
+def _require_numbers(log: Log, names: Sequence[str]) -> None:
+    """Raise InputError for a column that comes twice, or holds texts."""
+    for name in names:
+        column = log.columns[name]
+        if name in log.twice:
+            what, remedy = f"column {name} comes twice", "rename one of them"
+        elif column.kind == "text" and column.cells:
+            cell = f"{column.cells[0][:40]!r} is not a number"
+            what = f"column {name} is never a number: {cell}"
+            remedy = "name the column that holds it with `convert --rename`"
+        else:
+            continue
+        raise InputError(what, remedy, log.path)
 
 
 def _say_unused(log: Log, names: Sequence[str]) -> None:
     """Remark on columns that are not read; of accelerations, the one kind that people
     expect to be read, say why."""
-    has_acceleration = any(
-        re.fullmatch(r"(ddq|qdd|acc)_?[0-9]*", x.lower()) for x in names
-    )
+    is_acceleration = re.compile(r"(?i)(ddq|qdd|acc)_?[0-9]*").fullmatch
     why = ". Accelerations are computed from q, with the same filter as the torque"
     shown = ", ".join(name[:40] or "a column without a name" for name in names[:6])
     more = f" and {len(names) - 6} more" if len(names) > 6 else ""
-    said = f"{log.path}: not used: {shown}{more}{why if has_acceleration else ''}."
-    warnings.warn(said, Remark, stacklevel=3)
+    why = why if any(map(is_acceleration, names)) else ""
+    if names:
+        _remark(log, f"not used: {shown}{more}{why}.")
 
 
 # -- 2. values ------------------------------------------------------------------------
@@ -360,20 +353,19 @@ def _in_one_order(
     if len(first) < 2 or not {*found.joints} <= {*first}:
         return values
     rows = [tuple(recognition.joints_of_texts(row)) for row in log.texts(names)]
-    if len({*rows}) < 2:
-        return values
     places = {
         row: [row.index(x) for x in rows[0]]
         for row in {*rows}
         if sorted(row) == sorted(rows[0]) and len({*row}) == len(row)
     }
+    if len({*rows}) < 2:
+        return values
     wrong = next((k for k, row in enumerate(rows) if row not in places), None)
     if wrong is not None:
         number = wrong + 2 if values.rows is None else values.rows[wrong]
         what = f"{log.word} {number} names other joints than the first"
-        raise InputError(
-            what, "write the same joints in all of them, each once", log.path
-        )
+        remedy = "write the same joints in all of them, each once"
+        raise InputError(what, remedy, log.path)
     order = np.array([places[row] for row in rows])  # (N, n)
     columns = dict(values.columns)
     for name, block in columns.items():
@@ -392,138 +384,87 @@ def _in_one_order(
 
 
 def _aligned(
-    log: Log,
-    groups: Mapping[str, Sequence[str]],
-    values: Values,
-    found: Recognition,
-    rate: float | None,
+    log: Log, groups: Mapping[str, Sequence[str]], values: Values, found: Recognition
 ) -> tuple[Array | None, dict[str, Array], NDArray[np.intp] | None]:
     """Bring channels with stamps of their own to those of the torque.
 
     Returns the stamps (K,) in the clock's unit (None without a clock), the columns at
     them, and the rows of the file (None: row k is number k + 2).
     """
-    columns = values.columns
-    clock = groups.get("t", ())
-    t = None
-    if clock:
-        t = _stamps(log, clock, columns)
-    own = {
-        x: log.columns[x].clock
-        for group, xs in groups.items()
-        if group != "t"
-        for x in xs
-    }
-    own |= {found.episode: ""} if found.episode else {}
+    columns, clock = values.columns, groups.get("t", ())
+    t = _stamps(log, clock, columns) if clock else None
+    names = [x for group, xs in groups.items() if group != "t" for x in xs]
+    clocks = {x: log.columns[x].clock for x in names}
+    clocks |= {found.episode: ""} if found.episode else {}
     # A column that is never a number says nothing of rows: whoever reads it says so.
-    gaps = {x: gap for x, gap in values.gaps.items() if x in own and not gap.all()}
-    if any(gap.all() for x, gap in values.gaps.items() if x in groups["q"]):
+    gaps = {x: gap for x, gap in values.gaps.items() if x in clocks and not gap.all()}
+    if any(values.gaps[x].all() for x in groups["q"] if x in values.gaps):
         gaps = {}
-    if (
-        not any(own.values())
-        and not gaps
-        and not (clock and any(x in values.gaps for x in clock))
-    ):
-        return t, {x: columns[x] for x in own}, values.rows
-    from sdp_vs_penalty.data.stretches.merging import ChannelSamples, align
+    is_one_table = not any(clocks.values())
+    if is_one_table and not gaps and not {*clock} & {*values.gaps}:
+        return t, {x: columns[x] for x in clocks}, values.rows
+    from sdp_vs_penalty.data.stretches.merging import Samples, align
 
     n_rows = len(next(iter(columns.values())))
-    of_log = np.arange(n_rows, dtype=float) if t is None else t
-    seconds = _seconds_unit(found)
-    stamps = dict[Any, tuple[Array, Any]]()  # by clock and empty cells
-    channels = dict[str, ChannelSamples]()
-    places = dict[str, Any]()
-    for name, its_clock in own.items():
-        gap = gaps.get(name)
-        key = its_clock, None if gap is None else gap.tobytes()
-        if key not in stamps:
-            at = log.clocks[its_clock] if its_clock else of_log
-            rows = np.flatnonzero(
-                np.isfinite(at) if gap is None else ~gap & np.isfinite(at)
-            )
+    stamps = {**log.clocks, "": np.arange(float(n_rows)) if t is None else t}
+    seconds = found.scale.get("t", 1.0)  # of a unit that names say
+    samples, channels = dict[Any, Samples](), dict[str, tuple[Any, Array]]()
+    for name, own in clocks.items():
+        has_value = ~gaps[name] if name in gaps else np.ones(len(columns[name]), bool)
+        key = own, has_value.tobytes()
+        if key not in samples:
+            at = stamps[own]
+            rows = np.flatnonzero(has_value & np.isfinite(at))
+            if not len(rows):
+                what = "no sample has a stamp that is a number"
+                raise InputError(
+                    what, "log the clock as well, or give --rate", log.path
+                )
             rows = rows[np.argsort(at[rows], kind="stable")]
-            stamps[key] = seconds * at[rows], rows
-        at, rows = stamps[key]
-        places[name] = rows
+            samples[key] = Samples(seconds * at[rows], rows, own)
+        rows = samples[key].rows
         is_whole = len(rows) == len(columns[name]) and bool(np.all(np.diff(rows) == 1))
-        channels[name] = ChannelSamples(
-            at, columns[name] if is_whole else columns[name][rows], its_clock, rows
-        )
+        channels[name] = key, columns[name] if is_whole else columns[name][rows]
     leading = (groups.get("tau") or groups["q"])[0]
-    found_rows = align(channels, leading, [found.episode])
-    taken = places[leading][found_rows.rows]
+    kept, columns, n_lost, remark = align(samples, channels, leading, [found.episode])
+    taken = samples[channels[leading][0]].rows[kept]
     numbers = np.arange(2, n_rows + 2) if values.rows is None else values.rows
-    has_rows = not any(own.values())
-    _say_lost(
-        log,
-        gaps,
-        numbers if has_rows else None,
-        n_rows - len(taken) if has_rows else found_rows.n_lost,
-        found_rows.remark,
-    )
-    its = log.columns[leading].clock
-    stamps_taken = (
-        log.clocks[its][taken] if its else of_log[taken] if t is not None else None
-    )
-    return stamps_taken, found_rows.columns, numbers[taken] if has_rows else None
-
-
-def _seconds_unit(found: Recognition) -> float:
-    """Return the factor to seconds of the clock, as far as names say it."""
-    return float(found.scale.get("t", 1.0))
-
-
-def _say_lost(
-    log: Log,
-    gaps: Mapping[str, NDArray[np.bool_]],
-    numbers: NDArray[np.intp] | None,
-    n_lost: int,
-    interpolated: str,
-) -> None:
-    """Remark on rows that are left out since a channel is missing there, and on channels
-    that were interpolated."""
-    reasons = list[str]()
-    if n_lost:
-        rows = formatting.count(n_lost, "row")
-        where = ""
-        if numbers is not None and gaps:
+    where = ""
+    if is_one_table:
+        n_lost = n_rows - len(taken)
+        if gaps:
             first = numbers[int(np.argmax(np.any([*gaps.values()], axis=0)))]
             where = f" ({log.word} {first} is the first)"
-        reasons.append(
-            f"{rows} without all channels{where} left out or joined to others"
-        )
-    reasons += [interpolated] if interpolated else []
+    reasons = [remark] if remark else []
+    if n_lost:
+        many = formatting.count(n_lost, "row")
+        reasons[:0] = [
+            f"{many} without all channels{where} left out or joined to others"
+        ]
     if reasons:
-        warnings.warn(f"{log.path}: {'; '.join(reasons)}", Remark, stacklevel=3)
+        _remark(log, "; ".join(reasons))
+    own = clocks[leading]
+    stamps_taken = None if t is None and not own else stamps[own][taken]
+    return stamps_taken, columns, numbers[taken] if is_one_table else None
 
 
 def _stamps(log: Log, clock: Sequence[str], columns: Mapping[str, Array]) -> Array:
     """Return the stamps (N,) of a clock in one column or in parts (seconds and
     nanoseconds; hours, minutes and seconds), in its own unit."""
-    if len(clock) == 1:
-        stamps = np.ravel(columns[clock[0]])
-    else:
-        from sdp_vs_penalty.data.words.stamps import units_of_parts
+    is_time_of_day = any(log.columns[x].kind == "stamp" for x in clock)
+    if len(clock) == 1 and not is_time_of_day:
+        return np.ravel(columns[clock[0]])
+    from sdp_vs_penalty.data.words.stamps import past_midnight, units_of_parts
 
-        if len(clock) > 2:
-            for name in clock[:2]:
-                values = columns[name][np.isfinite(columns[name])]
-                if np.any(values != np.round(values)):
-                    what = (
-                        f"column {name} holds no whole numbers, as a time of day does"
-                    )
-                    remedy = "name the clock with `convert --rename t=NAME`"
-                    raise InputError(what, remedy, log.path)
-        parts = zip(units_of_parts(clock), clock, strict=True)
-        stamps = np.sum([unit * np.ravel(columns[x]) for unit, x in parts], axis=0)
-    is_time_of_day = len(clock) > 2 or any(
-        log.columns[x].kind == "stamp" for x in clock
-    )
-    if is_time_of_day:
-        from sdp_vs_penalty.data.words.stamps import past_midnight
-
-        stamps = past_midnight(stamps)
-    return stamps
+    for name in clock[:2] if len(clock) > 2 else ():
+        values = columns[name][np.isfinite(columns[name])]
+        if np.any(values != np.round(values)):
+            what = f"column {name} holds no whole numbers, as a time of day does"
+            remedy = "name the clock with `convert --rename t=NAME`"
+            raise InputError(what, remedy, log.path)
+    parts = zip(units_of_parts(clock), clock, strict=True)
+    stamps = np.sum([unit * np.ravel(columns[x]) for unit, x in parts], axis=0)
+    return past_midnight(stamps) if is_time_of_day or len(clock) > 2 else stamps
 
 
 # -- 4. SI units ----------------------------------------------------------------------
@@ -535,7 +476,6 @@ def _in_si(
     groups: Mapping[str, Sequence[str]],
     t: Array | None,
     columns: Mapping[str, Array],
-    rows: NDArray[np.intp] | None,
     choice: Choice,
 ) -> tuple[Measurements, Recognition]:
     """Make the run in SI units, and decide by its values the units that are open.
@@ -549,15 +489,11 @@ def _in_si(
     if choice.rate is not None:
         t = np.arange(count) / choice.rate
     if t is None:
-        if count and first.size:
+        if first.size:
             from sdp_vs_penalty.data.hypotheses.proposals import no_clock
 
-            in_si = {
-                ours: found.scale.get(ours, 1.0) * columns[x]
-                for ours, x in found.rename.items()
-                if x in columns
-            }
-            raise no_clock(log, in_si)
+            pairs = [(x, columns[y]) for x, y in found.rename.items() if y in columns]
+            raise no_clock(log, {x: found.scale.get(x, 1.0) * y for x, y in pairs})
         t = np.zeros(count)
     blocks = {
         group: _block(log, group, [columns[x] for x in names], len(t))
@@ -580,20 +516,23 @@ def _in_si(
         if len(t) > 1 and "tau" in blocks:
             found, blocks = _as_the_arm_says(found, t, blocks, choice)
     blocks = {group: x for group, x in blocks.items() if group not in found.torques}
-    scale = found.scale
     for group, x in blocks.items():
         factors = found.factors(group, x.shape[1])
         if any(factor != 1.0 for factor in factors):
             parts = (part * factors for _, part in iter_chunks(x))
             blocks[group] = concatenate_chunks([x[:0], *parts])
-    if choice.rate is None:
-        t = t * scale["t"] if scale.get("t", 1.0) != 1.0 else t
+    if choice.rate is None and "t" in found.scale:
+        t = t * found.scale["t"]
     if found.episode and len(t) > 1:
-        t = _episodes_in_a_row(log, t)
-    run = Measurements.of(
-        t, blocks, (log.run_name or log.path.name,), None, found.torque_unit
-    )
-    return replace(run, joint_names=found.joints, file_rows=rows), found
+        steps = np.diff(t)
+        apart = np.where(steps <= 0.0, 1.0 - steps, 0.0)
+        if apart.any():
+            n_episodes = formatting.count(int(np.sum(apart > 0)) + 1, "episode")
+            _remark(log, f"{n_episodes} one after the other, a second apart")
+            t = t + np.cumsum(np.append(0.0, apart))
+    name = log.run_name or log.path.name
+    run = Measurements.of(t, blocks, (name,), None, found.torque_unit)
+    return replace(run, joint_names=found.joints), found
 
 
 def _with_open_units(
@@ -604,7 +543,7 @@ def _with_open_units(
 
     part = slice(w.ROWS_JUDGED)
     for group, kind in found.inferred.items():
-        if kind == w.CLOCK:
+        if group == "t":
             continue
         unit = w.unit_of_angles(blocks["q"][part], kind)
         if unit.answer == w.DEGREES_OR_PERCENT and group != "q" and "tau" in blocks:
@@ -612,18 +551,22 @@ def _with_open_units(
             blocks = {x: block for x, block in blocks.items() if x != group}
             unit = replace(unit, why="of ranges of its own: it is left out")
         found = found.with_unit(group, unit)
-    is_open = rate is None and "t" not in {**found.scale, **found.units}
-    if is_open and (found.inferred.get("t") or "dq" in blocks) and len(t) > 1:
-        n = blocks["q"].shape[1]
+    if rate is None and "t" in found.inferred and len(t) > 1:
         moved = [
-            blocks[x][part] * found.factors(x, n) for x in ("q", "dq") if x in blocks
+            blocks[x][part] * found.factors(x, blocks[x].shape[1])
+            for x in ("q", "dq")
+            if x in blocks
         ]
         of_velocities = w.rate_from_velocities(*moved) if len(moved) == 2 else None
-        if found.inferred.get("t"):
-            found = found.with_unit("t", w.unit_of_clock(t[part], of_velocities))
-        elif of_velocities:
-            below = w.unit_by_velocities(t[part], of_velocities)
-            found = found if below is None else found.with_unit("t", below)
+        with np.errstate(all="ignore"):  # steps of numbers that are none
+            ways = np.nan_to_num(np.abs(np.diff(moved[0], axis=0)))
+        way = float(np.max(ways.mean(axis=0)))
+        kind = found.inferred["t"]
+        if kind == w.CLOCK:  # its logger writes seconds or milliseconds
+            way = 0.0
+        unit = w.unit_of_clock(t[part], of_velocities, way, kind=kind)
+        if kind == w.CLOCK or unit.answer != "s":
+            found = found.with_unit("t", unit)
     return found, blocks
 
 
@@ -638,7 +581,7 @@ def _as_the_arm_says(
     q = blocks["q"] * found.factors("q", blocks["q"].shape[1])
     stamps = t * (found.scale.get("t", 1.0) if choice.rate is None else 1.0)
 
-    def fit(tau: Array) -> Fit | None:
+    def fit(tau: Array) -> ChannelFit | None:
         if robot is None or robot.n != q.shape[1]:
             return None
         return fit_arm(robot, stamps, q, tau)
@@ -649,40 +592,39 @@ def _as_the_arm_says(
         from sdp_vs_penalty.data.hypotheses.weighing import weigh, which_torque
 
         whole = np.isfinite(np.hstack(list(channels.values()))).all(axis=1)
-        priors = {label: 0.5**k for k, label in enumerate(channels, 1)}
         first = {x: next(iter(found.torques[x].values())) for x in channels}
-        fits = {x: y for x, tau in channels.items() if (y := fit(tau)) is not None}
         hypotheses = which_torque(
             {x: tau[whole] for x, tau in channels.items()},
-            priors,
             [x for x in channels if not is_current(first[x])],
-            fits,
+            {x: y for x, tau in channels.items() if (y := fit(tau)) is not None},
         )
         best = weigh(hypotheses)
         others = [
-            f"{x.answer}{f' ({x.why})' if x.why else ''}"
+            f"{x.answer} ({x.why})" if x.why else x.answer
             for x in hypotheses
             if x is not best
         ]
-        said = f"not used, of the same joints: {formatting.words(others)}"
-        said += ": name them in --rename to take them"
+        said = [f"tau: {best.why}"] if best.why else []
+        said.append(
+            f"not used, of the same joints: {formatting.words(others)}: name them in"
+            " --rename to take them"
+        )
         blocks = {**blocks, "tau": channels[best.answer]}
         found = with_torque(found, found.torques[best.answer])
-        why = f"tau: {best.why}" if best.why else ""
-        found = replace(found, said=(*found.said, *filter(None, [why]), said))
+        found = replace(found, said=(*found.said, *said))
     register, bit = signed_register(blocks["tau"]) if robot is not None else (q, 0)
     pair = (fit(blocks["tau"]), fit(register)) if bit else (None, None)
     if pair[0] is not None and pair[1] is not None:
         odds = (pair[0].share / pair[1].share) ** N_PARTS
         if odds > _ODDS_OF_A_REGISTER:
             sign = 1.0 if pair[1].friction > 0.0 else -1.0
-            said = (
+            text = (
                 f"tau is a register whose bit {bit} is its sign: the arm leaves"
                 f" {100.0 * pair[1].share:.2g} % of it, {100.0 * pair[0].share:.2g} % as it"
                 " is written"
             )
             blocks = {**blocks, "tau": sign * register}
-            found = replace(found, said=(*found.said, said), is_of_arm=True)
+            found = replace(found, said=(*found.said, text), is_of_arm=True)
     return found, blocks
 
 
@@ -698,94 +640,77 @@ def _block(log: Log, group: str, parts: Sequence[Array], count: int) -> Array:
         if block.ndim > 2:
             what = f"{group} has {block.ndim} dimensions"
             raise InputError(what, "give it 2: samples and joints", log.path)
-        parts = [block]
     if len(parts) == 1 and block.ndim == 2:
         is_upright = len(block) == count or block.shape[1] != count
-        block = block if is_upright else block.T
-        if block.shape[1] == 0:
+        parts = [block if is_upright else block.T]
+        if parts[0].shape[1] == 0:
             what = f"{group} has no columns, so there are no joints"
             raise InputError(what, "give q, dq and tau a column a joint", log.path)
-        parts = [block]
     for part in parts:
         if len(part) != count:
             what = f"{group} has {len(part)} rows, t has {count}"
             raise InputError(what, "give each as many rows as t", log.path)
     if len(parts) == 1 and parts[0].ndim == 2:
         return np.ascontiguousarray(parts[0])
-    starts = (start for start, _ in iter_chunks(parts[0]))
     chunks = (
         np.column_stack([np.ravel(x[start : start + PART]) for x in parts])
-        for start in starts
+        for start, _ in iter_chunks(parts[0])
     )
-    return (
-        concatenate_chunks([np.zeros((0, len(parts))), *chunks])
-        if count
-        else np.zeros((0, len(parts)))
-    )
-
-
-def _episodes_in_a_row(log: Log, t: Array) -> Array:
-    """Make the clock (N,) [s] of several episodes ascend: each begins one second after
-    the end of the one before."""
-    steps = np.diff(t)
-    is_start = steps <= 0.0
-    if not is_start.any():
-        return t
-    gaps = np.where(is_start, 1.0 - steps, 0.0)
-    episodes = formatting.count(int(is_start.sum()) + 1, "episode")
-    said = f"{log.path}: {episodes} one after the other, a second apart"
-    warnings.warn(said, Remark, stacklevel=4)
-    return t + np.concatenate([[0.0], np.cumsum(gaps)])
+    return concatenate_chunks([np.zeros((0, len(parts))), *chunks])
 
 
 # -- 5. the sentence ------------------------------------------------------------------
 
 
-def reading_sentence(log: Log, found: Recognition) -> str:
-    """Format what was taken for what, in which unit and why."""
+def sentence_and_command(
+    log: Log, found: Recognition, choice: Choice
+) -> tuple[str, str]:
+    """Format what was taken for what, in which unit and why; and the same with the file's
+    path and the `convert` command that states it. Both are "" where nothing was guessed.
+    """
+    if found.is_identity:
+        return "", ""
     from sdp_vs_penalty.data.hypotheses.renaming import by_group
 
     shown = list[str]()
     for pairs in by_group(found.rename).values():
-        (ours, theirs), (our_last, their_last) = (
-            next(iter(pairs.items())),
-            list(pairs.items())[-1],
-        )
-        is_one = len(pairs) == 1
-        shown.append(
-            f"{ours} = {theirs}"
-            if is_one
-            else f"{ours}..{our_last} = {theirs} .. {their_last}"
-        )
-    said = [
-        f"columns recognised ({found.logger}): {', '.join(shown)}",
-        *found.sentences(),
-    ]
+        ours, theirs = ("..", " .. ") if len(pairs) > 1 else ("", "")
+        ends = [[*x][:: max(len(x) - 1, 1)] for x in (pairs, pairs.values())]
+        shown.append(f"{ours.join(ends[0])} = {theirs.join(ends[1])}")
+    units = (f"{group} in {x.answer}, {x.why}" for group, x in found.units.items())
+    said = [f"columns recognised ({found.logger}): {', '.join(shown)}"]
+    said += [*units, *found.said]
     if found.joints:
         other = " in the file's order, for the robot's have other names"
-        joints = f"joints {', '.join(found.joints)}"
-        said.append(joints + other if found.has_other_joints else joints)
-    return "; ".join(said)
+        said.append(
+            f"joints {', '.join(found.joints)}{other if found.has_other_joints else ''}"
+        )
+    sentence = "; ".join(said)
+    command = "" if log.remedy else repeating_command(log, found, choice)
+    repeated = f"; the same by `{command}`" if command else ""
+    return sentence, f"{log.path}: {sentence}{repeated}"
 
 
-def repeating_command(log: Log, found: Recognition, choice: Choice = Choice()) -> str:
+def repeating_command(log: Log, found: Recognition, choice: Choice) -> str:
     """Format the `convert` command that states a reading of the columns explicitly; ""
     where the user scales a channel whose unit was recognised, too: one factor is written
     a channel."""
     from sdp_vs_penalty.data.hypotheses.renaming import rename_words, scale_words
 
     given = choice.scale or {}
+    words = list[str]()
     if found.is_of_arm:  # it decides again where the robot is named, and no column is
-        has_arm = "--problem" in choice.options
-        return formatting.convert_command(log.path, *choice.options) if has_arm else ""
-    if {group_of(x.rstrip("*")) for x in given} & {*map(group_of, found.scale)}:
+        if "--problem" not in choice.options:
+            return ""
+    elif {group_of(x.rstrip("*")) for x in given} & {*map(group_of, found.scale)}:
         return ""
-    words = ["--rename", rename_words(found.rename, log.names)]
-    factors = [scale_words(found.scale, found.rename)] if found.scale else []
-    factors += [f"{name}={factor}" for name, factor in given.items()]
-    words += ["--scale", ",".join(factors)] if factors else []
-    words += ["--joints", ",".join(found.joints)] if found.order is not None else []
-    words += ["--rate", f"{choice.rate:.12g}"] if choice.rate is not None else []
+    else:
+        words += ["--rename", rename_words(found.rename, log.names)]
+        factors = [scale_words(found.scale, found.rename)] if found.scale else []
+        factors += [f"{name}={factor}" for name, factor in given.items()]
+        words += ["--scale", ",".join(factors)] if factors else []
+        words += ["--joints", ",".join(found.joints)] if found.order else []
+        words += ["--rate", f"{choice.rate:.12g}"] if choice.rate else []
     return formatting.convert_command(log.path, *words, *choice.options)
 
 

@@ -171,3 +171,24 @@ def test_texts_of_times_and_empty_cells_are_read_alike_in_every_form(
     keep = np.delete(np.arange(run.samples), [7, 30][:n_lost])
     np.testing.assert_allclose(got.t - got.t[0], run.t[keep] - run.t[0], atol=1e-5)
     np.testing.assert_allclose(got.tau, run.tau[keep], atol=1e-9)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+def test_steps_and_speeds_tell_the_unit_of_a_clock_without_velocities(
+    factor, unit, run, tmp_path
+):
+    path = tmp_path / "run.csv"
+    table(path, time=factor * run.t, pos=run.q, trq=run.tau)
+    got, said = read(path)
+    np.testing.assert_allclose(got.t, run.t, atol=1e-9)
+    assert f"t in {unit}, its steps are " in said
+
+
+@pytest.mark.parametrize("clock", ["time", "time [s]"])
+def test_poses_that_are_seconds_apart_stay_seconds(clock, run, tmp_path):
+    """In milliseconds the joints would move a thousand times as fast as any arm."""
+    poses = run.rows(slice(None, None, 40))
+    seconds = 3.5 * np.arange(poses.samples)
+    blocks = {clock: seconds, "pos": poses.q, "trq": poses.tau}
+    got, _ = read(table(tmp_path / "run.csv", **blocks))
+    np.testing.assert_allclose(got.t, seconds)

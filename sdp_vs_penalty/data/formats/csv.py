@@ -31,7 +31,7 @@ from sdp_vs_penalty.data.formats.text_table import (
 from sdp_vs_penalty.data.log import Column, Log, Values
 from sdp_vs_penalty.data.measurements import Measurements, columns_of
 from sdp_vs_penalty.data.store import AppendableArray
-from sdp_vs_penalty.data.words.stamps import seconds_of
+from sdp_vs_penalty.data.words.stamps import is_stamp, seconds_of
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.files import path_or_file, writing
 from sdp_vs_penalty.robot.arrays import Array
@@ -39,10 +39,15 @@ from sdp_vs_penalty.robot.arrays import Array
 SUFFIXES: tuple[str, ...] = (".csv",)
 SAMPLE = "row"
 
-#: Rows of a table: their numbers in the file, from 1, and their texts.
-Rows = tuple[Sequence[int], Sequence[str]]
-#: Values (N,) or (N, n) of a column, and (N,) whether its cell is empty.
-Cut = tuple[Array, NDArray[np.bool_]]
+#: How programs write an empty cell.
+EMPTY = ("null", "NULL", "NA", "N/A", "n/a", "#N/A", "-", "--", "None", "none", "NaT")
+#: More rows than this below the samples are no footer.
+_LONGEST_FOOTER = 20
+#: Rows of a table: their numbers in the file, from 1, and their cells.
+Rows = tuple[list[int], list[list[str]]]
+#: Values (N,) or (N, n) of a column, and (N,) whether its cell is empty; None without
+#: empty cells.
+Cut = tuple[Array, NDArray[np.bool_] | None]
 
 
 def read(path: Path) -> Log:
@@ -75,12 +80,8 @@ def log_of_table(table: TextTable) -> Log:
 
     def texts(names: Sequence[str]) -> list[list[str]]:
         chosen = [place[name] for name in names]
-        rows = (
-            _cells_of(table, number, line)
-            for numbers, lines in _value_rows(table, table.first)
-            for number, line in zip(numbers, lines, strict=True)
-        )
-        return [[row[k] for k in chosen] for row in rows]
+        pieces = _value_rows(table, table.first)
+        return [[row[k] for k in chosen] for _, rows in pieces for row in rows]
 
     _require_equal_clocks(table)
     return Log(
@@ -115,21 +116,25 @@ def _values(table: TextTable, place_of: dict[str, int]) -> Values:
     """
     chosen = list(place_of.values())
     numbers = AppendableArray()
-    values, gaps = ([AppendableArray() for _ in chosen] for _ in range(2))
+    values = [AppendableArray() for _ in chosen]
+    empty = [list[tuple[int, NDArray[np.bool_]]]() for _ in chosen]  # by first row
+    n_rows = 0
     for rows, piece in _pieces(table, chosen):
-        numbers.append(np.asarray(rows, np.intp))
-        for array, gap, (column, is_empty) in zip(values, gaps, piece, strict=True):
+        numbers.append(rows)
+        for array, found, (column, is_empty) in zip(values, empty, piece, strict=True):
             array.append(column)
-            gap.append(is_empty)
+            if is_empty is not None:
+                found.append((n_rows, is_empty))
+        n_rows += len(rows)
     rows = numbers.array()
     is_usual = not len(rows) or (rows[0] == 2 and rows[-1] == len(rows) + 1)
-    names = list(place_of)
-    found = {name: x.array() for name, x in zip(names, gaps, strict=True)}
-    return Values(
-        {name: x.array() for name, x in zip(names, values, strict=True)},
-        None if is_usual else rows,
-        {name: gap for name, gap in found.items() if gap.any()},
-    )
+    gaps = dict[str, NDArray[np.bool_]]()
+    for name, found in zip(place_of, empty, strict=True):
+        for first, is_empty in found:
+            gap = gaps.setdefault(name, np.zeros(n_rows, bool))
+            gap[first : first + len(is_empty)] = is_empty
+    columns = {x: y.array() for x, y in zip(place_of, values, strict=True)}
+    return Values(columns, None if is_usual else rows, gaps)
 
 
 def _pieces(table: TextTable, chosen: Sequence[int]) -> Iterator[tuple[Any, list[Cut]]]:
@@ -146,15 +151,18 @@ def _pieces(table: TextTable, chosen: Sequence[int]) -> Iterator[tuple[Any, list
     if is_simple and not (table.nested or table.has_wrapped_cells):
         try:
             for piece in _read_by_arrow(table, chosen):
-                rows = range(first, first + len(piece[0][0]))
-                yield rows, piece
-                first = rows.stop
+                last = first + len(piece[0][0])
+                yield np.arange(first, last), piece
+                first = last
         except ArrowException:
             pass  # what it does not take, the careful reader names or reads
         else:
             return
-    for numbers, lines in _value_rows(table, first):
-        yield numbers, _parse_rows(table, chosen, numbers, lines)
+    for numbers, cells in _value_rows(table, first):
+        columns = ([row[k] for row in cells] for k in chosen)
+        pairs = zip(chosen, columns, strict=True)
+        parsed = [_parse_column(table, k, numbers, x) for k, x in pairs]
+        yield np.array(numbers), parsed
 
 
 def _read_by_arrow(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Cut]]:
@@ -180,7 +188,7 @@ def _read_by_arrow(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Cut
     )
     kinds = arrow.ConvertOptions(
         column_types=types,
-        null_values=[""],
+        null_values=["", *EMPTY],
         include_columns=list(types),
         decimal_point=table.decimal,
     )
@@ -195,9 +203,9 @@ def _of_arrow(table: TextTable, column: int, values: Any) -> Cut:
     if table.kinds[column] in ("list", "stamp"):
         cells = [x or "" for x in values.to_pylist()]
         return _parse_column(table, column, range(len(cells)), cells)
-    is_empty = np.zeros(len(values), bool)
+    is_empty = None
     if values.null_count:
-        is_empty = np.array([x is None for x in values.to_pylist()])
+        is_empty = np.array(values.is_null().to_pylist())
         values = values.fill_null(np.nan)
     # By to_numpy() pandas would be imported.
     return np.asarray(np.from_dlpack(values).view(np.float64)), is_empty
@@ -206,13 +214,17 @@ def _of_arrow(table: TextTable, column: int, values: Any) -> Cut:
 def _value_rows(table: TextTable, first: int) -> Iterator[Rows]:
     """Iterate over the rows of values from row ``first`` on, piece by piece.
 
-    Empty rows, comments and repeated headers are left out, and a remark counts them;
-    empty rows at the end of the file do not count.
+    Empty rows, comments and repeated headers are left out, and a remark counts them; so
+    are the last rows where they are no samples: what a program writes below a table, and
+    a row in which it was stopped. Empty rows at the end of the file do not count. Raises
+    InputError for a row between others with more or fewer cells than the table has.
     """
     left_out = Counter[str]()
     n_trailing = 0  # empty rows since the last one that is not empty
+    has_samples = first > table.first
+    last = list[tuple[int, list[str]]]()  # rows since the last sample
     for first_of_piece, lines in iter_rows(table.path):
-        numbers, texts = list[int](), list[str]()
+        found = list[tuple[int, list[str]]]()
         for number, line in enumerate(lines, start=first_of_piece):
             text = line.strip()
             if number < first:
@@ -227,42 +239,48 @@ def _value_rows(table: TextTable, first: int) -> Iterator[Rows]:
             elif text == table.header_row:
                 left_out["repeated header"] += 1
             else:
-                numbers.append(number)
-                texts.append(line)
-        if numbers:
-            yield numbers, texts
-    kinds = ("empty row", "repeated header", "comment")
+                last.append((number, split_cells(line, table.delimiter)))
+                if _is_sample(table, last[-1][1]):
+                    found += last
+                    last = []
+        has_samples = has_samples or bool(found)
+        yield from _rows_of_width(table, found)
+    if has_samples and len(last) <= _LONGEST_FOOTER:
+        left_out["incomplete last row"] = len(last)
+    else:
+        yield from _rows_of_width(table, last)
+    kinds = ("empty row", "repeated header", "comment", "incomplete last row")
     shown = [formatting.count(left_out[x], x) for x in kinds if left_out[x]]
     if shown:
         said = f"{table.path}: {' and '.join(shown)} left out"
         warnings.warn(said, Remark, stacklevel=3)
 
 
-def _cells_of(table: TextTable, number: int, line: str) -> list[str]:
-    """Split a row into cells; raise InputError where they are more or fewer than the
-    table's."""
-    cells = split_cells(line, table.delimiter)
+def _is_sample(table: TextTable, cells: Sequence[str]) -> bool:
+    """Return whether a row has as many cells as the table, and a number or a time where
+    the first column has them."""
     if len(cells) != table.width:
-        than = "the header has" if table.has_header else "row 1 has"
-        what = f"row {number} has {len(cells)} cells, {than} {table.width}"
-        raise InputError(what, "complete the row or delete it", table.path)
-    return cells
+        return False
+    first = cells[0].removesuffix(table.cell_units.get(0, "")).strip()
+    if first in ("", "nan", "NaN", *EMPTY):
+        return True
+    if table.kinds[0] == "stamp":
+        return is_stamp(first)
+    return table.kinds[0] != "number" or is_number(first, table.decimal)
 
 
-def _parse_rows(
-    table: TextTable, chosen: Sequence[int], numbers: Sequence[int], rows: Sequence[str]
-) -> list[Cut]:
-    """Parse the chosen columns of some rows: plain numbers by NumPy at once, and where
-    that fails cell by cell, so that InputError names the wrong one by its row's number."""
-    if {*table.kinds} == {"number"} and table.decimal == ".":
-        with suppress(ValueError):
-            options: Any = {"delimiter": table.delimiter, "comments": None, "ndmin": 2}
-            block = np.loadtxt(rows, **options)
-            if block.shape[1] == table.width:
-                full = np.zeros(len(block), bool)
-                return [(np.ascontiguousarray(block[:, k]), full) for k in chosen]
-    cells = [_cells_of(table, n, line) for n, line in zip(numbers, rows, strict=True)]
-    return [_parse_column(table, k, numbers, [row[k] for row in cells]) for k in chosen]
+def _rows_of_width(
+    table: TextTable, rows: Sequence[tuple[int, list[str]]]
+) -> Iterator[Rows]:
+    """Return rows apart from their numbers; raise InputError where one has more or fewer
+    cells than the table."""
+    for number, cells in rows:
+        if len(cells) != table.width:
+            than = "the header has" if table.has_header else "row 1 has"
+            what = f"row {number} has {len(cells)} cells, {than} {table.width}"
+            raise InputError(what, "complete the row or delete it", table.path)
+    if rows:
+        yield [number for number, _ in rows], [cells for _, cells in rows]
 
 
 def _parse_lists(table: TextTable, column: int, cells: Sequence[str]) -> Array:
@@ -287,21 +305,42 @@ def _parse_column(
     are empty. Raises InputError naming the row of the cell that is no number."""
     unit = table.cell_units.get(column, "")
     cells = [cell.removesuffix(unit).strip() for cell in cells] if unit else cells
-    is_empty = np.array([not cell for cell in cells], bool)
-    filled = [cell for cell in cells if cell]
+    are_times = table.kinds[column] == "stamp"  # a time that is NaN is no time
+    no_values = {"", *EMPTY, *(("nan", "NaN") if are_times else ())}
+    is_empty = np.array([cell in no_values for cell in cells], bool)
+    filled = [x for x, is_gap in zip(cells, is_empty, strict=True) if not is_gap]
     if table.kinds[column] == "list":
         values = _parse_lists(table, column, filled)
-    elif table.kinds[column] == "stamp":
+    elif are_times:
         values = seconds_of(filled)
     else:
-        for number, cell in zip(numbers, cells, strict=True):
-            if cell and not is_number(cell, table.decimal):
-                what = f"row {number}, column {column + 1} holds {cell[:40]!r}, not a number"
-                raise InputError(what, "correct it or delete the row", table.path)
-        values = np.array([plain_number(x, table.decimal) for x in filled], float)
+        values = _parse_numbers(table, column, numbers, cells, is_empty)
     out = np.full((len(cells), *values.shape[1:]), np.nan)
     out[~is_empty] = values
-    return out, is_empty
+    return out, is_empty if is_empty.any() else None
+
+
+def _parse_numbers(
+    table: TextTable,
+    column: int,
+    numbers: Sequence[int],
+    cells: Sequence[str],
+    is_empty: NDArray[np.bool_],
+) -> Array:
+    """Parse the cells of a column that are not empty: at once, and where that fails one
+    by one, so that InputError names the row of the wrong one."""
+    filled = [x for x, is_gap in zip(cells, is_empty, strict=True) if not is_gap]
+    text = "".join(filled)
+    if table.decimal == "." and text.isascii() and "_" not in text:
+        with suppress(ValueError):
+            return np.array(filled, float)
+    for number, cell, is_gap in zip(numbers, cells, is_empty, strict=True):
+        if not is_gap and not is_number(cell, table.decimal):
+            what = (
+                f"row {number}, column {column + 1} holds {cell[:40]!r}, not a number"
+            )
+            raise InputError(what, "correct it or delete the row", table.path)
+    return np.array([plain_number(x, table.decimal) for x in filled], float)
 
 
 def write(measurements: Measurements, path: Path) -> None:

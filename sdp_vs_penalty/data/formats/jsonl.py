@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.data.formats.text_file import iter_rows
-from sdp_vs_penalty.data.log import Log, log_of_arrays, real_numbers
-from sdp_vs_penalty.data.words.stamps import is_stamp, past_midnight, seconds_of
+from sdp_vs_penalty.data.log import Log, log_of_arrays
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -47,55 +46,21 @@ def read_text(path: Path, refused: InputError) -> Log:
             return read(path)
         except InputError:
             raise refused from None
-    try:
-        log = _log_of_content(path, content)
-    except (TypeError, ValueError, InputError) as error:  # rows of pandas that are none
-        raise (error if isinstance(error, InputError) else refused) from None
-    if log is None or not any(
-        len(x) > 1 for x in log.read(_numeric(log)).columns.values()
-    ):
-        raise refused
-    _refuse_columns_of_other_rows(path, content)
-    return log
-
-
-def _numeric(log: Log) -> list[str]:
-    """List the columns that are no texts."""
-    return [name for name, x in log.columns.items() if x.kind != "text"]
-
-
-def _log_of_content(path: Path, content: Any) -> Log | None:
-    """Return the channels of a JSON value; None where it can hold none."""
     if isinstance(content, list) and all(isinstance(x, Mapping) for x in content):
         samples = [dict(leaves(sample)) for sample in content]
         return log_of_samples(path, samples, range(1, len(samples) + 1), "object")
-    if not isinstance(content, Mapping):
-        return None
-    if {*content} == {"columns", "index", "data"}:
-        rows = zip(*content["data"], strict=True)
-        content = dict(zip(content["columns"], rows, strict=True))
-    columns, joints = dict[str, Array](), list[str]()
-    for name, values in _lists(content):
-        if _are(str, values) and all(map(is_stamp, values)):
-            columns[name] = past_midnight(seconds_of(values))
-            continue
-        if _are(str, values):
-            joints = (
-                joints or list(values)
-                if name.endswith(("names", "name", "joints"))
-                else joints
-            )
-            continue
-        try:
-            columns[name] = real_numbers(path, name, np.array(values))
-        except (InputError, ValueError):
-            continue  # texts, or lists of different lengths: no channel
-    facts = {
-        x: {"joints": tuple(joints)}
-        for x, block in columns.items()
-        if joints and block.shape[1:] == (len(joints),)
-    }
-    return log_of_arrays(path, columns, facts=facts)
+    try:
+        if isinstance(content, Mapping) and {*content} == {"columns", "index", "data"}:
+            rows = zip(*content["data"], strict=True)
+            content = dict(zip(content["columns"], rows, strict=True))
+        lists = dict(_lists(content)) if isinstance(content, Mapping) else {}
+    except (TypeError, ValueError):  # rows of pandas that are none
+        raise refused from None
+    _refuse_columns_of_other_rows(path, content)
+    log = log_of_lists(path, lists)
+    if all(x.kind == "text" for x in log.columns.values()):
+        raise refused
+    return log
 
 
 def _lists(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, list]]:
@@ -108,31 +73,25 @@ def _lists(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
             yield name, [value[row] for row in sorted(value, key=int)]
         elif isinstance(value, Mapping):
             yield from _lists(value, f"{name}.")
-        elif (
-            isinstance(value, list | tuple) and len(value) > 1 and _are(Mapping, value)
-        ):
-            for field in value[0]:
-                yield f"{name}.{field}", [item.get(field) for item in value]
-        elif isinstance(value, list | tuple):
-            yield name, list(value)
+        elif isinstance(value, list | tuple) and len(value) > 1:
+            fields = value[0] if _are(Mapping, value) else ()
+            yield from (
+                (f"{name}.{x}", [item.get(x) for item in value]) for x in fields
+            )
+            yield from [] if fields else [(name, list(value))]
 
 
 def _is_keyed_by_rows(value: Any) -> bool:
     """Return whether a JSON value is a column of pandas, {"0": 1.5, "1": 2.5}."""
-    return (
-        isinstance(value, Mapping)
-        and bool(value)
-        and all(key.isascii() and key.isdigit() for key in value)
-    )
+    is_object = isinstance(value, Mapping) and bool(value)
+    return is_object and all(key.isascii() and key.isdigit() for key in value)
 
 
 def _refuse_columns_of_other_rows(path: Path, content: Any) -> None:
     """Raise InputError where two columns of one object have as many rows, but not the
     same: side by side, their numbers would be of different samples."""
-    if not isinstance(content, Mapping):
-        return
     first_of_length = dict[int, str]()
-    for name, column in content.items():
+    for name, column in content.items() if isinstance(content, Mapping) else ():
         if not _is_keyed_by_rows(column):
             _refuse_columns_of_other_rows(path, column)
             continue
@@ -147,10 +106,6 @@ def log_of_samples(
 ) -> Log:
     """Put the fields of N samples together to columns.
 
-    Fields that hold a number, or a list of equal length, in every sample become columns.
-    Objects in a list that are named by numbers are in the order of these. A list whose
-    objects change is left out.
-
     Parameters
     ----------
     samples : sequence of mappings
@@ -160,31 +115,49 @@ def log_of_samples(
     word : str
         What messages call a sample.
     """
+    names = samples[0] if samples else ()
+    lists = {name: [sample.get(name) for sample in samples] for name in names}
+    return log_of_lists(path, lists, numbers, word)
+
+
+def log_of_lists(
+    path: Path,
+    lists: Mapping[str, Sequence[Any]],
+    numbers: Sequence[int] | None = None,
+    word: str = "sample",
+) -> Log:
+    """Make a log of JSON lists, one a column: a number or text, or a list of these, for
+    each sample; or the joints' names once.
+
+    Objects in a list that are named by numbers are in the order of these. A list whose
+    objects change is left out.
+    """
     columns, texts = dict[str, Array](), dict[str, list[Sequence[str]]]()
-    items = dict[str, list[str]]()
-    for name, first in samples[0].items() if samples else ():
-        values = [sample.get(name) for sample in samples]
-        if isinstance(first, str):
-            cells = [x for x in values if isinstance(x, str) and is_stamp(x)]
-            if len(cells) == len(values):
-                columns[name] = past_midnight(seconds_of(cells))
+    items, joints = dict[str, list[str]](), tuple[str, ...]()
+    for name, values in lists.items():
+        if isinstance(values[0], str):
+            texts[name] = [[str(x)] for x in values]
+            if name.endswith(("names", "name", "joints")):
+                joints = joints or tuple(map(str, values))
+        elif _are(str, values[0]):
+            named = [list(map(str, x)) if isinstance(x, list) else [] for x in values]
+            of_list = name.removesuffix(".name")
+            if any(other.startswith(f"{of_list}[") for other in lists):
+                counted = numbers or range(1, len(named) + 1)
+                _keep_same_items(path, items, of_list, named, counted, word)
+            else:
+                texts[name] = [*named]
+        elif isinstance(values[0], bool) or _are(
+            str, next((x for x in values if isinstance(x, list)), None)
+        ):
             continue
-        if not _are(str, first):
-            if not any(x is None or _are(str, x) for x in values):
-                columns[name] = _block(path, name, values)
-            continue
-        named = [list(map(str, x)) if isinstance(x, list) else [] for x in values]
-        of_list = name.removesuffix(".name")
-        if not any(other.startswith(f"{of_list}[") for other in samples[0]):
-            texts[name] = [*named]
-            continue
-        pairs = zip(numbers, named, strict=True)
-        number = next((n for n, x in pairs if {*x} != {*named[0]}), None)
-        if number is not None:  # perhaps contacts that come and go
-            said = f"{word} {number} names other joints than the first"
-            said = f"{path}: {said}: the list {of_list} is left out"
-            warnings.warn(said, Remark, stacklevel=2)
-        items[of_list] = named[0] if number is None else []
+        else:
+            try:
+                columns[name] = np.array(values, float)
+            except (TypeError, ValueError, OverflowError) as error:
+                texts[name] = [[str(error)]] * len(
+                    values
+                )  # whoever chooses it hears so
     facts = dict[str, dict[str, Any]]()
     # An inner list stands behind the outer one, and is renamed first.
     for of_list, names in reversed(items.items()):
@@ -201,8 +174,30 @@ def log_of_samples(
                 facts[new] = {} if is_counted else {"joints": (label,)}
         by_place = sorted(renamed.items(), key=lambda item: _place(of_list, item[0]))
         columns = dict(by_place)
-    rows = np.array(numbers, int)
-    return log_of_arrays(path, columns, texts, facts, word=word, rows=rows)
+    for name, block in columns.items():
+        if joints and block.shape[1:] == (len(joints),):
+            facts[name] = {"joints": joints}
+    rows = None if numbers is None else np.array(numbers, int)
+    return log_of_arrays(path, columns, texts, facts, rows, has_gaps=True, word=word)
+
+
+def _keep_same_items(
+    path: Path,
+    items: dict[str, list[str]],
+    of_list: str,
+    named: Sequence[list[str]],
+    numbers: Sequence[int],
+    word: str,
+) -> None:
+    """Add the names of a list's objects to the lists that are kept: none where a sample
+    has other objects, such as contacts that come and go."""
+    pairs = zip(numbers, named, strict=True)
+    number = next((n for n, x in pairs if {*x} != {*named[0]}), None)
+    if number is not None:
+        said = f"{word} {number} names other joints than the first"
+        said = f"{path}: {said}: the list {of_list} is left out"
+        warnings.warn(said, Remark, stacklevel=2)
+    items[of_list] = named[0] if number is None else []
 
 
 def _place(of_list: str, name: str) -> int:
@@ -214,14 +209,13 @@ def _place(of_list: str, name: str) -> int:
 def _parse_line(path: Path, number: int, line: str) -> dict[str, Any]:
     """Parse the numbers, and lists of numbers or texts, of one line, by their names;
     raise InputError where it is no JSON object."""
-    remedy = "write one JSON object a line"
+    what = f"line {number} is no JSON object"
     try:
         content = json.loads(line)
     except (ValueError, RecursionError) as error:
-        what = f"line {number} is no JSON ({str(error)[:80]})"
-        raise InputError(what, remedy, path) from error
+        content, what = None, f"line {number} is no JSON ({str(error)[:80]})"
     if not isinstance(content, dict):
-        raise InputError(f"line {number} is no JSON object", remedy, path)
+        raise InputError(what, "write one JSON object a line", path)
     return dict(leaves(content))
 
 
@@ -242,10 +236,12 @@ def leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
                 yield f"{prefix}{key}.name", names
             for label, item in zip(names or range(len(value)), value, strict=True):
                 if isinstance(item, Mapping):
-                    yield from leaves(item, f"{prefix}{key}[{label}].")
+                    fields = {x: y for x, y in item.items() if x not in _LABELS}
+                    yield from leaves(fields, f"{prefix}{key}[{label}].")
         elif (
-            _is_number(value)
-            or (isinstance(value, str) and is_stamp(value))
+            value is None
+            or isinstance(value, str)
+            or _is_number(value)
             or _are(str, value)
             or (isinstance(value, list) and value and all(map(_is_number, value)))
         ):
@@ -274,16 +270,3 @@ def _is_number(value: Any) -> bool:
     """Return whether a JSON value is a number; true and false, which Python counts as
     integers, are none."""
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _block(path: Path, name: str, values: list[Any]) -> Array:
-    """Convert the values of one field to (N,) numbers, or (N, n) where they are lists;
-    raise InputError where these have different lengths, or a number is too large."""
-    if len({len(x) if isinstance(x, list) else -1 for x in values}) > 1:
-        what = f"field {name} holds lists of different lengths"
-        raise InputError(what, "give each line as many values", path)
-    try:
-        return np.array(values, float)
-    except OverflowError as error:
-        what = f"field {name} holds a number that is too large"
-        raise InputError(what, "write floating-point numbers", path) from error

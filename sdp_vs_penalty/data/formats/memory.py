@@ -2,15 +2,14 @@
 polars. It is read as the file that it came from."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.log import Log, Values, log_of_arrays
+from sdp_vs_penalty.data.log import Log, log_of_arrays
 from sdp_vs_penalty.data.words.stamps import is_stamp, past_midnight, seconds_of
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
@@ -71,19 +70,15 @@ def log_in_memory(source: Any, number: int, what: str) -> Log | None:
             arrays[name] = np.atleast_1d(array)
             if array.ndim == 1:
                 facts.setdefault(name, {"kind": "number"})
-    log = log_of_arrays(Path(f"run{number}"), arrays, facts=facts, remedy=_REMEDY)
-
-    def read(names: Sequence[str]) -> Values:
-        chosen = {name: arrays[name] for name in names}
-        gaps = {
-            name: np.asarray(np.isnan(x.reshape(len(x), -1)).any(axis=1))
-            for name, x in chosen.items()
-        }
-        gaps = {name: gap for name, gap in gaps.items() if gap.any()}
-        count = max(map(len, chosen.values()), default=0)
-        return Values(chosen, np.arange(1, count + 1), gaps)
-
-    return replace(log, read=read) if is_frame else log
+    rows = np.arange(1, 1 + max(map(len, arrays.values()), default=0))
+    return log_of_arrays(
+        Path(f"run{number}"),
+        arrays,
+        facts=facts,
+        rows=rows,
+        has_gaps=is_frame,
+        remedy=_REMEDY,
+    )
 
 
 def _index_of(frame: Any, columns: Mapping[str, Any]) -> dict[str, Any]:

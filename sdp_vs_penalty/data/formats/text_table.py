@@ -269,6 +269,8 @@ def _find_header(
     has_numbers = any(map(number, filter(None, head)))
     if len(comment) == len(head) and has_numbers:
         return comment, 0
+    if len(comment) == len(head) and all(_is_unit(x) or not x for x in head):
+        return _names_of_rows([comment, head]), 1
     pairs = zip(head, following, strict=False)
     has_names = len(following) == len(head) and any(
         a and not number(a) and number(b) for a, b in pairs

@@ -22,19 +22,17 @@ _NARROWEST, _SHORTEST = 5, 100
 
 
 @dataclass(frozen=True)
-class Fit:
+class ChannelFit:
     """What the arm leaves of the torques of a log, in parts that it was not fitted to."""
 
     #: Root mean square of what is left over that of the torque around its mean [-].
     share: float
-    #: The same without friction: rigid bodies and zeros alone [-].
-    share_without_friction: float
     #: Power that friction takes, over the torques' spread: negative where torques count
     #: the other way.
     friction: float
 
 
-def fit_arm(robot: Robot, t: Array, q: Array, tau: Array) -> Fit | None:
+def fit_arm(robot: Robot, t: Array, q: Array, tau: Array) -> ChannelFit | None:
     """Fit an arm's ten parameters a link, friction and zeros to the torques of a log.
 
     Masses and frictions are of any size, so that the unit of the torques (N, n) does not
@@ -74,33 +72,28 @@ def fit_arm(robot: Robot, t: Array, q: Array, tau: Array) -> Fit | None:
     spreads = nonzero_or_one(np.std(tau, axis=0))
     count, n = tau.shape
     rigid = np.asarray(robot.regressor(q, dq, ddq)).reshape(count, n, -1)
-    own = np.zeros((count, n, 4 * n))
-    for j in range(n):
-        laws = (
-            ddq[:, j],
-            np.ones(count),
-            dq[:, j],
-            np.tanh(10.0 * dq[:, j] / usual_speed[j]),
-        )
-        for k, law in enumerate(laws):
-            own[:, j, k * n + j] = law
-    part = np.arange(count) * N_PARTS // count
-    shares = []
-    for n_own in (4 * n, 2 * n):
-        columns = np.concatenate([rigid, own[:, :, :n_own]], axis=2) / spreads[:, None]
-        left = np.zeros_like(tau)
-        for k in range(N_PARTS):
-            train, test = part != k, part == k
-            A, b = columns[train].reshape(-1, columns.shape[2]), (tau / spreads)[train]
-            scale = nonzero_or_one(np.linalg.norm(A, axis=0))
-            theta = np.linalg.lstsq(A / scale, b.ravel(), rcond=1e-6)[0] / scale
-            left[test] = (tau / spreads)[test] - columns[test] @ theta
-        shares.append(min(float(np.sqrt(np.mean(left**2))), 1.0))
-        if n_own == 4 * n:
-            coefficients = theta[-2 * n :]
-            power = own[:, :, -2 * n :] @ coefficients * dq
-            friction = float(np.mean(power / spreads / usual_speed))
-    return Fit(shares[0], shares[1], friction)
+    friction = np.tanh(10.0 * dq / usual_speed)
+    laws = np.stack([ddq, np.ones_like(dq), dq, friction])  # of each joint alone
+    own = np.einsum("kij,jl->ijkl", laws, np.eye(n)).reshape(count, n, -1)
+    columns = np.concatenate([rigid, own], axis=2) / spreads[:, None]
+    scale = nonzero_or_one(np.linalg.norm(columns, axis=(0, 1)))
+    rows = np.concatenate([columns / scale, (tau / spreads)[:, :, None]], axis=2)
+    parts = np.array_split(rows, N_PARTS)
+    factors = [_triangular(list(x)) for x in parts]
+    left = list[Array]()
+    for k, part in enumerate(parts):
+        others = _triangular(factors[:k] + factors[k + 1 :])
+        theta = np.linalg.lstsq(others[:, :-1], others[:, -1], rcond=1e-6)[0]
+        left.append(np.ravel(part[:, :, -1] - part[:, :, :-1] @ theta))
+    share = min(float(np.sqrt(np.mean(np.concatenate(left) ** 2))), 1.0)
+    of_friction = slice(-2 * n, None)
+    power = own[:, :, of_friction] @ (theta / scale)[of_friction] * dq
+    return ChannelFit(share, float(np.mean(power / spreads / usual_speed)))
+
+
+def _triangular(blocks: list[Array]) -> Array:
+    """Return the triangular factor of blocks of rows, one below the other."""
+    return np.asarray(np.linalg.qr(np.vstack(blocks), mode="r"))
 
 
 def signed_register(values: Array) -> tuple[Array, int]:

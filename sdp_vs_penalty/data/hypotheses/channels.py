@@ -10,7 +10,7 @@ from sdp_vs_penalty.data.words.tokens import group_of
 from sdp_vs_penalty.data.words.units import UNITS
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.data.hypotheses.weighing import Hypothesis
+    from sdp_vs_penalty.data.hypotheses.weighing import ColumnHypothesis
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Recognition:
     #: The program that writes such files, or how the columns were recognised, in words.
     logger: str = "by their words"
     #: Unit of channel groups, with the reason.
-    units: Mapping[str, Hypothesis] = field(default_factory=dict)
+    units: Mapping[str, ColumnHypothesis] = field(default_factory=dict)
     #: Other sentences: of motors, of currents, of what is not used.
     said: tuple[str, ...] = ()
     #: ANGLE, SERVO or CLOCK by channel group, of units that the values show.
@@ -46,12 +46,17 @@ class Recognition:
     is_of_arm: bool = False
 
     @property
-    def is_identity(self) -> bool:
-        """Whether all columns have our names, or the file says what they are, so that
-        nothing was guessed."""
-        return not self.logger or all(x == y for x, y in self.rename.items())
+    def has_our_names(self) -> bool:
+        """Whether all columns have our names."""
+        return all(x == y for x, y in self.rename.items())
 
-    def with_unit(self, group: str, unit: Hypothesis) -> Recognition:
+    @property
+    def is_identity(self) -> bool:
+        """Whether nothing was guessed, since the columns have our names, or the file says
+        what they are."""
+        return not self.logger or self.has_our_names
+
+    def with_unit(self, group: str, unit: ColumnHypothesis) -> Recognition:
         """Return the recognition with another unit of a channel group."""
         scale = {k: x for k, x in self.scale.items() if group_of(k) != group}
         factor = UNITS.get(unit.answer.lower(), 1.0)
@@ -63,11 +68,6 @@ class Recognition:
         """List the factors to SI of a group's n columns."""
         whole = self.scale.get(group, 1.0)
         return [self.scale.get(f"{group}{k}", whole) for k in range(1, n + 1)]
-
-    def sentences(self) -> list[str]:
-        """List what is said of units, and of what is not used."""
-        units = (f"{group} in {x.answer}, {x.why}" for group, x in self.units.items())
-        return [*units, *self.said]
 
 
 def has_our_names(names: Sequence[str]) -> bool:

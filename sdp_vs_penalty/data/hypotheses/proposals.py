@@ -8,11 +8,22 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.catalogue import fetch_remedy
 from sdp_vs_penalty.data.hypotheses.recognition import find_clock
-from sdp_vs_penalty.data.hypotheses.renaming import scale_words
-from sdp_vs_penalty.data.hypotheses.weighing import rate_from_velocities
+from sdp_vs_penalty.data.hypotheses.renaming import rename_words, scale_words
+from sdp_vs_penalty.data.hypotheses.weighing import rate_from_velocities, unit_of_dates
 from sdp_vs_penalty.data.log import Log
-from sdp_vs_penalty.data.words.names import is_no_measurement, quantity_of, read_name
-from sdp_vs_penalty.data.words.tokens import brief_names, families, group_of, parts_of
+from sdp_vs_penalty.data.words.names import (
+    INITIALS,
+    is_no_measurement,
+    quantity_of,
+    read_name,
+)
+from sdp_vs_penalty.data.words.tokens import (
+    brief_names,
+    families,
+    group_of,
+    split_tokens,
+)
+from sdp_vs_penalty.data.words.units import UNITS, units_of_name
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -41,19 +52,20 @@ def _rename_remedy(log: Log, missing: Sequence[str], n_joints: int | None) -> st
     names = log.names
     if not names:
         return "write numbers, a column or an array a channel (t, q, tau)"
-    pairs = {}
-    if {"q", "tau"} <= {*missing} and {*map(quantity_of, names)} <= {None, "t"}:
-        pairs = _in_order(names, n_joints)
-    pairs = pairs or _by_words(names, missing)
-    words = ["--rename", ",".join(f"{group}={name}" for group, name in pairs.items())]
-    scale, alike = dict[str, float](), families(names)
-    for ours, pattern in pairs.items():
-        column = alike.get(pattern, [pattern])[0]
-        said = read_name(column) if len(parts_of(pattern, names)) == 1 else None
-        if said is not None and said.factor != 1.0 and pattern != "NAME":
-            scale[ours.rstrip("*")] = said.factor
-    if scale:
-        words += ["--scale", scale_words(scale, dict.fromkeys(scale, ""))]
+    pairs = _by_words(log, missing)
+    says_nothing = {*map(quantity_of, names)} <= {None, "t"}
+    if "NAME" in pairs.values() and {"q", "tau"} <= {*missing} and says_nothing:
+        pairs = _in_order(names, n_joints) or pairs
+    scale = dict[str, float]()
+    for ours, name in pairs.items():
+        if name not in log.columns:
+            continue  # a stamp in parts, or none
+        units = [x for x in units_of_name(name) if x.quantity == group_of(ours)]
+        dated = unit_of_dates(log.columns[name].head) if ours == "t" else None
+        factor = units[0].factor if units else UNITS[dated.answer] if dated else 1.0
+        scale |= {ours: factor} if factor != 1.0 else {}
+    words = ["--rename", rename_words(pairs, names)]
+    words += ["--scale", scale_words(scale, pairs)] if scale else []
     how = f"name them with `{formatting.convert_command(log.path, *words)}`"
     if "NAME" in pairs.values():
         how += f" (columns of joints as '{missing[-1]}*=NAME_*')"
@@ -72,23 +84,24 @@ def _in_order(names: Sequence[str], n_joints: int | None) -> dict[str, str]:
     For tables in which no name says more than a number, as MATLAB writes them: "Var1"
     and the blocks "Var2_1", "Var2_2" ..., or "Var1", "Var2" ... of all channels.
     """
-    blocks = {pattern: x for pattern, x in families(list(names)).items() if len(x) > 1}
-    in_blocks = {name for columns in blocks.values() for name in columns}
+    blocks = [x for x in families(names).values() if len(x) > 1]
+    in_blocks = {name for columns in blocks for name in columns}
     single = [name for name in names if name not in in_blocks]
     if len(single) > 1 or not blocks:
         return {}
     if len(blocks) == 1:
-        clock, *channels = [*single, *next(iter(blocks.values()))]
+        clock, *channels = [*single, *blocks[0]]
         layout = layout_of(len(channels), n_joints, has_clock=False)
-        fits = layout and n_joints in (
-            None,
-            len(channels) // len({*map(group_of, layout)}),
-        )
+        n_groups = len({*map(group_of, layout)})
+        fits = layout and n_joints in (None, len(channels) // n_groups)
         return {"t": clock, **dict(zip(layout, channels, strict=True))} if fits else {}
-    groups = {3: ("q*", "dq*", "tau*"), 2: ("q*", "tau*")}.get(len(blocks), ())
-    if not groups or not single or len({*map(len, blocks.values())}) > 1:
+    groups = {len(x): x for x in _GROUPS}.get(len(blocks), ())
+    if not groups or not single or len({*map(len, blocks)}) > 1:
         return {}
-    return {"t": single[0], **dict(zip(groups, blocks, strict=True))}
+    pairs = {"t": single[0]}
+    for group, columns in zip(groups, blocks, strict=True):
+        pairs |= {f"{group}{k}": name for k, name in enumerate(columns, 1)}
+    return pairs
 
 
 def layout_of(
@@ -115,36 +128,48 @@ def layout_of(
     return []
 
 
-def _by_words(names: Sequence[str], missing: Sequence[str]) -> dict[str, str]:
-    """Propose columns by the words in their names, "NAME" where none fits; "q*" has a
-    pattern with a star for the number.
+def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
+    """Propose columns by the words in their names, "NAME" where none fits.
 
-    Families without such words are proposed only where exactly as many are left as
-    groups: the first for positions, the next for torques, as most files have them.
+    Families and blocks without such words are proposed by their first letter, and where
+    exactly as many are left as groups: the first for positions, the next for torques, as
+    most files have them.
     """
-    alike = {p: x for p, x in families(list(names)).items() if len(x) > 1}
-    quantities = {pattern: quantity_of(x[0]) for pattern, x in alike.items()}
+    alike = [x for x in families(log.names).values() if len(x) > 1]
+    alike += [[name] for name, x in log.columns.items() if x.kind == "list"]
+    quantities = [quantity_of(x[0]) for x in alike]
     unknown = [
-        p
-        for p, x in quantities.items()
-        if x in (None, "t") and not is_no_measurement(p)
+        k
+        for k, quantity in enumerate(quantities)
+        if quantity in (None, "t") and not is_no_measurement(alike[k][0])
     ]
-    n_open = len({*missing} - {"t", *quantities.values()})
-    is_one_to_one = len(unknown) == n_open and len(alike) > 1
-    is_one_to_one &= len({*map(len, alike.values())}) == 1
-    said = {x: read_name(x) for x in names}
+    for k in unknown:
+        words = {*split_tokens(alike[k][0])}
+        first = [x for x, known in INITIALS.items() if words & {*known.split()}]
+        if first and first[0] not in quantities:
+            quantities[k] = first[0]
+    unknown = [k for k in unknown if quantities[k] in (None, "t")]
+    n_open = len({*missing} - {"t", *quantities})
+    if len(unknown) == n_open and len(alike) > 1 and len({*map(len, alike)}) == 1:
+        for k, group in zip(
+            unknown, [x for x in missing if x not in ("t", *quantities)], strict=True
+        ):
+            quantities[k] = group
+    said = {x: read_name(x) for x in log.names}
     pairs = dict[str, str]()
-    for group in missing:
-        patterns = [p for p, quantity in quantities.items() if quantity == group]
-        blocks = [
+    with_velocities = {"q": ["q", "dq"] if "dq" in quantities else ["q"]}
+    for group in (y for x in missing for y in with_velocities.get(x, [x])):
+        columns = next((alike[k] for k, x in enumerate(quantities) if x == group), [])
+        named = [
             x for x, m in said.items() if m and m.quantity == group and m.number is None
         ]
         if group == "t":
-            pairs["t"] = find_clock(names) or "NAME"
-        elif patterns or is_one_to_one:
-            pairs[f"{group}*"] = patterns[0] if patterns else unknown.pop(0)
+            pairs["t"] = find_clock(log.columns) or "NAME"
+        elif len(columns) > 1:
+            pairs |= {f"{group}{k}": name for k, name in enumerate(columns, 1)}
         else:
-            pairs[group] = blocks[0] if len(blocks) == 1 else "NAME"
+            named = columns or named
+            pairs[group] = named[0] if len(named) == 1 else "NAME"
     return pairs
 
 

@@ -24,7 +24,8 @@ from sdp_vs_penalty.data.hypotheses.weighing import (
     ANGLE,
     CLOCK,
     SERVO,
-    Hypothesis,
+    TIME,
+    ColumnHypothesis,
     unit_of_dates,
 )
 from sdp_vs_penalty.data.log import Column
@@ -227,7 +228,7 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
         return other if other and not stands_still else "+".join(time_of_day)
     if pair := find_two_parts(names):
         return "+".join(pair)
-    said = {name: read_name(name) for name in names}
+    said = {name: read_name(name) for name in names if columns[name].kind != "list"}
     clocks = [
         (x.rank, len(x.other_words), name)
         for name, x in said.items()
@@ -243,7 +244,7 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
         [
             x
             for x in names
-            if not said[x] and read_time_by_unit(x) and _rises(columns[x])
+            if not said.get(x) and read_time_by_unit(x) and _rises(columns[x])
         ],
     )
     clock = min(clocks)[2] if clocks else None
@@ -258,11 +259,12 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
 
 
 def _rises(column: Column, unit: float = 0.0) -> bool:
-    """Return whether the first numbers of a column, three or more, rise, and not in
-    whole numbers of ``unit``."""
+    """Return whether the first numbers of a column, three or more, never fall, rise, and
+    not in whole numbers of ``unit``; in a table with a row a joint they repeat."""
     head = column.head if column.kind == "number" else np.zeros(0)
     is_whole = unit > 0.0 and not np.any(head % unit)
-    return len(head) > 2 and bool(np.all(np.diff(head) > 0.0)) and not is_whole
+    rises = len(head) > 2 and bool(np.all(np.diff(head) >= 0.0)) and head[-1] > head[0]
+    return bool(rises) and not is_whole
 
 
 def _our_name(group: str, key: Hashable, number: int) -> str:
@@ -292,7 +294,7 @@ def _with_stated_units(
             is_stated = group in stated
             why = f"as {'the file' if is_stated else logger['name']}"
             why += "'s metadata say" if is_stated else " writes it"
-            known = Hypothesis(f"unit of {group}", unit, 1.0, why)
+            known = ColumnHypothesis(unit, 1.0, why)
             found = found.with_unit(group, known)
             if group == "tau" and unit.lower() in AMPERES:
                 found = replace(found, torque_unit="A")
@@ -379,16 +381,14 @@ def _joints_of_words(
 def with_units_of_names(found: Recognition, said: Mapping[str, Meaning]) -> Recognition:
     """Add what the columns' names say about units: units other than SI, per cent of a
     rating, unknown units, positions of motors, and torques that are motor currents."""
-    scale, units, more = {**found.scale}, dict[str, Hypothesis](), list[str]()
+    scale, units, more = {**found.scale}, dict[str, ColumnHypothesis](), list[str]()
     for group, pairs in sorted(by_group(found.rename).items()):
         meanings = {x: said[x] for x in pairs.values() if x in said}
         for ours, name in pairs.items():
             if name in meanings and meanings[name].factor != 1.0:
                 scale[ours] = meanings[name].factor
                 why = "the unit that its name ends with"
-                units[group] = Hypothesis(
-                    f"unit of {group}", meanings[name].unit, 1.0, why
-                )
+                units[group] = ColumnHypothesis(meanings[name].unit, 1.0, why)
         shares = [x.unit for x in meanings.values() if x.unit in SHARES]
         if shares and group not in units:
             more.append(_share_sentence(group, shares[0]))
@@ -461,9 +461,8 @@ def with_torque(found: Recognition, columns: Mapping[str, str]) -> Recognition:
 
 
 def _share_sentence(group: str, unit: str) -> str:
-    """Format the remark on values in per cent of a rating: only the user knows the
-    factor to SI."""
-    what = f"{group} is in {unit} of a rating that the file does not say"
+    """Format the remark on values in a unit whose factor to SI only the user knows."""
+    what = f"{group} is in {unit}, whose size the file does not say"
     return f"{what}: --scale {group}=... makes SI units of it"
 
 
@@ -496,18 +495,20 @@ def joints_of_texts(texts: Sequence[str]) -> list[str]:
 
 
 def _with_unit_of_clock(found: Recognition, columns: Columns) -> Recognition:
-    """Add the unit of a clock whose stamps are dates in that unit, and say of a time of
-    day in several columns that the date is not read."""
+    """Add the unit of a clock whose stamps are dates in that unit, say of a time of day
+    in several columns that the date is not read, and mark a unit that nothing says."""
     clock = found.rename.get("t", "")
     if clock not in columns and clock.count("+") > 1:
         said = (
             "t is the time of day, of hours, minutes and seconds; the date is not read"
         )
         return replace(found, said=(*found.said, said))
-    is_open = (
-        clock in columns and "t" not in found.scale and columns[clock].kind == "number"
-    )
-    dated = unit_of_dates(columns[clock].head) if is_open else None
-    if dated is None:
+    meaning = read_name(clock)
+    is_stated = meaning is not None and bool(meaning.unit)
+    is_stated |= "t" in {**found.scale, **found.units}
+    if clock not in columns or columns[clock].kind != "number" or is_stated:
         return found
+    dated = unit_of_dates(columns[clock].head)
+    if dated is None:
+        return replace(found, inferred={"t": TIME, **found.inferred})
     return found.with_unit("t", replace(dated, why=f"for {dated.why}"))

@@ -1,21 +1,20 @@
 """What a file's columns are taken for, as a table that a user can read and correct."""
 
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from sdp_vs_penalty.data.formats import open_log
 from sdp_vs_penalty.data.hypotheses.channels import has_our_names
 from sdp_vs_penalty.data.hypotheses.recognition import find_clock
 from sdp_vs_penalty.data.hypotheses.renaming import expanded
-from sdp_vs_penalty.data.hypotheses.weighing import CLOCK, unit_of_angles, unit_of_clock
 from sdp_vs_penalty.data.reading import (
-    GROUPS,
-    reading_sentence,
+    Choice,
+    our_columns,
     recognised_in,
-    repeating_command,
+    run_and_reading,
+    sentence_and_command,
 )
 from sdp_vs_penalty.data.words.tokens import group_of, parts_of
 from sdp_vs_penalty.data.words.units import unit_of_factor
@@ -34,9 +33,7 @@ class ColumnRow:
     meaning: str
     #: "number", "list" (one value a joint), "stamp", "text" or "empty".
     kind: str
-    #: Factor to SI.
-    factor: float
-    #: Unit that has this factor, such as "deg"; "" where it is 1.
+    #: Unit, such as "deg", or factor to SI; "" where it is 1.
     unit: str
     #: The column's first five cells as the file writes them.
     first_cells: tuple[str, ...]
@@ -50,14 +47,9 @@ class ColumnReport:
     path: Path
     #: One report a column, in the file's order.
     rows: tuple[ColumnRow, ...]
-    #: What writes such files, in words; "" where names are ours or unknown.
-    logger: str = ""
-    #: What was taken for what, in which unit and why; "" where nothing was guessed.
+    #: What was taken for what, in which unit and why, and the command that reads the file
+    #: alike; "" where nothing was guessed.
     sentence: str = ""
-    #: The `convert` command that reads the file alike; "" where nothing was guessed.
-    command: str = ""
-    #: Names of the joints, where the file says them.
-    joints: tuple[str, ...] = ()
     #: Those of t, q and tau for which the file has no column.
     missing: tuple[str, ...] = ()
     #: Why no columns could be chosen; "" where they were.
@@ -80,8 +72,8 @@ def describe_columns(
     joints: Sequence[str] | None = None,
     rename: Mapping[str, str] | None = None,
 ) -> ColumnReport | None:
-    """Describe what each column of a file is taken for: the recogniser's guess, or the
-    user's choice.
+    """Describe what each column of a file is taken for when it is read, or, where it is
+    refused, as far as names tell.
 
     Parameters
     ----------
@@ -105,52 +97,36 @@ def describe_columns(
     log = open_log(Path(path))
     if log.is_of_messages:
         return None
-    problem, found = "", None
-    if not rename and not has_our_names(log.names):
+    problem, sentence, found = "", "", None
+    choice = Choice(joints, rename=rename)
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            _, _, found = run_and_reading(log, choice)
+    except InputError:
         try:
-            found = recognised_in(log, joints)
+            is_open = not rename and not has_our_names(log.names)
+            found = recognised_in(log, joints) if is_open else None
         except InputError as error:
             problem = str(error)
-    pairs = {} if found is None else found.rename
-    for group, kind in (found.inferred if found else {}).items():
-        columns = [x for ours, x in pairs.items() if group_of(ours) == group]
-        head = np.concatenate(
-            [log.columns[x].head for x in columns if x in log.columns]
-        )
-        is_clock = kind == CLOCK
-        shown = unit_of_clock(head) if is_clock else unit_of_angles(head, kind)
-        found = found.with_unit(group, shown) if found else None
-    if found is None:
-        ours = {x: x for x in log.names if group_of(x) in ("t", *GROUPS)}
-        pairs = {**ours, **expanded(rename or {}, log.names)}
+    if found is not None:
+        pairs, scale = found.rename, found.scale
+        sentence = sentence_and_command(log, found, choice)[1]
+    else:
+        pairs, scale = our_columns(log.names) | expanded(rename or {}, log.names), {}
         clock = None if "t" in pairs else find_clock(log.names)
         pairs = {"t": clock, **pairs} if clock and pairs else pairs
     meanings = {
         x: ours for ours, name in pairs.items() for x in parts_of(name, log.names)
     }
-    scale = {} if found is None else found.scale
     rows = list[ColumnRow]()
     for name, column in log.columns.items():
         meaning = meanings.get(name, "")
         factor = scale.get(meaning, 1.0)
         unit = unit_of_factor(factor, group_of(meaning)) or f"{factor:.6g}"
+        unit = unit if factor != 1.0 else ""
         cells = tuple(column.cells[:_N_CELLS])
-        rows.append(
-            ColumnRow(
-                name, meaning, column.kind, factor, unit if factor != 1.0 else "", cells
-            )
-        )
+        rows.append(ColumnRow(name, meaning, column.kind, unit, cells))
     groups = {*map(group_of, pairs)}
     needed = ("t", "q") if "qcmd" in groups else ("t", "q", "tau")
     missing = tuple(group for group in needed if group not in groups)
-    report = ColumnReport(log.path, tuple(rows), missing=missing, problem=problem)
-    if found is None or found.is_identity:
-        return report if found is None else replace(report, joints=found.joints)
-    command = repeating_command(log, found)
-    return replace(
-        report,
-        joints=found.joints,
-        logger=found.logger,
-        sentence=f"{log.path}: {reading_sentence(log, found)}; the same by `{command}`",
-        command=command,
-    )
+    return ColumnReport(log.path, tuple(rows), sentence, missing, problem)

@@ -35,6 +35,9 @@ class ColumnSet:
     columns: dict[Hashable, str]
     #: Words of its names that say the quantity.
     n_words: int = 1
+    #: Whether its names are those of another set of these joints and more, as
+    #: "q_d/Position1" beside "Position1": they say what else it is.
+    is_qualified: bool = False
 
     @property
     def is_bare(self) -> bool:
@@ -42,12 +45,20 @@ class ColumnSet:
         return self.rank > len(WORDS[self.quantity])
 
     @property
-    def preference(self) -> tuple[int, int, int, int]:
-        """Sort key among the sets of one quantity, of which the smallest wins: the rank
-        of its word, how many further words there are, style, and minus the size."""
+    def preference(self) -> tuple[bool, int, int, int, int]:
+        """Sort key among the sets of one quantity, of which the smallest wins: whether it
+        is a qualified one, the rank of its word, how many further words there are, style,
+        and minus the size."""
         n_further = len(self.other_words) + max(self.n_words, 1) - 1
         style = _STYLES.index(self.style)
-        return self.rank, n_further, style, -len(self.columns)
+        return self.is_qualified, self.rank, n_further, style, -len(self.columns)
+
+    def qualifies(self, other: "ColumnSet") -> bool:
+        """Return whether its names are those of another set of the same joints and more."""
+        if self.columns.keys() != other.columns.keys():
+            return False
+        names = self.columns.values(), other.columns.values()
+        return all(y in x and x != y for x, y in zip(*names, strict=True))
 
     @property
     def first_to_last(self) -> str:
@@ -84,6 +95,7 @@ def column_sets(quantity: str, said: Mapping[str, Meaning]) -> list[ColumnSet]:
         for part in parts:
             if columns := _columns_by_joint(style, part, said):
                 sets.append(ColumnSet(quantity, rank, style, others, columns, n_words))
+    sets = [replace(x, is_qualified=any(map(x.qualifies, sets))) for x in sets]
     return sorted(sets, key=lambda column_set: column_set.preference)
 
 

@@ -11,21 +11,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdp_vs_penalty.data.hypotheses.arm import N_PARTS, Fit
+from sdp_vs_penalty.data.hypotheses.arm import N_PARTS, ChannelFit
 from sdp_vs_penalty.data.words.units import LARGEST_PERCENT, UNITS
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Words of loggers.toml for units that the values show: of angles, of a clock, and of
 #: servos, whose drivers write degrees or per cent of each joint's range.
 ANGLE, CLOCK, SERVO = "angle", "clock", "servo"
+#: ... and of a clock whose name says no unit.
+TIME = "time"
 #: The unit of positions that may be either.
 DEGREES_OR_PERCENT = "degrees or per cent of each joint's range"
 #: Rows from which the units and the rate of a long file are judged.
 ROWS_JUDGED = 100_000
 #: Angles beyond two turns are in degrees [rad].
 _TWO_TURNS = 4.0 * np.pi
-#: Steps of a clock that are longer count milliseconds [s].
+#: Steps of a clock are mostly shorter [s].
 _SLOWEST_STEP = 0.1
+#: Usual speed of the joint that moves most [rad/s, m/s]; how far sizes are from the usual
+#: one [powers of ten]; share of logs whose positions are larger numbers than radians.
+_USUAL_SPEED, _DECADES, _OTHER_UNIT = 0.5, 0.5, 3e-3
 #: Seconds since 1970 in the years 2001 and 2128: stamps in between are plausible [s].
 _EARLIEST_STAMP, _LATEST_STAMP = 1e9, 5e9
 #: Units of clocks that count from a date, the stamp of 1970 in that unit, and since when
@@ -55,11 +60,9 @@ _LARGEST_SQUARABLE = 1e100
 
 
 @dataclass(frozen=True)
-class Hypothesis:
+class ColumnHypothesis:
     """One answer to what a column is."""
 
-    #: What is asked: "unit of q", "unit of t", "tau" (which columns).
-    about: str
     #: The answer: a unit, or the first and last column.
     answer: str
     #: Share of logs with such names of which it is true; 1 where the file says it.
@@ -75,14 +78,14 @@ class Hypothesis:
         return self.prior * self.evidence
 
 
-def weigh(hypotheses: Sequence[Hypothesis]) -> Hypothesis:
+def weigh(hypotheses: Sequence[ColumnHypothesis]) -> ColumnHypothesis:
     """Return the most probable of several answers to one question, the first of equals.
     A fact ends the question."""
     fact = next((x for x in hypotheses if x.prior == 1.0), None)
     return fact or max(hypotheses, key=lambda x: x.weight)
 
 
-def unit_of_angles(values: Array, kind: str = ANGLE) -> Hypothesis:
+def unit_of_angles(values: Array, kind: str = ANGLE) -> ColumnHypothesis:
     """Return the unit of angles: degrees beyond two turns (4 pi), else radians.
 
     Those of a servo up to 100 may be degrees or per cent of each joint's range, and are
@@ -92,55 +95,67 @@ def unit_of_angles(values: Array, kind: str = ANGLE) -> Hypothesis:
     is_large = largest > _TWO_TURNS
     why = f"it reaches {largest:.3g}"
     answers = [
-        Hypothesis("unit of q", "deg", 0.5, why, 1e3 if is_large else 1.0),
-        Hypothesis("unit of q", "rad", 0.5, why, 1.0 if is_large else 1e3),
+        ColumnHypothesis("deg", 0.5, why, 1e3 if is_large else 1.0),
+        ColumnHypothesis("rad", 0.5, why, 1.0 if is_large else 1e3),
     ]
     if kind == SERVO and _TWO_TURNS < largest <= LARGEST_PERCENT:
         why = (
             "which the file does not say: `check` weighs them by the torques, `convert"
             " --units q=deg` takes degrees"
         )
-        answers.append(Hypothesis("unit of q", DEGREES_OR_PERCENT, 0.5, why, 1e6))
+        answers.append(ColumnHypothesis(DEGREES_OR_PERCENT, 0.5, why, 1e6))
     return weigh(answers)
 
 
-def unit_of_clock(stamps: Array, rate: float | None = None) -> Hypothesis:
-    """Return the unit of a clock with stamps (N,): "ms" or "s".
+def unit_of_clock(
+    stamps: Array, rate: float | None = None, way: float = 0.0, *, kind: str = CLOCK
+) -> ColumnHypothesis:
+    """Return the unit of a clock with stamps (N,): "s", "ms", "us" or "ns".
 
-    Where velocities tell the rate [Hz], it is the unit in which the steps fit it.
-    Otherwise a median step of 0.1 or more counts milliseconds: no arm is logged at only
-    10 Hz. A clock that does not move counts milliseconds, in which libfranka writes it.
+    The usual step is that of the rate [Hz] at which dq is the derivative of q; logs have
+    10 to 20 000 rows a second; and joints move at half a radian a second, or a few times
+    more or less. A clock without a unit counts seconds, unless others are a hundred times
+    likelier; that of libfranka (CLOCK) milliseconds as well, in which it stands still.
+
+    Parameters
+    ----------
+    rate : float, optional
+        What velocities say of the rate [Hz].
+    way : float
+        Mean step of the joint that moves most [rad or m]; 0 where it is not known.
     """
     steps = np.diff(stamps)
     steps = steps[steps > 0.0]
     if not len(steps):
-        return Hypothesis("unit of t", "ms", 0.5, "as libfranka writes it")
+        return ColumnHypothesis(
+            "ms" if kind == CLOCK else "s", 0.5, "as it stands still"
+        )
     step = float(np.median(steps))
-    why, expected = f"its steps are {step:.3g}", _SLOWEST_STEP
-    if rate is not None:
-        why = f"dq is the derivative of q at {rate:g} Hz"
-        expected = 1000.0**0.5 / rate  # between a step in milliseconds and in seconds
-    return weigh(
-        [
-            Hypothesis("unit of t", "ms", 0.5, why, step / expected),
-            Hypothesis("unit of t", "s", 0.5, why, expected / step),
-        ]
-    )
+    answers = list[ColumnHypothesis]()
+    for unit in ("s", "ms", "us", "ns"):
+        seconds = step * UNITS[unit]
+        is_usual = unit == "s" or (unit == "ms" and kind == CLOCK)
+        beyond = max(seconds / _SLOWEST_STEP, _SHORTEST_STEP / seconds, 1.0)
+        evidence = _likelihood(beyond)
+        why = f"its steps are {step:.3g}"
+        if way > 0.0:
+            ratio = way / seconds / _USUAL_SPEED
+            least = _OTHER_UNIT if ratio > 1.0 else 0.0  # positions may be in degrees
+            evidence *= max(_likelihood(ratio), least)
+        if rate is not None and 1.0 / _NEAR < rate * seconds < _NEAR:
+            evidence, why = 1e3 * evidence, f"dq is the derivative of q at {rate:g} Hz"
+        answers.append(
+            ColumnHypothesis(unit, 0.5 if is_usual else 0.005, why, evidence)
+        )
+    return weigh(answers)
 
 
-def unit_by_velocities(stamps: Array, rate: float) -> Hypothesis | None:
-    """Return the unit, below a second, in which the usual step of stamps (N,) is that of
-    the rate [Hz] at which dq is the derivative of q; None for seconds, or none."""
-    steps = np.diff(stamps)
-    count = rate * float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
-    for unit in ("ms", "us", "ns"):
-        if 1.0 / _NEAR < count * UNITS[unit] < _NEAR:
-            why = f"dq is the derivative of q at {rate:g} Hz"
-            return Hypothesis("unit of t", unit, 1.0, why)
-    return None
+def _likelihood(ratio: float) -> float:
+    """Return how likely a size is that is so many times the usual one, over the usual."""
+    return float(np.exp(-0.5 * (np.log10(ratio) / _DECADES) ** 2))
 
 
-def unit_of_dates(stamps: Array) -> Hypothesis | None:
+def unit_of_dates(stamps: Array) -> ColumnHypothesis | None:
     """Return the unit of a clock whose stamps (N,) are dates in it, else None.
 
     The first stamp is a day between 2001 and 2128 in one of the units in which programs
@@ -156,17 +171,17 @@ def unit_of_dates(stamps: Array) -> Hypothesis | None:
         seconds = UNITS[unit] * (float(stamps[0]) - stamp_of_1970)
         is_dated = _EARLIEST_STAMP < seconds < _LATEST_STAMP
         if is_dated and (unit != "day" or may_be_days):
-            return Hypothesis("unit of t", unit, 1.0, f"it counts since {since}")
+            return ColumnHypothesis(unit, 1.0, f"it counts since {since}")
     return None
 
 
 def which_torque(
     channels: Mapping[str, Array],
-    priors: Mapping[str, float],
     torques: Collection[str],
-    fits: Mapping[str, Fit],
-) -> list[Hypothesis]:
-    """Return the hypotheses that each of several channels (N, n) is the joints' torque.
+    fits: Mapping[str, ChannelFit],
+) -> list[ColumnHypothesis]:
+    """Return the hypotheses that each of several channels (N, n), the likeliest by its name
+    first, is the joints' torque.
 
     Where an arm was fitted to each, what it leaves of them is the evidence. A measured
     torque carries noise, and mostly the joints' friction. Where one of ``torques``, the
@@ -188,8 +203,8 @@ def which_torque(
 
     models = [x for x in channels if is_model(x)]
     shares = {x: fit.share for x, fit in fits.items() if x not in models}
-    out = list[Hypothesis]()
-    for name, values in channels.items():
+    out = list[ColumnHypothesis]()
+    for k, (name, values) in enumerate(channels.items(), 1):
         reasons = ["a model's: smooth"] if name in models else []
         for other, x in channels.items():
             ratio = _ratio(values, x)
@@ -201,7 +216,7 @@ def which_torque(
         if name in shares:
             evidence = (min(shares.values()) / shares[name]) ** N_PARTS
         why = "; ".join(reasons)
-        out.append(Hypothesis("tau", name, priors[name], why, evidence))
+        out.append(ColumnHypothesis(name, 0.5**k, why, evidence))
     return out
 
 

@@ -9,5 +9,4 @@ __getattr__ = lazy_exports(
         "FINEST GAP PAUSE is_set_back recorded_seconds rows_behind_gaps"
         " rows_behind_pauses usual_step"
     ),
-    merging="Aligned ChannelSamples Interpolation align",
 )

@@ -16,10 +16,12 @@ WORDS: dict[str, list[str]] = table()["quantities"]
 _FILLERS, _JOINTS, _COUNTERS, _OTHERS = (
     frozenset(table()[name]) for name in ("fillers", "joints", "counters", "others")
 )
-#: Symbols of units have at most so many letters; longer ones are words.
-_LONGEST_SYMBOL = 3
+#: Units of time that alone may mean anything else, such as a length or a minimum.
+_OTHER_SYMBOLS = ("s", "min", "mins", "h", "day")
 #: Units by which a torque is a current.
-AMPERES = ("a", "amps", "ma")
+AMPERES = ("a", "amps", "amp", "ampere", "amperes", "ma", "milliamps")
+#: Letters of each quantity.
+INITIALS: dict[str, str] = table()["initials"]
 #: Two words that mean one.
 _COMPOUNDS = {tuple(text.split()): word for text, word in table()["compounds"].items()}
 
@@ -83,16 +85,19 @@ def quantity_of(name: str) -> str | None:
 def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Meaning | None:
     """Read a name in which only the unit says the quantity; None for other names.
 
-    Such names are a joint and a unit of one quantity, "J1 [deg]", or a counter and a
-    unit of time, "Tick (ms)". They rank behind all names with a word of the quantity.
+    Such names are a joint, or the letter of a quantity, and its unit, "J1 [deg]" and
+    "M1 [Nm]", or a counter and a unit of time, "Tick (ms)". They rank behind all names
+    with a word of the quantity.
     """
     joint, others = None, split_tokens(unit.remainder)
     if joints is not None and (match := joints.find(others)):
         joint, others = match
     words = {token for token in others if token.isalpha()}
     numbers = [token for token in others if token.isdigit()]
-    if joint is not None or (words & _JOINTS and numbers):
-        is_read = words <= _FILLERS and unit.text in telling_units(unit.quantity)
+    letters = {*INITIALS.get(unit.quantity, "").split()}
+    if joint is not None or (words & (_JOINTS | letters) and numbers):
+        is_read = words <= _FILLERS | letters
+        is_read &= unit.text in telling_units(unit.quantity)
     else:
         is_read = unit.quantity == "t" and bool(words & _COUNTERS) and not numbers
     if not is_read or words & _OTHERS:
@@ -118,8 +123,7 @@ def read_time_by_unit(name: str) -> Meaning | None:
     """
     for unit in units_of_name(name):
         tokens = split_tokens(unit.remainder)
-        # Alone "s" may be a length, and "min" a minimum; "minutes" are a time.
-        is_clock = bool(tokens) or len(unit.text) > _LONGEST_SYMBOL
+        is_clock = bool(tokens) or unit.text not in _OTHER_SYMBOLS
         is_clock = (
             is_clock and unit.quantity == "t" and not any(map(str.isdigit, tokens))
         )

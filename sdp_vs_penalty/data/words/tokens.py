@@ -41,18 +41,17 @@ def starred(name: str) -> str:
     return re.sub(r"[0-9]+([^0-9]*)$", r"*\1", name)
 
 
-def families(names: list[str] | tuple[str, ...]) -> dict[str, list[str]]:
+def families(names: Sequence[str]) -> dict[str, list[str]]:
     """Collect columns that differ by their last number alone, by their pattern: "pos_*"
     for pos_0 and pos_1."""
     found = dict[str, list[str]]()
     for name in names:
-        pattern = starred(name)
-        if pattern.count("*") == 1 and not set(",=#+") & set(pattern):
-            found.setdefault(pattern, []).append(name)
+        if re.search("[0-9]", name):
+            found.setdefault(starred(name), []).append(name)
     return found
 
 
-def brief_names(names: list[str] | tuple[str, ...]) -> str:
+def brief_names(names: Sequence[str]) -> str:
     """Format names of columns in order, those that differ by their numbers as one.
 
     >>> brief_names(["t", "q_0", "q_1", "q_2"])

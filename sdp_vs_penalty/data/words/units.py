@@ -10,8 +10,11 @@ from sdp_vs_penalty.data.words import table
 UNITS: dict[str, float] = table()["asked"]
 #: Positions in per cent of a joint's range go a little beyond its ends.
 LARGEST_PERCENT = 101.0
-#: Units that are shares of a rating.
-SHARES = ("%", "percent", "pct", "permil", "permille", "promille", "‰")
+#: Units whose size a file does not say: shares of a rating, steps of an encoder.
+SHARES = (
+    *("%", "percent", "pct", "permil", "permille", "promille", "‰", "0.1%"),
+    *("ticks", "tick", "counts", "inc", "increments"),
+)
 _PER_SECOND = ("{}/s", "{}/sec", "{}_s", "{} s", "{}_per_s", "{}_per_sec", "{}*s^-1")
 _BETWEEN = ("", " ", "_", ".", "*", "·", "-")
 
