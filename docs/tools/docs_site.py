@@ -49,3 +49,14 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Point links to results at their copies in the site."""
     up = "../" * page.file.src_uri.count("/")
     return _RESULT.sub(rf"]({up}\1\2)", markdown)
+
+
+_ROLE = re.compile(r":(?:class|func|attr|meth|mod|data):<code>(~?)([^<]*)</code>")
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Show a role of a docstring as the name that it refers to."""
+    return _ROLE.sub(
+        lambda role: f"<code>{role[2].split('.')[-1] if role[1] else role[2]}</code>",
+        html,
+    )
