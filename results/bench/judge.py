@@ -25,7 +25,7 @@ from sdp_vs_penalty.cli.verbs.add import verb as add_from_file
 from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.effects import effect_in_words
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.records import to_json
 
@@ -228,10 +228,14 @@ def errors_with(folder: Path, model, found: Diagnosis) -> tuple[str, str]:
                 from_=paths["findings"],
                 confident=True,
             )
-        fresh = str(folder / "fresh.csv")
-        before = compare(model, fresh)[0].rmse
-        after = compare(load_estimate(paths["added"]), fresh)[0].rmse
+        return ratios_of(folder, model, load_estimate(paths["added"]))
     except InputError:
         return "refused", ""
-    ratio = after / before
+
+
+def ratios_of(folder: Path, model: Estimate, added: Estimate) -> tuple[str, str]:
+    """Return the largest and the mean ratio of a joint's error on fresh motion, of a
+    model with what was added to the model without."""
+    fresh = str(folder / "fresh.csv")
+    ratio = compare(added, fresh)[0].rmse / compare(model, fresh)[0].rmse
     return f"{ratio.max():.3g}", f"{np.exp(np.log(ratio).mean()):.3g}"

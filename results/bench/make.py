@@ -19,7 +19,7 @@ sys.path[0] = str(HERE.parent)
 
 import pandas
 
-from bench import greedy, judge, mujoco_worlds, situations, sources
+from bench import greedy, judge, library_race, mujoco_worlds, situations, sources
 from bench.judge import RAISED, Row
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.paper.provenance import write_note
@@ -67,8 +67,12 @@ def real() -> list[Log]:
     return [(x, partial(sources.make_real, x)) for x in names]
 
 
-#: The program's own verbs, and the baseline.
-ENGINES = {"bench": judge.said_of, "greedy": greedy.said_of}
+#: The program's own verbs, the baseline, and the race in place of `diagnose`.
+ENGINES = {
+    "bench": judge.said_of,
+    "greedy": greedy.said_of,
+    "library_race": library_race.said_of,
+}
 KINDS = {f.__name__: f for f in (everyday, mujoco, corrupted, worlds, real)}
 
 

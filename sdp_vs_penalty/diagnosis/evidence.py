@@ -503,32 +503,28 @@ class EvidenceScorer(WhiteFitter):
         Returns
         -------
         (r, F, k) array
-            Q'P Z with the fit's r orthonormal columns Q.
+            Q'Z with the fit's r columns Q.
         (F, k) array
-            Z'P r with the fit's residual r.
+            Z'r with the fit's residual r.
         (F, k, k) array
-            Z'P Z of each candidate, where P leaves what tolerated errors cannot make.
+            Z'Z of each candidate.
         (F, k) array
-            Squares of the columns, tolerated errors included.
+            Squares of the columns.
         """
         F = len(batch.forms)
         k = batch.forms[0].n_coefficients
         weights = fit.level[list(batch.joints)] ** -2.0
-        by_joint = list(
-            zip(weights, fit.design.products_with(batch, fit.products), strict=True)
-        )
-        AZ = sum(w * x.with_design for w, x in by_joint)
-        Zy = sum(w * x.with_torque for w, x in by_joint)
-        ZZ = sum(w * x.grams for w, x in by_joint)
+        pairs = fit.design.products_with(batch)
+        AZ = sum(w * along for w, (along, _) in zip(weights, pairs, strict=True))
+        Zy = sum(w * pull for w, (_, pull) in zip(weights, pairs, strict=True))
+        ZZ = np.tensordot(weights, batch.grams, axes=1)
         Zr = Zy - fit.theta @ AZ  # the residual is r = y - A theta
         QZ = fit.whitener.T @ AZ
-        squares = np.diagonal(batch.grams, axis1=2, axis2=3)  # (joints, F, k)
-        energy = np.tensordot(weights, squares, axes=1)
         return (
             np.reshape(QZ, (-1, F, k)),
             np.reshape(Zr, (F, k)),
-            np.asarray(ZZ),
-            energy,
+            ZZ,
+            np.diagonal(ZZ, axis1=1, axis2=2),
         )
 
     def screened(self, fit: WhiteFit, batch: Batch) -> Array:

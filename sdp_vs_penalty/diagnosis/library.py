@@ -305,9 +305,7 @@ class Nuisance:
 
     #: Name that identifies the error.
     text: str
-    #: Number of the joint that the error acts on, from 0.
-    joint: int
-    #: (M, k) white columns.
-    columns: Array
+    #: (M, k) white columns, by the joint (from 0) that the error acts on.
+    columns: dict[int, Array]
     #: (k,) prior standard deviations of the coefficients about zero.
     deviations: Array

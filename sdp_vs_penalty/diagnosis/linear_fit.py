@@ -139,7 +139,7 @@ class ModelBasis(NamedTuple):
 
 
 class JointTerms(NamedTuple):
-    """The columns of effects that act on one joint."""
+    """The columns of terms that act on one joint."""
 
     #: (t,) numbers of these columns among the design's.
     numbers: NDArray[np.intp]
@@ -147,115 +147,38 @@ class JointTerms(NamedTuple):
     columns: Array
 
 
-class BatchProducts(NamedTuple):
-    """Products of a batch of F candidates on one joint, of k columns Z each.
-
-    Where the joint tolerates small errors, products are x'P z instead of x'z.
-    """
-
-    #: (p, F k) products A'Z with the design's columns A.
-    with_design: Array
-    #: (F k,) products Z'y with the torque.
-    with_torque: Array
-    #: (F, k, k) products Z'Z of each candidate.
-    grams: Array
-
-
-@dataclass(frozen=True, eq=False)
-class JointErrors:
-    """The small errors that may be tolerated on one joint: columns N with a prior."""
-
-    #: (M, m) white columns N.
-    columns: Array
-    #: Which of the m columns belong to a nuisance, by its text.
-    numbers_by_text: dict[str, list[int]]
-    #: (m, m) N'N + diag(1 / deviations^2).
-    gram: Array
-    #: (m, p) products N'A with the design's columns A.
-    with_design: Array
-    #: (m,) products N'y with the torque.
-    with_torque: Array
-
-
-@dataclass(frozen=True, eq=False)
-class JointProducts:
-    """Products x'P z of one joint's columns, where P leaves what no tolerated error can
-    make.
-
-    The error N a with the prior a ~ N(0, diag(d^2)) is estimated along with any fit:
-    minimising |x - N a|^2 + |a / d|^2 over a gives x'P x, with P = 1 - N (N'N + D^-2)^-1
-    N'. No fit needs columns for such errors. Without tolerated errors P = 1.
-    """
-
-    #: (p, p) A'P A of the design's columns A.
-    gram: Array
-    #: (p,) A'P y with the torque y.
-    with_torque: Array
-    #: The torque's squares y'P y.
-    torque_squared: float
-    #: (M, m) columns N of the tolerated errors.
-    columns: Array
-    #: (m, m) L^-1 with L L' = N'N + D^-2.
-    root: Array
-    #: (m, p) L^-1 N'A.
-    design_along: Array
-    #: (m,) L^-1 N'y.
-    torque_along: Array
-    #: Products of batches of candidates, computed so far.
-    by_batch: dict[Batch, BatchProducts] = field(default_factory=dict)
-
-    @cached_property
-    def n_tolerated(self) -> int:
-        """The number m of columns of tolerated errors."""
-        return len(self.root)
-
-    def along(self, z: Array) -> Array:
-        """Return L^-1 N'z (m, K) of columns z (M, K): x'P z = x'z less its products."""
-        if not self.n_tolerated:
-            return np.zeros((0, z.shape[1]))
-        return np.asarray(self.root @ (self.columns.T @ z))
-
-    def removed(self, z: Array, along: Array) -> Array:
-        """Return P z (M, K) of columns z (M, K) of which ``along`` is L^-1 N'z."""
-        if not self.n_tolerated:
-            return z
-        return np.asarray(z - self.columns @ (self.root.T @ along))
-
-
 @dataclass(frozen=True, eq=False)
 class Design:
-    """White columns of the model and of some effects, with products, and small errors
-    that may be tolerated beside them.
+    """White columns of the model and of some terms, with products.
 
     The design A (n joints, M, p) has columns of unit length, the model's r first. Most
-    effects act on one joint: A is kept as the model's columns and, by joint, those of
-    the effects that act there.
+    terms act on one joint: A is kept as the model's columns and, by joint, those of the
+    terms that act there. Coefficients of tolerated errors have a prior about zero, whose
+    precision is in the joint's products: with it A'A is the information on all
+    coefficients.
     """
 
     #: The model's columns with their products.
     basis_products: BasisProducts
-    #: The effects' columns on each of the n joints.
+    #: The terms' columns on each of the n joints.
     terms_by_joint: Sequence[JointTerms]
-    #: The tolerated errors on each of the n joints.
-    errors_by_joint: Sequence[JointErrors]
+    #: (n, p) precisions of the priors; zero where there is none.
+    precision: Array
     #: (n, M) white torque.
     y: Array
-    #: (n, p, p) products A'A.
+    #: (n, p, p) products A'A, with the precisions of the priors.
     gram: Array
     #: (n, p) products A'y.
     Ay: Array
     #: Numbers of the model's columns, by key of an effect with a shape constant that
     #: might be re-estimated, all others under None.
     columns_of_model: Mapping[Key | None, list[int]]
-    #: Numbers of each effect's columns, by its text.
+    #: Numbers of each term's columns, by its text.
     columns_by_text: dict[str, list[int]]
     #: Key of the effect that a column belongs to, by the column's number.
     key_of_column: dict[int, Key]
-    #: Products of a joint's columns computed so far, by the joint and the errors that
-    #: it tolerates.
-    _by_tolerated: dict[tuple[int, tuple[str, ...]], JointProducts] = field(
-        default_factory=dict
-    )
+    #: Products of batches of candidates, computed so far.
+    _by_batch: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
 
     @property
     def n_columns(self) -> int:
@@ -277,13 +200,6 @@ class Design:
                 out[j] += terms.columns @ coefficients[terms.numbers]
         return np.asarray(out)
 
-    def times_on(self, joint: int, coefficients: Array) -> Array:
-        """Return A C (M, K) on a joint (from 0) for coefficients C (p, K)."""
-        B = self.basis_products.basis[joint]
-        out = B @ coefficients[: B.shape[1]]
-        terms = self.terms_by_joint[joint]
-        return np.asarray(out + terms.columns @ coefficients[terms.numbers])
-
     def products_on(self, joint: int, z: Array) -> Array:
         """Return A'Z (p, K) for columns Z (M, K) on a joint (from 0)."""
         out = np.zeros((self.n_columns, z.shape[1]))
@@ -293,119 +209,41 @@ class Design:
         out[terms.numbers] = terms.columns.T @ z
         return out
 
+    def products_with(self, batch: Batch) -> list[tuple[Array, Array]]:
+        """Return the products A'Z (p, F k) and Z'y (F k,), one pair a joint of a batch
+        of F candidates of k coefficients; they are computed once for each batch."""
+        if batch not in self._by_batch:
+            pairs = []
+            for place, joint in enumerate(batch.joints):
+                BZ, Zy = self.basis_products.with_batch(batch)[place]
+                AZ = np.zeros((self.n_columns, BZ.shape[1]))
+                AZ[: len(BZ)] = BZ
+                terms = self.terms_by_joint[joint]
+                AZ[terms.numbers] = terms.columns.T @ batch.whitened_columns[place]
+                pairs.append((AZ, Zy))
+            self._by_batch[batch] = pairs
+        return self._by_batch[batch]
+
     def holds(self, terms: Sequence[Term]) -> bool:
         """Return whether the design has all terms (effects, nuisances)."""
-        return all(
-            t.text in self.errors_by_joint[t.joint].numbers_by_text
-            if isinstance(t, Nuisance)
-            else t.text in self.columns_by_text
-            for t in terms
-        )
-
-    def joint_products(self, joint: int, tolerated: tuple[str, ...]) -> JointProducts:
-        """Return a joint's products where it tolerates the errors with these texts.
-
-        They are computed once for each selection.
-        """
-        key = joint, tolerated
-        if key not in self._by_tolerated:
-            self._by_tolerated[key] = self._compute_joint_products(joint, tolerated)
-        return self._by_tolerated[key]
-
-    def _compute_joint_products(
-        self, joint: int, tolerated: tuple[str, ...]
-    ) -> JointProducts:
-        """Compute the products that :meth:`joint_products` returns and keeps."""
-        errors = self.errors_by_joint[joint]
-        chosen = [i for text in tolerated for i in errors.numbers_by_text[text]]
-        root = np.zeros((0, 0))
-        if chosen:
-            root = _inverse_root(errors.gram[np.ix_(chosen, chosen)])
-        design_along = root @ errors.with_design[chosen]
-        torque_along = root @ errors.with_torque[chosen]
-        torque_squared = self.torque_squared[joint] - np.sum(torque_along**2)
-        return JointProducts(
-            gram=self.gram[joint] - design_along.T @ design_along,
-            with_torque=self.Ay[joint] - design_along.T @ torque_along,
-            torque_squared=float(torque_squared),
-            columns=errors.columns[:, chosen],
-            root=root,
-            design_along=design_along,
-            torque_along=torque_along,
-        )
-
-    def products_with(
-        self, batch: Batch, products: Sequence[JointProducts]
-    ) -> list[BatchProducts]:
-        """Return the products of a batch's columns, for each of its joints.
-
-        They are computed once for each batch and each joint's tolerated errors.
-
-        Parameters
-        ----------
-        batch
-            F candidates of k coefficients each.
-        products
-            (n) the products of all joints, as :meth:`joint_products` returns them.
-        """
-        out = []
-        for place, joint in enumerate(batch.joints):
-            by_batch = products[joint].by_batch
-            if batch not in by_batch:
-                by_batch[batch] = self._compute_products(batch, place, products[joint])
-            out.append(by_batch[batch])
-        return out
-
-    def _compute_products(
-        self, batch: Batch, place: int, products: JointProducts
-    ) -> BatchProducts:
-        """Compute the products of a batch's columns on the joint at a place of its
-        joints."""
-        joint = batch.joints[place]
-        Z = batch.whitened_columns[place]
-        BZ, Zy = self.basis_products.with_batch(batch)[place]
-        AZ = np.zeros((self.n_columns, Z.shape[1]))
-        AZ[: len(BZ)] = BZ
-        terms = self.terms_by_joint[joint]
-        AZ[terms.numbers] = terms.columns.T @ Z
-        grams = batch.grams[place]
-        if not products.n_tolerated:
-            return BatchProducts(AZ, Zy, grams)
-        along = products.along(Z)
-        F, k, _ = grams.shape
-        by_candidate = along.reshape(-1, F, k).transpose(1, 2, 0)  # (F, k, m)
-        return BatchProducts(
-            with_design=AZ - products.design_along.T @ along,
-            with_torque=Zy - along.T @ products.torque_along,
-            grams=grams - by_candidate @ by_candidate.transpose(0, 2, 1),
-        )
+        return all(t.text in self.columns_by_text for t in terms)
 
 
 @dataclass(frozen=True)
 class WhiteFit:
-    """The model and some terms, fitted to white rows by weighted least squares.
-
-    Inner products of a joint's columns are x'P z, where P leaves what the errors cannot
-    make that the joint tolerates (:class:`JointProducts`).
-    """
+    """The model and some terms, fitted to white rows by weighted least squares."""
 
     #: The columns A (n joints, M rows, p) and the torque y.
     design: Design
-    #: Products of the columns of each of the n joints.
-    products: tuple[JointProducts, ...]
-    #: (n, p, p) A'P A of each joint.
-    gram: Array
-    #: (n, p) A'P y of each joint.
-    with_torque: Array
     #: Numbers of those of the p columns that take part.
     columns_kept: tuple[int, ...]
-    #: (p, r) matrix W for which A W / level is orthonormal.
+    #: (p, r) matrix W for which W' (sum_j A_j'A_j / level_j^2) W = 1, priors included.
     whitener: Array
     #: (p,) coefficients.
     theta: Array
     #: (n,) standard deviation of each joint's residual, by which its rows are divided.
     level: Array
-    #: (n,) unweighted squared errors.
+    #: (n,) unweighted squared errors, with those of the priors.
     rss: Array
     #: (n,) rows less the joint's share of the rank.
     degrees: Array
@@ -431,30 +269,32 @@ class WhiteFit:
 
     @cached_property
     def residual(self) -> Array:
-        """(n, M) what the fit and the tolerated errors leave of the torque, divided by
-        each joint's level."""
+        """(n, M) what the fit leaves of the torque, divided by each joint's level."""
         residual = self.design.y - self.design.times(self.theta[:, None])[:, :, 0]
-        for j, products in enumerate(self.products):
-            if products.n_tolerated:
-                along = products.torque_along - products.design_along @ self.theta
-                residual[j] = products.removed(residual[j], along)
         return np.asarray(residual / self.level[:, None])
 
     @property
     def leverage(self) -> Array:
         """(n, M) share of each row's noise that the fit absorbs, from 0 to 1: the sum
         of squares of the row in ``basis``."""
-        shares = []
-        for j, level in enumerate(self.level.tolist()):
-            basis = self.design.times_on(j, self.whitener) / level
-            shares.append(np.sum(basis**2, axis=1))
-        return np.array(shares)
+        return np.asarray(np.sum(self.basis**2, axis=2))
 
     @property
     def basis(self) -> Array:
         """(n, M, r) the fit's weighted columns A W / level, which are orthonormal where
-        no errors are tolerated."""
+        no coefficient has a prior."""
         return self.design.times(self.whitener) / self.level[:, None, None]
+
+    @property
+    def precision(self) -> Array:
+        """(r, r) precision of the priors, of coefficients of ``basis``."""
+        summed = self.level**-2.0 @ self.design.precision
+        return np.asarray((self.whitener.T * summed) @ self.whitener)
+
+    @property
+    def along_torque(self) -> Array:
+        """(r,) the products Q'y with the weighted torque, of Q the ``basis``."""
+        return np.asarray(self.whitener.T @ (self.level**-2.0 @ self.design.Ay))
 
     @cached_property
     def keys_of_effects(self) -> frozenset[Key]:
@@ -465,8 +305,9 @@ class WhiteFit:
 
     @cached_property
     def design_with_residual(self) -> Array:
-        """(n, p) the products A'P r / level of the weighted design and residual."""
-        left = self.with_torque - self.gram @ self.theta
+        """(n, p) the products A'r / level of the weighted design and residual, less the
+        pull of the priors."""
+        left = self.design.Ay - self.design.gram @ self.theta
         return np.asarray(left / self.level[:, None] ** 2)
 
     def deviance(self, rss: Array) -> Array:
@@ -486,38 +327,9 @@ class WhiteFit:
         return {j: z / self.level[j] for j, z in columns.items()}
 
     def residual_of(self, scaled: dict[int, Array]) -> Array:
-        """Subtract from weighted columns Z, (M, k) by joint (from 0), divided by the
-        joint's level (:meth:`scaled`), what the fit and the tolerated errors make of
-        them.
-
-        Returns P (Z - Q Q'P Z) (n joints, M, k), with the basis Q = A W / level of the
-        fit.
-        """
+        """Return what the fit leaves (n joints, M, k) of weighted columns Z, (M, k) by
+        joint (from 0), divided by the joint's level (:meth:`scaled`)."""
         return ColumnProducts.of(self, scaled).residual
-
-    def products_in_rows(self, columns: Array, rows: NDArray[np.bool_]) -> Array:
-        """Return the products X'P X (K, K) of weighted columns in some rows only.
-
-        Errors are tolerated as on all rows, with the same priors.
-
-        Parameters
-        ----------
-        columns
-            X (n, M, K), divided by each joint's level.
-        rows
-            (M,) flags: which rows take part.
-        """
-        out = np.zeros((columns.shape[2], columns.shape[2]))
-        for products, of_joint in zip(self.products, columns, strict=True):
-            X = of_joint[rows]
-            out += X.T @ X
-            if products.n_tolerated:
-                N = products.columns
-                left_out = N[~rows]
-                gram = np.linalg.inv(products.root.T @ products.root)
-                along = _inverse_root(gram - left_out.T @ left_out) @ (N[rows].T @ X)
-                out -= along.T @ along
-        return out
 
     def energy(self, term: ScoredEffect) -> float:
         """Return the sum of weighted squares of an effect's torque beyond the fit.
@@ -540,87 +352,61 @@ class ColumnProducts:
     fit: WhiteFit
     #: Columns Z (M, K), divided by the joint's level, by joint (from 0).
     columns: dict[int, Array]
-    #: L^-1 N'Z (m, K), what the tolerated errors can make of Z, by joint.
-    along: dict[int, Array]
-    #: A'P Z (p, K) with the fit's weighted design A, by joint.
+    #: A'Z (p, K) with the fit's weighted design A, by joint.
     with_design: dict[int, Array]
-    #: Z'P Z (K, K), by joint.
-    grams: dict[int, Array]
-    #: (K,) squares of the columns, tolerated errors included.
-    energy: Array
 
     @classmethod
     def of(cls, fit: WhiteFit, columns: dict[int, Array]) -> ColumnProducts:
         """Multiply weighted columns, (M, K) by joint (from 0), with those of a fit."""
-        along = {}
-        with_design = {}
-        grams = {}
-        energy = np.zeros(next(iter(columns.values())).shape[1])
-        for j, z in columns.items():
-            products = fit.products[j]
-            gram = z.T @ z
-            AZ = fit.design.products_on(j, z)
-            energy += np.diagonal(gram)
-            along[j] = products.along(z)
-            if products.n_tolerated:
-                AZ -= products.design_along.T @ along[j]
-                gram = gram - along[j].T @ along[j]
-            with_design[j] = AZ / fit.level[j]
-            grams[j] = gram
-        return cls(
-            fit=fit,
-            columns=columns,
-            along=along,
-            with_design=with_design,
-            grams=grams,
-            energy=energy,
-        )
+        with_design = {
+            j: fit.design.products_on(j, z) / fit.level[j] for j, z in columns.items()
+        }
+        return cls(fit, columns, with_design)
 
-    @property
-    def n_columns(self) -> int:
-        """The number K of columns."""
-        return len(self.energy)
+    @cached_property
+    def grams(self) -> dict[int, Array]:
+        """Z'Z (K, K), by joint."""
+        return {j: z.T @ z for j, z in self.columns.items()}
+
+    @cached_property
+    def energy(self) -> Array:
+        """(K,) squares of the columns."""
+        return np.diagonal(sum(self.grams.values()))
 
     @cached_property
     def along_fit(self) -> Array:
-        """(r, K) the products Q'P Z with the fit's r orthonormal columns Q."""
+        """(r, K) the products Q'Z with the fit's r columns Q, its ``basis``."""
         return np.asarray(self.fit.whitener.T @ sum(self.with_design.values()))
 
     @cached_property
     def gram_left(self) -> Array:
-        """(K, K) the Gram matrix of what the fit leaves of Z: Z'P Z - (Q'P Z)'Q'P Z."""
+        """(K, K) the Gram matrix of what the fit leaves of Z: Z'Z - (Q'Z)'Q'Z."""
         gram = sum(self.grams.values())
         return np.asarray(gram - self.along_fit.T @ self.along_fit)
 
     @cached_property
     def with_residuals(self) -> dict[int, Array]:
-        """Z'P r (K,) by joint, with the fit's residual r."""
+        """Z'r (K,) by joint, with the fit's residual r."""
         fit = self.fit
         out = {}
         for j, z in self.columns.items():
-            along_torque = self.along[j].T @ fit.products[j].torque_along
-            with_torque = (z.T @ fit.design.y[j] - along_torque) / fit.level[j]
+            with_torque = z.T @ fit.design.y[j] / fit.level[j]
             out[j] = with_torque - self.with_design[j].T @ fit.theta
         return out
 
     @cached_property
     def with_residual(self) -> Array:
-        """(K,) the products Z'P r over all joints, with the fit's residual r."""
+        """(K,) the products Z'r over all joints, with the fit's residual r."""
         return np.asarray(sum(self.with_residuals.values()))
 
     @property
     def residual(self) -> Array:
-        """(n, M, K) what the fit and the tolerated errors leave of Z: P (Z - Q Q'P
-        Z)."""
+        """(n, M, K) what the fit leaves of Z: Z - Q Q'Z."""
         fit = self.fit
         explained = fit.whitener @ self.along_fit
         left = fit.design.times(explained) / -fit.level[:, None, None]
-        for j, products in enumerate(fit.products):
-            along = products.design_along @ explained / -fit.level[j]
-            if j in self.columns:
-                left[j] += self.columns[j]
-                along += self.along[j]
-            left[j] = products.removed(left[j], along)
+        for j, z in self.columns.items():
+            left[j] += z
         return np.asarray(left)
 
     def squares_with(self, beta: Array) -> Array:
@@ -629,7 +415,7 @@ class ColumnProducts:
         fit = self.fit
         # T beta = Z beta - A d on each joint, with the weighted design A.
         d = fit.whitener @ (self.along_fit @ beta)
-        squares = (fit.gram @ d) @ d / fit.level**2
+        squares = (fit.design.gram @ d) @ d / fit.level**2
         for j, gram in self.grams.items():
             along_design = float((self.with_design[j] @ beta) @ d)
             squares[j] += float(beta @ gram @ beta) - 2.0 * along_design
@@ -737,23 +523,15 @@ class WhiteFitter:
             if key not in replaced
             for i in its_columns
         ]
-        columns += sorted(i for t in effects for i in design.columns_by_text[t.text])
-        tolerated: list[list[str]] = [[] for _ in design.y]
-        for term in terms:
-            if isinstance(term, Nuisance):
-                tolerated[term.joint].append(term.text)
-        products = tuple(
-            design.joint_products(j, tuple(x)) for j, x in enumerate(tolerated)
-        )
+        columns += sorted(i for t in terms for i in design.columns_by_text[t.text])
         level = np.ones(len(design.y)) if near is None else near.level
-        return self._fitted(design, products, tuple(columns), level)
+        return self._fitted(design, tuple(columns), level)
 
     def at_level(self, fit: WhiteFit, level: Array) -> WhiteFit:
         """Return a fit of the same columns with given levels (n,), standard deviations
         by which the joints' rows are divided."""
         return self._fitted(
             fit.design,
-            fit.products,
             fit.columns_kept,
             level,
             rounds=1,  # one round leaves the levels as they are
@@ -775,7 +553,6 @@ class WhiteFitter:
             columns_left = tuple(i for i in fit.columns_kept if i not in replaced)
             fit.fits_without[key] = self._fitted(
                 fit.design,
-                fit.products,
                 columns_left,
                 fit.level,
                 rounds=1,  # one round leaves the levels as they are
@@ -783,28 +560,30 @@ class WhiteFitter:
         return fit.fits_without[key]
 
     def _design(self, terms: Sequence[Term]) -> Design:
-        """Assemble the design A of the model and of the effects, with A'A and A'y, and
-        the errors that nuisances tolerate.
+        """Assemble the design A of the model and of terms, with A'A and A'y.
 
-        The r columns of the model's basis come first, then those of the effects, scaled
+        The r columns of the model's basis come first, then those of the terms, scaled
         to unit length over all joints.
         """
         model = self._model_basis
         n, M, r = model.columns.shape
         y = self.data.y
-        effects = [t for t in terms if isinstance(t, ScoredEffect)]
         columns_by_text = dict[str, list[int]]()
         p = r
-        for effect in effects:
-            columns_by_text[effect.text] = list(range(p, p + _width(effect)))
-            p += _width(effect)
-        blocks = [_columns_on(j, effects, columns_by_text, M) for j in range(n)]
+        for term in terms:
+            columns_by_text[term.text] = list(range(p, p + _width(term)))
+            p += _width(term)
+        blocks = [_columns_on(j, terms, columns_by_text, M) for j in range(n)]
         energy = np.zeros(p)
-        for terms_of_joint in blocks:
-            if len(terms_of_joint.numbers):
-                squares = np.sum(terms_of_joint.columns**2, axis=0)
-                energy[terms_of_joint.numbers] += squares
+        for numbers, unscaled in blocks:
+            energy[numbers] += np.sum(unscaled**2, axis=0)
         scale = 1.0 / nonzero_or_one(np.sqrt(energy))
+        precision = np.zeros((n, p))
+        for term in terms:
+            if isinstance(term, Nuisance):
+                (joint,) = term.columns
+                numbers = columns_by_text[term.text]
+                precision[joint, numbers] = (scale[numbers] / term.deviations) ** 2
         G = np.zeros((n, p, p))
         G[:, :r, :r] = model.gram
         Ay = np.zeros((n, p))
@@ -818,16 +597,13 @@ class WhiteFitter:
                 G[j][:r, numbers] = cross
                 G[j][numbers, :r] = cross.T
                 G[j][np.ix_(numbers, numbers)] = columns.T @ columns
+                G[j][numbers, numbers] += precision[j, numbers]
                 Ay[j, numbers] = columns.T @ y[j]
-        nuisances = [t for t in terms if isinstance(t, Nuisance)]
-        errors = [
-            _errors_on(j, nuisances, model.columns[j], scaled_blocks[j], y[j], p)
-            for j in range(n)
-        ]
+        effects = [t for t in terms if isinstance(t, ScoredEffect)]
         return Design(
             basis_products=self._basis_products,
             terms_by_joint=scaled_blocks,
-            errors_by_joint=errors,
+            precision=precision,
             y=y,
             gram=G,
             Ay=Ay,
@@ -837,26 +613,19 @@ class WhiteFitter:
         )
 
     def _fitted(
-        self,
-        design: Design,
-        products: tuple[JointProducts, ...],
-        columns: tuple[int, ...],
-        level: Array,
-        rounds: int = 20,
+        self, design: Design, columns: tuple[int, ...], level: Array, rounds: int = 20
     ) -> WhiteFit:
         """Estimate the coefficients and the joints' levels in turn, until these settle.
 
         A joint's level is the standard deviation of its residual; the rows of joint j
-        are weighted by 1 / level_j. theta solves (sum_j A_j'P A_j / level_j^2) theta =
-        sum_j A_j'P y_j / level_j^2, then level_j^2 is the joint's squared error over
-        its rows, priors of tolerated errors included.
+        are weighted by 1 / level_j. theta solves (sum_j A_j'A_j / level_j^2) theta =
+        sum_j A_j'y_j / level_j^2, then level_j^2 is the joint's squared error over
+        its rows; each prior is one row more of its joint.
 
         Parameters
         ----------
         design
             All columns and the torque.
-        products
-            (n) the products of each joint's columns, beside what it tolerates.
         columns
             Numbers of the columns that take part.
         level
@@ -867,25 +636,22 @@ class WhiteFitter:
         """
         columns_kept = np.array(columns, np.intp)
         n, p = design.Ay.shape
-        gram = np.array([x.gram for x in products])
-        Ay = np.array([x.with_torque for x in products])
-        squares_of_torque = np.array([x.torque_squared for x in products])
-        n_tolerated = np.array([x.n_tolerated for x in products])
         # Of all columns: a selection from each joint's Gram matrix would cost more.
-        flat_gram = gram.reshape(n, -1)
+        flat_gram = design.gram.reshape(n, -1)
         # Places of the products of the kept columns in a flat (p, p) matrix.
         among_kept = columns_kept[:, None] * p + columns_kept
         all_theta = np.zeros(p)  # zero for columns that take no part
-        n_rows = self.data.count + n_tolerated
+        n_priors = np.count_nonzero(design.precision[:, columns_kept], axis=1)
         for _ in range(rounds):
             weights = level**-2.0
             L = _triangle((weights @ flat_gram)[among_kept])
-            all_theta[columns_kept] = _solve(L, (weights @ Ay)[columns_kept])
-            rss = squares_of_torque - 2.0 * Ay @ all_theta
-            rss += (gram @ all_theta) @ all_theta
+            all_theta[columns_kept] = _solve(L, (weights @ design.Ay)[columns_kept])
+            rss = design.torque_squared - 2.0 * design.Ay @ all_theta
+            rss += (design.gram @ all_theta) @ all_theta
             rss = np.maximum(rss, 0.0)  # rounding may make it negative
             level_of_fit = level
-            level = np.sqrt(np.maximum(rss / n_rows, self.floor))
+            mean = rss / (self.data.count + n_priors)
+            level = np.sqrt(np.maximum(mean, self.floor))
             if np.all(np.abs(level - level_of_fit) < 1e-2 * level):
                 break
         # With the weighted Gram matrix L L', the columns A L^-T are orthonormal.
@@ -895,12 +661,9 @@ class WhiteFitter:
         # The trace of the joint's block of the projection on the fit's columns.
         covariance = np.zeros(p * p)
         covariance[among_kept] = L_inverse.T @ L_inverse
-        rank_of_joint = flat_gram @ covariance / level_of_fit**2
+        rank_of_joint = flat_gram @ covariance / level_of_fit**2 - n_priors
         return WhiteFit(
             design=design,
-            products=products,
-            gram=gram,
-            with_torque=Ay,
             columns_kept=columns,
             whitener=W,
             theta=all_theta,
@@ -911,86 +674,28 @@ class WhiteFitter:
         )
 
 
-def _width(effect: ScoredEffect) -> int:
-    """Return the number k of columns of an effect, equal on all its joints."""
-    return next(iter(effect.columns.values())).shape[1]
+def _width(term: Term) -> int:
+    """Return the number k of columns of a term, equal on all its joints."""
+    return next(iter(term.columns.values())).shape[1]
 
 
 def _columns_on(
     joint: int,
-    effects: Sequence[ScoredEffect],
+    terms: Sequence[Term],
     columns_by_text: Mapping[str, list[int]],
     n_rows: int,
 ) -> JointTerms:
-    """Stack the columns of the effects that act on a joint, not scaled.
+    """Stack the columns of the terms that act on a joint, not scaled.
 
-    ``columns_by_text`` holds the numbers of each effect's columns, by its text;
+    ``columns_by_text`` holds the numbers of each term's columns, by its text;
     ``n_rows`` is the number of rows of each joint.
     """
-    on_joint = [t for t in effects if joint in t.columns]
+    on_joint = [t for t in terms if joint in t.columns]
     numbers = [i for t in on_joint for i in columns_by_text[t.text]]
     columns = np.zeros((n_rows, 0))
     if on_joint:
         columns = np.hstack([t.columns[joint] for t in on_joint])
     return JointTerms(np.array(numbers, np.intp), columns)
-
-
-def _errors_on(
-    joint: int,
-    nuisances: Sequence[Nuisance],
-    model_columns: Array,
-    terms: JointTerms,
-    y: Array,
-    p: int,
-) -> JointErrors:
-    """Multiply the errors that are tolerated on a joint (from 0) with the design's
-    columns and with the joint's torque y (M,).
-
-    Parameters
-    ----------
-    nuisances
-        All tolerated errors; those of other joints are left out.
-    model_columns
-        (M, r) the model's columns on the joint, the first r of the design.
-    terms
-        The columns of effects on the joint.
-    p
-        Number of the design's columns.
-    """
-    on_joint = [t for t in nuisances if t.joint == joint]
-    numbers_by_text = dict[str, list[int]]()
-    m = 0
-    for nuisance in on_joint:
-        width = nuisance.columns.shape[1]
-        numbers_by_text[nuisance.text] = list(range(m, m + width))
-        m += width
-    with_design = np.zeros((m, p))
-    if not m:
-        nothing = np.zeros((len(y), 0))
-        return JointErrors(
-            nothing,
-            numbers_by_text,
-            gram=np.zeros((0, 0)),
-            with_design=with_design,
-            with_torque=np.zeros(0),
-        )
-    N = np.hstack([t.columns for t in on_joint])
-    deviations = np.concatenate([t.deviations for t in on_joint])
-    with_design[:, : model_columns.shape[1]] = N.T @ model_columns
-    if len(terms.numbers):
-        with_design[:, terms.numbers] = N.T @ terms.columns
-    return JointErrors(
-        columns=N,
-        numbers_by_text=numbers_by_text,
-        gram=N.T @ N + np.diag(deviations**-2.0),
-        with_design=with_design,
-        with_torque=N.T @ y,
-    )
-
-
-def _inverse_root(gram: Array) -> Array:
-    """Return L^-1 (m, m) of a positive definite matrix L L' (m, m)."""
-    return _inverse_triangle(_triangle(gram))
 
 
 def _solve(L: Array, b: Array) -> Array:

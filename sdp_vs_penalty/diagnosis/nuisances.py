@@ -141,8 +141,7 @@ class Nuisances:
             expected_of_column = expected_squares[j] / len(squares)
             nuisance = Nuisance(
                 text=f"misfit of {term.text} on {j}",
-                joint=j,
-                columns=z,
+                columns={j: z},
                 deviations=np.sqrt(expected_of_column / squares),
             )
             out.append(nuisance)

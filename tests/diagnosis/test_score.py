@@ -190,7 +190,7 @@ def test_a_misfit_is_noise_that_its_columns_make():
     D[:M] = rng.normal(size=(M, 4)) + z
     score = EvidenceScorer(data, 10)
     z = np.vstack([z, 0.0 * z])
-    fit = score.fit([Nuisance("misfit", 0, D[:M], d)])
+    fit = score.fit([Nuisance("misfit", {0: D[:M]}, d)])
     term = score.evidence_of(fit, form(), {0: z[:M]})
     root = np.linalg.cholesky(np.linalg.inv(np.eye(n * M) + (D * d**2) @ D.T)).T
     X = root @ data.X.reshape(n * M, p)
@@ -251,16 +251,15 @@ def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(search):
         (t for t in terms(search) if t.form.n_constants), key=lambda t: t.squares.sum()
     )
     misfits = search.nuisances.law_misfits(term)
-    assert [m.joint for m in misfits] == sorted(term.joints)
+    assert [j for m in misfits for j in m.columns] == sorted(term.joints)
     for m in misfits:
         T = (
-            search.bare.residual_of(search.bare.scaled({m.joint: m.columns}))
+            search.bare.residual_of(search.bare.scaled(m.columns))
             * search.bare.level[:, None, None]
         )
         expected = np.sum(np.sum(T**2, axis=(0, 1)) * m.deviations**2)
-        assert expected == pytest.approx(
-            LAW_TOLERANCE * term.squares[m.joint], rel=1e-6
-        )
+        (joint,) = m.columns
+        assert expected == pytest.approx(LAW_TOLERANCE * term.squares[joint], rel=1e-6)
     assert search.nuisances.with_law_misfits([term]) == [
         term
     ]  # what explains little is wrong by less than a rival

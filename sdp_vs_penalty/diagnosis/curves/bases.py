@@ -525,10 +525,9 @@ class CurveColumns:
         one fold.
 
         The fit's own columns Q are fitted again on the same rows, together with the
-        curve's columns z, and errors are tolerated as in the fit: the normal equations
-        are [[Q'P Q + prior, Q'P z], [z'P Q, z'P z + P]], where P x leaves of x what no
-        tolerated error can make. A prior that is worth one row holds the coefficients
-        of Q near their values on all rows.
+        curve's columns z: the normal equations are [[Q'Q + prior, Q'z], [z'Q, z'z + P]].
+        A prior that is worth one row holds the coefficients of Q near their values on
+        all rows.
 
         Parameters
         ----------
@@ -542,20 +541,19 @@ class CurveColumns:
         r = Q.shape[2]
         k = len(self.s)
         prior = 1.0 / self.count  # worth one row
-        # (r,) coefficients of Q on all rows, near which the prior holds them.
-        weighted = fit.with_torque / fit.level[:, None] ** 2
-        theta = fit.whitener.T @ weighted.sum(axis=0)
         curve = np.zeros((*Q.shape[:2], k))
         curve[self.joint] = self.z
         # (n, M, r + k + 1): the fit's columns, the curve's, and the torque.
         columns = np.concatenate([Q, curve, fit.target[:, :, None]], axis=2)
         penalty = np.zeros((r + k, r + k))
-        penalty[:r, :r] = prior * np.eye(r)
+        penalty[:r, :r] = prior * np.eye(r) + fit.precision
         penalty[r:, r:] = P
-        pull_of_prior = np.concatenate([prior * theta, np.zeros(k)])
+        # Coefficients of Q on all rows, near which the prior holds them.
+        pull_of_prior = np.concatenate([prior * fit.along_torque, np.zeros(k)])
         out = []
         for f in np.unique(fold):
-            products = fit.products_in_rows(columns, fold != f)
+            X = columns[:, fold != f].reshape(-1, r + k + 1)
+            products = X.T @ X
             G = products[:-1, :-1] + penalty
             pull = products[:-1, -1] + pull_of_prior
             out.append(np.linalg.solve(G, pull)[r:])
