@@ -93,6 +93,8 @@ def claims_of_diagnosis(found: Diagnosis) -> Iterator[Claim]:
     for finding in found.effects:
         words = f"{finding.effect.replace('_', ' ')}: {effect_in_words(finding.text)}"
         rivals = ", ".join(finding.indistinguishable_from).replace("_", " ")
+        explained = [x.sentence for x in finding.doubts if x.reason == "explained"]
+        rivals = "; ".join(filter(None, (rivals, *explained)))
         text = f"{words}; as well: {rivals}" if rivals else words
         sure = finding.rating != "weak"
         yield Claim("diagnose", text, tuple(finding.joints), sure)
@@ -123,7 +125,8 @@ def matches(pattern: str, text: str) -> bool:
 
 def contradictions(claims: Sequence[Claim]) -> list[str]:
     """Return pairs of sure claims of both programs that explain the same joint's torque
-    by different things, where neither names the other among its rivals.
+    by different things, where neither names the other among its rivals. What `diagnose`
+    states as well is not contradicted by what it finds besides.
     """
     sure = [c for c in claims if c.sure and not c.fact]
     of_check = [c for c in sure if c.by == "check"]
@@ -131,10 +134,14 @@ def contradictions(claims: Sequence[Claim]) -> list[str]:
     out = []
     for a, b in product(of_check, of_diagnose):
         apart = a.joints and b.joints and set(a.joints).isdisjoint(b.joints)
-        alike = any(matches(x, a.text) and matches(x, b.text) for x in SAME)
-        if not apart and not alike:
+        if not apart and not any(are_alike(a, c) for c in of_diagnose):
             out.append(f"{short(a)} / {short(b)}")
     return out
+
+
+def are_alike(one: Claim, other: Claim) -> bool:
+    """Whether two claims are about the same torque."""
+    return any(matches(x, one.text) and matches(x, other.text) for x in SAME)
 
 
 def short(claim: Claim) -> str:

@@ -118,7 +118,7 @@ def diagnose(
         noise_from=_read_runs(model, noise_from, "noise_from"),
         judged_recordings=judged,
     )
-    diagnosis = diagnosis.beside_faults_of_log(_likely_faults(issues, diagnosis))
+    diagnosis = _beside_check(diagnosis, issues)
     diagnosis, _ = add_certain_findings(
         diagnosis,
         model,
@@ -132,26 +132,44 @@ def diagnose(
     return diagnosis
 
 
-def _likely_faults(
-    issues: Mapping[str, Sequence[Mapping[str, Any]]], diagnosis: Diagnosis
-) -> list[Remedy]:
-    """Return what the check calls certain or likely of a log that a repair of all rows
-    would mend, each once, but for what a finding states too.
+def _beside_check(
+    diagnosis: Diagnosis, issues: Mapping[str, Sequence[Mapping[str, Any]]]
+) -> Diagnosis:
+    """Return a diagnosis beside what the check calls certain or likely of the log, each
+    once, but for what a finding states too.
 
-    A log has one explanation: these have more evidence than any effect of the arm.
+    A log has one explanation. What a repair of all rows would mend has more evidence
+    than any effect of the arm; all else is a rival of the findings on its joints.
     """
-    likely = {}
+    faults = {}
+    explained = dict[str, Sequence[int]]()
     for issue in chain.from_iterable(issues.values()):
         is_likely = str(issue["certainty"]).partition(":")[0] != POSSIBLE
-        joints = tuple(issue["figures"].get("joints", ()))
-        is_stated = any(
-            issue["kind"] in EFFECTS.get(f.effect).faults and f.joints in ((), joints)
-            for f in diagnosis.effects
-        )
-        is_repaired = issue["nature"] == EXPLANATION and bool(issue["apply"])
-        if is_repaired and is_likely and not is_stated:
-            likely[issue["what"]] = Remedy.from_dict(issue["remedies"][0])
-    return list(likely.values())
+        is_explanation = issue["nature"] == EXPLANATION
+        if not (is_likely and is_explanation) or _states(diagnosis, issue):
+            continue
+        if issue["apply"]:
+            faults[issue["what"]] = Remedy.from_dict(issue["remedies"][0])
+        elif "log_odds" in issue["figures"]:  # it names a cause
+            explained[issue["what"]] = issue["figures"].get("joints", ())
+    for what, joints in explained.items():
+        diagnosis = diagnosis.beside_explanation_of_log(what, joints)
+    return diagnosis.beside_faults_of_log([*faults.values()])
+
+
+def _states(diagnosis: Diagnosis, issue: Mapping[str, Any]) -> bool:
+    """Return whether a finding, or what acts for a part of the time, states an issue of
+    the check too."""
+    figures = issue["figures"]
+    joints = tuple(figures.get("joints", ()))
+    at = figures.get("t")
+    return any(
+        issue["kind"] in EFFECTS.get(f.effect).faults and f.joints in ((), joints)
+        for f in diagnosis.effects
+    ) or any(
+        cause.covers(at, at) if at is not None else issue["kind"] == "another load"
+        for cause in diagnosis.passing
+    )
 
 
 def _read_runs(model: Estimate, source: Source, argument: str) -> Measurements | None:

@@ -30,10 +30,14 @@ REASONS: Mapping[str, str] = {
     "series": "three or more of its kind on one joint may be one curve without a name",
     "few_splits": "fewer than two thirds of this run's splits show it",
     "curve": "a measured curve explains the joint better",
+    "explained": "the check explains its torque as well",
     "log": "the log itself is likely wrong, which explains more: mend it first",
     "at_end": "it lies at the end of the range in which it was looked for",
 }
 
+#: Reasons of which each says that something else explains the torque as well: it is
+#: there, and its name alone is open.
+NAME_IS_OPEN = {"rivals", "explained"}
 
 #: Reasons that leave open whether a torque is there. All others leave open which of
 #: several effects makes how much of it: on 28 arms of another author's simulator
@@ -63,8 +67,8 @@ class Doubt(JsonRecord):
 
     #: Key of REASONS.
     reason: str
-    #: The cause that would look like the finding, in words, if the reason is
-    #: "looks_like".
+    #: What would look like the finding, in words, if the reason is "looks_like" or
+    #: "explained".
     cause: str = ""
 
     @property

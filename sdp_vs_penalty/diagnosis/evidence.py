@@ -548,40 +548,8 @@ class EvidenceScorer(WhiteFitter):
     def explained(self, fit: WhiteFit, batch: Batch) -> tuple[Array, Array]:
         """Return how much each candidate of a batch lowers the weighted squared error.
 
-        The F candidates of a batch have the same number of coefficients, and are added
-        to ``fit`` one at a time.
-
-        Returns
-        -------
-        (F,) array
-            The drop of the weighted squared error.
-        (F,) array
-            The effective number of coefficients, those that the rows determine.
-        """
-        if batch.forms[0].n_coefficients == 1:
-            return self._drop_of_one_column(fit, batch), np.ones(len(batch.forms))
-        return self._drop_of_columns(fit, batch)
-
-    def _drop_of_one_column(self, fit: WhiteFit, batch: Batch) -> Array:
-        """Return the drop (F,) of the squared error by candidates with one column each.
-
-        drop = (z'r)^2 / z'z for the residual r and for what the fit leaves of the
-        candidate's column z. It is 0 if that is less than 0.1 % (ABSORBED) of the
-        column, or if the coefficient z'r / z'z violates the effect's sign.
-        """
-        along_fit, products_with_residual, gram, energy = self._products(fit, batch)
-        zr = products_with_residual[:, 0]
-        energy_left = gram[:, 0, 0] - np.sum(along_fit[:, :, 0] ** 2, axis=0)
-        is_visible = ABSORBED * energy[:, 0] < energy_left
-        has_wrong_sign = batch.signed & (zr < 0.0)
-        counts = is_visible & ~has_wrong_sign
-        divisor = np.where(counts, energy_left, 1.0)
-        return np.where(counts, zr**2 / divisor, 0.0)
-
-    def _drop_of_columns(self, fit: WhiteFit, batch: Batch) -> tuple[Array, Array]:
-        """Return the drop of the squared error by candidates with k > 1 columns each.
-
-        With D = Z'Z - (Q'Z)'Q'Z, what the fit's orthonormal columns Q leave of a
+        The F candidates of a batch have k coefficients each, and are added to ``fit``
+        one at a time. With D = Z'Z - (Q'Z)'Q'Z, what the fit's columns Q leave of a
         candidate's Gram matrix, and its residual r, the coefficients are beta = A^-1
         Z'r with A = D + diag(prior_std^-2), or the constrained minimiser where beta
         violates a sign. drop = 2 beta'Z'r - beta'A beta. Columns that the fit absorbs

@@ -12,7 +12,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
-from sdp_vs_penalty.diagnosis.doubts import Doubt, doubts_of_sentences
+from sdp_vs_penalty.diagnosis.doubts import NAME_IS_OPEN, Doubt, doubts_of_sentences
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.notices import Notice
 from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, passing_sentence
@@ -81,14 +81,13 @@ class Rated(JsonRecord):
     def rating(self) -> Rating:
         """ "confident", "near-tie" or "weak".
 
-        A finding whose only doubt is that another effect fits as well is a near-tie:
-        its torque is there, and only the effect's name is open. All other doubts make
-        it weak.
+        A finding whose only doubt is that something else fits as well is a near-tie:
+        its torque is there, and only its name is open. All other doubts make it weak.
         """
         if self.confidence == "confident":
             return "confident"
-        only_rivals = [doubt.reason for doubt in self.doubts] == ["rivals"]
-        return "near-tie" if only_rivals else "weak"
+        reasons = {doubt.reason for doubt in self.doubts}
+        return "near-tie" if reasons and reasons <= NAME_IS_OPEN else "weak"
 
     @property
     def grade_and_why(self) -> tuple[Grade, str]:
@@ -322,7 +321,8 @@ class Finding(Rated):
         of the same physical effect.
         """
         if self.rating == "near-tie":
-            return all(is_law_of(name, self.effect) for name in self._rival_effects)
+            laws = [is_law_of(name, self.effect) for name in self._rival_effects]
+            return all(laws) and all(x.reason == "rivals" for x in self.doubts)
         return self.rating == "confident"
 
     @property
@@ -617,18 +617,38 @@ class Diagnosis(Record, JsonRecord):
         if not faults:
             return self
 
-        def doubted(found: _Rated) -> _Rated:
-            """Return a finding or a constant with the doubt that the log is wrong."""
-            doubts = *found.doubts, Doubt("log")
+        out = self._doubted(Doubt("log"), ())
+        return replace(out, log_faults=tuple(faults), curves=(), passing=())
+
+    def beside_explanation_of_log(
+        self, sentence: str, joints: Sequence[int]
+    ) -> Diagnosis:
+        """Return the diagnosis of a log of which the check explains the torque of some
+        joints (from 1; empty: of all): a rival of each finding there. What has a name
+        is no curve.
+        """
+        told = sentence[:1].lower() + sentence[1:].rstrip(".")
+        cause = f"the check explains its torque as well: {told}"
+        curves = [c for c in self.curves if joints and c.joint not in joints]
+        return replace(
+            self._doubted(Doubt("explained", cause), joints), curves=tuple(curves)
+        )
+
+    def _doubted(self, doubt: Doubt, joints: Sequence[int]) -> Diagnosis:
+        """Return the diagnosis with one more doubt of the findings and constants on some
+        joints (from 1; empty: on all)."""
+
+        def doubted(found: _Rated, on: Sequence[int]) -> _Rated:
+            """Return a finding or a constant, with the doubt if it is on the joints."""
+            if joints and on and set(joints).isdisjoint(on):
+                return found
+            doubts = *found.doubts, doubt
             return replace(found, confidence="weak", doubts=doubts)  # type: ignore
 
         return replace(
             self,
-            log_faults=tuple(faults),
-            effects=tuple(map(doubted, self.effects)),
-            retuned=tuple(map(doubted, self.retuned)),
-            curves=(),
-            passing=(),
+            effects=tuple(doubted(f, f.joints) for f in self.effects),
+            retuned=tuple(doubted(r, r.joints) for r in self.retuned),
         )
 
     def selected(

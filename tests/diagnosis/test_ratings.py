@@ -138,6 +138,22 @@ def test_a_file_of_the_first_format_has_the_physics_in_its_sentences(
     assert read.explanation == one.explanation
 
 
+@pytest.mark.parametrize(
+    ("joints", "ratings"),
+    [((2,), ("confident", "near-tie")), ((), ("near-tie", "near-tie"))],
+)
+def test_what_the_check_explains_is_a_rival_on_its_joints(joints, ratings):
+    """A step of one torque, or a filter of all: no finding there is sure of its name."""
+    found = diagnosis(finding("joint_spring", 1), finding("backlash", 2))
+    beside = found.beside_explanation_of_log("The torque of joint 2 steps.", joints)
+    assert tuple(f.rating for f in beside.effects) == ratings
+    assert [f.torque_is_certain for f in beside.effects] == [True, True]
+    assert not beside.effects[1].effect_is_certain
+    assert beside.effects[1].remarks == (
+        "the check explains its torque as well: the torque of joint 2 steps",
+    )
+
+
 def test_effects_that_are_certain_are_counted():
     found = diagnosis(
         finding("presliding_hysteresis", 7, "maxwell_slip"),
