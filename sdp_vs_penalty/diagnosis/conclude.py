@@ -144,11 +144,7 @@ class Conclusion:
         Harm that findings do together (:attr:`harmful_together`) is not considered.
         """
         judged = judged_findings(
-            self.explanation,
-            self.left,
-            self.ladder,
-            self.errors_of_constants,
-            self.curves,
+            self.explanation, self.ladder, self.errors_of_constants, self.curves
         )
         steps = pairwise(self.ladder.errors)
         return [
@@ -236,7 +232,6 @@ def errors_of_constants(search: Search) -> list[ConstantErrors]:
 
 def judged_findings(
     explanation: Explanation,
-    left: Remainder,
     ladder: Ladder,
     constant_errors: list[ConstantErrors],
     curves: Sequence[Measured] = (),
@@ -247,8 +242,6 @@ def judged_findings(
     ----------
     explanation
         The model with constants and findings.
-    left
-        The torque that all findings leave unexplained.
     ladder
         Errors on data left out, with one finding after the other.
     constant_errors
@@ -267,7 +260,6 @@ def judged_findings(
     return [
         Judged(
             search=search,
-            left=left,
             term=term,
             size=size,
             errors=ladder.errors_that_show(k, sorted(term.joints)),
@@ -277,9 +269,7 @@ def judged_findings(
     ]
 
 
-def unproven_stand_ins(
-    explanation: Explanation, left: Remainder, ladder: Ladder
-) -> list[ScoredEffect]:
+def unproven_stand_ins(explanation: Explanation, ladder: Ladder) -> list[ScoredEffect]:
     """List the findings that stand in for another effect and are not proven otherwise.
 
     See :func:`is_unproven_stand_in`. Nothing is computed if no finding is a stand-in.
@@ -288,7 +278,7 @@ def unproven_stand_ins(
     search = explanation.search
     if not any(t.form.effect.is_stand_in for t in search.terms):
         return []
-    judged = judged_findings(explanation, left, ladder, errors_of_constants(search))
+    judged = judged_findings(explanation, ladder, errors_of_constants(search))
     return [x.term for x in judged if is_unproven_stand_in(x)]
 
 

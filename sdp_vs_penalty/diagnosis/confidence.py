@@ -18,7 +18,6 @@ from sdp_vs_penalty.diagnosis.constants import (
     HELD_TRAVEL,
     IMPLAUSIBLE_SIGMAS,
     SERIES,
-    UNCERTAIN,
 )
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.doubts import Doubt
@@ -34,7 +33,6 @@ from sdp_vs_penalty.diagnosis.sizes import (
     joints_with_offset,
     size_of,
 )
-from sdp_vs_penalty.diagnosis.unexplained import Remainder
 from sdp_vs_penalty.diagnosis.white_rows import spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.links import swing_both_ways
@@ -50,8 +48,6 @@ class Judged:
 
     #: The model with all findings.
     search: Search
-    #: The torque that all findings leave unexplained.
-    left: Remainder
     #: The finding.
     term: ScoredEffect
     #: The finding's parameters with their covariance.
@@ -125,40 +121,6 @@ def _is_clear_elsewhere(x: Judged) -> bool:
     """
     before, after = x.errors[:, x.joints]
     return bool(np.any(after <= (1.0 - _CLEAR_ELSEWHERE) * before))
-
-
-def _leaves_more(x: Judged) -> bool:
-    """Return whether a finding explains less than remains unexplained on its joints.
-
-    It explains the fall of the squared error on data left out, summed over its joints
-    or over all joints, whichever is larger: removing a wrong gain of one channel helps
-    other joints too. What remains is the squared error beyond the noise. Always False
-    if the noise is not known.
-    """
-    if not x.search.data.noise_is_known:
-        return False
-    without_finding, with_finding = x.errors
-    fall = without_finding**2 - with_finding**2  # (n,)
-    fall_on_joints = float(np.sum(np.maximum(fall[x.joints], 0.0)))
-    explained = max(fall_on_joints, float(np.sum(fall)))
-    return bool(explained < np.sum(x.left.beyond[x.joints] ** 2))
-
-
-def _is_shared(x: Judged) -> bool:
-    """Return whether other findings can explain more than 80 % of a finding's torque.
-
-    The squares of the finding's torque beyond the model's columns are compared with
-    those beyond the columns of the model and the other findings. If the latter are less
-    than 20 % (UNCERTAIN), the standard deviation of the finding's size is more than
-    1 / sqrt(0.2) = 2.2 times as large as without the other findings.
-    """
-    search = x.search
-    others = [t for t in search.terms if t is not x.term]
-    fit_of_model = search.score.fit([], search.fit)
-    fit_with_others = search.score.fit(others, search.fit)
-    energy_alone = max(fit_of_model.energy(x.term), 1e-300)
-    share_left = fit_with_others.energy(x.term) / energy_alone
-    return 1.0 - share_left > 1.0 - UNCERTAIN
 
 
 def _is_implausible(x: Judged) -> bool:
@@ -250,8 +212,6 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "small_here": lambda x: _is_small(x) and _is_clear_elsewhere(x),
     "not_held_out": lambda x: not lowers(*x.errors[:, x.joints]),
     "raises": lambda x: harm(*x.errors[:, x.joints]) > 0.0,
-    "more_left": _leaves_more,
-    "shared": _is_shared,
     "implausible": _is_implausible,
     "held": _is_held,
     "looks_like": lambda x: bool(x.looks_like),
@@ -268,9 +228,8 @@ def reasons_for_doubt(x: Judged) -> tuple[Doubt, ...]:
     Reasons about the finding itself: another effect fits as well; its size is
     uncertain, not different from zero, or not plausible; its joint is held still; its
     evidence is small; it lowers no joint's error on data left out, or raises these
-    errors of its joints more than it lowers them. Reasons about its surroundings: more
-    torque remains unexplained than it explains; other findings can explain most of its
-    torque; another cause would look like it; a measured curve fits better.
+    errors of its joints more than it lowers them. Reasons about its surroundings:
+    another cause would look like it; a measured curve fits better.
     """
     return tuple(
         Doubt(reason, cause=x.looks_like if reason == "looks_like" else "")

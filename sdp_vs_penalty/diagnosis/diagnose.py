@@ -206,7 +206,7 @@ def diagnose_runs(
     explanation = with_equivalence_sets(explanation, judge)
     # Without one stand-in another may fit as well as a third: until none is dropped.
     while dropped := unproven_stand_ins(
-        explanation, unexplained, ladder=Ladder.of(explanation, held_out, judged)
+        explanation, ladder=Ladder.of(explanation, held_out, judged)
     ):
         explanation = without_findings(explanation, dropped)
         unexplained = unexplained_error(explanation.search)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from sdp_vs_penalty.records import JsonRecord
 
 #: What is said of a weak finding, by the name of the reason; a finding with none is
-#: confident.
+#: confident. Older files have "more_left" and "shared" too.
 REASONS: Mapping[str, str] = {
     "rivals": "another effect fits as well",
     "uncertain": "its size is uncertain by > 20 %",

@@ -10,12 +10,11 @@ with
   max(RSS_j / N_j, noise) (:attr:`_Trial.deviance_drop`);
 - the rows v that are worth one (:meth:`EvidenceScorer.rows_worth_one`);
 - k coefficients and s continuous shape constants
-  (:meth:`EvidenceScorer.parameter_price`). As many coefficients count as the rows
+  (:func:`~sdp_vs_penalty.regression.evidence.price`). As many coefficients count as the rows
   determine beside what is known of their size. One that its sign holds at zero does not
   count (Meyer, Woodroofe, Ann. Statist. 2000);
 - P candidates, times the laws among which this one chooses
-  (:meth:`EvidenceScorer.selection_price`): the extended BIC (Chen, Chen, Biometrika
-  2008).
+  (:meth:`EvidenceScorer.n_competing_candidates`).
 
 Rows are not independent evidence:
 
@@ -51,7 +50,7 @@ from sdp_vs_penalty.diagnosis.linear_fit import (
 )
 from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
-from sdp_vs_penalty.regression.evidence import rows_worth_one
+from sdp_vs_penalty.regression.evidence import price, rows_worth_one
 from sdp_vs_penalty.robot.arrays import Array
 
 
@@ -356,39 +355,17 @@ class EvidenceScorer(WhiteFitter):
         v = self.rows_worth_one(T, residual, inverse, k)
         if self.rules.coarsening:
             v += rows_per_joint / COARSENING_ROWS
-        # The price of parameters and of the choice. N / v is three at least, so that
-        # the price of a parameter, log(N / v), stays above one.
-        n_independent = max(rows_per_joint * len(columns) / v, 3.0)
-        price = self.parameter_price(trial.freedom, n_independent)
-        price += self.selection_price(fit, form)
+        n_choices = self.n_competing_candidates(fit, form) * self.laws.get(form.key, 1)
+        cost = price(trial.freedom, rows_per_joint * len(columns), v, n_choices)
         return replace(
             without_evidence,
             drop=trial.deviance_drop,
             rows_worth_one=v,
-            price=price,
+            price=float(cost),
             freedom=trial.freedom,
             beta=trial.beta,
             squares=squares * fit.level**2,
         )
-
-    @staticmethod
-    def parameter_price(freedom: float, n_independent: float) -> float:
-        """Return (k + s) log(N / v): the price of parameters, as in the BIC.
-
-        freedom is k + s, n_independent is N / v, the number of rows in units of those
-        that count as one.
-        """
-        return float(freedom * np.log(n_independent))
-
-    def selection_price(self, fit: WhiteFit, form: Candidate) -> float:
-        """Return 2 log P, the price of choosing among P candidates (extended BIC).
-
-        P is the number of candidates that compete, times the number of laws (discrete
-        variants of the effect) of the candidate ``form``. ``fit`` holds the effects
-        chosen so far.
-        """
-        candidates = self.n_competing_candidates(fit, form)
-        return float(2.0 * np.log(candidates * self.laws.get(form.key, 1)))
 
     def n_competing_candidates(self, fit: WhiteFit, form: Candidate) -> float:
         """Return the number of candidates with which the candidate ``form`` competes.

@@ -331,15 +331,6 @@ class WhiteFit:
         joint (from 0), divided by the joint's level (:meth:`scaled`)."""
         return ColumnProducts.of(self, scaled).residual
 
-    def energy(self, term: ScoredEffect) -> float:
-        """Return the sum of weighted squares of an effect's torque beyond the fit.
-
-        The effect's torque is its columns times beta; the part that the fit's columns
-        can make is subtracted.
-        """
-        remaining = self.residual_of(self.scaled(term.columns)) @ term.beta
-        return float(np.sum(remaining**2))
-
 
 @dataclass(frozen=True, eq=False)
 class ColumnProducts:

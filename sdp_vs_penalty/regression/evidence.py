@@ -5,16 +5,17 @@ A candidate lowers the squared residual. How much that is worth follows from
 - the deviance of the residual, each joint with a variance of its own (:func:`deviance`);
 - the number of rows that err independently: by the residual's autocorrelation
   (:func:`independent_rows`), or by clusters of rows (:func:`rows_worth_one`);
+- what parameters and choices cost (:func:`price`);
 - the scatter of estimates without one part of the log each (:func:`jackknifed`,
   :func:`student_95`, :func:`standard_errors_above_zero`).
 
-What a candidate costs beforehand is the caller's matter: priors differ, the likelihood
-does not.
+How many candidates compete is the caller's matter.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import scipy
@@ -122,6 +123,25 @@ def rows_worth_one(
     # tr(A^-1 sum u u') = sum of u' A^-1 u over the clusters' sums u.
     traces = [float(np.sum((u @ inverse) * u)) for u in cluster_sums(clusters, scores)]
     return max(1.0, *(trace / freedom for trace in traces))
+
+
+def price(
+    freedom: float | Array, n_rows: float, worth: float, n_choices: float = 1.0
+) -> Any:
+    """Return what a candidate's evidence J = dD / v - price costs: (k + s) log(N / v)
+    + 2 log P, the extended BIC (Chen, Chen, Biometrika 2008).
+
+    Parameters
+    ----------
+    freedom
+        k + s, effective numbers of coefficients and of shape constants.
+    n_rows, worth
+        N rows, of which v carry the evidence of one; N / v is three at least, so that
+        a parameter costs more than one.
+    n_choices
+        P, among how many candidates this one was chosen.
+    """
+    return freedom * np.log(max(n_rows / worth, 3.0)) + 2.0 * np.log(n_choices)
 
 
 def jackknifed(estimates: Array) -> tuple[Array, Array]:

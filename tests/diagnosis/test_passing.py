@@ -165,7 +165,7 @@ def test_a_model_that_is_held_fixed_shows_a_load(problem):
 def test_a_load_for_a_while_joins_a_fit_with_one_for_all_the_time(problem):
     payload = Payload(problem.robot)
     for_all_the_time = Candidate(("payload", None), payload)
-    for_a_while = PassingCandidate(("load:3", None), payload)
+    for_a_while = PassingCandidate(("load:3", None), payload, False, 4, 0)
     assert for_a_while.text != for_all_the_time.text
 
 

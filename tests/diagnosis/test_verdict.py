@@ -228,17 +228,9 @@ def test_a_finding_is_judged_beside_the_constants_and_all_other_findings():
 def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
     change, doubts, monkeypatch
 ):
-    usual = {
-        "rivals": (),
-        "std": 0.19,
-        "J": 20.1,
-        "after": 0.5,
-        "beyond": 0.8,
-        "known": True,
-    }
+    usual = {"rivals": (), "std": 0.19, "J": 20.1, "after": 0.5, "known": True}
     usual |= {
         "elsewhere": 1.0,
-        "beside": 9.0,
         "beta": 1.9,
         "plausible": None,
         "looks_like": "",
@@ -274,17 +266,11 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
     rows = SimpleNamespace(n=2, t=np.zeros(5), torque=np.full((5, 2), 2.0))
     rows.blocks = lambda effect: [block]
     rows.seen = lambda joint: SimpleNamespace(travel=case.travel)
-    fit = lambda others, _: SimpleNamespace(  # noqa: E731
-        energy=lambda _: case.beside if others else 10.0
-    )
     search = SimpleNamespace(
-        terms=[own, other, *(term(k % case.laws) for k in range(2, case.of_its_kind))],
-        score=SimpleNamespace(fit=fit),
-        fit=None,
+        terms=[own, other, *(term(k % case.laws) for k in range(2, case.of_its_kind))]
     )
     search.data = SimpleNamespace(rows=rows, noise_is_known=case.known, frozen=True)
     curves = [SimpleNamespace(replaced=(own,) * case.replaced)]
-    left = SimpleNamespace(beyond=np.array([case.beyond, 0.0]))
     beta = 1.0 if case.plausible else case.beta
     errors = np.array([[1.0, 1.0], [case.after, case.elsewhere]])
     monkeypatch.setattr(
@@ -293,5 +279,5 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
     size: Any = SimpleNamespace(
         beta=np.array([beta]), covariance=None, covariance_given_constants=None
     )
-    judged = Judged(search, left, own, size, errors, curves)
+    judged = Judged(search, own, size, errors, curves)
     assert {doubt.reason for doubt in reasons_for_doubt(judged)} == doubts

@@ -27,6 +27,7 @@ from sdp_vs_penalty.diagnosis.linear_fit import ColumnProducts, WhiteFit
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.effects.transmission import list_joint_combinations
+from sdp_vs_penalty.regression.evidence import price
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.segments import SegmentedRuns
@@ -515,10 +516,8 @@ class CurveColumns:
         # ``drop`` is in units of the fit's level (its RMS residual).
         rss[..., j] = np.maximum(fit.rss[j] - drop * fit.level[j] ** 2, 0.0)
         deviance_drop = fit.own_deviance - fit.deviance(rss)
-        n_independent = max(self.count / self.v, 3.0)  # a positive logarithm
-        price = freedom * np.log(n_independent)
-        selection = 2.0 * np.log(max(looked, 1))
-        return np.asarray(deviance_drop / self.v - price - selection)
+        cost = price(freedom, self.count, self.v, max(looked, 1))
+        return np.asarray(deviance_drop / self.v - cost)
 
     def without_fold(self, fold: NDArray[np.intp], P: Array) -> Array:
         """Fit the curve's coefficients (F, k), F times, each time without the rows of

@@ -133,13 +133,38 @@ class Law:
         return replace(self, columns=by_axis @ np.array([1.0, *point]))
 
 
+@dataclass(frozen=True)
 class PassingCandidate(Candidate):
-    """A law as a candidate of a fit, which may hold the same effect for all the time."""
+    """A law as a candidate of a fit, which may hold the same effect for all the time.
+
+    Its parameters have either sign: what acts may be a lack.
+    """
+
+    #: Number of its columns.
+    n_coefficients: int = 0
+    #: Numbers that describe it and its spans, beyond its columns.
+    n_constants: int = 0
+
+    @classmethod
+    def of(cls, law: Law, n_numbers: int) -> PassingCandidate:
+        """Return the candidate of a law that so many numbers describe."""
+        k = law.columns.shape[2]
+        return cls((law.text, None), law.effect, False, k, n_numbers - k)
 
     @cached_property
     def text(self) -> str:
         """A name that no effect has."""
         return f"passing {self.key[0]}"
+
+    @cached_property
+    def nonnegative(self) -> list[bool]:
+        """(k,) flags: no parameter has a sign of its own."""
+        return [False] * self.n_coefficients
+
+    @cached_property
+    def plausible(self) -> Array:
+        """(k,) NaN: nothing is known of its size."""
+        return np.full(self.n_coefficients, np.nan)
 
 
 def load_law(data: WhiteData) -> Law:

@@ -70,7 +70,10 @@ class PassingSearch:
 
     def __init__(self, search: Search, terms: Sequence[ScoredEffect]) -> None:
         """Take a finished search, and the effects in it that are certain."""
-        self.data, self.score, self.terms = _without_repetition(search, terms)
+        self.data, self.terms = _without_repetition(search, terms)
+        robot = self.data.estimate.robot
+        n_laws = 1 + 3 * robot.n + robot.links
+        self.score = EvidenceScorer(self.data, n_laws, like=search.score)
         self.base = self.score.fit(self.terms)
         run = self.data.rows.run
         self.cells = Cells.of(self.data.clusters[0], run)
@@ -84,37 +87,35 @@ class PassingSearch:
         if another law stands out. A torque that wanders slowly with time is their
         rival. A channel's gain differs between runs, and not within one.
         """
-        robot = self.data.estimate.robot
-        n_laws = 1 + 3 * robot.n + robot.links
         laws = [load_law(self.data), *joint_laws(self.data, "torque", "friction")]
-        trials = self._trials(laws, n_laws, self.cells)
+        trials = self._trials(laws, self.cells)
         if len(self.runs.run) > 1:
             gains = joint_laws(self.data, "gain")
-            trials += self._trials(gains, n_laws, self.runs)
+            trials += self._trials(gains, self.runs)
         if not any(t.stands_out for t in trials):
             return None
-        trials += self._trials(force_laws(self.data), n_laws, self.cells)
-        most = max(t.drop for t in trials)
+        trials += self._trials(force_laws(self.data), self.cells)
+        most = max(t.term.drop for t in trials)
         finer = [
-            self.with_finer_edges(t, n_laws)
+            self.with_finer_edges(t)
             for t in trials
-            if (t.stands_out or t.errs_apart) and t.drop > _WORTH_A_LOOK * most
+            if (t.stands_out or t.errs_apart) and t.term.drop > _WORTH_A_LOOK * most
         ]
-        return best_of([*finer, *self._wandering(n_laws)]) if finer else None
+        return best_of([*finer, *self._wandering()]) if finer else None
 
-    def _trials(self, laws: Sequence[Law], n_laws: int, cells: Cells) -> list[Trial]:
-        """Try laws, of ``n_laws`` in all; return the trials of those with spans."""
-        trials = [self.trial(law, n_laws, cells) for law in laws]
+    def _trials(self, laws: Sequence[Law], cells: Cells) -> list[Trial]:
+        """Try laws; return the trials of those with spans."""
+        trials = [self.trial(law, cells) for law in laws]
         return [t for t in trials if t is not None]
 
-    def _wandering(self, n_laws: int) -> list[Trial]:
+    def _wandering(self) -> list[Trial]:
         """Return the trials of torques that wander slowly, which act all the time."""
         always = np.ones(len(self.cells.run))
         laws = wandering_laws(self.data)
-        trials = [self._judged(law, self.cells, always, n_laws) for law in laws]
+        trials = [self._judged(law, self.cells, always) for law in laws]
         return [t for t in trials if t is not None]
 
-    def trial(self, law: Law, n_laws: int, cells: Cells) -> Trial | None:
+    def trial(self, law: Law, cells: Cells) -> Trial | None:
         """Search the spans of a law, made of cells, and judge it; None if it explains
         nothing."""
         level = self.base.level
@@ -132,9 +133,9 @@ class PassingSearch:
             if np.all(np.abs(fit.level - level) < _SETTLED * level):
                 break
             level = fit.level
-        return self._judged(law, cells, x, n_laws)
+        return self._judged(law, cells, x)
 
-    def with_finer_edges(self, trial: Trial, n_laws: int) -> Trial:
+    def with_finer_edges(self, trial: Trial) -> Trial:
         """Return a trial with its edges moved among cells that are finer; the same one
         if it acts in whole runs."""
         if not trial.cells.count_edges(trial.x):
@@ -146,7 +147,7 @@ class PassingSearch:
         base = self.score.at_level(self.base, trial.fit.level)
         products = CellProducts.of(base, white, cells)
         x = find_spans(products, cells, x, self._price, longest=_FINER)
-        judged = self._judged(trial.law, cells, x, n_laws)
+        judged = self._judged(trial.law, cells, x)
         return trial if judged is None else self._with_errors_of_edges(judged)
 
     def _with_errors_of_edges(self, trial: Trial) -> Trial:
@@ -185,17 +186,18 @@ class PassingSearch:
             ]
         )
 
-    def _term(self, law: Law, acts: Array) -> ScoredEffect:
-        """Return a law that acts in some rows (M,) as a term of a fit."""
+    def _term(self, law: Law, acts: Array, n_numbers: int = 0) -> ScoredEffect:
+        """Return a law that acts in some rows (M,) as a term of a fit; ``n_numbers``
+        describe it and its spans."""
         white = self._white(law, acts)
-        form = PassingCandidate((law.text, None), law.effect)
+        form = PassingCandidate.of(law, n_numbers)
         return ScoredEffect(form, dict(enumerate(white)))
 
     def _fit(self, law: Law, x: Array, cells: Cells) -> WhiteFit:
         """Fit the model, its effects, and a law in spans x (C,)."""
         return self.score.fit([*self.terms, self._term(law, x[cells.label])])
 
-    def _judged(self, law: Law, cells: Cells, x: Array, n_laws: int) -> Trial | None:
+    def _judged(self, law: Law, cells: Cells, x: Array) -> Trial | None:
         """Fit a law in spans x (C,) and compute its evidence; None if it has none.
 
         What acts all the time is no cause here, but for a torque that wanders.
@@ -214,34 +216,26 @@ class PassingSearch:
             reach = float(np.sum(self.data.estimate.robot.link_reach()))
             point, covariance = point_of_force(gram, right, reach)
             fitted_law = law.at_point(point)
-        term = self._term(fitted_law, acts)
+        n_numbers = law.freedom + cells.count_edges(x)
+        term = self._term(fitted_law, acts, n_numbers)
         fit = self.score.fit([*self.terms, term])
         base = self.score.at_level(self.base, fit.level)
-        T = base.residual_of(base.scaled(term.columns))
-        gram = np.einsum("jmk,jml->kl", T, T)
-        scaled = np.stack([*base.scaled(term.columns).values()])
-        information = regular(gram, np.einsum("jmk,jml->kl", scaled, scaled))
-        beta = np.linalg.solve(information, np.einsum("jmk,jm->k", T, base.residual))
-        residual = base.residual - T @ beta
-        inverse = np.asarray(np.linalg.inv(with_ridge(information)))
-        rows_per_joint = float(self.base.degrees.mean())
-        worth = self.score.rows_worth_one(T, residual, inverse, T.shape[2])
-        worth += rows_per_joint / COARSENING_ROWS
-        n_independent = max(rows_per_joint * self.data.n / worth, 3.0)
-        n_numbers = law.freedom + cells.count_edges(x)
-        price = self.score.parameter_price(n_numbers, n_independent)
-        drop = self.base.own_deviance - float(self.base.deviance(fit.rss))
+        term = self.score.evidence_of(base, term.form, term.columns)
+        scaled = base.scaled(term.columns)
+        T = base.residual_of(scaled)
+        residual = base.residual - T @ term.beta
+        if covariance is None:
+            own = sum(z.T @ z for z in scaled.values())
+            gram = np.einsum("jmk,jml->kl", T, T)
+            covariance = np.linalg.inv(with_ridge(regular(gram, np.asarray(own))))
         beside = standing(base.residual, residual, self.cells, self._coarse(acts))
         return Trial(
             law=law,
             cells=cells,
             x=x,
             fit=fit,
-            beta=beta,
-            covariance=(inverse if covariance is None else covariance) * worth,
-            drop=drop,
-            worth=worth,
-            price=price + 2.0 * float(np.log(n_laws)),
+            term=term,
+            covariance=covariance * term.rows_worth_one,
             share=explained_share(base.residual, residual, acts > 0.0),
             over_elsewhere=beside.over_elsewhere,
             chance=beside.chance,
@@ -251,8 +245,8 @@ class PassingSearch:
 
 def _without_repetition(
     search: Search, terms: Sequence[ScoredEffect]
-) -> tuple[WhiteData, EvidenceScorer, list[ScoredEffect]]:
-    """Return white rows, scorer and effects as if no motion repeated.
+) -> tuple[WhiteData, list[ScoredEffect]]:
+    """Return white rows and effects as if no motion repeated.
 
     What acts for a part of the time makes repetitions differ: it masks rows, and counts
     as slow noise. So no row is masked for that, and the noise is white, with a level
@@ -262,7 +256,7 @@ def _without_repetition(
     data = search.data
     noise = data.noise
     if noise.source != REPETITION:
-        return data, search.score, list(terms)
+        return data, list(terms)
     masked = mask_unsettled_rows(data.rows)
     rows = replace(data.rows, masked=masked if masked.any() else np.zeros((0, 0), bool))
     white_noise = replace(
@@ -273,9 +267,8 @@ def _without_repetition(
         source=RESIDUAL,
     )
     white = whiten_with_noise(rows, white_noise, data.estimate, data.frozen)
-    score = EvidenceScorer(white, 1)
     anew = [replace(t, columns=white.columns(t.form.effect)) for t in terms]
-    return white, score, anew
+    return white, anew
 
 
 def passing_causes(
@@ -295,7 +288,7 @@ def passing_causes(
     if found is None:
         return ()
     # What is likelier goes first, though its name or size is in doubt.
-    evidence = found[0].evidence
+    evidence = found[0].term.evidence
     likelier = [t for t in search.terms if t in terms or t.evidence > evidence]
     if len(likelier) > len(terms):
         passing = PassingSearch(search, likelier)
@@ -315,7 +308,7 @@ def passing_causes(
 def _described(data: WhiteData, trial: Trial, rivals: Sequence[Trial]) -> PassingCause:
     """Make the record of a cause, with the size of its law and its spans."""
     x = trial.x
-    beta = trial.beta
+    beta = trial.term.beta
     if not data.frozen:
         x, beta = _simpler_of_both(trial)
     # Of the other spans a load or a torque has the opposite sign.
@@ -330,7 +323,7 @@ def _described(data: WhiteData, trial: Trial, rivals: Sequence[Trial]) -> Passin
         point=tuple(float(p) for p in trial.point),
         spans=_spans(data, trial.cells, x),
         share=trial.share,
-        evidence=trial.evidence,
+        evidence=trial.term.evidence,
         rivals=tuple(t.law.text for t in rivals),
     )
 
@@ -350,7 +343,9 @@ def _simpler_of_both(trial: Trial) -> tuple[Array, Array]:
         is_lack = trial.law.kind == "load" and beta[0] < 0.0
         return n_spans, is_lack, float(x[trial.cells.label].sum())
 
-    return min([(trial.x, trial.beta), (1.0 - trial.x, -trial.beta)], key=order)
+    return min(
+        [(trial.x, trial.term.beta), (1.0 - trial.x, -trial.term.beta)], key=order
+    )
 
 
 def _spans(data: WhiteData, cells: Cells, x: Array) -> tuple[Span, ...]:

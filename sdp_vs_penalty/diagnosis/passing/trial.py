@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_ADD, UNCERTAIN
-from sdp_vs_penalty.diagnosis.linear_fit import WhiteFit, margin
+from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit, margin
 from sdp_vs_penalty.diagnosis.passing.laws import Law
 from sdp_vs_penalty.diagnosis.passing.spans import Cells
 from sdp_vs_penalty.robot.arrays import Array
@@ -37,16 +37,10 @@ class Trial:
     x: Array
     #: The fit with the law.
     fit: WhiteFit
-    #: (k,) parameters of the law [SI].
-    beta: Array
+    #: The law as a term beside the model, with its evidence and parameters [SI].
+    term: ScoredEffect
     #: (k, k) covariance of the parameters.
     covariance: Array
-    #: Drop of the deviance that the law brings.
-    drop: float
-    #: Number of correlated rows that carry the evidence of one independent row.
-    worth: float
-    #: Evidence that the law's parameters and its choice cost.
-    price: float
     #: Share of the error in its spans that the law explains.
     share: float
     #: Mean square of the error in the spans, over the largest one elsewhere
@@ -64,24 +58,19 @@ class Trial:
         return self.law.at_point(self.point) if self.law.kind == "force" else self.law
 
     @property
-    def evidence(self) -> float:
-        """The evidence J: twice the logarithm of the odds that the cause acts."""
-        return self.drop / self.worth - self.price
-
-    @property
     def size(self) -> float:
         """The mass [kg], the force [N], or the torque [N m or N]."""
         if self.law.kind == "force":
-            return float(np.linalg.norm(self.beta))
-        return float(self.beta[0])
+            return float(np.linalg.norm(self.term.beta))
+        return float(self.term.beta[0])
 
     @property
     def std(self) -> float:
         """The standard deviation of the size."""
-        along = np.zeros(len(self.beta))
+        along = np.zeros(len(self.term.beta))
         along[0] = 1.0
         if self.law.kind == "force":
-            along = self.beta / max(self.size, 1e-12)
+            along = self.term.beta / max(self.size, 1e-12)
         return float(np.sqrt(along @ self.covariance @ along))
 
     @property
@@ -90,13 +79,13 @@ class Trial:
         if self.law.kind != "load":
             return False
         reach = float(np.sum(self.law.effect.robot.link_reach()))
-        return bool(np.linalg.norm(self.beta[1:]) > reach * abs(self.size))
+        return bool(np.linalg.norm(self.term.beta[1:]) > reach * abs(self.size))
 
     @property
     def stands_out(self) -> bool:
         """Whether it has evidence, and the error in its spans is larger than any that
         the model makes elsewhere."""
-        return self.evidence > EVIDENCE_TO_ADD and self.over_elsewhere > _LARGER
+        return self.term.evidence > EVIDENCE_TO_ADD and self.over_elsewhere > _LARGER
 
     @property
     def errs_apart(self) -> bool:
@@ -117,10 +106,6 @@ class Trial:
             and not self.is_far_off
         )
 
-    def evidence_with_worth_of(self, other: Trial) -> float:
-        """Return J with the number of rows worth one of another trial."""
-        return self.drop / other.worth - self.price
-
 
 def best_of(trials: Sequence[Trial]) -> tuple[Trial, tuple[Trial, ...]]:
     """Return the likeliest of some trials, and those that the data do not tell from it.
@@ -129,8 +114,8 @@ def best_of(trials: Sequence[Trial]) -> tuple[Trial, tuple[Trial, ...]]:
     within J = 6 plus 4 % of the best one's; of these the one with fewest numbers is
     taken.
     """
-    closest = max(trials, key=lambda t: t.drop)
-    J = {t: t.evidence_with_worth_of(closest) for t in trials}
+    closest = max(trials, key=lambda t: t.term.drop)
+    J = {t: t.term.evidence_with_worth_of(closest.term) for t in trials}
     best = max(J.values())
     tied = [t for t in trials if best - J[t] < margin(best)]
     chosen = min(tied, key=lambda t: (t.law.freedom, -J[t]))
