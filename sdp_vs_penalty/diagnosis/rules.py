@@ -14,8 +14,6 @@ class Rules:
     #: Once there are findings, half of the prior odds go to effects that act on another
     #: joint already.
     joints_alike: bool = True
-    #: Errors of a finding's law are tolerated beside it.
-    law_misfits: bool = True
     #: Of candidates that do about as well the simplest one is named.
     simplest: bool = True
     #: A finding may be replaced by another effect.
