@@ -19,7 +19,7 @@ from sdp_vs_penalty import (
     where_it_fails,
 )
 from sdp_vs_penalty.data import Measurements, concatenate
-from sdp_vs_penalty.diagnosis import compare, predicted
+from sdp_vs_penalty.diagnosis import compare, predicted, upper_relative_error
 from sdp_vs_penalty.diagnosis.comparison import Comparisons
 from sdp_vs_penalty.signals import FilteredRun, FilteredRuns, Preprocessing
 
@@ -204,25 +204,17 @@ def test_a_ripple_is_seen_by_its_order_and_amplitude(two_link, base, every):
     assert 40 not in [k for k, *_ in first.orders]
 
 
-def test_a_relative_error_of_few_stretches_rules_nothing_out():
-    from sdp_vs_penalty.diagnosis import upper_relative_error
-
-    assert upper_relative_error(np.array([1.0, 1.0]), np.array([9.0, 9.0])) == np.inf
-
-
-def test_a_relative_error_of_equal_stretches_is_certain():
-    from sdp_vs_penalty.diagnosis import upper_relative_error
-
-    found = upper_relative_error(np.full(20, 1.0), np.full(20, 100.0))
-    assert found == pytest.approx(10.0)
-
-
-def test_a_relative_errors_interval_grows_with_what_differs():
-    from sdp_vs_penalty.diagnosis import upper_relative_error
-
-    errors = np.ones(20)
-    errors[0] = 30.0
-    assert upper_relative_error(errors, np.full(20, 100.0)) > 20.0
+@pytest.mark.parametrize(
+    ("errors", "torques", "low", "high"),
+    [
+        ([1.0] * 2, 9.0, np.inf, np.inf),  # few stretches rule nothing out
+        ([1.0] * 20, 100.0, 9.999, 10.001),  # equal ones are certain
+        ([30.0] + [1.0] * 19, 100.0, 20.0, np.inf),
+    ],
+)
+def test_a_relative_errors_interval_grows_with_what_differs(errors, torques, low, high):
+    upper = upper_relative_error(np.array(errors), np.full(len(errors), torques))
+    assert low <= upper <= high
 
 
 def test_models_are_printed_with_the_errors_of_the_same_joints(two_link, estimate):

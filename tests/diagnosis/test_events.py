@@ -55,17 +55,6 @@ def residual(at: list[int], push: float = 15.0) -> np.ndarray:
     return out
 
 
-@pytest.mark.parametrize("source", [REPETITION, SPECTRUM])
-def test_a_push_that_happens_once_is_an_event(source):
-    white = residual([300])
-    assert outliers(data_of(source), white, 0.1 * white)[300:320].all()
-
-
-def test_what_every_repetition_has_is_an_error_of_the_model():
-    white = residual([300, 300 + HALF])
-    assert not outliers(data_of(REPETITION), white, 0.1 * white).any()
-
-
 def fast_corners(white: np.ndarray) -> Any:
     """Data in which the torque changes fast at six instants, with a larger residual."""
     data = data_of(SPECTRUM)
@@ -76,15 +65,24 @@ def fast_corners(white: np.ndarray) -> Any:
     return data
 
 
-def test_an_error_at_a_corner_of_the_motion_is_no_event():
-    """Late torque errs where it changes fast; one such error is larger than others."""
-    white = residual([])
-    assert not outliers(fast_corners(white), white, 0.1 * white).any()
-
-
-def test_a_push_beside_corners_of_the_motion_is_an_event():
-    white = residual([350])
-    assert outliers(fast_corners(white), white, 0.1 * white)[350:370].all()
+@pytest.mark.parametrize(
+    ("source", "pushes", "corners", "is_event"),
+    [
+        (REPETITION, [300], False, True),
+        (SPECTRUM, [300], False, True),
+        (REPETITION, [300, 300 + HALF], False, False),  # it repeats: the model errs
+        (SPECTRUM, [], False, False),
+        # Late torque errs where it changes fast; one such error is larger than others.
+        (SPECTRUM, [], True, False),
+        (SPECTRUM, [350], True, True),
+    ],
+)
+def test_a_push_that_happens_once_is_an_event(source, pushes, corners, is_event):
+    white = residual(pushes)
+    data = fast_corners(white) if corners else data_of(source)
+    found = outliers(data, white, 0.1 * white)
+    assert found.any() == is_event
+    assert all(found[at : at + 20].all() for at in pushes * is_event)
 
 
 @pytest.mark.parametrize(("steep", "count"), [(0.0, 1), (1.0, 0)])
@@ -113,11 +111,6 @@ def test_what_one_sharp_corner_explains_is_no_event(monkeypatch, steep, count):
     assert len(found) == count
     for event in found:
         assert event.t_start == pytest.approx(corners[3] / 40.0, abs=0.5)
-
-
-def test_noise_has_no_events():
-    white = residual([])
-    assert not outliers(data_of(SPECTRUM), white, 0.1 * white).any()
 
 
 def test_a_hum_has_its_amplitude_in_each_run_whose_clocks_overlap(monkeypatch):

@@ -5,13 +5,12 @@ The logs are of an arm that shares no code with the library (point_mass_arm).
 """
 
 from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from point_mass_arm import MASSES, PointMassArm, arm_problem
+from point_mass_arm import MASSES, PointMassArm
 
 from sdp_vs_penalty import Measurements, Problem, identify
 from sdp_vs_penalty.diagnosis import (
@@ -27,11 +26,6 @@ from sdp_vs_penalty.diagnosis.notices import ScaledRows, fit_with_priors
 
 EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
 Array = np.ndarray
-
-
-@pytest.fixture(scope="module")
-def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
-    return arm_problem(Path(tmp_path_factory.mktemp("arm")))
 
 
 def notices(problem: Problem, arm: PointMassArm) -> tuple[Notice, ...]:

@@ -8,11 +8,10 @@ repeats every 10 s.
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
-from point_mass_arm import MASSES, Kinematics, PointMassArm, arm_problem
+from point_mass_arm import MASSES, Kinematics, PointMassArm
 
 from sdp_vs_penalty import Measurements, Problem, add, compare, diagnose, identify
 from sdp_vs_penalty.data.measurements import concatenate
@@ -35,11 +34,6 @@ POINT = (0.25, 0.02, 0.05)
 FORCE = np.array([6.0, -8.0, 5.0])
 #: Width of the cells of time in which spans are searched, for a log of 30 s [s].
 CELL = 0.6
-
-
-@pytest.fixture(scope="module")
-def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
-    return arm_problem(Path(tmp_path_factory.mktemp("arm")))
 
 
 def diagnosed(problem: Problem, run: Measurements) -> Diagnosis:
@@ -145,15 +139,6 @@ def test_a_contact_of_some_seconds_is_a_force(problem):
 
 
 @pytest.mark.long
-def test_a_constant_torque_for_a_time_is_on_its_joint(problem):
-    run = pushed(lambda q, dq: 0.0 * q + [0.0, 4.0, 0.0], 12.0, 17.0)
-    (cause,) = diagnosed(problem, run).passing
-    assert (cause.kind, cause.place) == ("torque", 2)
-    assert cause.size == pytest.approx(4.0, rel=0.1)
-    assert_spans(cause, (12.0, 17.0))
-
-
-@pytest.mark.long
 def test_a_model_that_is_held_fixed_shows_a_load(problem):
     model = identify(problem, PointMassArm().run(3), check=False)
     result = diagnose(model, loaded(1.5, (12.0, 17.0)), frozen=True, check=False)
@@ -197,15 +182,21 @@ def test_what_is_none_of_these_is_not_named(problem, push, begin, end):
 
 
 @pytest.mark.long
-def test_friction_that_grows_for_a_time_is_friction(problem):
-    def braked(q: Array, dq: Array) -> Array:
-        return [0.0, 1.5, 0.0] * np.tanh(dq / 0.01)
-
-    (cause,) = diagnosed(problem, pushed(braked, 12.0, 19.0)).passing
-    assert (cause.kind, cause.place, cause.unit) == ("friction", 2, "N*m")
-    assert cause.size == pytest.approx(1.5, rel=0.05)
-    assert "a change of dry friction of 1.5" in cause.sentence
-    assert_spans(cause, (12.0, 19.0))
+@pytest.mark.parametrize(
+    ("kind", "size", "words", "push"),
+    [
+        ("torque", 4.0, "a constant torque of", lambda dq: np.ones_like(dq)),
+        ("friction", 1.5, "a change of dry friction of", lambda dq: np.tanh(dq / 0.01)),
+    ],
+)
+def test_what_one_joint_has_for_a_time_is_on_it(problem, kind, size, words, push):
+    on_second = np.array([0.0, size, 0.0])
+    run = pushed(lambda q, dq: on_second * push(dq), 12.0, 18.0)
+    (cause,) = diagnosed(problem, run).passing
+    assert (cause.kind, cause.place, cause.unit) == (kind, 2, "N*m")
+    assert cause.size == pytest.approx(size, rel=0.1)
+    assert words in cause.sentence
+    assert_spans(cause, (12.0, 18.0))
 
 
 @pytest.mark.long

@@ -254,40 +254,6 @@ def test_a_term_gives_way_only_to_one_that_stays(search, monkeypatch, stays):
     assert search.exchange_one([here]) == ([other] if stays else None)
 
 
-def test_an_exchange_is_tried_again_only_after_the_effects_on_its_joints_have_changed(
-    search, monkeypatch
-):
-    scored = terms(search)
-    first, third, *_ = [t for t in scored if t.joints == {0}]
-    other = next(t for t in scored if t.joints == {1})
-    tried = []
-
-    def none_to_replace(term, others, fit):
-        tried.append(term.key)
-        return []
-
-    monkeypatch.setattr(search, "_candidates_to_replace", none_to_replace)
-    search.exchange_one([first])
-    search.exchange_one([first, other])
-    assert tried == [first.key, other.key]
-    search.exchange_one([first, third])
-    assert tried == [first.key, other.key, first.key, third.key]
-
-
-def test_a_search_takes_over_what_another_one_tried_but_for_columns_of_the_model(
-    search, white
-):
-    other = Search(*white[:2])
-    for name in ("joint_spring", "torque_gain"):
-        (term, *_) = terms(other, name)
-        other.terms.append(term)
-        other._not_exchanged[term.key] = frozenset([term.text])
-    other.barred.add(("joint_resonance", 1))
-    search.take_attempts_of(other)
-    assert set(search._not_exchanged) == {("joint_spring", 0)}
-    assert search.barred == other.barred
-
-
 def test_parameters_beyond_those_of_any_model_contradict_themselves(search):
     (term,) = terms(search, "joint_spring")
     assert not search.contradicts_itself(term)

@@ -5,19 +5,10 @@ The logs are of an arm that shares no code with the library (point_mass_arm).
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from point_mass_arm import (
-    COULOMB,
-    VISCOUS,
-    PointMassArm,
-    Trajectory,
-    arm_problem,
-    delayed,
-    scaled,
-)
+from point_mass_arm import COULOMB, VISCOUS, PointMassArm, Trajectory, delayed, scaled
 
 from sdp_vs_penalty import Measurements, Problem, identify, where_it_fails
 from sdp_vs_penalty.diagnosis import (
@@ -81,11 +72,6 @@ KINDS = {
         "position in a turn",
     ),
 }
-
-
-@pytest.fixture(scope="module")
-def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
-    return arm_problem(Path(tmp_path_factory.mktemp("arm")))
 
 
 def worst_joint(problem: Problem, arm: PointMassArm, seed: int) -> JointFailure:
@@ -176,14 +162,6 @@ def test_a_hum_above_the_filters_is_the_cause(problem):
     assert JointFailure.from_dict(worst.to_dict()).hums == worst.hums
 
 
-def test_joints_without_a_noise_floor_are_ranked_by_their_torques():
-    def failure(joint: int, rmse: float, torque: float) -> JointFailure:
-        return JointFailure(joint, rmse, None, None, {}, 1.0, (), torque=torque)
-
-    failures = Failures([failure(1, 2.0, 100.0), failure(2, 0.5, 1.0)], ["N m", "N m"])
-    assert failures.worst_first[0].joint == 2
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 9])
 def test_a_tilt_shows_as_a_function_of_positions(problem, seed):
@@ -237,25 +215,38 @@ def failure(joint: int, rmse: float, **fields) -> JointFailure:
     return JointFailure(joint, rmse, None, None, {}, 1.0, (), **fields)
 
 
-def test_an_error_that_most_drives_show_makes_no_joint_the_worst():
-    usual = failure(1, 5.0, usual_share=0.96, scatter=1.0)
-    unusual = failure(2, 3.0, usual_share=0.1, scatter=1.0)
-    assert Failures([usual, unusual], ["N m", "N m"]).worst_first[0].joint == 2
+#: Two joints' failures, the second of which is the worst: an error and what is known.
+KNOWN = {"noise_floor": 0.1, "explainable_share": 0.9}
+NAMED = {"held_out_shares": {"load": 0.5}, "shares_of_error": {"load": 0.5}}
+SECOND_IS_WORST = {
+    "most drives show the first": (
+        (5.0, {"usual_share": 0.96, "scatter": 1.0}),
+        (3.0, {"usual_share": 0.1, "scatter": 1.0}),
+    ),
+    "by the torques, without a noise": (
+        (2.0, {"torque": 100.0}),
+        (0.5, {"torque": 1.0}),
+    ),
+    "by the torques' scatter": ((5.0, {"scatter": 1.0}), (1.0, {"scatter": 0.1})),
+    # The Panda's noise is in the band of its motion: its scatter shows another.
+    "by noise that repetition shows, before the scatter": (
+        (1.0, {"scatter": 0.1, **KNOWN}),
+        (5.0, {"scatter": 1.0, **KNOWN}),
+    ),
+    "about as bad, with a cause": (
+        (5.0, {"scatter": 1.0, "held_out_shares": {"load": 0.0}}),
+        (4.9, {"scatter": 1.0, **NAMED}),
+    ),
+}
 
 
-def test_joints_are_compared_by_the_scatter_of_their_torques():
-    """A noise floor that friction has made too large does not hide a joint."""
-    large = failure(1, 5.0, scatter=1.0)
-    small = failure(2, 1.0, scatter=0.1)
-    assert Failures([large, small], ["N m", "N m"]).worst_first[0].joint == 2
-
-
-def test_noise_that_repetition_shows_goes_before_the_scatter():
-    """The Panda's noise is in the band of its motion: its scatter shows another."""
-    known = {"noise_floor": 0.1, "explainable_share": 0.9}
-    large = replace(failure(1, 5.0, scatter=1.0), **known)
-    small = replace(failure(2, 1.0, scatter=0.1), **known)
-    assert Failures([large, small], ["N m", "N m"]).worst_first[0].joint == 1
+@pytest.mark.parametrize("case", SECOND_IS_WORST)
+def test_the_worst_joint_is_that_of_the_largest_unusual_error(case):
+    both = [
+        replace(failure(joint, error), **known)
+        for joint, (error, known) in enumerate(SECOND_IS_WORST[case], start=1)
+    ]
+    assert Failures(both, ["N m", "N m"]).worst_first[0].joint == 2
 
 
 def test_an_error_that_is_large_near_reversals_is_said_to_be():
@@ -291,15 +282,6 @@ def test_joints_that_differ_by_less_than_their_noise_is_known_are_a_tie():
     errors = [1.0, 5.0, 4.6]
     failures = [failure(k, e, scatter=1.0) for k, e in enumerate(errors, start=1)]
     assert Failures(failures, ["N m"] * 3).equally_bad == [2, 3]
-
-
-def test_of_joints_that_are_about_as_bad_the_one_with_a_cause_comes_first():
-    explained = {"load": 0.5}
-    unnamed = failure(1, 5.0, scatter=1.0)
-    unnamed = replace(unnamed, held_out_shares={"load": 0.0})
-    named = failure(2, 4.9, scatter=1.0)
-    named = replace(named, held_out_shares=explained, shares_of_error=explained)
-    assert Failures([unnamed, named], ["N m"] * 2).worst_first[0].joint == 2
 
 
 @pytest.mark.parametrize("beyond", [0.0, 0.03, 0.2])

@@ -1,0 +1,12 @@
+"""The arm whose logs most tests diagnose: it shares no code with the library."""
+
+import pytest
+from point_mass_arm import arm_problem
+
+from sdp_vs_penalty import Problem
+
+
+@pytest.fixture(scope="session")
+def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    """The arm as its users describe it (point_mass_arm)."""
+    return arm_problem(tmp_path_factory.mktemp("arm"))
