@@ -13,8 +13,7 @@ with
   (:func:`~sdp_vs_penalty.regression.evidence.price`). As many coefficients count as the rows
   determine beside what is known of their size. One that its sign holds at zero does not
   count (Meyer, Woodroofe, Ann. Statist. 2000);
-- P candidates, times the laws among which this one chooses
-  (:meth:`EvidenceScorer.n_competing_candidates`).
+- P candidates, times the laws among which this one chooses.
 
 Rows are not independent evidence:
 
@@ -29,7 +28,6 @@ beyond what some 3000 rows of a joint tell, however many there are.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -200,7 +198,6 @@ class EvidenceScorer(WhiteFitter):
         self.n_candidates = max(n_candidates, 1)
         self.laws = laws or {}
         self.rules = rules
-        self.laws_by_effect = Counter(name for name, _ in self.laws)
 
     def evidence_of(
         self, fit: WhiteFit, form: Candidate, columns: dict[int, Array]
@@ -355,7 +352,7 @@ class EvidenceScorer(WhiteFitter):
         v = self.rows_worth_one(T, residual, inverse, k)
         if self.rules.coarsening:
             v += rows_per_joint / COARSENING_ROWS
-        n_choices = self.n_competing_candidates(fit, form) * self.laws.get(form.key, 1)
+        n_choices = self.n_candidates * self.laws.get(form.key, 1)
         cost = price(trial.freedom, rows_per_joint * len(columns), v, n_choices)
         return replace(
             without_evidence,
@@ -366,26 +363,6 @@ class EvidenceScorer(WhiteFitter):
             beta=trial.beta,
             squares=squares * fit.level**2,
         )
-
-    def n_competing_candidates(self, fit: WhiteFit, form: Candidate) -> float:
-        """Return the number of candidates with which the candidate ``form`` competes.
-
-        Joints of one arm are similar. Once ``fit`` holds effects, half of the prior
-        probability goes to the same effects on other joints, half to all candidates. A
-        candidate whose effect is in the fit on another joint therefore competes with
-        twice the number of candidates of its effect; any other one with twice the
-        number of all.
-        """
-        effects_in_fit = fit.keys_of_effects
-        if not effects_in_fit or not self.rules.joints_alike:
-            return float(self.n_candidates)
-        name, joint = form.key
-        is_on_other_joint = any(
-            other == name and j != joint for other, j in effects_in_fit
-        )
-        if is_on_other_joint:
-            return 2.0 * self.laws_by_effect[name]
-        return 2.0 * self.n_candidates
 
     def rows_worth_one(
         self, T: Array, residual: Array, inverse: Array, freedom: float

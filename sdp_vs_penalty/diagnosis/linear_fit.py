@@ -167,8 +167,6 @@ class Design:
     columns_of_model: Mapping[Key | None, list[int]]
     #: Numbers of each term's columns, by its text.
     columns_by_text: dict[str, list[int]]
-    #: Key of the effect that a column belongs to, by the column's number.
-    key_of_column: dict[int, Key]
     #: Products of batches of candidates, computed so far.
     _by_batch: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
 
@@ -280,13 +278,6 @@ class WhiteFit:
     def along_torque(self) -> Array:
         """(r,) the products Q'y with the weighted torque, of Q the ``basis``."""
         return np.asarray(self.whitener.T @ (self.level**-2.0 @ self.design.Ay))
-
-    @cached_property
-    def keys_of_effects(self) -> frozenset[Key]:
-        """Keys (effect name, joint) of the effects beside the model's."""
-        key_of_column = self.design.key_of_column
-        kept = (i for i in self.columns_kept if i in key_of_column)
-        return frozenset(key_of_column[i] for i in kept)
 
     @cached_property
     def design_with_residual(self) -> Array:
@@ -575,7 +566,6 @@ class WhiteFitter:
             Ay=Ay,
             columns_of_model=model.columns_by_key,
             columns_by_text=columns_by_text,
-            key_of_column={i: t.key for t in terms for i in columns_by_text[t.text]},
         )
 
     def _fitted(

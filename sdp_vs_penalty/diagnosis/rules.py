@@ -11,9 +11,6 @@ from dataclasses import dataclass, fields
 class Rules:
     """Switches of the optional rules of the search; all are on by default."""
 
-    #: Once there are findings, half of the prior odds go to effects that act on another
-    #: joint already.
-    joints_alike: bool = True
     #: Of candidates that do about as well the simplest one is named.
     simplest: bool = True
     #: A finding may be replaced by another effect.

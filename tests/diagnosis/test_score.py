@@ -127,24 +127,6 @@ def test_the_odds_of_a_candidate_are_those_of_its_laws_together():
     assert J[0] - J[1] == pytest.approx(2.0 * np.log(4.0))
 
 
-def test_half_of_the_odds_are_that_joints_are_built_alike():
-    data, z = made(size=1.0)
-    score = EvidenceScorer(
-        data, 40, {(name, j): 1 for name in ("made", "other") for j in range(n)}
-    )
-    found = score.evidence_of(score.fit(()), form(), {0: z})
-    fit = score.fit([found])
-    column = {1: made(seed=1)[1]}
-    like = score.evidence_of(fit, replace(form(name="made"), key=("made", 1)), column)
-    unlike = score.evidence_of(
-        fit, replace(form(name="other"), key=("other", 1)), column
-    )
-    assert unlike.price - like.price == pytest.approx(2.0 * np.log(40 / n))
-    assert unlike.price - found.price == pytest.approx(
-        2.0 * np.log(2.0), abs=0.2
-    )  # and of worth
-
-
 def test_a_coefficient_that_its_sign_holds_at_zero_has_no_price():
     data, z = made(size=1.0)
     score = EvidenceScorer(data, 10)
