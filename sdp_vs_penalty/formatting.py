@@ -161,6 +161,17 @@ def number(x: float | None, digits: int = 3) -> str:
     return f"{x:.0f}" if "e+" in text and abs(x) < 1e6 else text
 
 
+def amount(size: float, half: float, unit: str, digits: int = 3) -> str:
+    """Write a size with half its 95 % interval and its unit.
+
+    Examples
+    --------
+    >>> amount(1234.5, 1040.0, "N m"), amount(0.5, 0.02, "")
+    ('1234 ± 1040 N m', '0.5 ± 0.02')
+    """
+    return f"{number(size, digits)} ± {number(half, 2)} {unit}".rstrip()
+
+
 def times_noise(ratio: float, error: float, unit: str) -> str:
     """Write an error [unit] as a multiple of its noise, and in its unit.
 

@@ -7,7 +7,7 @@ A candidate beside the model and the terms that were chosen scores
 with
 
 - the drop dD of the deviance D = sum_j N_j log V_j + RSS_j / V_j, where V_j =
-  max(RSS_j / N_j, noise) (:attr:`_Trial.deviance_drop`);
+  max(RSS_j / N_j, noise) (:attr:`Trial.deviance_drop`);
 - the rows v that are worth one (:meth:`EvidenceScorer.rows_worth_one`);
 - k coefficients and s continuous shape constants
   (:func:`~sdp_vs_penalty.regression.evidence.price`). As many coefficients count as the rows
@@ -53,7 +53,7 @@ from sdp_vs_penalty.robot.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
-class _Trial:
+class Trial:
     """A candidate as an addition to a fit.
 
     Its columns of torque T (n joints, M rows, k) are weighted, less what the fit
@@ -81,6 +81,11 @@ class _Trial:
     def k(self) -> int:
         """The number of the candidate's coefficients."""
         return self.form.n_coefficients
+
+    @property
+    def columns_left(self) -> Array:
+        """(n, M, k) the columns T."""
+        return self.products.residual * self.is_visible
 
     @property
     def is_absorbed(self) -> bool:
@@ -252,28 +257,28 @@ class EvidenceScorer(WhiteFitter):
 
     def _trial(
         self, fit: WhiteFit, form: Candidate, columns: dict[int, Array]
-    ) -> _Trial:
+    ) -> Trial:
         """Prepare a candidate, with white columns (M, k) by joint, to be tried beside
         a fit."""
-        trial = self._trial_beside(fit, self.without(fit, form), form, columns)
+        trial = self.trial_beside(fit, self.without(fit, form), form, columns)
         own = self._own_below_zero(trial)
         if own is None:
             return trial
         rest = self.without_own(fit, own)
-        return self._trial_beside(fit, rest, form, columns)
+        return self.trial_beside(fit, rest, form, columns)
 
-    def _trial_beside(
+    def trial_beside(
         self,
         fit_to_beat: WhiteFit,
         fit: WhiteFit,
         form: Candidate,
         columns: dict[int, Array],
-    ) -> _Trial:
+    ) -> Trial:
         """Prepare a candidate to be added to a fit, and compared with another one."""
         products = ColumnProducts.of(fit, fit.scaled(columns))
         energy = products.energy
         energy_left = np.diagonal(products.gram_left)
-        return _Trial(
+        return Trial(
             form=form,
             fit_to_beat=fit_to_beat,
             fit=fit,
@@ -282,7 +287,7 @@ class EvidenceScorer(WhiteFitter):
             prior_std=self.prior(fit, form.plausible, list(columns), energy),
         )
 
-    def _own_below_zero(self, trial: _Trial) -> Key | None:
+    def _own_below_zero(self, trial: Trial) -> Key | None:
         """Return the key of the model's effect which the candidate refines, and whose
         parameter falls below zero beside it; None if there is none.
 
@@ -304,7 +309,7 @@ class EvidenceScorer(WhiteFitter):
         )
         return next(below_zero, None)
 
-    def _score(self, trial: _Trial, columns: dict[int, Array]) -> ScoredEffect:
+    def _score(self, trial: Trial, columns: dict[int, Array]) -> ScoredEffect:
         """Compute the evidence J = dD / v - price of a candidate that is added to a fit.
 
         dD is the drop of the deviance, v the number of correlated rows that count as
@@ -330,7 +335,7 @@ class EvidenceScorer(WhiteFitter):
         without_evidence = ScoredEffect(form, columns, beta=np.zeros(k))
         if trial.is_absorbed:
             return without_evidence
-        T = trial.products.residual * trial.is_visible
+        T = trial.columns_left
         residual = fit.residual - T @ trial.beta
         inverse = np.asarray(np.linalg.inv(with_ridge(trial.information)))
         # (n,) squares of the candidate's torque, weighted.
@@ -384,28 +389,6 @@ class EvidenceScorer(WhiteFitter):
         """
         scores = np.einsum("jmk,jm->mk", T, residual)  # (rows, K)
         return rows_worth_one(self.data.clusters, scores, inverse, freedom)
-
-    def partial_out(
-        self, fit: WhiteFit, form: Candidate, columns: dict[int, Array]
-    ) -> tuple[Array, Array]:
-        """Subtract from a candidate's columns what the fit explains of them.
-
-        Columns of which the fit's columns absorb all but 0.1 % (ABSORBED) are set to
-        zero. ``columns`` are the white columns of the candidate ``form``, (M, k) by
-        joint from 0.
-
-        Returns
-        -------
-        (n, M, k) array
-            The weighted columns, orthogonal to the fit's.
-        (k,) array
-            Prior standard deviations of their coefficients about zero.
-        """
-        scaled = fit.scaled(columns)
-        energy = np.sum([np.sum(z**2, axis=0) for z in scaled.values()], axis=0)
-        T = fit.residual_of(scaled)
-        T = T * (np.sum(T**2, axis=(0, 1)) > ABSORBED * energy)
-        return T, self.prior(fit, form.plausible, list(columns), energy)
 
     @staticmethod
     def prior(

@@ -159,7 +159,7 @@ def format_size(size: float, std: float, unit: str) -> str:
 
 def _amount(size: float, std: float, unit: str) -> str:
     """Write a size with half its 95 % interval, "3.123 ± 0.49 N m"."""
-    return f"{size:.4g} ± {NORMAL_95 * std:.2g} {plain_unit(unit)}".rstrip()
+    return formatting.amount(size, NORMAL_95 * std, plain_unit(unit), digits=4)
 
 
 @dataclass(frozen=True)
@@ -258,7 +258,7 @@ class Finding(Rated):
             return ""
         half = NORMAL_95 * self.torque_std
         unit = plain_unit(self.torque_unit)
-        return f"{self.torque_rms:.3g} ± {half:.2g} {unit} RMS in these runs"
+        return f"{formatting.amount(self.torque_rms, half, unit)} RMS in these runs"
 
     @property
     def _torque_tells_more(self) -> bool:

@@ -174,7 +174,7 @@ def size_with_interval(
     k = term.form.n_coefficients
     others = [t for t in search.terms if t != term]
     fit = search.score.fit(others, fit_of_all)
-    columns, prior_std = search.score.partial_out(fit, term.form, term.columns)
+    trial = search.score.trial_beside(fit, fit, term.form, term.columns)
     on_its_joints = [
         (derivatives, z)
         for derivatives, z in errors_of_constants
@@ -192,9 +192,9 @@ def size_with_interval(
     )
     # (n, M, K): the effect's k columns first, then those of errors of shape constants,
     # which are scaled so that their prior standard deviation is 1.
-    T = np.concatenate([columns, *columns_of_constants], axis=2)
+    T = np.concatenate([trial.columns_left, *columns_of_constants], axis=2)
     n_constants = T.shape[2] - k
-    prior = np.diag(np.concatenate([prior_std**-2.0, np.ones(n_constants)]))
+    prior = np.diag(np.concatenate([trial.prior_std**-2.0, np.ones(n_constants)]))
     joints_and_rows = ((0, 1), (0, 1))
     gram = np.tensordot(T, T, axes=joints_and_rows)
     A = gram + prior

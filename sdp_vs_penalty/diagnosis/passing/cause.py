@@ -77,8 +77,8 @@ class PassingCause(JsonRecord):
         what, part = _IN_WORDS[self.kind]
         unit = formatting.plain_unit(self.unit)
         size = abs(self.size) if self.kind == "load" else self.size
-        amount = f" of {size:.3g} ± {NORMAL_95 * self.std:.2g} {unit}".rstrip()
-        amount += " (95 %)"
+        sized = formatting.amount(size, NORMAL_95 * self.std, unit)
+        amount = f" of {sized} (95 %)"
         text = f"{what}{amount} on {part} {self.place}"
         if self.is_lack:
             text = f"{what}{amount} is missing on {part} {self.place}"
