@@ -158,14 +158,15 @@ def _beside_check(
 
 
 def _states(diagnosis: Diagnosis, issue: Mapping[str, Any]) -> bool:
-    """Return whether a finding, or what acts for a part of the time, states an issue of
-    the check too."""
+    """Return whether a finding that is sure, or what acts for a part of the time, states
+    an issue of the check too."""
     figures = issue["figures"]
     joints = tuple(figures.get("joints", ()))
     at = figures.get("t")
     return any(
         issue["kind"] in EFFECTS.get(f.effect).faults and f.joints in ((), joints)
         for f in diagnosis.effects
+        if f.torque_is_certain
     ) or any(
         cause.covers(at, at) if at is not None else issue["kind"] == "another load"
         for cause in diagnosis.passing
