@@ -317,13 +317,12 @@ class Finding(Rated):
         """Whether the effect is certainly present, though its formula or size may be
         open.
 
-        True for a confident finding, and for a near-tie whose rivals are all formulas
+        True if nothing but its size is uncertain, and what fits as well are formulas
         of the same physical effect.
         """
-        if self.rating == "near-tie":
-            laws = [is_law_of(name, self.effect) for name in self._rival_effects]
-            return all(laws) and all(x.reason == "rivals" for x in self.doubts)
-        return self.rating == "confident"
+        reasons = {doubt.reason for doubt in self.doubts}
+        laws = [is_law_of(name, self.effect) for name in self._rival_effects]
+        return reasons <= {"rivals", "uncertain"} and all(laws)
 
     @property
     def _rival_effects(self) -> list[str]:

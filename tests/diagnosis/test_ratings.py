@@ -81,6 +81,14 @@ def test_an_effect_is_certain_where_only_its_law_is_open(effect, rivals, is_cert
     assert finding(effect, 7, *rivals).effect_is_certain == is_certain
 
 
+@pytest.mark.parametrize(
+    ("reason", "is_certain"), [("uncertain", True), ("insignificant", False)]
+)
+def test_an_effect_is_certain_where_only_its_size_is_open(reason, is_certain):
+    doubt = {"confidence": "weak", "doubts": (Doubt(reason),)}
+    assert finding("joint_spring", 2, **doubt).effect_is_certain == is_certain
+
+
 def test_the_headline_names_effects_whose_law_or_name_is_open():
     found = diagnosis(
         finding("presliding_hysteresis", 4),
