@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import sdp_vs_penalty as sdp
+from sdp_vs_penalty.api.diagnosis import _beside_check
+from sdp_vs_penalty.checks import EXPLANATION
 from sdp_vs_penalty.data import datasets
 from sdp_vs_penalty.diagnosis import (
     Diagnosis,
@@ -160,6 +162,31 @@ def test_what_the_check_explains_is_a_rival_on_its_joints(joints, ratings):
     assert beside.effects[1].remarks == (
         "the check explains its torque as well: the torque of joint 2 steps",
     )
+
+
+@pytest.mark.parametrize(
+    ("kind", "certainty", "doubts", "rating"),
+    [
+        ("torque step", "likely: an arm leaves less", (), "near-tie"),
+        ("torque step", "possible: a load does so too", (), "confident"),
+        ("torque filter", "likely: an arm leaves less", (), "confident"),  # stated
+        ("torque filter", "likely: an arm leaves less", (Doubt("small"),), "near-tie"),
+    ],
+)
+def test_only_what_no_sure_finding_states_is_a_rival(kind, certainty, doubts, rating):
+    confidence = "weak" if doubts else "confident"
+    late = finding("torque_filter", 1, joints=(), confidence=confidence, doubts=doubts)
+    issue = {
+        "kind": kind,
+        "certainty": certainty,
+        "nature": EXPLANATION,
+        "apply": "",
+        "what": "The torques step.",
+        "figures": {"log_odds": 30.0},
+    }
+    found = diagnosis(finding("joint_spring", 2), late)
+    beside = _beside_check(found, {"run1.csv": [issue]})
+    assert beside.effects[0].rating == rating
 
 
 def test_effects_that_are_certain_are_counted():
