@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from sdp_vs_penalty.records import JsonRecord
@@ -80,20 +80,3 @@ class Doubt(JsonRecord):
     def leaves_torque_open(self) -> bool:
         """Whether it leaves open that a torque is there at all."""
         return self.reason in TORQUE_IS_OPEN
-
-
-def doubts_of_sentences(sentences: Sequence[str]) -> tuple[Doubt, ...]:
-    """Return the doubts that sentences are about, as an older findings.json has them.
-
-    Parameters
-    ----------
-    sentences
-        What was said; a sentence that no reason has is the cause that looks alike.
-    """
-    reason_by_sentence = {sentence: reason for reason, sentence in REASONS.items()}
-    return tuple(
-        Doubt(reason_by_sentence[sentence])
-        if sentence in reason_by_sentence
-        else Doubt("looks_like", sentence)
-        for sentence in sentences
-    )

@@ -12,7 +12,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
-from sdp_vs_penalty.diagnosis.doubts import NAME_IS_OPEN, Doubt, doubts_of_sentences
+from sdp_vs_penalty.diagnosis.doubts import NAME_IS_OPEN, Doubt
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.notices import Notice
 from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, passing_sentence
@@ -29,7 +29,7 @@ from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
 from sdp_vs_penalty.files import read_json, require_format
 from sdp_vs_penalty.formatting import plain_unit
-from sdp_vs_penalty.records import JsonRecord, from_json
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.remedy import Change, Grade, Remedy
@@ -51,9 +51,7 @@ if TYPE_CHECKING:
 FINDINGS_FORMAT = 2
 #: What is said where the residual was taken for noise, which it then equals.
 _NOT_KNOWN = f"is not known: {NOISE_UNKNOWN}, so noise and error look alike."
-#: What an explanation says before the effects that fit as well; and what is said of a
-#: finding that only the errors beside all other findings show.
-_RIVALS = " Indistinguishable in these data from"
+#: What is said of a finding that only the errors beside all other findings show.
 _SHOWN_BESIDE_ALL = (
     " It lowers the error on data left out only beside the findings after it."
 )
@@ -112,16 +110,6 @@ class Rated(JsonRecord):
             return True
         leave_open = [doubt.leaves_torque_open for doubt in self.doubts]
         return bool(leave_open) and not any(leave_open)
-
-    @classmethod
-    def upgraded(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Files of the first format have a sentence for each doubt only."""
-        if "doubts" in data:
-            return data
-        doubts = doubts_of_sentences(
-            from_json(tuple[str, ...], data.get("remarks", ()))
-        )
-        return {**data, "doubts": [doubt.to_dict() for doubt in doubts]}
 
 
 #: A finding or a re-estimated constant.
@@ -297,21 +285,6 @@ class Finding(Rated):
         """Half the size's 95 % interval, in its unit."""
         return NORMAL_95 * self.std
 
-    @classmethod
-    def upgraded(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Files of the first format have the physics in the middle of ``explanation``
-        only."""
-        if "physics" not in data and "explanation" in data:
-            explanation = from_json(str, data["explanation"])
-            text, beside_all, _ = explanation.partition(_SHOWN_BESIDE_ALL)
-            after_size = text.partition(". ")[2]
-            data = {
-                **data,
-                "physics": after_size.partition(_RIVALS)[0],
-                "is_shown_beside_all": bool(beside_all),
-            }
-        return super().upgraded(data)
-
     @property
     def effect_is_certain(self) -> bool:
         """Whether the effect is certainly present, though its formula or size may be
@@ -365,7 +338,7 @@ class Finding(Rated):
         text = f"{head}. {self.physics}"
         if self.rivals_without_curve:
             named = ", ".join(map(effect_in_words, self.rivals_without_curve))
-            text += f"{_RIVALS} {named}."
+            text += f" Indistinguishable in these data from {named}."
         return text + _SHOWN_BESIDE_ALL * self.is_shown_beside_all
 
     @property
@@ -1276,8 +1249,7 @@ def _diagnosis_of(data: Mapping[str, Any]) -> Diagnosis:
     """Make a diagnosis of the content of a findings.json, after a check of its
     format.
     """
-    # Files of the first version (1) do not name their format.
-    require_format(data, FINDINGS_FORMAT, unmarked=1)
+    require_format(data, FINDINGS_FORMAT, FINDINGS_FORMAT, remedy="diagnose again")
     return Diagnosis.from_dict(data)
 
 

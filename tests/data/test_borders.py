@@ -172,14 +172,9 @@ def test_findings_name_their_format(findings, tmp_path):
     assert load_findings(findings, tmp_path).to_dict() == findings
 
 
-def test_findings_of_the_first_versions_are_read(findings, tmp_path):
-    unmarked = {name: x for name, x in findings.items() if name != "format"}
-    assert load_findings(unmarked, tmp_path).to_dict() == findings
-
-
 @pytest.mark.parametrize(
     ("number", "words"),
-    [(3, "a newer version"), (0, "an earlier version"), ("1", "'1'"), (True, "True")],
+    [(3, "a newer version"), (1, "an earlier version"), ("1", "'1'"), (True, "True")],
 )
 def test_findings_of_another_format_are_refused(number, words, findings, tmp_path):
     with pytest.raises(sdp.InputError, match=words):

@@ -184,9 +184,6 @@ def test_a_torque_may_be_certain_and_its_name_or_size_not(reasons, certain):
     )
     doubted = replace(finding, doubts=tuple(map(Doubt, reasons)))
     assert doubted.torque_is_certain == certain
-    # findings.json of the first format has sentences only.
-    older = {k: x for k, x in doubted.to_dict().items() if k != "doubts"}
-    assert Finding.from_dict(older).doubts == doubted.doubts
 
 
 @pytest.mark.parametrize(("left_beside_rival", "same"), [(0.5, True), (100.0, False)])

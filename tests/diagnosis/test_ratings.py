@@ -124,30 +124,6 @@ def test_a_printed_diagnosis_names_findings_that_are_not_sure():
     assert "finding 5" not in printed  # two weak ones at the end are enough
 
 
-@pytest.mark.parametrize("is_shown_beside_all", [False, True])
-@pytest.mark.parametrize("rivals", [(), ("base_tilt",)])
-def test_a_file_of_the_first_format_has_the_physics_in_its_sentences(
-    rivals, is_shown_beside_all
-):
-    one = finding(
-        "joint_spring",
-        2,
-        *rivals,
-        physics="Torque grows with the position. A cable does so.",
-        constants="zero at 0.5 rad",
-        is_shown_beside_all=is_shown_beside_all,
-    )
-    newer = diagnosis(one).to_dict()
-    older = [
-        {k: x for k, x in effect.items() if k not in ("physics", "is_shown_beside_all")}
-        for effect in newer["effects"]
-    ]
-    (read,) = Diagnosis.from_dict({**newer, "format": 1, "effects": older}).effects
-    assert read.physics == one.physics
-    assert read.is_shown_beside_all == is_shown_beside_all
-    assert read.explanation == one.explanation
-
-
 @pytest.mark.parametrize(
     ("joints", "ratings"),
     [((2,), ("confident", "near-tie")), ((), ("near-tie", "near-tie"))],
