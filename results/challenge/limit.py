@@ -114,7 +114,7 @@ def _beside(
 ) -> list[ScoredEffect]:
     """Score the laws of the true effect beside other findings and the small errors of
     their laws, with constants refined."""
-    fit = found.score.fit(others)
+    fit = found.score.fit(found.nuisances.with_law_misfits(others))
     scored = [found.evidence_of(fit, form) for form in forms]
     scored.sort(key=lambda term: -term.drop)
     return [found.refined(fit, term) for term in scored[:_REFINED]]

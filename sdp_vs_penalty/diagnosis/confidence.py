@@ -194,7 +194,7 @@ def has_no_direction(search: Search, term: ScoredEffect) -> bool:
         return False
     columns = search.data.columns(both_ways)
     others = [t for t in search.terms if t is not term]
-    fit = search.score.fit(others, search.fit)
+    fit = search.score.fit(search.nuisances.with_law_misfits(others), search.fit)
     one_way = search.score.evidence_of(fit, term.form, term.columns)
     form = replace(term.form, effect=both_ways)
     rival = search.score.evidence_of(fit, form, columns)

@@ -101,7 +101,7 @@ def with_equivalence_sets(explanation: Explanation, judge: HeldOutData) -> Expla
         The same findings with their rivals.
     """
     search = explanation.search
-    full = search.score.fit(search.terms, search.fit)
+    full = search.score.fit(search.nuisances.with_law_misfits(search.terms), search.fit)
     pairs = _rivals_of_single_joints(search, full)
     for group in _groups(search, full):
         pairs += [(group, rival) for rival in _rivals_on_rows(search, group)]
@@ -218,9 +218,10 @@ def _judge_group(
         The findings of the group.
     """
     others = [t for t in search.terms if t not in terms]
-    fit = search.score.fit(others, full)
+    terms_beside = search.nuisances.with_law_misfits(others)
+    fit = search.score.fit(terms_beside, full)
     judged = [search.score.evidence_of(fit, t.form, t.columns) for t in terms]
-    fit_with_terms = search.score.fit([*others, *terms], full)
+    fit_with_terms = search.score.fit([*terms_beside, *terms], full)
     # Squared errors in the weights of the fit without the terms.
     fall = (fit.rss - fit_with_terms.rss) / fit.level**2
     squares = float(np.sum(fall))
@@ -279,7 +280,8 @@ def _explains_the_same(search: Search, group: _Group, rival: ScoredEffect) -> bo
     deviance by less than ``deviance_margin``.
     """
     (term,) = group.terms
-    beside_rival = search.score.fit([*group.others, rival], group.fit)
+    others = search.nuisances.with_law_misfits(group.others)
+    beside_rival = search.score.fit([*others, rival], group.fit)
     added = search.score.evidence_of(beside_rival, term.form, term.columns)
     return added.drop < group.deviance_margin
 

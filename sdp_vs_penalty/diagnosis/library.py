@@ -294,3 +294,18 @@ def may_join(
             known[name] = is_allowed(form)
         out.append(known[name])
     return out
+
+
+@dataclass(frozen=True, eq=False)
+class Nuisance:
+    """A small error that a fit tolerates, such as that of an inexact friction law.
+
+    Its coefficients have a prior, so that it can explain a little torque only.
+    """
+
+    #: Name that identifies the error.
+    text: str
+    #: (M, k) white columns, by the joint (from 0) that the error acts on.
+    columns: dict[int, Array]
+    #: (k,) prior standard deviations of the coefficients about zero.
+    deviations: Array

@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, LAW_TOLERANCE
-from sdp_vs_penalty.diagnosis.library import Batch, Candidate, Key
+from sdp_vs_penalty.diagnosis.library import Batch, Candidate, Key, Nuisance
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.regression.evidence import deviance
 from sdp_vs_penalty.regression.linalg import span
@@ -92,6 +92,10 @@ class ScoredEffect:
         return frozenset(self.columns)
 
 
+#: What a fit takes besides the model.
+Term = ScoredEffect | Nuisance
+
+
 @dataclass(frozen=True, eq=False)
 class BasisProducts:
     """Products of candidates' columns with the model's columns and with the torque."""
@@ -149,16 +153,20 @@ class Design:
 
     The design A (n joints, M, p) has columns of unit length, the model's r first. Most
     terms act on one joint: A is kept as the model's columns and, by joint, those of the
-    terms that act there.
+    terms that act there. Coefficients of tolerated errors have a prior about zero, whose
+    precision is in the joint's products: with it A'A is the information on all
+    coefficients.
     """
 
     #: The model's columns with their products.
     basis_products: BasisProducts
     #: The terms' columns on each of the n joints.
     terms_by_joint: Sequence[JointTerms]
+    #: (n, p) precisions of the priors; zero where there is none.
+    precision: Array
     #: (n, M) white torque.
     y: Array
-    #: (n, p, p) products A'A.
+    #: (n, p, p) products A'A, with the precisions of the priors.
     gram: Array
     #: (n, p) products A'y.
     Ay: Array
@@ -214,8 +222,8 @@ class Design:
             self._by_batch[batch] = pairs
         return self._by_batch[batch]
 
-    def holds(self, terms: Sequence[ScoredEffect]) -> bool:
-        """Return whether the design has all terms."""
+    def holds(self, terms: Sequence[Term]) -> bool:
+        """Return whether the design has all terms (effects, nuisances)."""
         return all(t.text in self.columns_by_text for t in terms)
 
 
@@ -227,13 +235,13 @@ class WhiteFit:
     design: Design
     #: Numbers of those of the p columns that take part.
     columns_kept: tuple[int, ...]
-    #: (p, r) matrix W for which A W / level is orthonormal.
+    #: (p, r) matrix W for which W' (sum_j A_j'A_j / level_j^2) W = 1, priors included.
     whitener: Array
     #: (p,) coefficients.
     theta: Array
     #: (n,) standard deviation of each joint's residual, by which its rows are divided.
     level: Array
-    #: (n,) unweighted squared errors.
+    #: (n,) unweighted squared errors, with those of the priors.
     rss: Array
     #: (n,) rows less the joint's share of the rank.
     degrees: Array
@@ -271,8 +279,15 @@ class WhiteFit:
 
     @property
     def basis(self) -> Array:
-        """(n, M, r) the fit's weighted columns A W / level, which are orthonormal."""
+        """(n, M, r) the fit's weighted columns A W / level, which are orthonormal where
+        no coefficient has a prior."""
         return self.design.times(self.whitener) / self.level[:, None, None]
+
+    @property
+    def precision(self) -> Array:
+        """(r, r) precision of the priors, of coefficients of ``basis``."""
+        summed = self.level**-2.0 @ self.design.precision
+        return np.asarray((self.whitener.T * summed) @ self.whitener)
 
     @property
     def along_torque(self) -> Array:
@@ -281,7 +296,8 @@ class WhiteFit:
 
     @cached_property
     def design_with_residual(self) -> Array:
-        """(n, p) the products A'r / level of the weighted design and residual."""
+        """(n, p) the products A'r / level of the weighted design and residual, less the
+        pull of the priors."""
         left = self.design.Ay - self.design.gram @ self.theta
         return np.asarray(left / self.level[:, None] ** 2)
 
@@ -465,16 +481,15 @@ class WhiteFitter:
         """
         return BasisProducts(self._model_basis.columns, self.data.y)
 
-    def fit(
-        self, terms: Sequence[ScoredEffect], near: WhiteFit | None = None
-    ) -> WhiteFit:
+    def fit(self, terms: Sequence[Term], near: WhiteFit | None = None) -> WhiteFit:
         """Fit the model with some terms; each joint is weighted by its own residual.
 
         Parameters
         ----------
         terms
-            Effects that join the model. One that is another value of one of the
-            model's shape constants replaces that column of the model.
+            Effects and nuisances (small tolerated errors) that join the model. An
+            effect that is another value of one of the model's shape constants replaces
+            that column of the model.
         near
             A similar fit. Its columns are used again if they hold all the terms, and
             the iteration begins at its levels (standard deviations of the residuals).
@@ -482,7 +497,8 @@ class WhiteFitter:
         design = None if near is None else near.design
         if design is None or not design.holds(terms):
             design = self._design(terms)
-        replaced = {t.key for t in terms if t.form.replaces_own_constant}
+        effects = [t for t in terms if isinstance(t, ScoredEffect)]
+        replaced = {t.key for t in effects if t.form.replaces_own_constant}
         columns = [
             i
             for key, its_columns in design.columns_of_model.items()
@@ -525,7 +541,7 @@ class WhiteFitter:
             )
         return fit.fits_without[key]
 
-    def _design(self, terms: Sequence[ScoredEffect]) -> Design:
+    def _design(self, terms: Sequence[Term]) -> Design:
         """Assemble the design A of the model and of terms, with A'A and A'y.
 
         The r columns of the model's basis come first, then those of the terms, scaled
@@ -544,6 +560,12 @@ class WhiteFitter:
         for numbers, unscaled in blocks:
             energy[numbers] += np.sum(unscaled**2, axis=0)
         scale = 1.0 / nonzero_or_one(np.sqrt(energy))
+        precision = np.zeros((n, p))
+        for term in terms:
+            if isinstance(term, Nuisance):
+                (joint,) = term.columns
+                numbers = columns_by_text[term.text]
+                precision[joint, numbers] = (scale[numbers] / term.deviations) ** 2
         G = np.zeros((n, p, p))
         G[:, :r, :r] = model.gram
         Ay = np.zeros((n, p))
@@ -557,10 +579,12 @@ class WhiteFitter:
                 G[j][:r, numbers] = cross
                 G[j][numbers, :r] = cross.T
                 G[j][np.ix_(numbers, numbers)] = columns.T @ columns
+                G[j][numbers, numbers] += precision[j, numbers]
                 Ay[j, numbers] = columns.T @ y[j]
         return Design(
             basis_products=self._basis_products,
             terms_by_joint=scaled_blocks,
+            precision=precision,
             y=y,
             gram=G,
             Ay=Ay,
@@ -576,7 +600,7 @@ class WhiteFitter:
         A joint's level is the standard deviation of its residual; the rows of joint j
         are weighted by 1 / level_j. theta solves (sum_j A_j'A_j / level_j^2) theta =
         sum_j A_j'y_j / level_j^2, then level_j^2 is the joint's squared error over
-        its rows.
+        its rows; each prior is one row more of its joint.
 
         Parameters
         ----------
@@ -597,6 +621,7 @@ class WhiteFitter:
         # Places of the products of the kept columns in a flat (p, p) matrix.
         among_kept = columns_kept[:, None] * p + columns_kept
         all_theta = np.zeros(p)  # zero for columns that take no part
+        n_priors = np.count_nonzero(design.precision[:, columns_kept], axis=1)
         for _ in range(rounds):
             weights = level**-2.0
             L = _triangle((weights @ flat_gram)[among_kept])
@@ -605,7 +630,8 @@ class WhiteFitter:
             rss += (design.gram @ all_theta) @ all_theta
             rss = np.maximum(rss, 0.0)  # rounding may make it negative
             level_of_fit = level
-            level = np.sqrt(np.maximum(rss / self.data.count, self.floor))
+            mean = rss / (self.data.count + n_priors)
+            level = np.sqrt(np.maximum(mean, self.floor))
             if np.all(np.abs(level - level_of_fit) < 1e-2 * level):
                 break
         # With the weighted Gram matrix L L', the columns A L^-T are orthonormal.
@@ -615,7 +641,7 @@ class WhiteFitter:
         # The trace of the joint's block of the projection on the fit's columns.
         covariance = np.zeros(p * p)
         covariance[among_kept] = L_inverse.T @ L_inverse
-        rank_of_joint = flat_gram @ covariance / level_of_fit**2
+        rank_of_joint = flat_gram @ covariance / level_of_fit**2 - n_priors
         return WhiteFit(
             design=design,
             columns_kept=columns,
@@ -628,14 +654,14 @@ class WhiteFitter:
         )
 
 
-def _width(term: ScoredEffect) -> int:
+def _width(term: Term) -> int:
     """Return the number k of columns of a term, equal on all its joints."""
     return next(iter(term.columns.values())).shape[1]
 
 
 def _columns_on(
     joint: int,
-    terms: Sequence[ScoredEffect],
+    terms: Sequence[Term],
     columns_by_text: Mapping[str, list[int]],
     n_rows: int,
 ) -> JointTerms:

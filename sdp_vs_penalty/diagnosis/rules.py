@@ -11,6 +11,8 @@ from dataclasses import dataclass, fields
 class Rules:
     """Switches of the optional rules of the search; all are on by default."""
 
+    #: Errors of a finding's law are tolerated beside it.
+    law_misfits: bool = True
     #: Of candidates that do about as well the simplest one is named.
     simplest: bool = True
     #: A finding may be replaced by another effect.

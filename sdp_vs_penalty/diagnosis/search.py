@@ -12,6 +12,7 @@ from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_ADD, MAX_CANDIDATES_R
 from sdp_vs_penalty.diagnosis.evidence import EvidenceScorer
 from sdp_vs_penalty.diagnosis.library import Candidate, Key, Library, may_join
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit, margin
+from sdp_vs_penalty.diagnosis.nuisances import Nuisances
 from sdp_vs_penalty.diagnosis.refine import Judge, refine_constants
 from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
@@ -116,6 +117,7 @@ class Search:
         self.in_reference = set[Key]()
         self.bare = self.score.fit(())
         self.fit = self.bare
+        self.nuisances = Nuisances(data, self.bare, rules)
 
     @property
     def criterion(self) -> float:
@@ -196,8 +198,11 @@ class Search:
     def beside(
         self, term: ScoredEffect, others: Sequence[ScoredEffect]
     ) -> ScoredEffect:
-        """Score a chosen effect again, in a fit with other effects."""
-        fit = self.score.fit(others, self.fit)
+        """Score a chosen effect again, in a fit with other effects and all nuisances.
+
+        Nuisances are columns of small errors of friction laws that are tolerated.
+        """
+        fit = self.score.fit(self.nuisances.with_law_misfits(others), self.fit)
         return self.score.evidence_of(fit, term.form, term.columns)
 
     def refined(
@@ -432,9 +437,10 @@ class Search:
         """Return the effect to add next, or None if no candidate has enough evidence.
 
         It is the simplest of the best candidates with J > EVIDENCE_TO_ADD. Candidates
-        are added to a fit with the effects chosen so far.
+        are added to a fit with the effects chosen so far and with small tolerated
+        errors of these effects' laws.
         """
-        self.fit = self.score.fit(self.terms, self.fit)
+        self.fit = self.score.fit(self.nuisances.with_law_misfits(self.terms), self.fit)
         candidates = self.top_candidates(self.fit, self.terms)
         return self.simplest([t for t in candidates if t.evidence > EVIDENCE_TO_ADD])
 
@@ -459,14 +465,15 @@ class Search:
         terms = list(terms)
         if not on and terms:
             on = terms[-1].joints
-        fit_of_all = self.score.fit(terms, self.fit)
+        fit_of_all = self.score.fit(self.nuisances.with_law_misfits(terms), self.fit)
         for _ in range(2):
             has_changed = False
             for term in list(terms):
                 others = [t for t in terms if t is not term]
                 # The fit without the effect; it starts from the fit of all effects,
                 # which is faster.
-                fit = self.score.fit(others, fit_of_all)
+                around = self.nuisances.with_law_misfits(others)
+                fit = self.score.fit(around, fit_of_all)
                 if term.joints & on:  # at least one common joint
                     judged = self.score.evidence_of(fit, term.form, term.columns)
                     judged = self.refined(fit, judged)
@@ -479,7 +486,8 @@ class Search:
                 terms[terms.index(term)] = judged
                 if judged.text != term.text:  # its shape constants have changed
                     has_changed = True
-                    fit_of_all = self.score.fit(terms, fit_of_all)
+                    all_terms = self.nuisances.with_law_misfits(terms)
+                    fit_of_all = self.score.fit(all_terms, fit_of_all)
             if not has_changed:
                 break
         return terms
@@ -526,7 +534,7 @@ class Search:
         judged_terms = []
         for term in terms:
             others = [t for t in terms if t is not term]
-            fit = self.score.fit(others, self.fit)
+            fit = self.score.fit(self.nuisances.with_law_misfits(others), self.fit)
             judged = self.score.evidence_of(fit, term.form, term.columns)
             on_its_joints = frozenset(t.text for t in terms if t.joints & term.joints)
             if self._not_exchanged.get(term.key) != on_its_joints:
@@ -636,7 +644,7 @@ class Search:
         """
         out = copy(self)
         while True:
-            out.fit = out.score.fit(terms, self.fit)
+            out.fit = out.score.fit(out.nuisances.with_law_misfits(terms), self.fit)
             out.terms = []
             for term in terms:
                 others = [t for t in terms if t is not term]

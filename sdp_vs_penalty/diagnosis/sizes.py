@@ -7,10 +7,9 @@ clusters of rows, or the parts of the log, that make it largest. Variances are a
 those of independent rows. Errors of the torque channels' gains, and of a model held
 fixed, are included.
 
-More rows do not tell the size better than the law is right. Errors of a law are
-expected to make 4 % of what it explains (Kennedy, O'Hagan, J. R. Statist. Soc. B 2001):
-of functions of time, velocity and position, and of its shape constants, each its share
-eps. So the shape constants may be wrong by
+More rows do not tell the size better than the law is right. As in the search
+(:mod:`~sdp_vs_penalty.diagnosis.nuisances`), errors of a law are expected to make 4 % of
+what it explains, and each of them its share eps. So the shape constants may be wrong by
 what loses the share eps of the drop dD of the deviance, and the size follows them. To
 second order its standard deviation is
 
@@ -28,8 +27,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import LAW_TOLERANCE, SIGNIFICANT, UNCERTAIN
+from sdp_vs_penalty.diagnosis.constants import SIGNIFICANT, UNCERTAIN
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
+from sdp_vs_penalty.diagnosis.nuisances import share_of_one_misfit
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import (
     ConstantErrors,
@@ -45,8 +45,6 @@ from sdp_vs_penalty.regression.evidence import cluster_sums, student_95
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
-#: Functions g by which a law's torque c may be wrong, by c g: t, v, |v|, v^2, q, q^2, q v.
-N_FACTORS = 7
 #: Parts of a log over which sizes may scatter, as the check's repairs do.
 PARTS = 8
 
@@ -91,12 +89,6 @@ class Size:
         """
         size, std = size_of(effect, self.beta, self.covariance_of_law)
         return min(std, SIGNIFICANT * abs(size))
-
-
-def share_of_one_misfit(effect: Effect) -> float:
-    """Return the share of what an effect explains that one error of its law is expected
-    to make; all of them, N_FACTORS and the free shape constants, make 4 %."""
-    return LAW_TOLERANCE / (N_FACTORS + len(free_constants(effect)))
 
 
 def is_uncertain(size: float, std: float) -> bool:

@@ -77,7 +77,7 @@ def test_a_search_that_begins_with_a_rival_of_the_truth_ends_at_the_truth(two_li
     )
     white = whiten_rows(diagnosis_rows(run, estimate, settings.resolve(run)), estimate)
     search = Search(white, list_candidates(white))
-    fit = search.score.fit([])
+    fit = search.score.fit(search.nuisances.with_law_misfits([]))
     candidates = search._screened(fit, [], None)
     rival = next(t for t in candidates if t.key == ("maxwell_slip", 0))
     search.terms = [search.refined(fit, rival)]

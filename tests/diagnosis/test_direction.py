@@ -82,6 +82,7 @@ def test_the_direction_shows_from_odds_of_20_to_1_on(
         terms=[term],
         fit=None,
         data=SimpleNamespace(columns=lambda effect: None),
+        nuisances=SimpleNamespace(with_law_misfits=list),
         score=SimpleNamespace(fit=lambda *_: None, evidence_of=evidence_of),
     )
     assert has_no_direction(search, term) == is_doubtful

@@ -192,10 +192,11 @@ def test_a_rival_on_another_joint_explains_the_same_torque(left_beside_rival, sa
     term = SimpleNamespace(form=None, columns=None)
     group = SimpleNamespace(terms=[term], others=[], fit=None, deviance_margin=10.0)
     search = SimpleNamespace(
+        nuisances=SimpleNamespace(with_law_misfits=list),
         score=SimpleNamespace(
             fit=lambda terms, near: None,
             evidence_of=lambda *_: SimpleNamespace(drop=left_beside_rival),
-        )
+        ),
     )
     assert _explains_the_same(search, group, object()) == same
 

@@ -13,6 +13,7 @@ from small_runs import small_run
 from sdp_vs_penalty import Problem, identify
 from sdp_vs_penalty.diagnosis import (
     COARSENING_ROWS,
+    EVIDENCE_TO_DISTINGUISH,
     LAW_TOLERANCE,
     Batch,
     Candidate,
@@ -20,6 +21,7 @@ from sdp_vs_penalty.diagnosis import (
     CurveColumns,
     EvidenceScorer,
     Library,
+    Nuisance,
     ScoredEffect,
     Search,
     WhiteData,
@@ -157,6 +159,37 @@ def test_noise_is_not_taken_for_an_effect():
     assert max(highest) < 0.0
 
 
+def test_a_misfit_is_noise_that_its_columns_make():
+    """Beside it a form is judged by generalised least squares with the covariance I + D
+    diag(d)^2 D'."""
+    data, z = made(size=0.2)
+    data.y = (
+        0.5 * data.y
+    )  # less than the noise that is known: every row counts as it is
+    rng = np.random.default_rng(3)
+    D = np.zeros((n * M, 4))
+    d = np.array([0.05, 0.2, 0.02, 0.3])
+    D[:M] = rng.normal(size=(M, 4)) + z
+    score = EvidenceScorer(data, 10)
+    z = np.vstack([z, 0.0 * z])
+    fit = score.fit([Nuisance("misfit", {0: D[:M]}, d)])
+    term = score.evidence_of(fit, form(), {0: z[:M]})
+    root = np.linalg.cholesky(np.linalg.inv(np.eye(n * M) + (D * d**2) @ D.T)).T
+    X = root @ data.X.reshape(n * M, p)
+    y = root @ data.y.ravel()
+
+    def left(A: np.ndarray) -> float:
+        return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
+
+    assert fit.rss.sum() == pytest.approx(left(X), rel=1e-9)
+    with_form = left(np.column_stack([X, root @ z]))
+    assert term.drop == pytest.approx(
+        left(X) - with_form, rel=1e-2
+    )  # but for its prior
+    alone = score.evidence_of(score.fit(()), form(), {0: z[:M]})
+    assert alone.drop > 2.0 * term.drop > 0.0
+
+
 @pytest.fixture(scope="module")
 def white(two_link: Problem) -> tuple[WhiteData, Library, list[str]]:
     """Rows of a clean run, all candidates on them, and what is said meanwhile."""
@@ -191,6 +224,33 @@ def test_lengths_from_which_a_delay_is_looked_for_are_one_law(search):
     laws = search.library.laws
     assert laws["torque_delay", 0] == laws["global_delay", None] == 1
     assert laws["torque_filter", None] == 2
+
+
+def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(search):
+    """Beyond the model, on each joint, as the misfits' deviations expect it: FORM of
+    its squares."""
+    term = max(
+        (t for t in terms(search) if t.form.n_constants), key=lambda t: t.squares.sum()
+    )
+    misfits = search.nuisances.law_misfits(term)
+    assert [j for m in misfits for j in m.columns] == sorted(term.joints)
+    for m in misfits:
+        T = (
+            search.bare.residual_of(search.bare.scaled(m.columns))
+            * search.bare.level[:, None, None]
+        )
+        expected = np.sum(np.sum(T**2, axis=(0, 1)) * m.deviations**2)
+        (joint,) = m.columns
+        assert expected == pytest.approx(LAW_TOLERANCE * term.squares[joint], rel=1e-6)
+    assert search.nuisances.with_law_misfits([term]) == [
+        term
+    ]  # what explains little is wrong by less than a rival
+    much = replace(
+        term,
+        drop=1.0
+        + term.rows_worth_one * (EVIDENCE_TO_DISTINGUISH / LAW_TOLERANCE + term.price),
+    )
+    assert len(search.nuisances.with_law_misfits([much])) > 1
 
 
 def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.diagnosis.findings import Finding
-from sdp_vs_penalty.diagnosis.sizes import share_of_one_misfit, torque_made
+from sdp_vs_penalty.diagnosis.nuisances import share_of_one_misfit
+from sdp_vs_penalty.diagnosis.sizes import torque_made
 from sdp_vs_penalty.effects.drift import DriftOffset
 from sdp_vs_penalty.effects.effect import Block, Effect
 from sdp_vs_penalty.effects.motion import Motion

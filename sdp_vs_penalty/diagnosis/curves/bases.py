@@ -545,7 +545,7 @@ class CurveColumns:
         # (n, M, r + k + 1): the fit's columns, the curve's, and the torque.
         columns = np.concatenate([Q, curve, fit.target[:, :, None]], axis=2)
         penalty = np.zeros((r + k, r + k))
-        penalty[:r, :r] = prior * np.eye(r)
+        penalty[:r, :r] = prior * np.eye(r) + fit.precision
         penalty[r:, r:] = P
         # Coefficients of Q on all rows, near which the prior holds them.
         pull_of_prior = np.concatenate([prior * fit.along_torque, np.zeros(k)])

@@ -281,7 +281,7 @@ class _Measuring:
         Parameters
         ----------
         search
-            The search, for its rows and scorer.
+            The search, for its rows, scorer and nuisances.
         terms
             The findings beside which a curve is measured.
         joint
@@ -294,7 +294,9 @@ class _Measuring:
         self.score = search.score
         self.joint = joint
         self.variables = variables
-        self.fit = search.score.fit(terms, search.fit)
+        self.fit = search.score.fit(
+            search.nuisances.with_law_misfits(terms), search.fit
+        )
         # Gain of the joint's torque channel, through which a curve's torque is logged.
         self.gain = 1.0 if data.rows.gains is None else data.rows.gains[joint]
         effects = [*data.estimate.model.effects, *(t.form.effect for t in terms)]
