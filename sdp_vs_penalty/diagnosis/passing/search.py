@@ -205,7 +205,7 @@ class PassingSearch:
         if not x.any() or (x.all() and law.kind != WANDERING):
             return None
         point = np.zeros(3)
-        covariance = None
+        covariance = np.zeros(0)
         fitted_law = law
         acts = x[cells.label]
         if law.kind == "force":
@@ -224,10 +224,11 @@ class PassingSearch:
         scaled = base.scaled(term.columns)
         T = base.residual_of(scaled)
         residual = base.residual - T @ term.beta
-        if covariance is None:
+        if not covariance.size:
             own = sum(z.T @ z for z in scaled.values())
             gram = np.einsum("jmk,jml->kl", T, T)
-            covariance = np.linalg.inv(with_ridge(regular(gram, np.asarray(own))))
+            inverse = np.linalg.inv(with_ridge(regular(gram, np.asarray(own))))
+            covariance = np.asarray(inverse, float)
         beside = standing(base.residual, residual, self.cells, self._coarse(acts))
         return Trial(
             law=law,
