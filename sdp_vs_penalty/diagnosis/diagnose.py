@@ -45,7 +45,6 @@ from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.memory import give_back_memory
-from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -71,7 +70,6 @@ def diagnose(
     progress: Progress = no_progress,
     noise_from: Measurements | None = None,
     judged_recordings: Measurements | None = None,
-    judged_noise: tuple[Array | None, str] | None = None,
     rules: Rules = ALL_RULES,
 ) -> Diagnosis:
     """Find the effects that a model lacks, in recordings that have been read.
@@ -91,10 +89,14 @@ def diagnose(
     judged_recordings
         Recordings of which the test run is a window; they have the noise floor that is
         reported.
-    judged_noise
-        What :func:`noise_floor` says of these recordings, where that is known.
     rules
         Optional rules of the search that apply.
+
+    Returns
+    -------
+    Diagnosis
+        What :func:`diagnose_beside_passing` finds, with the noise floor of the judged
+        recordings and the time for which the arm stands still in them.
     """
     progress("filtering the runs")
     runs = DiagnosisRuns(
@@ -103,18 +105,19 @@ def diagnose(
     diagnosis = diagnose_beside_passing(
         runs, partial(diagnose_runs, seed=seed, progress=progress, rules=rules)
     )
-    del runs  # with all filtered rows
+    del runs  # the filtered rows are the largest arrays: their memory is free now
     give_back_memory(measurements.samples)
-    floor, _ = judged_noise or noise_floor(
-        model, judged_recordings or test or measurements
-    )
+    judged = test or measurements
+    floor, _ = noise_floor(model, judged_recordings or judged)
     share = model.preprocessing.standstill
     still = sum(
-        still_seconds(run, Movement(run, share))
-        for run in (test or measurements).cut_at_pauses.runs()
+        still_seconds(run, Movement(run, share)) for run in judged.cut_at_pauses.runs()
     )
-    diagnosis = replace(diagnosis, standstill_left_out=still)
-    return diagnosis if floor is None else replace(diagnosis, noise_floor=floor)
+    return replace(
+        diagnosis,
+        standstill_left_out=still,
+        noise_floor=diagnosis.noise_floor if floor is None else floor,
+    )
 
 
 def diagnose_beside_passing(
@@ -172,8 +175,8 @@ def diagnose_runs(
 ) -> Diagnosis:
     """Run all steps of a diagnosis on filtered recordings.
 
-    The steps are: search, delays, errors on data left out, unexplained torque, rivals,
-    measured curves, conclusion. Rows and candidates are stored in ``runs``, so that a
+    The steps are: search, errors on data left out, rivals, unexplained torque, measured
+    curves, conclusion. Rows and candidates are stored in ``runs``, so that a
     second call with other rules computes only the steps.
 
     Parameters
@@ -187,46 +190,49 @@ def diagnose_runs(
     rules
         Optional rules of the search that apply.
     """
-    progress("measuring the noise")
-    candidates = runs.candidates
-    give_back_memory(runs.searched.samples)
-    finished_search = search(runs.white_data, candidates, rules, progress)
-    finished_search = refer_columns_to_current_model(finished_search, progress)
-    finished_search = refer_signs_to_current_model(finished_search, progress)
-    give_back_memory(runs.searched.samples)
+    searched = _searched(runs, rules, progress)
     progress("held-out errors")
     judge = HeldOutData(runs.estimate, runs.test_rows, runs.frozen)
-    explanation = explain_in_order(finished_search, runs.estimate)
-    judged = explanation.terms
-    held_out = held_out_errors(explanation, judge)
-    give_back_memory(runs.searched.samples)
-    explanation = drop_harmful(explanation, held_out, finished_search)
-    unexplained = unexplained_error(explanation.search)
-    give_back_memory(runs.searched.samples)
+    offered = explain_in_order(searched, runs.estimate)
+    held_out = held_out_errors(offered, judge)
+    explanation = drop_harmful(offered, held_out, searched)
     explanation = with_equivalence_sets(explanation, judge)
-    # Without one stand-in another may fit as well as a third: until none is dropped.
-    while dropped := unproven_stand_ins(
-        explanation, ladder=Ladder.of(explanation, held_out, judged)
-    ):
-        explanation = without_findings(explanation, dropped)
-        unexplained = unexplained_error(explanation.search)
+    ladder = Ladder.of(explanation, held_out, offered.terms)
+    # A stand-in that is dropped leaves torque that another stand-in explained with it.
+    while stand_ins := unproven_stand_ins(explanation, ladder):
+        explanation = without_findings(explanation, stand_ins)
         explanation = with_equivalence_sets(explanation, judge)
-    measured = measure_curves(explanation.search, unexplained.joints_above_noise)
-    curves = accept_curves(explanation.search, measured, judge)
+        ladder = Ladder.of(explanation, held_out, offered.terms)
+    give_back_memory(runs.searched.samples)
+    left = unexplained_error(explanation.search)
+    measured = measure_curves(explanation.search, left.joints_above_noise)
     conclusion = Conclusion(
         explanation=explanation,
-        left=unexplained,
-        curves=curves,
-        ladder=Ladder.of(explanation, held_out, judged),
+        left=left,
+        curves=accept_curves(explanation.search, measured, judge),
+        ladder=ladder,
         new_motion_share=runs.new_motion_share,
         seed=seed,
-        hums=find_hums_above(runs.searched, finished_search.data.rows.cutoff),
+        hums=find_hums_above(runs.searched, searched.data.rows.cutoff),
     )
     diagnosis = conclusion.diagnosis()
     if runs.subsample_remark:
         remarks = (runs.subsample_remark, *diagnosis.remarks)
         diagnosis = replace(diagnosis, remarks=remarks)
     return diagnosis
+
+
+def _searched(runs: DiagnosisRuns, rules: Rules, progress: Progress) -> Search:
+    """Search the effects that a model lacks, with columns that follow from the torque
+    and the widths of signs that were found."""
+    progress("measuring the noise")
+    candidates = runs.candidates
+    give_back_memory(runs.searched.samples)
+    out = search(runs.white_data, candidates, rules, progress)
+    out = refer_columns_to_current_model(out, progress)
+    out = refer_signs_to_current_model(out, progress)
+    give_back_memory(runs.searched.samples)
+    return out
 
 
 @dataclass(frozen=True)

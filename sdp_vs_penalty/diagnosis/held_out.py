@@ -417,17 +417,24 @@ class _Table:
         effects = tuple(effects)
         own_effects = () if self.frozen else self.estimate.model.effects
         parameters = tuple(p for e in (*own_effects, *effects) for p in e.parameters)
-        all_columns = np.arange(len(parameters))
-        factors = []
-        for j in range(self.rows.n):
-            kept_rows = self._columns(effects, j)[keep[:, j]]
-            triangle = triangular([kept_rows]) if len(kept_rows) else kept_rows
-            factors.append(Factor(j, 0, all_columns, triangle, len(kept_rows)))
         n = self.rows.n
-        block = ((0, 0.0, 0.0),)  # all rows are one block; its times are not needed
-        return ProductRegression.from_regression(
-            Regression(parameters, n, block, tuple(factors), oversampling=1.0)
+        factors = []
+        for joint in range(n):
+            kept_rows = self._columns(effects, joint)[keep[:, joint]]
+            triangle = triangular([kept_rows]) if len(kept_rows) else kept_rows
+            factor = Factor(
+                joint=joint,
+                block=0,  # all rows are one block
+                indices=np.arange(len(parameters)),
+                triangle=triangle,
+                rows=len(kept_rows),
+            )
+            factors.append(factor)
+        times_of_blocks = ((0, 0.0, 0.0),)  # which nobody asks for here
+        regression = Regression(
+            parameters, n, times_of_blocks, tuple(factors), oversampling=1.0
         )
+        return ProductRegression.from_regression(regression)
 
 
 @dataclass(frozen=True)

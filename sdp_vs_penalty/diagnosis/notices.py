@@ -104,7 +104,7 @@ def find_notices(search: Search, estimate: Estimate) -> tuple[Notice, ...]:
     """
     if search.data.frozen or not len(estimate.model.rigid_indices):
         return ()
-    rows = ScaledRows.of(search)
+    rows = ScaledRows.of_search(search)
     load = load_beyond_file(rows, estimate)
     offsets = offsets_beside_friction(rows, search, estimate)
     return tuple(offsets if load is None else [load, *offsets])
@@ -333,18 +333,20 @@ class ScaledRows:
     clusters: Sequence[NDArray[np.intp]]
 
     @classmethod
-    def of(cls, search: Search) -> ScaledRows:
-        """Scale the rows of the model and of a search's findings."""
+    def of_search(cls, search: Search) -> ScaledRows:
+        """Stack the columns of the model and of a search's findings, each joint's rows
+        divided by the standard deviation of what the search leaves there."""
         data = search.data
-        level = search.score.fit(search.terms, search.fit).level
-        unscaled = [
-            _columns_of_joint(data, search.terms, j) / level[j] for j in range(data.n)
+        residual = search.score.fit(search.terms, search.fit).level  # (n,)
+        columns = [
+            _columns_of_joint(data, search.terms, joint) / residual[joint]
+            for joint in range(data.n)
         ]
-        squares = sum(np.einsum("mk,mk->k", z, z) for z in unscaled)
+        squares = np.sum([np.sum(z**2, axis=0) for z in columns], axis=0)
         lengths = nonzero_or_one(np.sqrt(squares))
         return cls(
-            columns=[z / lengths for z in unscaled],
-            torque=data.y / level[:, None],
+            columns=[z / lengths for z in columns],
+            torque=data.y / residual[:, None],
             lengths=lengths,
             n_parameters=data.X.shape[2],
             clusters=data.clusters,

@@ -69,7 +69,7 @@ def rows_of(*columns: Array, y: Array) -> ScaledRows:
     )
     score = SimpleNamespace(fit=lambda *_: SimpleNamespace(level=np.ones(1)))
     search: Any = SimpleNamespace(data=data, score=score, terms=[], fit=None)
-    return ScaledRows.of(search)
+    return ScaledRows.of_search(search)
 
 
 def test_a_parameter_without_torque_keeps_the_file_value():
