@@ -564,8 +564,8 @@ class WhiteFitter:
         for term in terms:
             if isinstance(term, Nuisance):
                 (joint,) = term.columns
-                numbers = columns_by_text[term.text]
-                precision[joint, numbers] = (scale[numbers] / term.deviations) ** 2
+                its_own = columns_by_text[term.text]
+                precision[joint, its_own] = (scale[its_own] / term.deviations) ** 2
         G = np.zeros((n, p, p))
         G[:, :r, :r] = model.gram
         Ay = np.zeros((n, p))
