@@ -113,7 +113,7 @@ def demo(
     noise = noise_floor(model, test)
     failures = where_it_fails(model, test, noise=noise)
     progress("looking for what is missing")
-    diagnosis = diagnose(model, train, test, seed=seed, judged_noise=noise)
+    diagnosis = diagnose(model, train, test, seed=seed)
     progress("adding it")
     sure = diagnosis.selected(confident=True) if diagnosis.sure else None
     better = model if sure is None else add(model, sure, train, seed=seed)
