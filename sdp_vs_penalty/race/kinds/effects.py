@@ -94,13 +94,16 @@ def _worst_spans(evidence: Evidence, fit: Fit) -> list[Part]:
     summed = np.concatenate([[0.0], np.cumsum(errors)])
     spans = []
     for seconds in _SPANS:
-        ends = np.searchsorted(t, t + seconds, side="right")
+        first = np.flatnonzero(t + seconds <= t[-1])
+        if not len(first):
+            continue
+        ends = np.searchsorted(t, t[first] + seconds, side="right")
         # A sum of K squares of unit variance errs by sqrt(2 K); rows come unevenly.
-        count = ends - np.arange(len(t))
-        excess = summed[ends] - summed[:-1] - count * summed[-1] / len(t)
-        first = int(np.argmax(excess / np.sqrt(count)))
-        before = t[first - 1] if first else t[0] - 1.0
-        spans.append(Part(after=float(before), until=float(t[ends[first] - 1])))
+        count = ends - first
+        excess = summed[ends] - summed[first] - count * summed[-1] / len(t)
+        k = int(np.argmax(excess / np.sqrt(count)))
+        before = t[first[k] - 1] if first[k] else t[0] - 1.0
+        spans.append(Part(after=float(before), until=float(t[ends[k] - 1])))
     return spans
 
 
