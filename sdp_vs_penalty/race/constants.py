@@ -45,10 +45,10 @@ LOG_ODDS_OF_A_CLAIM = 20.0
 LIKELY = 45.0
 #: Hypotheses that are less likely than the best by no more are told with it.
 AS_LIKELY = 6.0
-#: Hypotheses that are looked at on all rows, and the least log-odds at the first look: of
-#: what was claimed they were 15 at least.
+#: Hypotheses that are looked at on all rows, and the least log-odds at the first look (with
+#: 4 a drift of half a standard deviation is lost, whose log-odds are 48 on all rows).
 LOOKS = 12
-WORTH_A_LOOK = 4.0
+WORTH_A_LOOK = -4.0
 #: At most so many things are wrong at once.
 MAX_FAULTS = 6
 
