@@ -215,8 +215,11 @@ class Race:
 
         Two are compared with as many rows worth one as the whitest residual says.
         """
-        looks = self._screen(fit, is_friction_real, explained)
-        exact = [self._exact(h, size, fit, is_friction_real) for h, size in looks]
+        view = replace(fit.view, further=tuple(map(_thinned, fit.view.further)))
+        few = self.few.fit(view, 1.0, is_friction_real)
+        looks = self._screen(fit, few, is_friction_real, explained)
+        tried = [self._exact(h, size, fit, few, is_friction_real) for h, size in looks]
+        exact = [x for x in tried if x is not None]
         likely = [x.fit.v for x in exact if x.log_odds > c.WORTH_A_LOOK]
         v = min([fit.v, *likely])
         (base,) = self.all.fitted([fit], v, is_friction_real)
@@ -228,19 +231,17 @@ class Race:
         return sorted(ranking, key=lambda x: -x.log_odds)
 
     def _screen(
-        self, fit: Fit, is_friction_real: bool, explained: float
+        self, fit: Fit, base: Fit, is_friction_real: bool, explained: float
     ) -> list[tuple[Hypothesis, float]]:
         """List the hypotheses that are worth a look at all rows, of each key the best,
         with the change of its size to first order.
 
         What a wrong incumbent leaves errs slowly, and what is right may leave white
-        noise: here each row is worth one. Changes that were less likely than by
+        noise: here each row is worth one (the fit base). Changes that were less likely than by
         ``explained`` [log-odds] before are not looked at again.
         """
-        few, chain = self.few, fit.chain
-        view = replace(fit.view, further=tuple(map(_thinned, fit.view.further)))
-        base = few.fit(view, 1.0, is_friction_real)
-        of_all = c.THIN / min(fit.v, c.THIN)  # evidence of all rows over that of few
+        few, chain, view = self.few, fit.chain, base.view
+        of_all = _of_all(fit)
         scored: list[tuple[float, Hypothesis, float]] = []
         numbers: list[Hypothesis] = []
         columns: list[Hypothesis] = []
@@ -285,17 +286,21 @@ class Race:
         return [*looks.values()][: c.LOOKS]
 
     def _exact(
-        self, h: Hypothesis, step: float, fit: Fit, is_friction_real: bool
-    ) -> Scored:
-        """Return a hypothesis at its best size, on all rows."""
+        self, h: Hypothesis, step: float, fit: Fit, few: Fit, is_friction_real: bool
+    ) -> Scored | None:
+        """Return a hypothesis at its best size, on all rows; None where few rows, of which
+        the incumbent's fit is ``few``, speak against it at that size."""
         is_real = is_friction_real and h.is_friction_real
         number, size, spread, occam = h.number, 0.0, 0.0, 0.0
         if number is not None:
             first = _FIRST_STEP * number.sd
             start = number.of(h.chain)
             size = start + float(np.clip(step, -first, first))
-            few = replace(fit.view, further=tuple(map(_thinned, fit.view.further)))
-            size, _ = self._refined(self.few, few, h, size, 1.0, _STEPS)
+            size, _ = self._refined(self.few, few.view, h, size, 1.0, _STEPS)
+            seen = self.few.fit(h.seen(few.view, size), 1.0, is_real)
+            gain = _of_all(fit) * (seen.value - few.value)
+            if gain + h.log_prior < c.WORTH_A_LOOK:
+                return None
             size, spread = self._refined(self.all, fit.view, h, size, fit.v, 1)
             away = size - (start if h.part else number.of(fit.chain))
             occam = float(np.log(min(1.0, spread / number.sd)))
@@ -391,6 +396,11 @@ class Race:
             least = c.LEAST_RATIO_IF_DOUBTFUL
         is_large = max(float(ratios.max()), float(ratios.prod())) > least
         return bool(clearness > c.WITNESS_SIGMAS and is_large)
+
+
+def _of_all(fit: Fit) -> float:
+    """Return the evidence of all rows over that of few."""
+    return c.THIN / min(fit.v, c.THIN)
 
 
 def _thinned(further: Further) -> Further:
