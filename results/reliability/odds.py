@@ -248,6 +248,10 @@ def markdown(rows: pandas.DataFrame, command: str) -> str:
     right = rows[rows["is_right"] & (rows["by"] != "log") & (rows["word"] != "usual")]
     named = {(x.arm, x.change) for x in right.itertuples()}
     text += ["", "## By change", ""]
+    text += [
+        "Force and coupling are effects of the arm, which `check` does not name.",
+        "",
+    ]
     table = [
         [str(change), str(len(of)), str(sum((x, change) in named for x in of["arm"]))]
         for change, of in missed.groupby("change")
@@ -281,17 +285,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("--arms", default="0:90", help="first and behind the last")
+    parser.add_argument("--arms", default="0:90", help="first:behind the last, ...")
     parser.add_argument("--logs", type=int, default=6, help="changed ones of each arm")
     parser.add_argument("--out", type=Path, default=Path("results", "reliability"))
     options = parser.parse_args(arguments)
     threshold = constants.LOG_ODDS_OF_A_CLAIM, constants.LIKELY
-    first, last = map(int, options.arms.split(":"))
+    ranges = [tuple(map(int, x.split(":"))) for x in options.arms.split(",")]
     path = options.out / "odds.csv"
     rows = read(path)
     known = {row.arm for row in rows}
     names = ["drawn", *KNOWN, "drawn"]
-    for number in range(first, last):
+    for number in [x for ends in ranges for x in range(*ends)]:
         name = names[number // 2 % len(names)]
         if f"{name}-{number}" in known:
             continue
