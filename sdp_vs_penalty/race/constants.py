@@ -67,7 +67,7 @@ LEAST_RATIO_IF_DOUBTFUL = 4.0
 #: logarithm), of an angle [rad].
 WIDEST = 0.35
 #: Standard deviations that a number has to be away from what it was, and beyond what is
-#: usual (Student's t of PARTS, 99.5 %).
+#: usual (Student's t of seven degrees, one-sided: 99 %, 99.7 %).
 NUMBER_SIGMAS = 3.0
 SIGMAS_BEYOND_USUAL = 4.0
 
