@@ -22,7 +22,7 @@ from sdp_vs_penalty.data.measurements import (
     without_traces,
 )
 from sdp_vs_penalty.data.reading import Choice, run_of
-from sdp_vs_penalty.data.store import column_range, iter_chunks
+from sdp_vs_penalty.data.store import iter_chunks
 from sdp_vs_penalty.data.stretches.gaps import is_set_back
 from sdp_vs_penalty.errors import (
     InputError,
@@ -418,7 +418,6 @@ def read_run(
     run = without_held(run, names)
     if names is not None:
         _require_joints(run, names, path)
-        run = _without_others(path, run, len(names))
     run = _without_silent_channels(path, run)
     if joints is not None and run.n != joints:
         raise other_robot(run.n, joints, path, names=names or ())
@@ -494,20 +493,6 @@ def _require_still(run: Measurements, held: Sequence[HeldJoint]) -> None:
                 "hold joints that stand still only",
                 run.names[0],
             )
-
-
-def _without_others(path: Path, run: Measurements, n: int) -> Measurements:
-    """Leave out the joints beyond the robot's n whose torque is exactly zero in every row:
-    a gripper's."""
-    if run.n <= n or not run.torque_logged:
-        return run
-    idle = np.flatnonzero(~np.any(column_range(run.tau), axis=0)).tolist()
-    if len(idle) != run.n - n:
-        return run
-    shown = formatting.words([f"joint {k + 1}" for k in idle])
-    said = f"{path}: {shown} of the log has no torque in any row: left out"
-    warnings.warn(said, Remark, stacklevel=3)
-    return run.without_joints(idle)
 
 
 def _joints_missing(names: Sequence[str], there: Sequence[str]) -> list[str]:

@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,13 +30,20 @@ from sdp_vs_penalty.data.hypotheses.channels import (
 )
 from sdp_vs_penalty.data.log import Log, Values
 from sdp_vs_penalty.data.measurements import COMMANDED, Measurements, columns_of
-from sdp_vs_penalty.data.store import PART, concatenate_chunks, iter_chunks
+from sdp_vs_penalty.data.store import (
+    PART,
+    column_range,
+    concatenate_chunks,
+    iter_chunks,
+)
 from sdp_vs_penalty.data.words.tokens import brief_names, group_of, parts_of
 from sdp_vs_penalty.errors import ColumnsRemark, InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.data.hypotheses.arm import ChannelFit
+
+T = TypeVar("T")
 
 # Files with our own names need no tables of words and loggers: these are imported where
 # a foreign file is recognised.
@@ -532,7 +539,37 @@ def _in_si(
             t = t + np.cumsum(np.append(0.0, apart))
     name = log.run_name or log.path.name
     run = Measurements.of(t, blocks, (name,), None, found.torque_unit)
-    return replace(run, joint_names=found.joints), found
+    run = replace(run, joint_names=found.joints)
+    return _without_others(log, run, found, choice)
+
+
+def _without_others(
+    log: Log, run: Measurements, found: Recognition, choice: Choice
+) -> tuple[Measurements, Recognition]:
+    """Leave out the joints beyond the robot's whose torque is exactly zero in every row: a
+    gripper's. The others are counted anew, so that the printed command reads the same."""
+    n = len(choice.joints or ()) + len(getattr(choice.joints, "held", ()))
+    if not choice.joints or run.n <= n or not run.torque_logged or not len(run.t):
+        return run, found
+    idle = np.flatnonzero(~np.any(column_range(run.tau), axis=0)).tolist()
+    if len(idle) != run.n - n:
+        return run, found
+    shown = formatting.words([f"joint {k + 1}" for k in idle])
+    _remark(log, f"{shown} of the log has no torque in any row: left out")
+    stays = [k + 1 for k in range(run.n) if k not in idle]
+    ours = {f"{x}{k}": f"{x}{new}" for x in GROUPS for new, k in enumerate(stays, 1)}
+    left_out = {f"{x}{k + 1}" for x in GROUPS for k in idle}
+    joints = tuple(x for k, x in enumerate(run.joint_names) if k not in idle)
+    run = replace(run.without_joints(idle), joint_names=joints)
+
+    def counted(pairs: Mapping[str, T]) -> dict[str, T]:
+        return {ours.get(x, x): y for x, y in pairs.items() if x not in left_out}
+
+    if found.order is None:
+        torques = {x: counted(columns) for x, columns in found.torques.items()}
+        rename, scale = counted(found.rename), counted(found.scale)
+        found = replace(found, rename=rename, scale=scale, torques=torques)
+    return run, replace(found, joints=joints)
 
 
 def _with_open_units(
