@@ -41,7 +41,7 @@ def followed(words, capsys):
 def folder(two_link, tmp_path_factory):
     """Two runs of training, one that is new, and a model of the first two."""
     home = tmp_path_factory.mktemp("next")
-    seconds = {"run 1.csv": 10.0, "-run2.csv": 10.0, "new.csv": 5.0}
+    seconds = {"run 1.csv": 10.0, "-run2.csv": 10.0, "new.csv": 2.5}
     for k, name in enumerate(seconds):
         save(small_run(two_link, seconds=seconds[name], seed=k), home / name)
     (home / "copy of run 1.csv").write_bytes((home / "run 1.csv").read_bytes())
@@ -134,7 +134,7 @@ def test_commands_that_follow_each_other_run(inside, capsys):
     "words",
     [
         "simulate model.json --follow new.csv",
-        "cross-validate two_link --data new.csv --method ols",
+        "cross-validate two_link --data ./-run2.csv --method ols",
     ],
 )
 def test_what_follows_parses(words, inside, capsys):

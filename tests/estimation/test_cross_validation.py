@@ -52,11 +52,9 @@ def test_a_torque_of_the_judged_phase_does_not_reach_its_model(two_link):
     changed = replace(run, tau=tau)
     effects = ["rigid_body", "viscous_friction", "torque_gain"]
     for names in (None, effects):
-        before = cross_validate(
-            two_link, run, "ols", effects=names, folds=4, weighting="none"
-        )
-        after = cross_validate(
-            two_link, changed, "ols", effects=names, folds=4, weighting="none"
+        options = {"effects": names, "folds": 4, "weighting": "none"}
+        before, after = (
+            cross_validate(two_link, x, "ols", **options) for x in (run, changed)
         )
         assert_allclose(
             after.folds[1].theta, before.folds[1].theta, rtol=1e-7, atol=1e-9
@@ -74,15 +72,11 @@ def test_shape_constants_are_each_folds_own(two_link):
         + np.tanh(np.gradient(run.q, run.t, axis=0) / 0.025)
     )
     effects = "rigid_body,viscous_friction,torque_offset,coulomb_friction"
-    found = cross_validate(
-        two_link, replace(run, tau=tau), "ols", effects=effects + "", folds=4
-    ).rmse
-    told = cross_validate(
-        two_link, replace(run, tau=tau), "ols", effects=effects + "@v_s=0.025", folds=4
-    ).rmse
-    declared = cross_validate(
-        two_link, replace(run, tau=tau), "ols", effects=effects + "@v_s=0.01", folds=4
-    ).rmse
+    run = replace(run, tau=tau)
+    found, told, declared = (
+        cross_validate(two_link, run, "ols", effects=effects + width, folds=4).rmse
+        for width in ("", "@v_s=0.025", "@v_s=0.01")
+    )
     assert np.all(found < 1.05 * told)
     assert np.all(declared > 1.1 * told)
 

@@ -64,7 +64,7 @@ def test_a_model_file_predicts_the_same_to_the_last_bit(tmp_path_factory, method
     n = int(rng.integers(1, 5))
     nominal = np.array([link_parameters(rng, 0.5, thickness=0.05) for _ in range(n)])
     problem = open_problem(tree(rng, n, link_frames=bool(rng.integers(2))), nominal)
-    estimate = identify(problem, noisy_run(problem, seed % 1000), method, check=False)
+    estimate = identify(problem, noisy_run(problem, seed % 1000), method)
     path = tmp_path_factory.mktemp("m") / "model.json"
     estimate.save(path)
     again = load_estimate(path)
@@ -86,7 +86,7 @@ def test_a_model_with_every_effect_survives(two_link, tmp_path):
         temperature=20.0 + run.t[:, None] * [1.0, 2.0],
         commanded={"qmot": 1.1 * run.q},
     )
-    estimate = identify(two_link, run, "ols", effects=texts, check=False)
+    estimate = identify(two_link, run, "ols", effects=texts)
     # One of them a joint where a constant is estimated joint by joint.
     assert list(dict.fromkeys(e.name for e in estimate.model.effects)) == every
     estimate.save(tmp_path / "model.json")
@@ -104,7 +104,7 @@ def test_a_model_with_every_effect_survives(two_link, tmp_path):
 
 def test_the_file_holds_what_was_promised(two_link, tmp_path):
     run = noisy_run(two_link, 1)
-    estimate = identify(two_link, run, seed=12, check=False)
+    estimate = identify(two_link, run, seed=12)
     estimate.save(tmp_path / "model.json")
     data = strict((tmp_path / "model.json").read_text())
     parameters = data["parameters"]
@@ -135,7 +135,7 @@ def test_the_file_holds_what_was_promised(two_link, tmp_path):
 
 def test_a_file_without_the_training_motion_loads_and_says_so(two_link, tmp_path):
     run = noisy_run(two_link, 1)
-    estimate = identify(two_link, run, check=False)
+    estimate = identify(two_link, run)
     assert compare(estimate, run)[0].new_motion_share == 0.0
     old = estimate.to_dict()
     del old["training_motion"]
@@ -177,7 +177,7 @@ def test_what_the_data_tell_is_free_of_units(scara_arm):
 
 def test_a_model_says_who_decides_and_export_what_is_implausible(scara_arm, tmp_path):
     run = run_of(scara_arm, SCARA_FRICTION, SCARA_NOISE)
-    made = identify(scara_arm, run, check=False)
+    made = identify(scara_arm, run)
     made.save(tmp_path / "model.json")
     names = [p.name for p in made.model.parameters]
     sources = dict(
@@ -206,13 +206,13 @@ def test_a_model_says_who_decides_and_export_what_is_implausible(scara_arm, tmp_
         export(wide, tmp_path / "wide.urdf")
     assert not (tmp_path / "wide.urdf").exists()
     export(wide, tmp_path / "wide.urdf", force=True)
-    loose = identify(scara_arm, run, "lmi-sdp-plain", check=False)
+    loose = identify(scara_arm, run, "lmi-sdp-plain")
     assert "bounds" in loose.sources
 
 
 def test_an_estimate_is_equal_to_itself_alone(two_link):
     estimate = small_model("ols")
-    other = identify(two_link, small_run(two_link), "ols", check=False)
+    other = identify(two_link, small_run(two_link), "ols")
     assert estimate != other
     assert estimate.identity == other.identity
     assert {estimate: 1}[estimate] == 1

@@ -44,47 +44,41 @@ def measured(arm, seed, load, gain=GAIN):
     )
 
 
-def test_a_known_load_gives_gains_and_links(arm):
-    bare = measured(arm, 1, 0.0)
-    loaded = measured(arm, 2, 1.0)
-    estimate = identify(arm, bare, "ols", known_loads=[(loaded, 1.5)], check=False)
-    gain = np.array(estimate.details["gains"]["gain"])
-    std = np.array(estimate.details["gains"]["std"])
+@pytest.fixture(scope="module")
+def weighed(arm):
+    """The arm, with gains from one known load, and with gains from two."""
+    loads = [(measured(arm, 2, 1.0), 1.5), (measured(arm, 4, 2.0), 3.0)]
+    return [
+        identify(arm, measured(arm, 1, 0.0), "ols", known_loads=loads[:k])
+        for k in (0, 1, 2)
+    ]
+
+
+def gains(estimate):
+    """Gains of the joints' channels, and their standard deviations."""
+    return (np.array(estimate.details["gains"][x]) for x in ("gain", "std"))
+
+
+def test_a_known_load_gives_gains_and_links(arm, weighed):
+    gain, std = gains(weighed[1])
     assert np.all(np.abs(gain - GAIN) < 4.0 * std)
     assert np.all(std < 0.1 * GAIN)
     truth = arm.nominal_links.ravel()
-    for interval, true in zip(estimate.uncertainty.standard, truth, strict=False):
+    for interval, true in zip(weighed[1].uncertainty.standard, truth, strict=False):
         if np.isfinite(interval.std):
             assert abs(interval.value - true) < 4.0 * interval.std, interval
 
 
-@pytest.mark.long
-def test_two_known_loads_give_finer_gains(arm):
-    bare = measured(arm, 1, 0.0)
-    loaded = measured(arm, 2, 1.0)
-    once = identify(arm, bare, "ols", known_loads=[(loaded, 1.5)], check=False)
-    std = np.array(once.details["gains"]["std"])
-    twice = identify(
-        arm,
-        bare,
-        "ols",
-        known_loads=[(loaded, 1.5), (measured(arm, 4, 2.0), 3.0)],
-        check=False,
-    )
-    both = np.array(twice.details["gains"]["gain"])
-    finer = np.array(twice.details["gains"]["std"])
+def test_two_known_loads_give_finer_gains(weighed):
+    (_, std), (both, finer) = map(gains, weighed[1:])
     assert np.all(np.abs(both - GAIN) < 4.0 * finer)
     assert np.all(finer < 0.8 * std)
 
 
 @pytest.mark.long
-def test_a_known_load_weighs_another_load(arm, tmp_path):
-    bare = measured(arm, 1, 0.0)
-    loaded = measured(arm, 2, 1.0)
+def test_a_known_load_weighs_another_load(arm, weighed, tmp_path):
     other = measured(arm, 3, 0.6)  # 0.9 kg
-    identify(arm, bare, "ols", known_loads=[(loaded, 1.5)], check=False).save(
-        tmp_path / "model.json"
-    )
+    weighed[1].save(tmp_path / "model.json")
     kept = load_estimate(tmp_path / "model.json")
     with_load = add(kept, "payload", other)
     mass = with_load.uncertainty.standard[len(kept.theta)]
@@ -99,9 +93,7 @@ def test_a_known_load_weighs_another_load(arm, tmp_path):
     assert doubted.std > 1.5 * found[0].std
     # As the channels stand, the same load weighs something else, and its interval does
     # not know.
-    naive = add(
-        identify(arm, bare, "ols", check=False), "payload", other
-    ).uncertainty.standard[len(kept.theta)]
+    naive = add(weighed[0], "payload", other).uncertainty.standard[len(kept.theta)]
     assert not naive.lower < 0.9 < naive.upper
 
 
@@ -109,7 +101,7 @@ def test_gains_known_to_a_per_cent_widen_the_intervals(arm, tmp_path):
     """All gains 1 % too high make a load 1 % heavier; the stated spread is that of
     independent ones."""
     loaded = measured(arm, 3, 1.0, np.ones(3))
-    estimate = identify(arm, measured(arm, 1, 0.0, np.ones(3)), "ols", check=False)
+    estimate = identify(arm, measured(arm, 1, 0.0, np.ones(3)), "ols")
     plain = add(estimate, "payload", loaded)
     wide = add(estimate.with_gain_uncertainty(0.01), "payload", loaded)
     k = len(estimate.theta)
@@ -143,7 +135,7 @@ def test_the_load_of_the_real_ur10e():
     for first, second in (("14", "15"), ("15", "14")):
         loads = [(runs[f"19_{first}harm50secLoad"], 2.805)]
         estimate = identify(
-            "ur10e", runs[f"19_{first}harm50sec"], "ols", known_loads=loads, check=False
+            "ur10e", runs[f"19_{first}harm50sec"], "ols", known_loads=loads
         )
         found = add(estimate, "payload", runs[f"19_{second}harm50secLoad"])
         mass = found.uncertainty.standard[len(estimate.theta)]

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from unchecked import identify
 
-from sdp_vs_penalty import identify, load_problem
+from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.simulation import Sensor
 from sdp_vs_penalty.simulation.experiments import simulate
@@ -32,8 +33,8 @@ def test_what_bends_the_torque_for_moments_bends_the_simulated_motion_less():
     run = simulate(
         trajectory, lambda motion: model.torque(theta, motion) + spiky(motion), late
     )
-    start = identify(problem, run, effects=EFFECTS, check=False)
-    made = identify(problem, run, "output-error", effects=EFFECTS, check=False)
+    start = identify(problem, run, effects=EFFECTS)
+    made = identify(problem, run, "output-error", effects=EFFECTS)
     before, after = made.details["simulation_rms"]
     assert made.method == "output-error"
     assert made.certificate.worst == 0.0

@@ -10,8 +10,9 @@ import pytest
 from numpy.testing import assert_allclose
 from recorded import refusal
 from sdp_readers import outside_optimum
+from unchecked import identify
 
-from sdp_vs_penalty import identify, load_measurements
+from sdp_vs_penalty import load_measurements
 from sdp_vs_penalty.estimation import PoseOptions
 from sdp_vs_penalty.exporters.sdp import SDPA_METHOD, write_posed
 from sdp_vs_penalty.problem import (
@@ -48,7 +49,7 @@ def _arm(name, folder):
 def _same(problem, run, tmp_path, options, **told):
     file = tmp_path / "a.dat-s"
     about = write_posed(problem, run, file, options=options)
-    estimate = identify(problem, run, SDPA_METHOD, check=False, **told)
+    estimate = identify(problem, run, SDPA_METHOD, **told)
     lower = estimate.certificate.lower
     upper = estimate.certificate.upper
     assert about["method"] == SDPA_METHOD
@@ -85,7 +86,7 @@ def test_a_default_file_for_cbf_is_the_default_method(two_link, tmp_path):
     run = experiment(two_link).training_run(seed=2).window(0.0, 8.0)
     about = write_posed(two_link, run, tmp_path / "a.cbf")
     assert about["method"] == "lmi-sdp"
-    estimate = identify(two_link, run, check=False)
+    estimate = identify(two_link, run)
     found = (estimate.certificate.lower, estimate.certificate.upper)
     assert_allclose((about["lower"], about["upper"]), found, rtol=1e-7)
 

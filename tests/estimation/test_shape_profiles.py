@@ -23,9 +23,7 @@ from sdp_vs_penalty.testing.effect_contract import to_and_fro, wide_columns
 def test_every_joint_gets_its_own_width_with_an_honest_spread(scara_arm):
     """In the units of each joint; the third axis slides."""
     widths = (0.02, 0.003, 0.001, 0.008)
-    estimate = identify(
-        scara_arm, run_of_widths(scara_arm, widths, 16.0), "ols", check=False
-    )
+    estimate = identify(scara_arm, run_of_widths(scara_arm, widths, 16.0), "ols")
     for found, truth in zip(estimate.details["shapes"], widths, strict=True):
         assert abs(found["after"] - truth) < 4.0 * found["std"]
         assert found["std"] < 0.2 * truth

@@ -12,8 +12,9 @@ import scipy
 from numpy.testing import assert_allclose
 from random_robots import repeating_run
 from small_runs import small_run
+from unchecked import identify
 
-from sdp_vs_penalty import InputError, identify
+from sdp_vs_penalty import InputError
 from sdp_vs_penalty.estimation import (
     LEVEL,
     NORMAL_95,
@@ -211,7 +212,7 @@ def test_what_the_prior_determines_is_not_identifiable(two_link):
     """Ixz4 was "identifiable" and from the "prior"; counts of terminal and report
     differed by such parameters."""
     run = repeating_run(two_link, 0, seconds=2.0)
-    estimate = identify(two_link, run, check=False)
+    estimate = identify(two_link, run)
     entries = estimate.details["base_parameters"]
     by_interval = [x.verdict != NOT_SEEN for x in estimate.uncertainty.base]
     assert by_interval == [entry["source"] == "data" for entry in entries]
@@ -221,7 +222,7 @@ def test_what_the_prior_determines_is_not_identifiable(two_link):
 
 
 def test_intervals_are_worked_out_once_when_they_are_first_read(two_link):
-    late = identify(two_link, small_run(two_link), check=False).uncertainty
+    late = identify(two_link, small_run(two_link)).uncertainty
     assert type(late) is LateUncertainty
     copied = pickle.loads(pickle.dumps(late))
     assert type(copied) is type(late) is Uncertainty
@@ -259,9 +260,9 @@ def test_threads_read_intervals_that_one_of_them_works_out():
 
 def test_intervals_of_long_runs_are_worked_out_at_once(two_link, monkeypatch):
     run = small_run(two_link)
-    later = identify("two_link", run, check=False).uncertainty
+    later = identify("two_link", run).uncertainty
     monkeypatch.setattr(filtered, "SAMPLES", run.q.size - 1)
-    at_once = identify("two_link", run, check=False).uncertainty
+    at_once = identify("two_link", run).uncertainty
     assert type(at_once) is Uncertainty
     assert np.allclose(at_once.std, later.std, equal_nan=True)
 
@@ -284,7 +285,7 @@ def test_no_parameter_of_a_log_of_currents_is_in_kilograms(two_link):
     columns = {"t": run.t}
     for k in (0, 1):
         columns |= {f"q_{k}": run.q[:, k], f"current_{k}": run.tau[:, k]}
-    model = identify(two_link, columns, "ols", check=False)
+    model = identify(two_link, columns, "ols")
     units = set(model.to_frame()["unit"])
     assert {"A", "A*s/rad", "kg*A/(N*m)"} <= units
     assert not units & {"kg", "N*m"}

@@ -49,22 +49,25 @@ def with_friction(problem, links, level=0.3):
     return theta
 
 
+def run_of_2r(two_link, noise):
+    """Of the paper's links."""
+    truth = with_friction(two_link, published_links(two_link, "p_real").ravel())
+    return simulated(two_link.model(), truth, noise=noise, seconds=6.0)
+
+
 @pytest.fixture(scope="module")
 def toy_task(two_link):
     """The 2R with noise of a few percent: constraints bind."""
-    truth = with_friction(two_link, published_links(two_link, "p_real").ravel())
-    run = simulated(two_link.model(), truth, noise=5.0, seconds=6.0)
-    return posed_task(two_link, run)
+    return posed_task(two_link, run_of_2r(two_link, 5.0))
 
 
 def test_a_body_that_an_effect_adds_is_not_pulled_to_a_link(two_link):
     """It crashed: the prior knows the robot's links alone. A load moves with the last
     link: their sum is told, and the pull is that link's."""
-    truth = with_friction(two_link, published_links(two_link, "p_real").ravel())
-    run = simulated(two_link.model(), truth, noise=0.1, seconds=6.0)
+    run = run_of_2r(two_link, 0.1)
+    plain = identify(two_link, run)
     own = [effect.name for effect in two_link.model().effects]
-    plain = identify(two_link, run, effects=[*own, *[]])
-    carried = identify(two_link, run, effects=[*own, *["payload"]])
+    carried = identify(two_link, run, effects=[*own, "payload"])
     assert carried.certificate.worst == 0.0
     assert carried.certificate.gap < 1e-6
     assert abs(carried.certificate.loss / plain.certificate.loss - 1.0) < 0.01

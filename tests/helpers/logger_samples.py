@@ -146,21 +146,22 @@ TABLES = {
 }
 
 
+def _reversed(run):
+    """Names and numbers of joints that a driver lists from the last to the first."""
+    names = [[joint] * len(run.t) for joint in JOINTS[::-1]]
+    return [*names, *_blocks(*(x[:, ::-1] for x in (run.q, run.dq, run.tau)))]
+
+
 def rostopic(path, run):
     fields = _numbered(*(f"field.{x}{{}}" for x in ("position", "velocity", "effort")))
     stamps = [str(START * 10**9 + round(1e9 * t)) for t in run.t]
-    names = [[joint] * len(run.t) for joint in JOINTS[::-1]]
-    blocks = _blocks(*(x[:, ::-1] for x in (run.q, run.dq, run.tau)))
     empty = [""] * len(run.t)
     head = ["%time", "field.header.frame_id", *_numbered("field.name{}"), *fields]
-    _write(path, head, [stamps, empty, *names, *blocks])
+    _write(path, head, [stamps, empty, *_reversed(run)])
 
 
 def ros2_echo(path, run):
-    seconds, nanoseconds = _two_parts(run)
-    names = [[joint] * len(run.t) for joint in JOINTS[::-1]]
-    blocks = _blocks(*(x[:, ::-1] for x in (run.q, run.dq, run.tau)))
-    _write(path, None, [seconds, nanoseconds, [""] * len(run.t), *names, *blocks])
+    _write(path, None, [*_two_parts(run), [""] * len(run.t), *_reversed(run)])
 
 
 def bagpy(path, run):

@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from unchecked import identify
 
 from sdp_vs_penalty import (
     Estimate,
@@ -19,7 +20,6 @@ from sdp_vs_penalty import (
     Measurements,
     PayloadEstimator,
     export,
-    identify,
     load_problem,
 )
 from sdp_vs_penalty.data import save
@@ -86,7 +86,7 @@ def _at_a_thousand_hertz(name, mass, seed):
     com = np.linalg.solve(frame, [*truth["details"]["com"], 1.0])[:3]
     *training, calibration, bare = clean.runs
     return SimulatedPicks(
-        identify(problem, training, check=False),
+        identify(problem, training),
         training,
         calibration,
         bare,
@@ -444,7 +444,7 @@ def ur10e(ur10e_runs):
     """Estimators of the arm and gains of one trajectory, with the noise of another."""
     loads = [(ur10e_runs["19_14harm50secLoad"], 2.805)]
     run = ur10e_runs["19_14harm50sec"]
-    estimate = identify("ur10e", run, known_loads=loads, check=False)
+    estimate = identify("ur10e", run, known_loads=loads)
     noise = PayloadEstimator.calibrated(
         estimate, ur10e_runs["12-50sec_12harm"], 100.0
     ).noise

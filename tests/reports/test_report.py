@@ -53,8 +53,8 @@ def make_report(*given, **options):
 def made(two_link):
     run = experiment(two_link).training_run(0).rows(slice(None, None, 4))
     models = {
-        "bare": identify(two_link, run, "ols", effects="rigid_body", check=False),
-        "<script>alert(1)</script>": identify(two_link, run, "lmi-sdp", check=False),
+        "bare": identify(two_link, run, "ols", effects="rigid_body"),
+        "<script>alert(1)</script>": identify(two_link, run, "lmi-sdp"),
     }
     return (
         models,
@@ -176,7 +176,7 @@ def test_bars_are_errors_over_noise_cut_at_the_floor():
 
 def test_a_judged_run_keeps_columns_where_its_band_is_drawn(two_link):
     run = small_run(two_link)
-    estimate = identify(two_link, run, check=False)
+    estimate = identify(two_link, run)
     (filtered,) = FilteredRuns.filtering(run, estimate.preprocessing).runs
     whole = filtered.all_rows(estimate.model)
     judged = JudgedRun.from_run(filtered, estimate)

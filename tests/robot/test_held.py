@@ -111,11 +111,17 @@ def log(urdf, joints):
     return path
 
 
-def test_an_idle_joint_is_held_by_itself(urdf, capfd):
-    path = log(urdf, 4)
+def identified(urdf, path):
+    """The file of the model that is identified from a file."""
     model = urdf.with_name("model.json")
     words = ("identify", urdf, "--data", path, "--method", "ols", "--out", model)
     assert run_cli(*words) == 0
+    return model
+
+
+def test_an_idle_joint_is_held_by_itself(urdf, capfd):
+    path = log(urdf, 4)
+    model = identified(urdf, path)
     said = " ".join(capfd.readouterr().err.split())
     assert "finger_joint stands still without torque: held" in said
     assert "--hold finger_joint=0" in said
@@ -154,6 +160,4 @@ def test_a_log_by_names_without_the_finger_needs_no_option(urdf):
     refusal(
         lambda: read_run(path, 4, robot.joint_names), "finger_joint is in no column"
     )
-    model = urdf.with_name("model.json")
-    words = ("identify", urdf, "--data", path, "--method", "ols", "--out", model)
-    assert run_cli(*words) == 0
+    identified(urdf, path)

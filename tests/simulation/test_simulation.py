@@ -146,7 +146,7 @@ def test_any_robot_has_an_experiment(tmp_path):
     urdf = write_urdf(tmp_path / "arm.urdf", "arm", SCARA[1:3])
     problem = load_problem(urdf)
     x = experiment(problem)
-    estimate = identify(problem, x.training_run(), effects=x.effects, check=False)
+    estimate = identify(problem, x.training_run(), effects=x.effects)
     judged = compare(estimate, x.validation_runs()[0])[0]
     assert judged.relative_error_percent < 3.0
 
@@ -167,9 +167,7 @@ def known(two_link):
         lambda motion: model.torque(theta, motion),
         Sensor(250.0, np.zeros(2)),
     )
-    return replace(
-        identify(two_link, run, effects=EFFECTS, check=False), theta=theta
-    ), run
+    return replace(identify(two_link, run, effects=EFFECTS), theta=theta), run
 
 
 @pytest.mark.long
@@ -244,7 +242,7 @@ def test_what_cannot_move_is_refused(known):
 def test_windows_of_a_long_recording_are_followed_where_steps_are_few(two_link):
     recording = small_run(two_link, seconds=500.0)
     part = recording.window(0.0, 30.0)
-    estimate = identify(two_link, part, "ols", check=False)
+    estimate = identify(two_link, part, "ols")
     made = follow(estimate, recording, steps=40, windows=3)
     starts = [float(run.simulated.t[0]) for run in made.free]
     assert len(starts) > 1
