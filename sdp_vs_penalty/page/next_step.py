@@ -11,7 +11,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.view import View, checked, identified, spoken
+from sdp_vs_penalty.page.view import View, checked, identified, label_of, spoken
 from sdp_vs_penalty.records import from_json
 from sdp_vs_penalty.render.words import describe_outcome
 from sdp_vs_penalty.results.remedy import Remedy
@@ -70,9 +70,9 @@ def _of_runs(session: Session) -> NextStep:
     if remedy is not None:
         change = remedy.change
         do = partial(session.start, session.apply, change.to_dict())
-        label = formatting.sentence(change.words)
+        label = label_of(change.words)
         level = "bad" if session.meaningless else "usable"
-        text = formatting.sentence(remedy.problem)
+        text = formatting.sentence(spoken(remedy.problem))
         effect = session.outcome_of(change.to_dict())
         return NextStep(f"{text} {effect}".strip(), label, "check", do, level=level)
     if session.meaningless:
@@ -101,7 +101,7 @@ def _of_model(view: View) -> NextStep:
         if remedy is not None:
             change = remedy.change.to_dict()
             do = partial(session.start, session.apply, change)
-            label = formatting.sentence(remedy.change.words)
+            label = label_of(remedy.change.words)
             main = diagnosis.main_finding
             joint = None if main is None else main.main_joint
             outcome = describe_outcome(remedy, session.robot["units"], joint)

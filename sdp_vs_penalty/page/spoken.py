@@ -13,7 +13,7 @@ _STAGES = {
 }
 #: A clause that names a command with options, or an option of one.
 _CLAUSE = re.compile(
-    r"\s*\(--[^)]*\)|"
+    r"\s*\(--[^)]*\)|^[^;:,(.`]*\s--[a-z]\S*( \S+)?, or |"
     r"(?:[;:,(]| or| and)?[^;:,(`]*`[^`]*(?:--|sdp-vs-penalty|convert |check-urdf)[^`]*`[^;:,.`]*"
     r"|(?:[;:,(]| or| and)[^;:,(.]*\s--[a-z](?:\.\.\.|[^;:,.])*"
 )
@@ -31,6 +31,8 @@ def spoken(text: str) -> str:
     'finger is in no column: where nothing moves there.'
     >>> spoken("A test run (--test) judges both; run `compare` on it.")
     'A test run judges both; test it on it.'
+    >>> spoken("identify with --motors q1,q1+q2, or replace q2 by q2 - q1")
+    'replace q2 by q2 - q1.'
     >>> spoken("tau is a current in A: --scale tau=... makes torques of it.")
     'tau is a current in A.'
     """

@@ -157,6 +157,11 @@ class StageVerdict:
     word: str = ""
 
 
+def label_of(words: str) -> str:
+    """Return the words of a change as the label of its button."""
+    return formatting.sentence(spoken(words)).rstrip(".")
+
+
 def checked(session: Session) -> StageVerdict:
     """Return the verdict of the check: errors first, then warnings, else all is well."""
     if session.meaningless:

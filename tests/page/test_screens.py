@@ -382,7 +382,7 @@ def show_every_kind(story: SimpleNamespace) -> SimpleNamespace:
         where="the base",
         what="it is turned",
         certainty=likely("by the torques"),
-        remedy="turn it",
+        remedy="identify with --motors q1,q1+q2, or turn it",
         gravity=(0.0, 0.0, 9.81),
         apply="sign:tau2",
         nature="explanation",

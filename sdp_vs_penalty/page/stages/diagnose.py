@@ -17,6 +17,7 @@ from sdp_vs_penalty.page.view import (
     Stage,
     StageVerdict,
     View,
+    label_of,
     requires_model,
     spoken,
 )
@@ -252,7 +253,7 @@ def _others(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) -> No
     with draw.tag("div", style="row"):
         for k, cut in enumerate(cuts):
             leave = partial(session.start, session.apply, cut.to_dict())
-            draw.button(formatting.sentence(cut.words), leave, f"cut-{k}")
+            draw.button(label_of(cut.words), leave, f"cut-{k}")
     if words.all_events != words.events:
         with draw.details("Every event", "events"), draw.tag("ul"):
             for line in words.all_events:

@@ -16,7 +16,7 @@ from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import SUFFIXES
 from sdp_vs_penalty.page.spoken import spoken
-from sdp_vs_penalty.page.view import PagePart, Stage, View, checked
+from sdp_vs_penalty.page.view import PagePart, Stage, View, checked, label_of
 from sdp_vs_penalty.render.words import plain_name
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, MAKERS
 
@@ -434,7 +434,7 @@ def _findings(view: View) -> None:
         with draw.tag("div", style=f"finding {issue['severity']}"):
             draw.tag("strong", f"{names}: {issue['kind']}. ")
             draw.tag("span", formatting.sentence(spoken(issue["what"])))
-            draw.tag("p", f"How sure: {issue['certainty']}.", "soft")
+            draw.tag("p", spoken(f"How sure: {issue['certainty']}."), "soft")
             if not issue["remedies"]:
                 draw.tag("p", formatting.sentence(spoken(issue["remedy"])))
             with draw.tag("div", style="row"):
@@ -447,7 +447,7 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
     and why it was refused, where it was."""
     session = view.session
     change = remedy["change"]
-    label = formatting.sentence(change["words"])
+    label = label_of(change["words"])
     asked = [k for k, v in change["arguments"].get("scale", {}).items() if not v]
     if change["verb"] == "record":
         make = partial(session.start, session.make_motion, change, view.download)
