@@ -392,7 +392,7 @@ def more_folds() -> str:
     return (
         f"Least squares err more than the default {said['ols']}, by {points(squares, 'ols')}"
         " points at most. Two steps without added effects are told apart"
-        f" {said.get('two_step', 'on none')}."
+        f" {said.get('two_step', 'on none')}. Intervals are somewhat too narrow."
     )
 
 
@@ -466,7 +466,8 @@ def headline() -> str:
     return "\n\n".join(
         [
             (
-                f"Rows 2 and 3 end at one proved optimum. Five folds tell {unseen} from row 2."
+                "Rows 2 and 3 end at one proved optimum. Five folds, at the usual guard, tell"
+                f" {unseen} of this table from row 2."
                 f" {more_folds()} {penalty_in_simulation()}"
             ),
             markdown(["method", "whose", "links consistent", *names], rows),
