@@ -412,7 +412,8 @@ def penalty_in_simulation(method: str = "penalty, two-step") -> str:
         if row["setting"] == worst
     }
     return (
-        f"In simulation {method.removeprefix('penalty, ')} errs less than the default in"
+        f"In [simulation](results/tables/table_monte_carlo.md)"
+        f" {method.removeprefix('penalty, ')} errs less than the default in"
         f" {len(below)} of {len(rows)} settings (by {-min(below):.1g} points at most), more"
         f" in {len(above)}. With {worst} the prior decides: default {error[DEFAULT]} %,"
         f" one-step {error['penalty, one-step']}, SDP without prior {error['SDP']},"
