@@ -142,7 +142,7 @@ def _beside_check(
     than any effect of the arm; all else is a rival of the findings on its joints.
     """
     faults = {}
-    explained = dict[str, Sequence[int]]()
+    explained = dict[tuple[str, str], Sequence[int]]()
     for issue in chain.from_iterable(issues.values()):
         is_likely = str(issue["certainty"]).partition(":")[0] != POSSIBLE
         is_explanation = issue["nature"] == EXPLANATION
@@ -151,9 +151,10 @@ def _beside_check(
         if issue["apply"]:
             faults[issue["what"]] = Remedy.from_dict(issue["remedies"][0])
         elif "log_odds" in issue["figures"]:  # it names a cause
-            explained[issue["what"]] = issue["figures"].get("joints", ())
-    for what, joints in explained.items():
-        diagnosis = diagnosis.beside_explanation_of_log(what, joints)
+            named = issue["kind"], issue["what"]
+            explained[named] = issue["figures"].get("joints", ())
+    for (kind, what), joints in explained.items():
+        diagnosis = diagnosis.beside_explanation_of_log(kind, what, joints)
     return diagnosis.beside_faults_of_log([*faults.values()])
 
 

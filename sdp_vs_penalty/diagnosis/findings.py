@@ -593,14 +593,14 @@ class Diagnosis(Record, JsonRecord):
         return replace(out, log_faults=tuple(faults), curves=(), passing=())
 
     def beside_explanation_of_log(
-        self, sentence: str, joints: Sequence[int]
+        self, kind: str, sentence: str, joints: Sequence[int]
     ) -> Diagnosis:
         """Return the diagnosis of a log of which the check explains the torque of some
         joints (from 1; empty: of all): a rival of each finding there. What has a name
         is no curve.
         """
         told = sentence[:1].lower() + sentence[1:].rstrip(".")
-        cause = f"the check explains its torque as well: {told}"
+        cause = f"the check explains its torque as well, by a {kind}: {told}"
         curves = [c for c in self.curves if joints and c.joint not in joints]
         return replace(
             self._doubted(Doubt("explained", cause), joints), curves=tuple(curves)

@@ -131,12 +131,14 @@ def test_a_printed_diagnosis_names_findings_that_are_not_sure():
 def test_what_the_check_explains_is_a_rival_on_its_joints(joints, ratings):
     """A step of one torque, or a filter of all: no finding there is sure of its name."""
     found = diagnosis(finding("joint_spring", 1), finding("backlash", 2))
-    beside = found.beside_explanation_of_log("The torque of joint 2 steps.", joints)
+    what = "The torque of joint 2 steps."
+    beside = found.beside_explanation_of_log("torque step", what, joints)
     assert tuple(f.rating for f in beside.effects) == ratings
     assert [f.torque_is_certain for f in beside.effects] == [True, True]
     assert not beside.effects[1].effect_is_certain
     assert beside.effects[1].remarks == (
-        "the check explains its torque as well: the torque of joint 2 steps",
+        "the check explains its torque as well, by a torque step: the torque of joint 2"
+        " steps",
     )
 
 
