@@ -716,6 +716,15 @@ def test_a_torque_that_a_model_has_made_is_not_taken_beside_a_measured_one(tmp_p
     assert "tau in mnm" in said
 
 
+def test_a_rate_is_asked_with_the_columns_where_there_is_no_clock(tmp_path):
+    path = log(tmp_path / "run.csv", "q=aa_{}; tau=tau_{}")
+    said = refusal(lambda: read(path), "name its clock with --rename t=NAME")
+    words = shlex.split(said.split("`")[1].replace("HZ", "100"))
+    out = tmp_path / "out.csv"
+    assert run_cli(*words[1:-1], out) == 0
+    same(read(out)[0])
+
+
 def test_a_rate_is_proposed_across_lost_rows_and_said(tmp_path):
     path = log(tmp_path / "run.csv", "deg=q_deg_{}; dq=dq_{}; tau=tau_{}")
     lines = path.read_text().splitlines()

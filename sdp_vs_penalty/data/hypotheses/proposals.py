@@ -64,10 +64,20 @@ def _rename_remedy(log: Log, missing: Sequence[str], n_joints: int | None) -> st
         dated = unit_of_dates(log.columns[name].head) if ours == "t" else None
         factor = units[0].factor if units else UNITS[dated.answer] if dated else 1.0
         scale |= {ours: factor} if factor != 1.0 else {}
+    is_timeless = (
+        [x for x, name in pairs.items() if name == "NAME"] == ["t"] != [*pairs]
+    )
+    if is_timeless:
+        del pairs["t"]
     words = ["--rename", rename_words(pairs, names)]
     words += ["--scale", scale_words(scale, pairs)] if scale else []
+    words += ["--rate", "HZ"] if is_timeless else []
     how = f"name them with `{formatting.convert_command(log.path, *words)}`"
-    if "NAME" in pairs.values():
+    if is_timeless:
+        how += (
+            " (HZ being its samples a second), or name its clock with --rename t=NAME"
+        )
+    elif "NAME" in pairs.values():
         how += f" (columns of joints as '{missing[-1]}*=NAME_*')"
     elif {*pairs} - {"t"}:
         how += ", if they are that"
