@@ -15,7 +15,7 @@ DATA = os.environ.get("SDP_VS_PENALTY_DATA", ".")
 SMALL = {3: range(1040, 1058)}
 REAL = "panda,tx40,ur10,emps,ur10e"
 #: Numbers of the arms of strangers.py: first, and behind the last.
-ARMS = "0:9,2000:2024"
+ARMS = "0:28,2000:2024"
 WORLDS = HERE.parent / "check_worlds" / "worlds_claims.csv"
 
 
