@@ -270,20 +270,26 @@ def _mount_words(arguments: Mapping[str, Any], files: Files) -> list[str]:
 
 
 def _add_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:
-    """`add` of findings from their file where there is one, else by their texts."""
+    """Write `add`: of findings from their file where there is one, else by their texts.
+
+    ``arguments["findings"]`` is "all", "confident", or the numbers of some findings;
+    without it the effects have no diagnosis. Curves have no text: None without a file.
+    """
     if files.model is None:
         return None
     which = arguments.get("findings")
-    words: list[Any] = [",".join(arguments["effects"])]
-    if which is not None and files.findings is not None:
-        words = ["--from", files.findings]
-        words += ["--confident"] * (which == "confident")
-        if not isinstance(which, str):
-            words += ["--only", ",".join(map(str, which))]
-    elif not arguments["effects"]:
-        return None  # curves have no text: they are added from the file only
+    if which is None or files.findings is None:
+        what = [",".join(arguments["effects"])]
+    elif isinstance(which, str):
+        what = [
+            "--from",
+            files.findings,
+            *(["--confident"] if which == "confident" else []),
+        ]
+    else:
+        what = ["--from", files.findings, "--only", ",".join(map(str, which))]
     out = ["--out", files.new["model"]]
-    return ["add", files.model, *words, *files.data, *out]
+    return ["add", files.model, *what, *files.data, *out] if all(what) else None
 
 
 def _record_words(arguments: Mapping[str, Any], files: Files) -> list[str]:

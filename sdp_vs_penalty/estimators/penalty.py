@@ -704,24 +704,16 @@ def _starts(
 
 
 def made_feasible(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
-    """Move an almost feasible theta (p,) towards an interior point until all
-    constraints hold.
+    """Move an almost feasible theta (p,) towards a point strictly inside the convex
+    constraints, until all constraints hold.
 
-    If the nonconvex constraints hold nowhere on the way, only the convex ones are
-    satisfied.
-
-    Parameters
-    ----------
-    interior : (p,) array
-        Point strictly inside the convex constraints.
-
-    Returns
-    -------
-    (p,) array
-        First feasible point of the line between the two.
+    Shares of the way are tried from none over a rounding error (1e-14) to all of it,
+    four a decade. Where the nonconvex constraints hold at none of them, the nearest
+    point of the convex ones is returned; the certificate says what it violates.
     """
     repaired = repair(constraints, theta, interior)
-    for share in (0.0, *np.logspace(-14, 0, 57)):
+    four_a_decade = np.logspace(-14.0, 0.0, 1 + 4 * 14)
+    for share in (0.0, *four_a_decade):
         point = repaired + share * (interior - repaired)
         if all(bound.margin(point) >= 0.0 for bound in constraints.nonconvex):
             return point

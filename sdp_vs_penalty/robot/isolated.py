@@ -23,7 +23,7 @@ import time
 import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -35,7 +35,10 @@ from sdp_vs_penalty.files import memory_for
 
 #: Arrays by their names.
 Arrays = Mapping[str, NDArray[np.float64]]
-#: The heads and arrays that a child sends.
+#: What a child sends: heads, each with arrays. A head is empty where the parser has
+#: yielded its arrays; else it says one thing: "remark" (a warning), "what" with "remedy",
+#: "where" and "is_path" (an InputError), "not_installed" (an ImportError), "memory" (a
+#: MemoryError), "failed" (why there is no answer), or "end" (a server is idle again).
 _Messages = Generator[tuple[dict[str, Any], Arrays], None, None]
 
 
@@ -58,6 +61,26 @@ class _Limits:
 
 
 _LIMITS = _Limits()
+
+
+@dataclass(frozen=True)
+class _Request:
+    """What a child is to parse, and its limits; plain JSON on the way to a server."""
+
+    #: Module and name of the parser.
+    parser: tuple[str, str]
+    #: Arguments of the parser, first the path of the file.
+    arguments: list[Any]
+    #: Module and name of the function that imports what the parser needs.
+    prepare: tuple[str, str]
+    #: Memory that the child may add [bytes].
+    room: int
+    #: Longest silence [s].
+    seconds: float
+    #: CPU time [s].
+    cpu: int
+    #: Folder to work in; a server may have begun in another one.
+    folder: str
 
 
 class ParserEndedError(Exception):
@@ -103,15 +126,15 @@ def parse_isolated(
     """
     size = _size(Path(path)) if n_bytes is None else n_bytes
     room = memory_for(size)
-    request = {
-        "parser": [parser.__module__, parser.__qualname__],
-        "arguments": [str(path), *arguments],
-        "prepare": [prepare.__module__, prepare.__qualname__],
-        "room": room,
-        "seconds": seconds,
-        "cpu": int(_LIMITS.cpu + _LIMITS.cpu_by_mib * size / 2**20),
-        "folder": os.getcwd(),  # the server may have begun in another one
-    }
+    request = _Request(
+        parser=(parser.__module__, parser.__qualname__),
+        arguments=[str(path), *arguments],
+        prepare=(prepare.__module__, prepare.__qualname__),
+        room=room,
+        seconds=seconds,
+        cpu=int(_LIMITS.cpu + _LIMITS.cpu_by_mib * size / 2**20),
+        folder=os.getcwd(),
+    )
     if _is_single_threaded():
         return _answers(_fork_and_parse(request), room)
     return _answers(_ask_server(request), room)
@@ -165,13 +188,13 @@ def _answers(
                 yield dict(arrays)
 
 
-def _fork_and_parse(request: Mapping[str, Any]) -> _Messages:
+def _fork_and_parse(request: _Request) -> _Messages:
     """Fork a child that runs the requested parser; yield its messages.
 
     The last message may say that it failed. The child is always waited for.
     """
-    _function(*request["prepare"])()
-    function = _function(*request["parser"])
+    _function(*request.prepare)()
+    function = _function(*request.parser)
     # What is buffered would otherwise be written by both processes.
     sys.stdout.flush()
     sys.stderr.flush()
@@ -180,21 +203,17 @@ def _fork_and_parse(request: Mapping[str, Any]) -> _Messages:
     if child == 0:
         _be_child(function, request, write_end)
     os.close(write_end)
-    # None until the child has ended and was waited for.
-    status = None
+    status = None  # until the child has ended and was waited for
     try:
         with open(read_end, "rb", buffering=0) as pipe:
-            source = _Timed(pipe, request["seconds"])
-            try:
-                while (message := _receive(source)) is not None:
-                    yield message
-            except TimeoutError:
-                limit = f"{request['seconds']:g} s"
-                yield {"failed": f"its parser gave no answer for {limit}"}, {}
-                return
+            source = _Timed(pipe, request.seconds)
+            while (message := _receive(source)) is not None:
+                yield message
         status = os.waitpid(child, 0)[1]
         if os.WIFSIGNALED(status):
             yield {"failed": _reason(os.WTERMSIG(status))}, {}
+    except TimeoutError:
+        yield {"failed": f"its parser gave no answer for {request.seconds:g} s"}, {}
     finally:
         if status is None:
             with suppress(ProcessLookupError):
@@ -215,9 +234,7 @@ def _function(module: str, name: str) -> Any:
 
 
 def _be_child(
-    function: Callable[..., Iterator[Arrays]],
-    request: Mapping[str, Any],
-    write_end: int,
+    function: Callable[..., Iterator[Arrays]], request: _Request, write_end: int
 ) -> None:
     """Run the parser in the forked child with limits, then end the process.
 
@@ -227,7 +244,7 @@ def _be_child(
     try:
         gc.disable()
         with suppress(OSError):  # the folder was removed
-            os.chdir(request["folder"])
+            os.chdir(request.folder)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_DFL)
         nothing = os.open(os.devnull, os.O_RDWR)
@@ -235,10 +252,10 @@ def _be_child(
             os.dup2(nothing, handle)
         os.dup2(write_end, 3)
         os.closerange(4, os.sysconf("SC_OPEN_MAX"))
-        _limit(request["cpu"])
-        _limit_memory(request["room"])
+        _limit(request.cpu)
+        _limit_memory(request.room)
         with open(3, "wb") as pipe:
-            _send_answers(function, request["arguments"], pipe)
+            _send_answers(function, request.arguments, pipe)
     finally:
         os._exit(0)
 
@@ -477,14 +494,14 @@ def _idle_server() -> _Server:
     return _Server()
 
 
-def _ask_server(request: Mapping[str, Any]) -> _Messages:
+def _ask_server(request: _Request) -> _Messages:
     """Yield the messages of a child that an idle server forks for the request."""
     server = _idle_server()
     is_done = False
     try:
-        server.process.stdin.write(json.dumps(request).encode() + b"\n")  # type: ignore[union-attr]
+        server.process.stdin.write(json.dumps(asdict(request)).encode() + b"\n")  # type: ignore[union-attr]
         # The server itself ends a silent parser; it takes seconds to start.
-        source = _Timed(server.process.stdout, request["seconds"] + 30.0)
+        source = _Timed(server.process.stdout, request.seconds + 30.0)
         message = _receive(source)
         while message is not None:
             if "end" in message[0]:
@@ -513,7 +530,7 @@ def serve() -> None:
     pipe = sys.stdout.buffer
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for line in sys.stdin.buffer:
-        request = json.loads(line)
+        request = _Request(**json.loads(line))
         if hasattr(os, "fork"):
             try:
                 for head, arrays in _fork_and_parse(request):
@@ -521,6 +538,6 @@ def serve() -> None:
             except ImportError as error:
                 _send(pipe, {"not_installed": str(error)})
         else:  # a broken file ends this server, and the next call starts another one
-            function = _function(*request["parser"])
-            _send_answers(function, request["arguments"], pipe)
+            function = _function(*request.parser)
+            _send_answers(function, request.arguments, pipe)
         _send(pipe, {"end": True})

@@ -186,6 +186,8 @@ def resolve_mimic_joints(
 
     Parameters
     ----------
+    tree : sequence of Joint
+        All moving joints, depth first.
     followers : dict
         (leader, ratio, offset) of each mimic joint, by its name.
     massless : sequence of int
@@ -201,35 +203,35 @@ def resolve_mimic_joints(
     InputError
         If a joint follows itself, directly or through others, or an unknown joint.
     """
-    names = [joint.name for joint in tree]
-    free = [k for k, name in enumerate(names) if name not in followers]
     if not followers and not massless:
         return tuple(tree), None
-    # Homogeneous coordinates (q, 1): a row expresses a joint by the joint it follows.
-    unit = np.eye(len(tree) + 1)
-    step = unit.copy()
-    for k, name in enumerate(names):
-        if name in followers:
-            leader, ratio, shift = followers[name]
-            if leader not in names:
+    free = [joint for joint in tree if joint.name not in followers]
+    column_of = {joint.name: k for k, joint in enumerate(free)}
+    matrix = np.zeros((len(tree), len(free)))
+    offset = np.zeros(len(tree))
+    for k, joint in enumerate(tree):
+        # q_k = ratio q_name + shift, with ``name`` from leader to leader.
+        name, ratio, shift = joint.name, 1.0, 0.0
+        passed = set[str]()
+        while name in followers:
+            if name in passed:
+                what = f"joint {joint.name!r} mimics itself through others"
+                raise InputError(what, "correct its <mimic>")
+            passed.add(name)
+            leader, its_ratio, its_offset = followers[name]
+            if leader not in followers and leader not in column_of:
                 what = (
                     f"joint {name!r} mimics {leader!r}, which is no moving joint of the"
                     " robot"
                 )
                 raise InputError(what, "correct its <mimic>")
-            step[k] = ratio * unit[names.index(leader)] + shift * unit[-1]
-    # Applied as often as there are joints, every chain of followers ends at free joints.
-    powers = np.linalg.matrix_power(step, len(tree))[:-1]
-    by_followers = np.delete(powers, [*free, -1], axis=1)
-    for k in np.flatnonzero(by_followers.any(axis=1)).tolist():
-        raise InputError(
-            f"joint {names[k]!r} mimics itself through others", "correct its <mimic>"
-        )
-    matrix = powers.take(free, axis=1)
-    offset = powers[:, -1]
-    return tuple(tree[k] for k in free), Mechanism(
-        tuple(tree), matrix, offset, massless=tuple(massless)
-    )
+            shift += ratio * its_offset
+            ratio *= its_ratio
+            name = leader
+        matrix[k, column_of[name]] = ratio
+        offset[k] = shift
+    mechanism = Mechanism(tuple(tree), matrix, offset, massless=tuple(massless))
+    return tuple(free), mechanism
 
 
 def hold_followers(

@@ -241,16 +241,23 @@ def planned(
     return _plan(robot, effects, size, seed, link_error=link_error)
 
 
+#: Friction of an arm whose experiment states none [N m, N].
+_SMALL_FRICTION = 0.02
+
+
 def true_world(
     problem: Problem, setup: Experiment, seed: int, without: Sequence[str] = ()
 ) -> World:
     """Make the true robot of a simulation.
 
-    Its links are those of the experiment; viscous and Coulomb friction and torque
-    offsets are drawn at random, of the size of the experiment's friction.
+    Its links are those of the experiment. With the size of the experiment's friction as
+    one, Coulomb friction is drawn between .5 and 1.5, viscous friction [per rad/s, m/s]
+    between .2 and .8, and torque offsets up to .2 either way.
 
     Parameters
     ----------
+    problem : Problem
+        The robot, its kinematics exact.
     setup : Experiment
         Its true links, friction and sensor noise.
     seed : int
@@ -259,14 +266,21 @@ def true_world(
         Effects that the robot does not have, because they are hidden later.
     """
     robot = problem.robot
-    rng = np.random.default_rng([seed, 1])
-    zeros = np.zeros(problem.robot.n)
-    # Size of friction [N m, N]: that of the experiment.
-    size = 0.02 + zeros if setup.friction is None else np.abs(setup.friction[:, 0])
+    rng = np.random.default_rng([seed, 1])  # motions and noise have other numbers
+    zeros = np.zeros(robot.n)
+    size = np.full(robot.n, _SMALL_FRICTION)
+    if setup.friction is not None:
+        size = np.abs(setup.friction[:, 0])
     # All are drawn, whether they act or not: each has the same random numbers then.
-    coulomb = size * rng.uniform(0.5, 1.5, robot.n)
-    viscous = size * rng.uniform(0.2, 0.8, robot.n)
-    offset = 0.2 * size * rng.uniform(-1.0, 1.0, robot.n)
+    drawn = {
+        "friction": size * rng.uniform(0.5, 1.5, robot.n),
+        "damping": size * rng.uniform(0.2, 0.8, robot.n),
+        "offset": 0.2 * size * rng.uniform(-1.0, 1.0, robot.n),
+    }
+    coulomb, viscous, offset = (
+        zeros if standard_effect(field).name in without else torque
+        for field, torque in drawn.items()
+    )
     model = robot.pinocchio_model(setup.links)
     chain = robot.mechanism
     rotary = np.array([joint.kind == "revolute" for joint in robot.joints])
@@ -277,14 +291,15 @@ def true_world(
         follows=np.eye(robot.n) if chain is None else chain.matrix,
         shift=zeros if chain is None else chain.offset,
     )
+    # Real friction turns round at one velocity, the smallest that the model allows.
     dry = DryFriction(np.full(robot.n, min(problem.model().sign_width)))
     return World(
         arm,
         built=model,
         dry=dry,
-        coulomb=zeros if standard_effect("friction").name in without else coulomb,
-        viscous=zeros if standard_effect("damping").name in without else viscous,
-        offset=zeros if standard_effect("offset").name in without else offset,
+        coulomb=coulomb,
+        viscous=viscous,
+        offset=offset,
         noise=setup.sensor.torque_std,
     )
 
