@@ -223,12 +223,10 @@ class _Again:
         """Identify all parameters of the model anew, with these effects as its only
         effects.
         """
-        options = PoseOptions(
+        options = replace(
+            PoseOptions.posing(self.estimate),
             effects=effects,
-            weighting=self.estimate.weighting,
-            gain_uncertainty=self.estimate.uncertainty.gain_errors,
             seed=self.seed,
-            known=self.estimate.model.known,
             progress=self.progress,
         )
         return estimate_parameters(

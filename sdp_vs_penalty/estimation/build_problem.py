@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -62,6 +62,9 @@ from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.estimation.estimate import Estimate
 
 
 def parsed_known_load(text: str) -> tuple[Path, float]:
@@ -166,6 +169,23 @@ class PoseOptions:
             effects = [make_effect(e, robot) for e in stated.effects]
         known = dict(stated.known)
         return cls(effects, known=known, instruments=stated.instruments, **others)
+
+    @classmethod
+    def posing(cls, model: Estimate) -> PoseOptions:
+        """Return the options that pose a model's problem again: the one place that knows
+        where a model keeps what a user chose.
+
+        Known loads are in its problem's gains, or in its recipe's known values.
+        """
+        stored: dict[str, Any] = {
+            "preprocessing": model.preprocessing,
+            "weighting": model.weighting,
+            "gain_uncertainty": model.uncertainty.gain_errors,
+        }
+        recipe = model.details.get("recipe")
+        if recipe is not None:
+            return cls.following(recipe, model.robot, **stored)
+        return cls(model.model.effects, known=model.model.known, **stored)
 
 
 @dataclass(frozen=True)

@@ -206,17 +206,9 @@ def posed_again(model: Estimate, data: Measurements) -> EstimationProblem | None
     None for a log without torque whose recipe (how the servos' law and scale were
     found) the model does not keep.
     """
-    recipe = model.details.get("recipe")
-    if recipe is None and not data.torque_logged:
+    if "recipe" not in model.details and not data.torque_logged:
         return None
-    settings: dict[str, Any] = {
-        "preprocessing": model.preprocessing,
-        "weighting": model.weighting,
-    }
-    options = PoseOptions(model.model.effects, known=model.model.known, **settings)
-    if recipe is not None:
-        options = PoseOptions.following(recipe, model.robot, **settings)
-    return build_problem(model.problem, data, options)
+    return build_problem(model.problem, data, PoseOptions.posing(model))
 
 
 def _reposed(model: Estimate, data: Measurements) -> Proof | None:

@@ -3,7 +3,7 @@ solves."""
 
 import json
 import shutil
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
@@ -12,15 +12,18 @@ from recorded import refusal
 from sdp_readers import outside_optimum
 from unchecked import identify
 
-from sdp_vs_penalty import load_measurements
+from sdp_vs_penalty import load_estimate, load_measurements
 from sdp_vs_penalty.estimation import PoseOptions
+from sdp_vs_penalty.estimation.proofs import posed_again
 from sdp_vs_penalty.exporters.sdp import SDPA_METHOD, write_posed
+from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem import (
     load_problem,
     measured_runs,
     with_bounds,
     with_filters,
 )
+from sdp_vs_penalty.signals import Preprocessing
 from sdp_vs_penalty.simulation import experiment
 
 _FRICTION = ["rigid_body", "viscous_friction", "coulomb_friction"]
@@ -116,3 +119,46 @@ def test_options_are_read_from_texts_and_what_is_not_given_is_the_default():
 )
 def test_a_text_that_is_no_option_is_refused(texts, word):
     refusal(lambda: PoseOptions.from_texts(**texts), word)
+
+
+#: A value other than the default of each option; runs stand for what only a run has.
+CHOICES = {
+    "effects": "rigid_body,viscous_friction,torque_offset",
+    "preprocessing": Preprocessing(12.0, 8.0),
+    "weighting": "none",
+    "gain_uncertainty": 0.02,
+    "known_loads": lambda run: [(run, 0.01)],
+    "seed": 3,
+    "known": {"f_v1": 0.1},
+    "instruments": "command",
+    "workers": Workers(1),
+    "progress": print,
+}
+
+
+def test_each_option_is_tried():
+    assert set(CHOICES) == {f.name for f in fields(PoseOptions)}
+
+
+@pytest.mark.parametrize("option", CHOICES)
+def test_what_identify_minimised_is_posed_again_from_the_file(
+    option, two_link, tmp_path
+):
+    """`verify`, `add` and `ranges` do it: an option that the model.json does not hold
+    would leave them another problem."""
+    run = experiment(two_link).training_run(seed=2).window(0.0, 6.0)
+    run = replace(run, commanded={"qcmd": run.q})
+    value = CHOICES[option]
+    value = value(run) if option == "known_loads" else value
+    model = identify(two_link, run, **{option: value})
+    model.save(tmp_path / "model.json")
+    kept = load_estimate(tmp_path / "model.json")
+    posed = posed_again(kept, run)
+    assert posed is not None
+    assert posed.task.data.loss(kept.theta) == pytest.approx(model.certificate.loss)
+    before = model.training.posed
+    gram, other = (x.task.data.R.T @ x.task.data.R for x in (before, posed))
+    assert_allclose(other, gram, rtol=0.0, atol=1e-9 * gram.max())
+    assert_allclose(posed.task.bound, before.task.bound)
+    assert_allclose(posed.gain_errors, before.gain_errors)
+    assert posed.task.model.known == before.task.model.known
