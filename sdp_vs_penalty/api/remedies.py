@@ -278,6 +278,7 @@ def _add_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:
     if files.model is None:
         return None
     which = arguments.get("findings")
+    what: list[Any]
     if which is None or files.findings is None:
         what = [",".join(arguments["effects"])]
     elif isinstance(which, str):
@@ -289,7 +290,8 @@ def _add_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:
     else:
         what = ["--from", files.findings, "--only", ",".join(map(str, which))]
     out = ["--out", files.new["model"]]
-    return ["add", files.model, *what, *files.data, *out] if all(what) else None
+    words: list[Any] = ["add", files.model, *what, *files.data, *out]
+    return words if all(what) else None
 
 
 def _record_words(arguments: Mapping[str, Any], files: Files) -> list[str]:

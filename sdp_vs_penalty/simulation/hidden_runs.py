@@ -273,13 +273,12 @@ def true_world(
         size = np.abs(setup.friction[:, 0])
     # All are drawn, whether they act or not: each has the same random numbers then.
     drawn = {
-        "friction": size * rng.uniform(0.5, 1.5, robot.n),
-        "damping": size * rng.uniform(0.2, 0.8, robot.n),
-        "offset": 0.2 * size * rng.uniform(-1.0, 1.0, robot.n),
+        standard_effect("friction").name: size * rng.uniform(0.5, 1.5, robot.n),
+        standard_effect("damping").name: size * rng.uniform(0.2, 0.8, robot.n),
+        standard_effect("offset").name: 0.2 * size * rng.uniform(-1.0, 1.0, robot.n),
     }
     coulomb, viscous, offset = (
-        zeros if standard_effect(field).name in without else torque
-        for field, torque in drawn.items()
+        zeros if name in without else torque for name, torque in drawn.items()
     )
     model = robot.pinocchio_model(setup.links)
     chain = robot.mechanism
