@@ -47,6 +47,8 @@ NOT_REPAIRED = "another load", "another arm"
 SOMETHING_ELSE = "something that the model lacks, since much stays unexplained"
 #: What competes with a claim of low odds.
 LITTLE = "something that the model lacks, since the log tells little of it"
+#: What competes with a claim that friction's sign alone tells.
+FRICTION_ALONE = "friction that the controller subtracts, or that the model lacks"
 #: What they are as rivals of others.
 _RIVALS = {"another load": "a load on the last link", "another arm": "other links"}
 
@@ -89,6 +91,8 @@ def graded(issue: Issue, verdict: Verdict, claims: Sequence[Claim]) -> Issue:
         return issue
     odds = min(claim.log_odds for claim in claims)
     other = SOMETHING_ELSE if odds >= LIKELY else LITTLE
+    if any(claim.hypothesis.tells_by_friction for claim in claims):
+        other = FRICTION_ALONE
     return with_rival_effects(issue, [other])
 
 

@@ -103,10 +103,9 @@ class Verdict:
         left is small, or it explains half of what was left. An arm that leaves much tells
         no sign by its friction.
 
-        Friction of the wrong sign, which a missing law makes as well, has no second
-        witness.
+        Friction of the wrong sign has no second witness.
         """
-        if not claim.hypothesis.is_friction_real or claim.log_odds < c.LIKELY:
+        if claim.hypothesis.tells_by_friction or claim.log_odds < c.LIKELY:
             return False
         moving = self.fit.weights > 0.0
         before, after = (x.shares[moving] for x in (claim.before, claim.fit))

@@ -173,6 +173,9 @@ class Hypothesis:
     further_at: Callable[[float], Further] | None = None
     #: Whether friction takes power under it.
     is_friction_real: bool = True
+    #: Whether the sign of friction alone tells it, which a missing law or a controller that
+    #: subtracts friction makes as well.
+    tells_by_friction: bool = False
     #: What an effect of the arm is, in words; empty for a fault of the log.
     effect: str = ""
     #: What a controller did to the torques, in a sentence; the effect is then no missing

@@ -90,6 +90,17 @@ def test_what_was_done_is_claimed(spoil, kind, joints):
     assert (claim.hypothesis.kind, claim.hypothesis.joints) == (kind, joints)
 
 
+@pytest.mark.parametrize("has_velocity", [False, True])
+def test_friction_alone_does_not_make_rows_in_reverse_likely(has_velocity):
+    """A controller that subtracts more friction than there is turns its sign, too."""
+    dq = small_run(PROBLEM, seconds=8.0).dq if has_velocity else None
+    back = replace(RUN, dq=dq).rows(np.arange(len(RUN.t))[::-1])
+    verdict = judged(replace(back, t=RUN.t))
+    (claim,) = verdict.claims
+    assert claim.hypothesis.kind == "time reversed"
+    assert verdict.is_sure_of(claim) == has_velocity
+
+
 @pytest.mark.parametrize("late", [0.03, -0.03])
 def test_a_delay_of_either_sign_is_in_its_interval(late):
     tau = np.stack([np.interp(RUN.t - late, RUN.t, x) for x in RUN.tau.T], axis=1)

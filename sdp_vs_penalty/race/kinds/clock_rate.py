@@ -32,7 +32,14 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
     torques."""
     now = fit.chain
     back = replace(now, reversed=not now.reversed)
-    yield Hypothesis("time reversed", (), 2.0 * prior_of_one_of(1), back)
+    is_velocity_turned = evidence.log.data.velocity_gain < 0.0
+    yield Hypothesis(
+        kind="time reversed",
+        joints=(),
+        log_prior=2.0 * prior_of_one_of(1),
+        chain=back,
+        tells_by_friction=not is_velocity_turned,
+    )
     if not any(now.gravity):
         return
     for factor in _RATES:

@@ -18,6 +18,7 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
         log_prior=prior_of_one_of(1),
         chain=fit.chain,
         is_friction_real=False,
+        tells_by_friction=True,
         effect=COMPENSATED,
         by_controller="friction drives the joints a little: the controller subtracted"
         " more friction than there is (friction compensated)",
