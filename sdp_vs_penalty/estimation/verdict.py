@@ -397,6 +397,17 @@ class ErrorsBesideNoise:
             return f"{formatting.number(error)} {unit}"
         return formatting.times_noise(float(over[joint - 1]), error, unit)
 
+    def within_noise_in_words(self, worst: int) -> str:
+        """Say that no joint errs by more than joint ``worst`` (from 1), in multiples of
+        its noise; another joint may err by more in its unit."""
+        unit = formatting.plain_unit(self.units[worst - 1])
+        error = formatting.number(float(self.rmse[worst - 1]))
+        ratio = formatting.number(float(np.asarray(self.over_noise)[worst - 1]))
+        return (
+            f"No joint errs by more than {ratio} times its noise"
+            f" (joint {worst}: {error} {unit})"
+        )
+
     def share_in_words(self) -> str:
         """Say which joints are unusable, and by how much the worst one errs."""
         joints = self.unusable
@@ -463,7 +474,7 @@ def _worst_in_words(errors: ErrorsBesideNoise, over: Array) -> str:
     """
     worst = int(np.argmax(over)) + 1
     if over[worst - 1] <= ABOVE_NOISE:
-        return f"No joint errs by more than {errors.words(worst)} (joint {worst})"
+        return errors.within_noise_in_words(worst)
     return f"Joint {worst} errs by {errors.words(worst)}"
 
 

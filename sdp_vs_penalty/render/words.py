@@ -419,7 +419,7 @@ def describe_worst(compared: Comparison, cause: str) -> str:
     if compared.error_over_noise is None:
         size = f"Joint {joint} errs by {error}, the most of all"
     elif compared.is_within_noise:
-        return f"No joint errs by more than {error} (joint {joint})."
+        return f"{compared.errors.within_noise_in_words(joint)}."
     else:
         size = f"Joint {joint} errs by {error}"
     when = _WHEN.get(cause)
