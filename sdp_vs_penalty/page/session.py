@@ -89,6 +89,13 @@ class Working:
     since: float = field(default_factory=time.monotonic)
 
 
+def _acts_as(text: str, effect: str, joints: Collection[int]) -> bool:
+    """Whether an effect, as `add` writes it, is a law of another one on these joints."""
+    name, _, at = text.partition("@")[0].partition(":")
+    on_joints = {int(joint) for joint in at.split("+") if joint}
+    return is_law_of(name, effect) and {*joints} <= on_joints
+
+
 def read_state(folder: Path) -> dict[str, Any]:
     """Return the content of a project's state; its runs are files of the folder alone.
 
@@ -294,7 +301,10 @@ class Session:
         found = [f for f in diagnosis.effects if joints <= {*f.joints}]
         named = [f for f in found if is_law_of(f.effect, effect)]
         unseen = [x for x in diagnosis.invisible if joints <= {*x.joints}]
-        if named:
+        added = [text for step in self.history for text in step.added]
+        if any(_acts_as(text, effect, joints) for text in added):
+            outcome = "found, and in the model"
+        elif named:
             outcome = "found" if named[0].torque_is_certain else "found, but weak"
         elif any(x.effect == effect for x in unseen):
             outcome = "not found: parameters of the model absorb it in these runs"

@@ -170,10 +170,18 @@ def test_what_was_hidden_is_compared_with_what_was_found(
         invisible=(Invisible("joint_spring", (2,), 1.0),),
     )
     s = here.new()
-    s.history = [SimpleNamespace(findings=diagnosis)]
+    s.history = [SimpleNamespace(findings=diagnosis, added=())]
     s.hidden = hidden_effect
     assert (outcome or "") in s.hidden_and_found
     assert bool(outcome) == bool(s.hidden_and_found)
+
+
+def test_what_was_hidden_and_added_is_found(here, two_link):
+    s = here.new()
+    nothing = replace(told(two_link, ["joint_spring:1"]), effects=())
+    s.history = [SimpleNamespace(findings=nothing, added=("backlash:2@band=4",))]
+    s.hidden = "backlash:2"
+    assert s.hidden_and_found.endswith(": found, and in the model.")
 
 
 def test_another_set_of_torques_is_taken_by_a_button(here, hidden, tmp_path):
