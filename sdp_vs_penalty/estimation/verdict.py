@@ -542,7 +542,7 @@ def _missing_by_errors(fit: Line, over: Array | None) -> str:
     its noise, None if the noise is unknown.
     """
     if fit.grade == "good":
-        return "Nothing that these measurements show."
+        return "Nothing beyond the noise; `diagnose` looks below it."
     if over is None:
         return "Not known without a noise floor; `diagnose` names causes."
     above = (np.flatnonzero(over > ABOVE_NOISE) + 1).tolist()

@@ -74,8 +74,9 @@ def choice(
     do: Callable[[str], Any],
     key: str,
     hidden_label: bool = False,
-) -> None:
-    """Draw a labelled <select> that calls ``do`` with the value that is chosen.
+) -> Any:
+    """Draw a labelled <select> that calls ``do`` with the value that is chosen, and
+    return it.
 
     options : pairs (value, text), or texts that are their own values; value : the one
     chosen now; key : by which focus finds the element again after a redraw.
@@ -91,6 +92,7 @@ def choice(
             lambda e: do(str(e.args)),
             js_handler="(e) => emit(e.target.value)",
         )
+    return select
 
 
 def number(label: str, value: int, do: Callable[[int], Any], key: str) -> None:

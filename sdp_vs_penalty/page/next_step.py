@@ -9,7 +9,6 @@ from typing import Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
-from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import View, checked, identified, label_of, spoken
 from sdp_vs_penalty.records import from_json
@@ -88,15 +87,23 @@ def _of_runs(session: Session) -> NextStep:
 
 
 def _of_model(view: View) -> NextStep:
-    """Return the verdict on the model, and to diagnose, add, or use it."""
+    """Return the verdict on the model, and to diagnose, add, or use it.
+
+    A model that was not diagnosed is diagnosed before it is used, whatever its grade;
+    one of a log without torque cannot be.
+    """
     session = view.session
-    verdict = Verdict.from_dict(session.current.comparison["verdict"])
     of_model = identified(session)
     level = "" if of_model is None else of_model.level
     text = "" if of_model is None else f"{of_model.word}. {of_model.text}"
     diagnosis = session.findings_of_current
+    if diagnosis is None and not session.current.servo:
+        do = partial(session.start, session.diagnose)
+        is_first = len(session.history) == 1
+        label = "Diagnose: what is missing?" if is_first else "Diagnose again"
+        return NextStep(text, label, "diagnose", do, level=level)
     if diagnosis is not None:
-        text = spoken(diagnosis.cause)
+        cause = spoken(diagnosis.cause)
         remedy = next_remedy(diagnosis.remedies)
         if remedy is not None:
             change = remedy.change.to_dict()
@@ -105,11 +112,9 @@ def _of_model(view: View) -> NextStep:
             main = diagnosis.main_finding
             joint = None if main is None else main.main_joint
             outcome = describe_outcome(remedy, session.robot["units"], joint)
-            text = f"{text} {formatting.sentence(outcome)}" if outcome else text
+            text = f"{cause} {formatting.sentence(outcome)}" if outcome else cause
             return NextStep(text, label, "diagnose", do, level=level)
-    elif verdict.is_something_missing and len(session.history) == 1:
-        do = partial(session.start, session.diagnose)
-        return NextStep(text, "Diagnose: what is missing?", "diagnose", do, level=level)
+        text = cause if of_model is None else f"{of_model.word}. {cause}"
     if "report.html" in session.taken:
         text = "The report is made. Test the model on a run that nothing has used yet."
         return NextStep(

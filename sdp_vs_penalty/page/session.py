@@ -17,9 +17,9 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import Files, command_of, cut_copy
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.parsing import numbers
-from sdp_vs_penalty.diagnosis.causes import VELOCITY
+from sdp_vs_penalty.diagnosis.causes import TIME, VELOCITY
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, is_law_of
-from sdp_vs_penalty.diagnosis.where_it_fails import Failures
+from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES, Failures
 from sdp_vs_penalty.effects import (
     DEFAULT_EFFECTS,
     effect_in_words,
@@ -285,7 +285,7 @@ class Session:
             self.robot["units"],
             is_brief=True,
         )
-        return sentence or "no joint's error changed by more than 5 %."
+        return spoken(sentence) or "no joint's error changed by more than 5 %."
 
     @property
     def hidden_and_found(self) -> str:
@@ -316,12 +316,13 @@ class Session:
 
     def cause_of(self, joint: int) -> str:
         """Return the cause that shows the error of a joint (from 1): that of its
-        finding, or else the one that the error depends on most."""
+        finding, or else the one that the error depends on most; TIME without any."""
         if not self.current.failures:
             return VELOCITY
         joints = {"units": (), "joints": self.current.failures}
         finding = shown_finding(self.findings_of_current, joint)
-        return shown_cause(finding, Failures.from_dict(joints), joint)
+        cause = shown_cause(finding, Failures.from_dict(joints), joint)
+        return cause if cause in CAUSES else TIME
 
     def answer(self, job: str) -> dict[str, Any] | None:
         """Return the last answer of a job, such as "methods", for the current model.

@@ -10,6 +10,7 @@ _STAGES = {
     "`identify`": "Identify",
     "`ranges` says": 'under "Between which values?" stands',
     "N*m": "N m",
+    " -> ": " → ",
 }
 #: A clause that names a command with options, or an option of one.
 _CLAUSE = re.compile(

@@ -18,10 +18,8 @@ const workbench = {
     document.body.dataset.at = stage; // look.css shows that screen
     localStorage.setItem(location.pathname, stage);
     for (const link of document.querySelectorAll("nav.stages a")) {
-      if (link.dataset.to === stage) {
-        link.setAttribute("aria-current", "step");
-        link.scrollIntoView({ block: "nearest", inline: "center" });
-      } else link.removeAttribute("aria-current");
+      if (link.dataset.to === stage) link.setAttribute("aria-current", "step");
+      else link.removeAttribute("aria-current");
     }
     const first = document.querySelector(`[data-stage="${stage}"] [data-part]:not(.hidden)`);
     const to = part && document.querySelector(`[data-part="${part}"]`);
@@ -30,8 +28,17 @@ const workbench = {
     document.querySelector(`[data-stage="${stage}"] h2`)?.focus({ preventScroll: true });
     dispatchEvent(new Event("resize")); // charts drawn out of sight learn how wide they are
   },
+  center() {
+    // A narrow page has the rail on one line: its active stage is kept in view.
+    const rail = document.querySelector("nav.stages");
+    const link = rail?.querySelector("[aria-current]");
+    if (!link) return;
+    const left = link.getBoundingClientRect().left - rail.getBoundingClientRect().left;
+    rail.scrollLeft += left - (rail.clientWidth - link.offsetWidth) / 2;
+  },
   key: null,
 };
+addEventListener("resize", () => workbench.center()); // a change of the stage is one too
 
 document.addEventListener("change", (event) => {
   const kind = event.target.dataset?.send;
@@ -101,7 +108,7 @@ addEventListener("DOMContentLoaded", () => {
   const arrive = () => {
     const link = document.querySelector(`nav.stages a[data-to="${document.body.dataset.at}"]`);
     link?.setAttribute("aria-current", "step");
-    link?.scrollIntoView({ block: "nearest", inline: "center" });
+    workbench.center();
     if (link) waiting.disconnect();
   };
   const waiting = new MutationObserver(arrive);

@@ -39,7 +39,7 @@ def verdict(grade):
     texts = {
         FIT: "No joint errs more than 1 times its noise.",
         PREDICTION: "1 % error.",
-        MISSING: "Nothing that these measurements show. The links can exist.",
+        MISSING: "Nothing beyond the noise; `diagnose` looks below it. The links can exist.",
     }
     lines = tuple(Line(about, grade, text) for about, text in texts.items())
     return Verdict(

@@ -773,7 +773,7 @@ def test_the_next_step_leads_to_a_good_model(here, tmp_path, kind):
     screen.do(screen.session.start, screen.session.choose_robot, str(urdf), urdf.name)
     screen.session.arrived |= {path.name: path for path in runs}
     screen.do(screen.session.read_arrived)
-    for _ in range(7):
+    for _ in range(9):
         if "Download the report" in screen.text("next"):
             break
         screen.click("next")

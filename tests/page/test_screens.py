@@ -21,6 +21,7 @@ from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.diagnosis import Curve, Retune
 from sdp_vs_penalty.diagnosis.doubts import Doubt
+from sdp_vs_penalty.diagnosis.where_it_fails import UNNAMED
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation import ShapeEstimate
 from sdp_vs_penalty.estimators import estimator_types
@@ -28,6 +29,8 @@ from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.page import Sessions
+from sdp_vs_penalty.page import session as session_module
+from sdp_vs_penalty.page.next_step import next_step
 from sdp_vs_penalty.reports.demo import RUNS
 from sdp_vs_penalty.results import Change
 
@@ -129,6 +132,58 @@ def test_one_grade_everywhere_and_no_stale_sentence(story):
             for c in e.classes
         }
         assert marks & {"good", "usable", "bad"} == {level}, (stage, marks)
+
+
+def test_one_next_step_after_each_change(story):
+    """A model that was not diagnosed is diagnosed next; then it is extended or used."""
+    begin = "Diagnose: what is missing?"
+    add, again = " Add ", "Diagnose again"
+    steps = {"model": begin, "found": add, "added": again, "undone": add}
+    steps |= {"redone": again, "compared": again}
+    labels = {begin, add, again, "Download the report"}
+    for step, label in steps.items():
+        shown = story.said[step]["next"]
+        assert {x for x in labels if x in shown} == {label}, step
+        assert story.said[step]["diagnose"].count(again) <= 1  # the button
+
+
+@pytest.mark.parametrize(
+    ("grade", "is_diagnosed", "servo", "label"),
+    [
+        ("good", False, False, "Diagnose: what is missing?"),
+        ("usable", False, False, "Diagnose: what is missing?"),
+        ("good", True, False, "Download the report"),
+        ("good", False, True, "Download the report"),
+    ],
+)
+def test_a_model_is_diagnosed_before_it_is_used(
+    story, monkeypatch, grade, is_diagnosed, servo, label
+):
+    """Also a good one; one of a log without torque cannot be."""
+    first = story.session.history[0]
+    nothing = replace(first.findings, effects=(), retuned=(), curves=())
+    verdict = json.loads(json.dumps(first.comparison["verdict"])) | {"grade": grade}
+    comparison = {**first.comparison, "verdict": verdict}
+    findings = nothing if is_diagnosed else None
+    step = replace(first, findings=findings, comparison=comparison, servo=servo)
+    monkeypatch.setattr(story.session, "history", [step])
+    shown = next_step(story.screen.view)
+    assert shown.label == label
+    assert shown.text.startswith(f"{grade.capitalize()}. ")
+
+
+def test_the_cause_that_is_chosen_is_the_one_that_is_drawn(story, monkeypatch):
+    """Also where the error of a joint depends on none: it is drawn over time."""
+    screen, session = story.screen, story.session
+    monkeypatch.setattr(session_module, "shown_cause", lambda *_: UNNAMED)
+    for cause, axis in ((session.cause_of(2), "time [s]"), ("load", "modelled torque")):
+        screen.view.select_joint(2, cause)
+        (*_, against) = screen.charts("fit")
+        shown = screen.at("cause")
+        options = [e.props["value"] for e in screen.under(shown)[1:]]
+        assert shown.props["value"] == cause
+        assert cause in options
+        assert axis in against["layout"]["xaxis"]["title"]["text"]
 
 
 def test_fit_is_that_of_the_models(story):

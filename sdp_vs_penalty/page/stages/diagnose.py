@@ -271,24 +271,11 @@ def _others(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) -> No
 
 
 def _diagnosed(session: Session) -> StageVerdict | None:
-    """Return the stage's sentence: how the errors changed, and what is missing now.
-
-    Effects of the last diagnosis that were not added yet are counted.
-    """
-    diagnosis = session.findings
-    added = session.added
-    sentence = ""
-    if diagnosis is not None:
-        found = [finding.text for finding in diagnosis.sure]
-        left = [text for text in found if text not in added]
-        if added and left:
-            sentence = f"{len(left)} more can be added."
-        elif added:
-            sentence = "Diagnose again to see what is missing now."
-    if len(session.history) > 1:
-        change = session.change
-        sentence = f"{formatting.sentence(change)} {sentence}".strip()
-    return StageVerdict("", sentence) if sentence else None
+    """Return the stage's sentence: how the errors changed since the first model; None
+    for one model alone. What comes next stands on the next step's button."""
+    if len(session.history) == 1:
+        return None
+    return StageVerdict("", formatting.sentence(session.change))
 
 
 DIAGNOSE = Stage(

@@ -242,7 +242,8 @@ class _Fit:
             _heat(view, failures, view.session.findings_of_current)
         with draw.tag("div", style="pick"):
             look = lambda name: view.select(cause=name)  # noqa: E731
-            draw.choice("Error against", CAUSES, view.cause, look, "cause")
+            label = "Error against"
+            self.cause = draw.choice(label, CAUSES, view.cause, look, "cause")
         self.against = draw.chart({}, "Error of the joint against a cause")
 
     def zoom(self, event: Any) -> None:
@@ -270,6 +271,7 @@ class _Fit:
         reads = [charts.rows_of_span(read, view.span) for read in recordings]
         drawn = charts.cause_chart(session, model, reads, j, view.cause)
         self.against.update_figure(drawn)
+        self.cause.props["value"] = view.cause
         self.words.text = _words(model, j, units[j])
         last = recordings[-1]
         self.move(view.run, last, charts.torque_errors(model, last))
