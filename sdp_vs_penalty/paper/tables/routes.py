@@ -165,7 +165,7 @@ def row_of(
 def budget_in_words(evaluations: int | None) -> str:
     """Return how many evaluations of the loss a run of annealing has, as text."""
     if evaluations is None:
-        return "3000 a parameter and weight (the authors' program allows as many)"
+        return "at most 3000 a parameter and weight, half for annealing (their program's limit)"
     return str(evaluations)
 
 
