@@ -265,7 +265,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
     block = SimpleNamespace(joint=0, parameters=[0], columns=np.ones((5, 1)))
     rows = SimpleNamespace(n=2, t=np.zeros(5), torque=np.full((5, 2), 2.0))
     rows.blocks = lambda effect: [block]
-    rows.seen = lambda joint: SimpleNamespace(travel=case.travel)
+    rows.coverage = lambda joint: SimpleNamespace(travel=case.travel)
     search = SimpleNamespace(
         terms=[own, other, *(term(k % case.laws) for k in range(2, case.of_its_kind))]
     )
