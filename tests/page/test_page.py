@@ -261,6 +261,7 @@ def test_the_job_of_a_closed_tab_goes_on_and_is_found_again(context, server):
     act(page, "identify", "[data-part=fit] .js-line")
     for name in ("lmi-sdp", "ols", "penalty"):
         page.uncheck(key(f"method-{name}"))
+    page.click(key("more-methods"))
     for name in (
         "penalty-paper",
         "penalty-paper-two-step",
