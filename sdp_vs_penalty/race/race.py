@@ -14,7 +14,7 @@ from scipy.special import log_ndtr
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, Fit
-from sdp_vs_penalty.race.kinds import KINDS, list_faults, propose_all
+from sdp_vs_penalty.race.kinds import KINDS, degrees, list_faults, propose_all
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Further, Hypothesis, View
 from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
@@ -31,6 +31,8 @@ _ROUNDS_OF_A_LOOK = 2
 _MORE_ODDS = 100.0
 #: Fits after which columns that depend on their size are those of it.
 _ROUNDS_OF_COLUMNS = 3
+#: Positions that reach so many times a joint's range are in another unit.
+_BEYOND_RANGE = 2.0
 #: A step that looks for a size far off is not held back by its prior.
 _LOOSE = 10.0
 
@@ -158,20 +160,69 @@ class Race:
         self.looked_at: dict[object, float] = {}
 
     def run(self) -> Verdict:
-        """Take the best hypothesis until none is likely."""
+        """Take the best hypothesis until none is likely.
+
+        Where positions then lie beyond a joint's range, the race begins again from each
+        unit that brings them back: a sign beside it may hide the unit.
+        """
+        verdict = self._taken([])
+        begun = [self._begun_from(h) for h in self._units(verdict.view.chain)]
+        found = [x for x in begun if x is not None]
+        return max(found, key=lambda x: x.claims[0].log_odds, default=verdict)
+
+    def _taken(self, claims: Sequence[Claim]) -> Verdict:
+        """Take the best hypothesis beside some claims until none is likely."""
         view, is_friction_real = View(self.all.log.as_logged), True
-        claims: list[Claim] = []
+        taken = list(claims)
+        if taken:
+            view = taken[-1].fit.view
         fit = self._incumbent(view, is_friction_real)
-        while len(claims) < c.MAX_FAULTS:
-            last = claims[-1].log_odds if claims else np.inf
+        while len(taken) < c.MAX_FAULTS:
+            last = taken[-1].log_odds if taken[len(claims) :] else np.inf
             claim = self._best(fit, is_friction_real, last + _MORE_ODDS)
             if claim is None:
                 break
-            claims.append(claim)
+            taken.append(claim)
             view = claim.fit.view
             is_friction_real &= claim.hypothesis.is_friction_real
             fit = self._incumbent(view, is_friction_real)
-        return Verdict(tuple(claims), view, fit)
+        return Verdict(tuple(taken), view, fit)
+
+    def _units(self, chain: LogTransform) -> list[Hypothesis]:
+        """List units of positions that a transform leaves far beyond a joint's range."""
+        log = self.all.log
+        limits = [(joint.lower, joint.upper) for joint in log.problem.robot.joints]
+        reach = np.abs(np.array(limits, float)).max(axis=1)  # (n,) [rad, m]
+        largest = np.abs(chain.positions(log.data.motion.q)).max(axis=0)
+        if degrees not in self.kinds or np.all(largest <= _BEYOND_RANGE * reach):
+            return []
+        logged = self._incumbent(View(log.as_logged), is_friction_real=True)
+        return list(degrees.propose(self.all, logged))
+
+    def _begun_from(self, h: Hypothesis) -> Verdict | None:
+        """Return the verdict of the race that begins from a unit of positions; None where
+        beside all else that is taken the unit is not likely."""
+        logged = self._incumbent(View(self.all.log.as_logged), is_friction_real=True)
+        seen = self._incumbent(h.seen(logged.view), is_friction_real=True)
+        first = Claim(hypothesis=h, log_odds=np.inf, fit=seen, before=logged)
+        verdict = self._taken([first])
+        chain = verdict.view.chain
+        scale, zero = np.array(chain.scale), np.array(chain.zero)
+        joints = list(h.joints)
+        as_logged = self.all.log.as_logged
+        scale[joints] = np.sign(scale[joints]) * np.abs(as_logged.scale)[joints]
+        zero[joints] = np.array(as_logged.zero)[joints]
+        undone = replace(chain, scale=tuple(scale.tolist()), zero=tuple(zero.tolist()))
+        before = self.all.fit(
+            replace(h, chain=undone).seen(verdict.view), verdict.fit.v
+        )
+        scored = Scored(h, 0.0, verdict.fit).beside(before, verdict.fit)
+        if scored.log_odds <= c.LOG_ODDS_OF_A_CLAIM or not self._is_confirmed(
+            scored, before
+        ):
+            return None
+        claim = replace(first, log_odds=scored.log_odds, fit=verdict.fit, before=before)
+        return replace(verdict, claims=(claim, *verdict.claims[1:]))
 
     def _incumbent(self, view: View, is_friction_real: bool) -> Fit:
         """Fit the rows as they are seen, with as many rows worth one as its residual

@@ -255,6 +255,18 @@ def test_what_is_certain_is_fixed_whatever_tells_it(spoil, kind, tmp_path):
     np.testing.assert_allclose(fixed.t, run.t, rtol=2e-3, atol=0.02)
 
 
+def test_a_sign_beside_degrees_hides_neither(tmp_path):
+    """Neither alone explains much: the race begins again from what the range demands."""
+    path = write_urdf(tmp_path / "arm.urdf", "arm", (TURN, SHOULDER, ELBOW))
+    problem = load_problem(path)
+    run = small_run(problem, seconds=10.0)
+    turned = replace(run, q=run.q * np.array([1.0, -1.0, 1.0]))
+    (report,) = check(problem, _degrees(turned, [0]), thorough=False)
+    issues = report.errors_and_warnings
+    assert [issue.kind for issue in issues] == ["position unit", "position sign"]
+    assert [issue.figures["joints"] for issue in issues] == [[1], [2]]
+
+
 @pytest.mark.parametrize("turn", [1.0, -1.0])
 def test_a_motor_on_the_base_is_named_and_mended(turn, tmp_path):
     """A parallelogram or a crossed belt: it was a gear ratio."""
