@@ -855,6 +855,10 @@ class Diagnosis(Record, JsonRecord):
             words = f"add {named_on_joints(self.sure)}"
         elif texts:
             words = f"add the {len(texts)} that are sure"
+            near_ties = sum(f.rating != "confident" for f in self.sure)
+            if near_ties:
+                ties = formatting.count(near_ties, "near-tie")
+                words = f"add the {len(texts)} whose torque is sure ({ties})"
         change = Change(
             "add",
             words,
@@ -935,7 +939,7 @@ class Diagnosis(Record, JsonRecord):
         likeness = "" if main.effect_is_certain else "something like "
         text = f"Joint {main.main_joint} errs: {likeness}{effect_name(main.effect)}"
         if len(self.sure) > 1:
-            text += f", and {len(self.sure) - 1} more that are sure"
+            text += f", and {len(self.sure) - 1} more"
         return f"{text}."
 
     @property
