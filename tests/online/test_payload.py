@@ -210,9 +210,9 @@ def test_what_is_published_is_consistent_and_certified(picked):
 
 
 def test_a_payload_is_put_down(arm, estimator):
-    changes = play(estimator, arm.stream(4.0, 7.0).window(4.0 - LEAD, 8.5))
+    changes = play(estimator, arm.stream(4.0, 9.0).window(4.0 - LEAD, 10.5))
     assert [x.kind for x in changes] == ["picked up", "put down"]
-    assert changes[1].time == pytest.approx(7.0, abs=0.05)
+    assert changes[1].time == pytest.approx(9.0, abs=0.05)
     assert changes[1].mass == pytest.approx(arm.mass, rel=0.05)
     assert estimator.payload is None
 
