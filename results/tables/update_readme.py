@@ -404,8 +404,8 @@ def more_folds() -> str:
     squares = max(of["ols"], key=lambda row: float(row["ols_less_sdp_points"]))
     return (
         f"Least squares err more than the default {said['ols']}, by {points(squares, 'ols')}"
-        " points at most. Two steps without added effects are told apart"
-        f" {said.get('two_step', 'on none')}. Intervals are somewhat too narrow."
+        f" points at most; two steps {said.get('two_step', 'on none')}. Intervals are somewhat"
+        " too narrow."
     )
 
 
@@ -497,12 +497,11 @@ def headline() -> str:
             (
                 "The published links (c6z corrected by us) lie"
                 f" **{float(p_hat['above_optimum_percent']):.0f} % above the certified"
-                " optimum of their own objective**, a sum of squares:"
-                f" {farther:.2g} times its RMS distance"
-                " ([table](results/tables/table_p_hat.md)). Along the run that distance makes"
-                f" {float(p_hat['rms_torque']):.3f} N m, the optimum's"
-                f" {float(optimum['rms_torque']):.3f}. This is about their objective;"
-                " against measured torque the optimum need be no better. The best of our four searches solves the published"
+                " optimum of their own objective**, a sum of squares. That is"
+                f" {farther:.2g} times its RMS distance, {float(p_hat['rms_torque']):.3f} for"
+                f" {float(optimum['rms_torque']):.3f} N m along the run"
+                " ([table](results/tables/table_p_hat.md)). Against measured torque the optimum"
+                " need be no better. The best of our four searches solves the published"
                 " two-step problem from"
                 f" {best['runs_that_found_it']} of {best['runs']} starts"
                 " ([table](results/tables/table_opponent.md))."
