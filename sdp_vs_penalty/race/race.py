@@ -137,7 +137,7 @@ class Verdict:
 class Race:
     """The race of all hypotheses about one log.
 
-    logs : rows of each run; leave_out : kinds that the log's motion does not show;
+    logs : rows of each run; kinds : those that the log's motion shows;
     is_doubtful : whether its motion has few directions, in which much explains much.
     """
 
@@ -166,7 +166,11 @@ class Race:
         unit that brings them back: a sign beside it may hide the unit.
         """
         verdict = self._taken([])
-        begun = [self._begun_from(h) for h in self._units(verdict.view.chain)]
+        if not self._is_beyond_range(verdict.view.chain):
+            return verdict
+        logged = self._incumbent(View(self.all.log.as_logged), is_friction_real=True)
+        units = degrees.propose(self.all, logged)
+        begun = [self._begun_from(h, logged) for h in units]
         found = [x for x in begun if x is not None]
         return max(found, key=lambda x: x.claims[0].log_odds, default=verdict)
 
@@ -178,7 +182,7 @@ class Race:
             view = taken[-1].fit.view
         fit = self._incumbent(view, is_friction_real)
         while len(taken) < c.MAX_FAULTS:
-            last = taken[-1].log_odds if taken[len(claims) :] else np.inf
+            last = taken[-1].log_odds if taken else np.inf
             claim = self._best(fit, is_friction_real, last + _MORE_ODDS)
             if claim is None:
                 break
@@ -188,21 +192,17 @@ class Race:
             fit = self._incumbent(view, is_friction_real)
         return Verdict(tuple(taken), view, fit)
 
-    def _units(self, chain: LogTransform) -> list[Hypothesis]:
-        """List units of positions that a transform leaves far beyond a joint's range."""
+    def _is_beyond_range(self, chain: LogTransform) -> bool:
+        """Whether a transform leaves positions far beyond a joint's range."""
         log = self.all.log
         limits = [(joint.lower, joint.upper) for joint in log.problem.robot.joints]
         reach = np.abs(np.array(limits, float)).max(axis=1)  # (n,) [rad, m]
         largest = np.abs(chain.positions(log.data.motion.q)).max(axis=0)
-        if degrees not in self.kinds or np.all(largest <= _BEYOND_RANGE * reach):
-            return []
-        logged = self._incumbent(View(log.as_logged), is_friction_real=True)
-        return list(degrees.propose(self.all, logged))
+        return degrees in self.kinds and bool(np.any(largest > _BEYOND_RANGE * reach))
 
-    def _begun_from(self, h: Hypothesis) -> Verdict | None:
-        """Return the verdict of the race that begins from a unit of positions; None where
-        beside all else that is taken the unit is not likely."""
-        logged = self._incumbent(View(self.all.log.as_logged), is_friction_real=True)
+    def _begun_from(self, h: Hypothesis, logged: Fit) -> Verdict | None:
+        """Return the verdict of the race that begins from a unit of positions, beside the
+        fit as logged; None where beside all else that is taken the unit is not likely."""
         seen = self._incumbent(h.seen(logged.view), is_friction_real=True)
         first = Claim(hypothesis=h, log_odds=np.inf, fit=seen, before=logged)
         verdict = self._taken([first])
