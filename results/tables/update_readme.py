@@ -3,16 +3,16 @@ between marker lines, figures whose cells a comment below them names, two pictur
 
     python results/tables/update_readme.py [--no-pictures]
 
-Below a paragraph, list or table of any README of results/ and any page of docs/ may stand
+On README.md, any README of results/ and any page of docs/ may stand
 
     <!-- figures by results/tables/update_readme.py
-    0.058 = FILE of results/ :: words of its row; more :: column
+    falls to 0.058 = FILE of results/ :: words of its row; more :: column
     -->
 
-a line for each of its figures, in their order; a fourth part says which number of the cell it
-is, if it is not the first. tests/test_docs.py checks that all are as
-results/ say. The pictures, results/figures/data.png and results/figures/joint_7.png, need the
-extra [plot].
+a line for each figure above it, in their order, after words that stand before the figure where
+it alone may be another one; a fourth part says which number of the cell it is, if it is not
+the first. tests/test_docs.py checks that all are as results/ say. The pictures,
+results/figures/data.png and results/figures/joint_7.png, need the extra [plot].
 """
 
 from __future__ import annotations
@@ -390,28 +390,9 @@ HEADLINE_COLUMNS = (
 )
 
 
-def more_folds() -> str:
-    """What more or fewer folds tell of least squares and of two steps beside the default."""
-    usual = [row for row in table("sensitivity") if not row["choice"]]
-    of = {
-        method: [
-            row for row in usual if not _holds_zero(row[f"{method}_interval_points"])
-        ]
-        for method in ("ols", "two_step")
-    }
-    counts = {method: [row["folds"] for row in rows] for method, rows in of.items()}
-    said = {method: f"on {words(n)} folds" for method, n in counts.items() if n}
-    squares = max(of["ols"], key=lambda row: float(row["ols_less_sdp_points"]))
-    return (
-        f"Least squares err more than the default {said['ols']}, by {points(squares, 'ols')}"
-        f" points at most; two steps {said.get('two_step', 'on none')}. Intervals are somewhat"
-        " too narrow."
-    )
-
-
 def penalty_in_simulation(method: str = "penalty, two-step") -> str:
     """In how many settings of the Monte Carlo a penalty errs less and more than the
-    default, by how much at most, and what the SDP without prior and one step do there."""
+    default, by how much at most, and what one step does where that is worst."""
     drawn = table("monte_carlo")
     rows = [row for row in drawn if row["method"] == method]
     less = [float(row["less_default_points"]) for row in rows]
@@ -428,9 +409,8 @@ def penalty_in_simulation(method: str = "penalty, two-step") -> str:
         f"In [simulation](results/tables/table_monte_carlo.md)"
         f" {method.removeprefix('penalty, ')} errs less than the default in"
         f" {len(below)} of {len(rows)} settings (by {-min(below):.1g} points at most), more"
-        f" in {len(above)} (by {max(above):.2g} at most). With {worst} the prior decides, and"
-        f" no penalty was given it: default {error[DEFAULT]} %,"
-        f" one-step {error['penalty, one-step']}, SDP without prior {error['SDP']},"
+        f" in {len(above)} (by {max(above):.2g} at most). With {worst}, where no penalty has"
+        f" the prior: one-step {error['penalty, one-step']} %,"
         f" {method.removeprefix('penalty, ')} {error[method]}."
     )
 
@@ -483,8 +463,7 @@ def headline() -> str:
         [
             (
                 "Rows 2 and 3 end at one proved optimum. On these five stretches of motion"
-                f" {unseen} of this table is told from row 2."
-                f" {more_folds()} {penalty_in_simulation()}"
+                f" {unseen} of this table is told from row 2. {penalty_in_simulation()}"
             ),
             markdown(["method", "whose", "links consistent", *names], rows),
             (
@@ -501,9 +480,8 @@ def headline() -> str:
                 f" {farther:.2g} times its RMS distance, {float(p_hat['rms_torque']):.3f} for"
                 f" {float(optimum['rms_torque']):.3f} N m along the run"
                 " ([table](results/tables/table_p_hat.md)). Against measured torque the optimum"
-                " need be no better. The best of our four searches solves the published"
-                " two-step problem from"
-                f" {best['runs_that_found_it']} of {best['runs']} starts"
+                " need be no better. The best of four searches solves their two-step problem"
+                f" from {best['runs_that_found_it']} of {best['runs']} starts"
                 " ([table](results/tables/table_opponent.md))."
             ),
         ]
@@ -577,8 +555,8 @@ def all_routes() -> str:
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 FIGURES = "<!-- figures by results/tables/update_readme.py\n"
-#: What stands above such a comment (a table with an empty line between), and its lines.
-BLOCK = re.compile(rf"((?:[^\n]+\n)+\n?){re.escape(FIGURES)}((?:[^\n]+\n)+?)-->")
+#: What stands between such a comment and the one before it, and its lines.
+BLOCK = re.compile(rf"(.*?){re.escape(FIGURES)}((?:[^\n]+\n)+?)-->", re.DOTALL)
 
 
 def marked_pages() -> list[Path]:
@@ -619,12 +597,14 @@ def refreshed(text: str) -> str:
         for line in comment.splitlines():
             said, source = line.split(" = ", 1)
             file, words, column, *place = (part.strip() for part in source.split("::"))
-            now = as_said(said, cell(file, words, column), *map(int, place))
-            found_at = re.search(rf"(?<![\d.]){re.escape(said)}(?!\.?\d)", above)
+            *before, figure = said.split()
+            now = as_said(figure, cell(file, words, column), *map(int, place))
+            text = r"\s+".join(map(re.escape, said.split()))
+            found_at = re.search(rf"(?<![\d.]){text}(?!\.?\d)", above)
             assert found_at, f"{line}: no {said} above, or not in this order"
-            done += above[: found_at.start()] + now
+            done += above[: found_at.end() - len(figure)] + now
             above = above[found_at.end() :]
-            lines.append(f"{now} = {source}\n")
+            lines.append(f"{' '.join([*before, now])} = {source}\n")
         return f"{done}{above}{FIGURES}{''.join(lines)}-->"
 
     return BLOCK.sub(anew, text)
