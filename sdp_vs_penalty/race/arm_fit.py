@@ -34,8 +34,7 @@ def text_of_share(share: float, digits: int = 3) -> str:
 
 @dataclass(frozen=True)
 class RepairedRows:
-    """M rows of n joints under one repair of the motion, or under each of K repairs
-    (then all arrays have a leading axis of length K).
+    """M rows of n joints under one repair of the motion.
 
     Columns of one joint alone (friction, rotor, offset: "own" columns) are projected
     out of the s columns that joints share (links).
@@ -52,54 +51,27 @@ class RepairedRows:
 
     @classmethod
     def of(cls, basis: Array, raw: Array) -> RepairedRows:
-        """Project each joint's own columns, of orthonormal basis (..., n, M, k), out of
-        the shared columns raw (..., n, M, s).
+        """Project each joint's own columns, of orthonormal basis (n, M, k), out of the
+        shared columns raw (n, M, s).
 
         Returns
         -------
         RepairedRows
             With the projected columns and their Gram matrices.
         """
-        in_basis = np.swapaxes(basis, -1, -2) @ raw  # (..., n, k, s)
+        in_basis = np.swapaxes(basis, -1, -2) @ raw  # (n, k, s)
         left = raw - basis @ in_basis
         gram = np.swapaxes(left, -1, -2) @ left
         # Rounding errors of columns that the basis spans are no columns. (Columns of zeros
         # have none.)
-        squares_left = np.diagonal(gram, axis1=-2, axis2=-1)  # (..., n, s)
-        squares_in_basis = np.einsum("...ks,...ks->...s", in_basis, in_basis)
+        squares_left = np.diagonal(gram, axis1=-2, axis2=-1)  # (n, s)
+        squares_in_basis = np.sum(in_basis**2, axis=1)
         squares = squares_left + squares_in_basis
         is_spanned = (squares > 0.0) & (squares_left <= _SPANNED_SHARE * squares)
         if is_spanned.any():
             left = left * ~is_spanned[..., None, :]
             gram = gram * ~is_spanned[..., None, :] * ~is_spanned[..., None]
         return cls(basis, raw, projected=left, gram=gram)
-
-    def of_motion(self, k: int) -> RepairedRows:
-        """Return the rows under repair k of K repairs.
-
-        Parameters
-        ----------
-        k : int
-            Number of the repair, from 0.
-
-        Returns
-        -------
-        RepairedRows
-            Views of the arrays, without the axis of the repairs.
-        """
-        return RepairedRows(
-            self.basis[k], self.raw[k], projected=self.projected[k], gram=self.gram[k]
-        )
-
-    @property
-    def with_leading_axis(self) -> RepairedRows:
-        """The rows of one repair as those of K = 1 repairs."""
-        return RepairedRows(
-            self.basis[None],
-            self.raw[None],
-            projected=self.projected[None],
-            gram=self.gram[None],
-        )
 
     def project_out_own(self, y: Array) -> Array:
         """Return torques or columns with each joint's own columns projected out.

@@ -271,16 +271,12 @@ class Evidence:
             direction=direction,
         )
 
-    def fit(self, view: View, v: float, is_friction_real: bool = True) -> Fit:
+    def fit(self, view: View, v: float) -> Fit:
         """Fit one arm to the rows of one view; see :meth:`fit_all`."""
-        return self.fit_all([view], v, is_friction_real)[0]
+        return self.fit_all([view], v)[0]
 
     def fit_all(
-        self,
-        views: Sequence[View],
-        v: float,
-        is_friction_real: bool = True,
-        rounds: int = _ROUNDS,
+        self, views: Sequence[View], v: float, rounds: int = _ROUNDS
     ) -> list[Fit]:
         """Fit one arm to the rows of each of several views with the same number of
         further columns.
@@ -289,8 +285,6 @@ class Evidence:
         ----------
         v : float
             Rows that are worth one.
-        is_friction_real : bool
-            Whether friction takes power.
         rounds : int
             Of reweighting each joint by its own residual.
         """
@@ -298,14 +292,10 @@ class Evidence:
         products = [self._products(view) for view in views]
         if not products:
             return []
-        return self.fitted(products, v, is_friction_real, rounds)
+        return self.fitted(products, v, rounds)
 
     def fitted(
-        self,
-        products: Sequence[Fit],
-        v: float,
-        is_friction_real: bool = True,
-        rounds: int = _ROUNDS,
+        self, products: Sequence[Fit], v: float, rounds: int = _ROUNDS
     ) -> list[Fit]:
         """Fit arms to products that are known, with another number of rows worth one;
         see :meth:`fit_all`."""
@@ -364,7 +354,8 @@ class Evidence:
         # What a controller that compensates friction leaves of it is small.
         shares = power / np.sqrt(total)
         small = np.minimum(0.5 * (shares / c.COMPENSATED) ** 2, c.MAX_PHYSICS_LOG_ODDS)
-        counted = physics if is_friction_real else -np.sum(small, axis=1)
+        is_real = np.array([x.view.is_friction_real for x in products])
+        counted = np.where(is_real, physics, -np.sum(small, axis=1))
         fits = []
         for k, of_view in enumerate(products):
             of_all = of_view.total.copy()

@@ -18,7 +18,6 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
 from functools import _lru_cache_wrapper, cached_property, lru_cache
-from itertools import pairwise
 from typing import Any, TypeVar
 from weakref import WeakMethod
 
@@ -34,7 +33,6 @@ from sdp_vs_penalty.race.constants import PARTS
 from sdp_vs_penalty.race.rows import RegressionData, on_robot
 from sdp_vs_penalty.regression.normal_equations import (
     FLOOR,
-    RIDGE,
     NormalEquations,
     positive,
     solve,
@@ -52,11 +50,6 @@ T = TypeVar("T")
 _TINY = 1e-300
 #: An amplifier's curve is inverted up to this share of its limit [-].
 _LARGEST_SHARE_OF_LIMIT = 0.999
-#: Least share of the slopes by a number that the arm's parameters may leave of them, for
-#: the number to be seen: a hundred ridges [-].
-_SEEN_BESIDE_ARM = 100.0 * RIDGE
-#: Least share of the samples that is taken to be free of parameters [-].
-_LEAST_SPARE_SHARE = 0.1
 
 
 def recent(size: int, method: Callable[..., T]) -> _lru_cache_wrapper[T]:
@@ -93,10 +86,6 @@ class ColumnCache:
         self._arrays[key] = columns
         if len(self._arrays) > self.size:
             self._arrays.popitem(last=False)
-
-    def clear(self) -> None:
-        """Drop all arrays."""
-        self._arrays.clear()
 
 
 class Likelihood:
@@ -174,23 +163,6 @@ class Likelihood:
     def select_rows(self, rows: slice) -> Likelihood:
         """Return the likelihood of a slice of the rows."""
         return Likelihood(self.problem, self.data.select_rows(rows))
-
-    def clear_caches(self) -> None:
-        """Give back the memory of all cached columns and rows; what is needed again is
-        computed anew."""
-        self._columns.clear()
-        for function in (
-            self._fit,
-            self._rows,
-            self._raw,
-            self._basis,
-            self._basis_of_channels,
-            self._channels_at,
-        ):
-            function.cache_clear()
-        for name in ("with_all_laws",):
-            if (part := self.__dict__.pop(name, None)) is not None:
-                part.clear_caches()
 
     @cached_property
     def spare_share(self) -> float:
@@ -518,155 +490,27 @@ class Likelihood:
 
     # -- fits
 
-    def gram_matrices(
-        self,
-        repair: LogTransform,
-        n_parts: int = PARTS,
-        further_columns: Array | None = None,
-    ) -> tuple[Array, int]:
-        """Return the Gram matrices C^T C of consecutive parts of the log; those of
-        several parts add up.
-
-        Parameters
-        ----------
-        repair : LogTransform
-            How the log is repaired.
-        n_parts : int
-            Number of parts, of about as many rows each.
-        further_columns : (n, M, r) array, optional
-            Columns of r more parameters that joints share.
-
-        Returns
-        -------
-        grams : (n_parts, n, w, w) array
-            One for each part and joint, of w columns in this order: the joint's own
-            ones, the s of the links, the r further ones, the torque.
-        """
-        rows = self.rows(repair)
-        torque = self.channels(repair)[:, :, None]
-        further = torque[:, :, :0] if further_columns is None else further_columns
-        columns = np.concatenate([rows.basis, rows.raw, further, torque], axis=2)
-        edges = np.linspace(0, self.data.count, n_parts + 1)
-        bounds = edges.astype(int).tolist()
-        parts = [columns[:, first:end] for first, end in pairwise(bounds)]
-        grams = np.stack([np.swapaxes(part, 1, 2) @ part for part in parts])
-        return grams, rows.basis.shape[2]
-
-    def fit_all(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
-        """Fit one arm to the log under each of several repairs.
-
-        Repairs with the same motion are fitted together, because they share their
-        columns.
-
-        Parameters
-        ----------
-        repairs : sequence of K LogTransform
-            How the log is repaired.
-
-        Returns
-        -------
-        list of K ArmFit
-            In the order of the repairs.
-        """
-        self._prepare_columns(repairs)
-        places_by_motion: dict[LogTransform, list[int]] = {}
-        for place, repair in enumerate(repairs):
-            places_by_motion.setdefault(repair.motion_part, []).append(place)
-        # Motions whose arrays have the same shapes are fitted together.
-        places_by_shape: dict[tuple[int, int], list[list[int]]] = {}
-        for motion, places in places_by_motion.items():
-            width = self._basis(motion.order, motion.events).shape[2]
-            places_by_shape.setdefault((width, len(places)), []).append(places)
-        fit_by_place: dict[int, ArmFit] = {}
-        size = max(1, _ROWS_AT_A_TIME // self.data.count)
-        for groups in places_by_shape.values():
-            for first in range(0, len(groups), size):
-                batch = groups[first : first + size]
-                fits = self._fit_motions(
-                    [[repairs[k] for k in group] for group in batch]
-                )
-                for group, of_group in zip(batch, fits, strict=True):
-                    fit_by_place.update(zip(group, of_group, strict=True))
-        return [fit_by_place[place] for place in range(len(repairs))]
-
-    def _fit_motions(
-        self, groups: Sequence[Sequence[LogTransform]]
-    ) -> list[list[ArmFit]]:
-        """Fit one arm under each of U groups of P repairs; those of a group have the
-        same motion, and change the torques alone.
-
-        n joints, M rows, s parameters that joints share (those of the links). The
-        joints' own columns have to be as many in each group. Each joint's own
-        parameters (friction, offset) are eliminated: their columns are projected out of
-        the shared columns A_j (M, s) and of the torque tau_j (M,). The Gram matrices of
-        a group serve all its fits.
-        """
-        rows = self._rows_of_motions([repairs[0] for repairs in groups])
-        torques = np.stack(
-            [[self.channels(repair) for repair in repairs] for repairs in groups]
-        )  # (U, P, n, M)
-        by_joint = torques.transpose(0, 2, 3, 1)  # (U, n, M, P)
-        projected_torques = rows.project_out_own(by_joint)
-        # A_j^T tau_j: (U, n, P, M) @ (U, n, M, s) = (U, n, P, s).
-        cross_products = by_joint.swapaxes(2, 3) @ rows.projected
-        energy = np.sum(np.square(projected_torques), axis=2)  # (U, n, P)
-        equations = NormalEquations(
-            gram=rows.gram[:, None],  # (U, 1, n, s, s): A_j^T A_j
-            cross=cross_products.swapaxes(1, 2),  # (U, P, n, s)
-            energy=energy.swapaxes(1, 2),
-            total=positive(np.sum(np.square(torques), axis=3)),  # (U, P, n)
-        )
-        thetas, energies_left = equations.fitted(self.moving)  # (U, P, s), (U, P, n)
-        fits = []
-        for u, repairs in enumerate(groups):
-            of_motion = rows.of_motion(u)
-            fits.append(
-                [
-                    ArmFit(
-                        moving=self.moving,
-                        rows=of_motion,
-                        channels=torques[u, k],
-                        theta=thetas[u, k],
-                        energy_left=energies_left[u, k],
-                        energy=equations.total[u, k],
-                    )
-                    for k in range(len(repairs))
-                ]
-            )
-        return fits
-
-    def _rows_of_motions(self, repairs: Sequence[LogTransform]) -> RepairedRows:
-        """Return the rows under each of U repairs of the motion; arrays have a leading
-        axis of length U. Those of a single one are cached."""
-        if len(repairs) == 1:
-            return self.rows(repairs[0]).with_leading_axis
-        motions = [repair.motion_part for repair in repairs]
-        return RepairedRows.of(
-            np.stack([self._basis(m.order, m.events) for m in motions]),
-            np.stack([self.raw(motion) for motion in motions]),
-        )
-
     def fit(self, repair: LogTransform) -> ArmFit:
-        """Fit one arm to the log under one repair.
+        """Fit one arm of the largest likelihood to the log under a repair.
 
-        The fits used last are cached: a search asks for the likelihood, the physics and
-        the held-out errors of one repair in turn.
-
-        Parameters
-        ----------
-        repair : LogTransform
-            How the log is repaired.
-
-        Returns
-        -------
-        ArmFit
-            The arm of the largest likelihood.
+        The fits used last are cached. Each joint's own parameters (friction, offset) are
+        eliminated: their columns are projected out of the shared columns and of the
+        torque.
         """
         return self._fit(repair)
 
     def _make_fit(self, repair: LogTransform) -> ArmFit:
         """Fit one arm under one repair; :meth:`fit` caches the result."""
-        return self.fit_all([repair])[0]
+        rows, torque = self.rows(repair), self.channels(repair)
+        beside_own = rows.project_out_own(torque[:, :, None])[:, :, 0]
+        equations = NormalEquations(
+            gram=rows.gram,
+            cross=(torque[:, None, :] @ rows.projected)[:, 0],
+            energy=np.sum(beside_own**2, axis=1),
+            total=positive(np.sum(torque**2, axis=1)),
+        )
+        theta, left = equations.fitted(self.moving)
+        return ArmFit(self.moving, rows, torque, theta, left, equations.total)
 
     def shares_left_by_own_models(self, repair: LogTransform) -> Array:
         """Return the share (n,) of each torque's energy that the joint's own model
@@ -685,11 +529,16 @@ class Likelihood:
         (n,) array
             Shares of the squared torque, at least FLOOR [-].
         """
-        parts, n_own = self.gram_matrices(repair)
+        rows = self.rows(repair)
+        torque = self.channels(repair)[:, :, None]
+        columns = np.concatenate([rows.basis, rows.raw, torque], axis=2)
+        by_part = np.array_split(columns, PARTS, axis=1)
+        parts = np.stack([part.swapaxes(1, 2) @ part for part in by_part])
+        n_own = rows.basis.shape[2]
         other_parts = NormalEquations.eliminating(parts.sum(axis=0) - parts, n_own)
         models = solve(other_parts.gram, other_parts.cross[..., None])[..., 0]
         energy_left = other_parts.left_of(parts, models).sum(axis=0)
-        energy = positive(_torque_energies(parts).sum(axis=0))
+        energy = positive(parts[..., -1, -1].sum(axis=0))
         return np.maximum(energy_left / energy, FLOOR)
 
 
@@ -702,15 +551,6 @@ def _straighten(value: Array, limit: float) -> Array:
     limit = max(limit, _TINY)  # a dead channel has no limit
     share = np.clip(value / limit, -_LARGEST_SHARE_OF_LIMIT, _LARGEST_SHARE_OF_LIMIT)
     return np.asarray(limit * np.arctanh(share))
-
-
-def _torque_energies(grams: Array) -> Array:
-    """Return the squared torques (..., n) summed over rows.
-
-    grams (..., n, w, w) : Gram matrices of columns of which the last one is the torque,
-    so that the last diagonal entry is its square.
-    """
-    return grams[..., -1, -1]
 
 
 def without_inertial_power(states: Array) -> Array:

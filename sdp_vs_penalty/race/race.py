@@ -168,7 +168,7 @@ class Race:
         verdict = self._taken([])
         if not self._is_beyond_range(verdict.view.chain):
             return verdict
-        logged = self._incumbent(View(self.all.log.as_logged), is_friction_real=True)
+        logged = self._incumbent(View(self.all.log.as_logged))
         units = degrees.propose(self.all, logged)
         begun = [self._begun_from(h, logged) for h in units]
         found = [x for x in begun if x is not None]
@@ -176,20 +176,17 @@ class Race:
 
     def _taken(self, claims: Sequence[Claim]) -> Verdict:
         """Take the best hypothesis beside some claims until none is likely."""
-        view, is_friction_real = View(self.all.log.as_logged), True
         taken = list(claims)
-        if taken:
-            view = taken[-1].fit.view
-        fit = self._incumbent(view, is_friction_real)
+        view = taken[-1].fit.view if taken else View(self.all.log.as_logged)
+        fit = self._incumbent(view)
         while len(taken) < c.MAX_FAULTS:
             last = taken[-1].log_odds if taken else np.inf
-            claim = self._best(fit, is_friction_real, last + _MORE_ODDS)
+            claim = self._best(fit, last + _MORE_ODDS)
             if claim is None:
                 break
             taken.append(claim)
             view = claim.fit.view
-            is_friction_real &= claim.hypothesis.is_friction_real
-            fit = self._incumbent(view, is_friction_real)
+            fit = self._incumbent(view)
         return Verdict(tuple(taken), view, fit)
 
     def _is_beyond_range(self, chain: LogTransform) -> bool:
@@ -203,7 +200,7 @@ class Race:
     def _begun_from(self, h: Hypothesis, logged: Fit) -> Verdict | None:
         """Return the verdict of the race that begins from a unit of positions, beside the
         fit as logged; None where beside all else that is taken the unit is not likely."""
-        seen = self._incumbent(h.seen(logged.view), is_friction_real=True)
+        seen = self._incumbent(h.seen(logged.view))
         first = Claim(hypothesis=h, log_odds=np.inf, fit=seen, before=logged)
         verdict = self._taken([first])
         chain = verdict.view.chain
@@ -224,17 +221,17 @@ class Race:
         claim = replace(first, log_odds=scored.log_odds, fit=verdict.fit, before=before)
         return replace(verdict, claims=(claim, *verdict.claims[1:]))
 
-    def _incumbent(self, view: View, is_friction_real: bool) -> Fit:
+    def _incumbent(self, view: View) -> Fit:
         """Fit the rows as they are seen, with as many rows worth one as its residual
         says."""
-        fit = self.all.fit(view, 1.0, is_friction_real)
+        fit = self.all.fit(view, 1.0)
         v = self.all.rows_worth_one(fit)
-        return self.all.fitted([fit], v, is_friction_real)[0]
+        return self.all.fitted([fit], v)[0]
 
-    def _best(self, fit: Fit, is_friction_real: bool, explained: float) -> Claim | None:
+    def _best(self, fit: Fit, explained: float) -> Claim | None:
         """Return the likeliest hypothesis that parts left out confirm, with those that
         are as likely; None where nothing is."""
-        ranking = self.rank(fit, is_friction_real, explained)
+        ranking = self.rank(fit, explained)
         likely = [x for x in ranking if x.log_odds > c.LOG_ODDS_OF_A_CLAIM]
         witnessed = (self._witnessed(x, fit) for x in likely)
         best = next((x for x in witnessed if x is not None), None)
@@ -245,7 +242,7 @@ class Race:
             if best.log_odds - x.log_odds < c.AS_LIKELY:
                 rivals.setdefault(x.hypothesis.key, x)
         rivals.pop(best.hypothesis.key, None)
-        (before,) = self.all.fitted([fit], best.fit.v, is_friction_real)
+        (before,) = self.all.fitted([fit], best.fit.v)
         return Claim(
             hypothesis=best.hypothesis,
             log_odds=best.log_odds,
@@ -257,31 +254,25 @@ class Race:
             rivals=tuple(rivals.values()),
         )
 
-    def rank(
-        self, fit: Fit, is_friction_real: bool = True, explained: float = np.inf
-    ) -> list[Scored]:
+    def rank(self, fit: Fit, explained: float = np.inf) -> list[Scored]:
         """List the hypotheses that may be likelier than an incumbent, the likeliest
         first: all on few rows, the best on all rows at their best size.
 
         Two are compared with as many rows worth one as the whitest residual says.
         """
         view = replace(fit.view, further=tuple(map(_thinned, fit.view.further)))
-        few = self.few.fit(view, 1.0, is_friction_real)
-        looks = self._screen(fit, few, is_friction_real, explained)
-        tried = [self._exact(h, size, fit, few, is_friction_real) for h, size in looks]
+        few = self.few.fit(view, 1.0)
+        looks = self._screen(fit, few, explained)
+        tried = [self._exact(h, size, fit, few) for h, size in looks]
         exact = [x for x in tried if x is not None]
         likely = [x.fit.v for x in exact if x.log_odds > c.WORTH_A_LOOK]
         v = min([fit.v, *likely])
-        (base,) = self.all.fitted([fit], v, is_friction_real)
-        ranking = []
-        for x in exact:
-            is_real = is_friction_real and x.hypothesis.is_friction_real
-            (other,) = self.all.fitted([x.fit], v, is_real)
-            ranking.append(x.beside(base, other))
+        (base,) = self.all.fitted([fit], v)
+        ranking = [x.beside(base, self.all.fitted([x.fit], v)[0]) for x in exact]
         return sorted(ranking, key=lambda x: -x.log_odds)
 
     def _screen(
-        self, fit: Fit, base: Fit, is_friction_real: bool, explained: float
+        self, fit: Fit, base: Fit, explained: float
     ) -> list[tuple[Hypothesis, float]]:
         """List the hypotheses that are worth a look at all rows, of each key the best,
         with the change of its size to first order.
@@ -321,7 +312,7 @@ class Race:
             for h, gain, step in zip([*numbers, *columns], gains, steps, strict=True):
                 scored.append((of_all * gain + h.log_prior, h, float(step)))
         views = [h.seen(view) for h in changed.values()]
-        fits = few.fit_all(views, 1.0, is_friction_real, _ROUNDS_OF_A_LOOK)
+        fits = few.fit_all(views, 1.0, _ROUNDS_OF_A_LOOK)
         for (key, h), other in zip(changed.items(), fits, strict=True):
             odds = of_all * (other.value - base.value) + h.log_prior
             self.looked_at[key] = odds
@@ -335,19 +326,16 @@ class Race:
                 looks.setdefault((h.kind, h.joints, place), (h, step))
         return [*looks.values()][: c.LOOKS]
 
-    def _exact(
-        self, h: Hypothesis, step: float, fit: Fit, few: Fit, is_friction_real: bool
-    ) -> Scored | None:
+    def _exact(self, h: Hypothesis, step: float, fit: Fit, few: Fit) -> Scored | None:
         """Return a hypothesis at its best size, on all rows; None where few rows, of which
         the incumbent's fit is ``few``, speak against it at that size."""
-        is_real = is_friction_real and h.is_friction_real
         number, size, spread, occam = h.number, 0.0, 0.0, 0.0
         if number is not None:
             first = _FIRST_STEP * number.sd
             start = number.of(h.chain)
             size = start + float(np.clip(step, -first, first))
             size, _ = self._refined(self.few, few.view, h, size, 1.0, _STEPS)
-            seen = self.few.fit(h.seen(few.view, size), 1.0, is_real)
+            seen = self.few.fit(h.seen(few.view, size), 1.0)
             gain = _of_all(fit) * (seen.value - few.value)
             if gain + h.log_prior < c.WORTH_A_LOOK:
                 return None
@@ -360,15 +348,15 @@ class Race:
             occam -= 0.5 * (0.0 if near else away / number.sd) ** 2
             if near:  # a size that has half of the prior with its like
                 occam = max(occam, -float(np.log(2.0 * len(number.round_sizes))))
-        found = self.all.fit(h.seen(fit.view, size), fit.v, is_real)
+        found = self.all.fit(h.seen(fit.view, size), fit.v)
         for _ in range(_ROUNDS_OF_COLUMNS if h.further_at else 0):
             assert h.further is not None
             assert h.further_at is not None
             first = float(found.theta[len(found.theta) - len(h.further.sd)])
             h = replace(h, further=h.further_at(first))
-            found = self.all.fit(h.seen(fit.view), fit.v, is_real)
+            found = self.all.fit(h.seen(fit.view), fit.v)
         v = min(self.all.rows_worth_one(found), fit.v)
-        (found,) = self.all.fitted([found], v, is_real)
+        (found,) = self.all.fitted([found], v)
         if h.further is not None:
             place = len(found.theta) - len(h.further.sd)
             size = float(found.theta[place])
@@ -376,7 +364,7 @@ class Race:
             spread = float(np.sqrt(covariance[place, place]))
             if h.further.is_positive:
                 occam = float(np.log(2.0) + log_ndtr(size / spread))
-        (base,) = self.all.fitted([fit], v, is_friction_real)
+        (base,) = self.all.fitted([fit], v)
         return Scored(h, 0.0, found, size, spread, occam).beside(base, found)
 
     @staticmethod

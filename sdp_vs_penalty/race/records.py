@@ -128,6 +128,8 @@ class View:
     parts: tuple[tuple[Part, LogTransform], ...] = ()
     #: Columns beside the arm's.
     further: tuple[Further, ...] = ()
+    #: Whether friction takes power.
+    is_friction_real: bool = True
 
     @property
     def motion(self) -> View:
@@ -207,6 +209,8 @@ class Hypothesis:
         chain = self.chain
         if size is not None and self.number is not None:
             chain = self.number.at(chain, size)
+        if not self.is_friction_real:
+            return replace(view, is_friction_real=False)
         if self.further is not None:
             return replace(view, further=(*view.further, self.further))
         if self.part is not None:

@@ -69,20 +69,6 @@ def test_of_two_faults_the_named_one_is_kept(joint):
     assert kept == log.as_logged.with_entries("gain", (joint,), 2.0)
 
 
-def test_fits_are_kept_until_the_caches_are_cleared():
-    settings = PROBLEM.preprocessing.resolve(RUN)
-    log = Likelihood(PROBLEM, RegressionData.of(PROBLEM, RUN, settings))
-    repair = log.as_logged.with_multiplied("gain", [0], -1.0)
-    fit = log.fit(repair)
-    assert log.fit(repair) is fit
-    (made_together,) = log.fit_all([repair])
-    np.testing.assert_array_equal(fit.theta, made_together.theta)
-    log.clear_caches()
-    made_anew = log.fit(repair)
-    assert made_anew is not fit
-    np.testing.assert_array_equal(made_anew.theta, fit.theta)
-
-
 @pytest.mark.parametrize("factor", [1.0, -1.0, 1e-3])
 def test_an_amplifiers_limit_has_the_unit_of_the_torque(factor):
     """The raw channel reaches 30, of a limit of 60 in its own unit."""
