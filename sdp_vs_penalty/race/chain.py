@@ -8,8 +8,8 @@ what is done to the raw log:
     q_j   = ratio_j scale_j q_raw[order_j] + zero_j    time  t = t_0 + rate (t_raw - t_0), or reversed
     tau_j = gain_j / ratio_j (tau_raw[tau_order_j] earlier by lead_j) + lag_j d(tau_j)/dt - events_j
 
-where a channel that bends is straightened first: s artanh(tau_raw / s), s = max
-|tau_raw| / bend_j. Where the motor of joint j turns with the joint before it as well, these
+and is no larger than limit_j; a channel that bends is straightened first: s artanh(tau_raw /
+s), s = max |tau_raw| / bend_j. Where the motor of joint j turns with the joint before it as well, these
 are angles m and torques of motors, m_j = q_j + carried_j q_{j-1}; q = A m, and the joints'
 torques are A^-T tau.
 """
@@ -76,6 +76,8 @@ class LogTransform:
     longer: Numbers
     #: Largest torque over an amplifier's limit [-].
     bend: Numbers
+    #: Largest torque of a drive, in the place of commands beyond it [N m, N]; 0: any.
+    limit: Numbers
     #: Gear ratio over the logger's: a factor of positions, a divisor of torques [-].
     ratio: Numbers
     #: How far the logged motor of a joint turns with the joint before it [-]: 1 or -1 of
@@ -107,6 +109,7 @@ class LogTransform:
             lacks=zeros,
             longer=zeros,
             bend=zeros,
+            limit=zeros,
             ratio=ones,
             carried=zeros,
         )
@@ -187,7 +190,7 @@ class LogTransform:
         """The repair with its changes of torque channels and of the direction of time
         undone. The columns of a fit depend on this part alone, and are cached by it."""
         return self.with_defaults(
-            "tau_order", "gain", "lead", "lag", "bend", "reversed"
+            "tau_order", "gain", "lead", "lag", "bend", "limit", "reversed"
         )
 
     @cached_property
@@ -249,6 +252,11 @@ class LogTransform:
         """(n,) factor of each joint's logged torque."""
         return np.array(self.gain) / np.array(self.ratio)
 
+    def within_limits(self, tau: Array) -> Array:
+        """Return torques (..., n) no larger than the drives' limits."""
+        largest = np.where(self.limit, self.limit, np.inf)
+        return np.clip(tau, -largest, largest)
+
     def positions(self, q: Array) -> Array:
         """Return the true positions: q_j = ratio_j scale_j q_logged[order_j] + zero_j, of
         motors that are carried times A.
@@ -283,7 +291,7 @@ class LogTransform:
         return np.asarray(motors if a is None else motors @ a.T)
 
     def apply(self, run: Measurements) -> Measurements:
-        """Return the log repaired: order, scale, zero, gain, delay and clock.
+        """Return the log repaired: order, scale, zero, gain, limit, delay and clock.
 
         Gravity, missing weight, lengths, bends and events are what a model has to
         assume: they change nothing of the log. Rows at the ends for which a delay
@@ -322,7 +330,7 @@ class LogTransform:
         for j, lead in enumerate(self.lead):
             if lead:
                 tau[:, j] = np.interp(run.t + lead, run.t, tau[:, j])
-        tau = tau * self.torque_factors
+        tau = self.within_limits(tau * self.torque_factors)
         a = self.joints_by_motors
         return np.asarray(tau if a is None else tau @ np.linalg.inv(a))
 

@@ -81,6 +81,7 @@ APPLY = {
     "delay": ("delay", "tau"),
     "channel delay": ("delay", "tau"),
     "encoder offset": ("zero", "q"),
+    "command beyond the limit": ("limit", "tau"),
 }
 
 

@@ -197,7 +197,8 @@ class Likelihood:
             # Most repairs leave time and shape of the channels as they are.
             values, _ = self._channels_at(0.0)
             ordered = values.T[list(repair.tau_order)]
-            return np.asarray(repair.torque_factors[:, None] * ordered)
+            torque = repair.torque_factors[:, None] * ordered
+            return repair.within_limits(torque.T).T
         repaired = np.empty((self.n, self.data.count))
         for j, k in enumerate(repair.tau_order):
             values, rates = self._channels_at(repair.lead[j])
@@ -207,7 +208,7 @@ class Likelihood:
                 value = _straighten(value, limit)
             lagging = value + repair.lag[j] * rates[:, k]
             repaired[j] = repair.torque_factors[j] * lagging
-        return repaired
+        return repair.within_limits(repaired.T).T
 
     def torque_mask(self, repair: LogTransform) -> Array:
         """Return which torques are used, (n, M): 1, or 0 where the joint does not

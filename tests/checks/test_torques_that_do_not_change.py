@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pendulum import URDF, swing
+from small_runs import small_run
 
-from sdp_vs_penalty import Measurements, Problem, load_problem
+from sdp_vs_penalty import Measurements, Problem, check, load_problem
 from sdp_vs_penalty.checks.check import judge_facts
 from sdp_vs_penalty.checks.issue import Issue
 
@@ -89,10 +90,7 @@ LOGS: dict[str, tuple[Measurements, list[tuple[str, str]]]] = {
     "another drive at its limit": (at_limit(3)[0], [("saturation", "note")]),
     "clipped at half": (clipped(FREE, 0.5), [("saturation", "warning")]),
     "clipped at 70 %": (clipped(FREE, 0.7), [("saturation", "warning")]),
-    "a command": (
-        at_limit(0)[1],
-        [("command beyond the limit", "warning"), ("saturation", "note")],
-    ),
+    "a command": (at_limit(0)[1], []),
 }
 KINDS = {kind for _, facts in LOGS.values() for kind, _ in facts}
 
@@ -112,9 +110,21 @@ def test_what_a_torque_that_does_not_change_is(name, pendulum):
 
 def test_a_limit_in_place_of_a_command_is_the_torque_of_the_drive(pendulum):
     measured, command = at_limit(0)
-    issue = facts_of(pendulum, command)[0]
+    ((issue,),) = (r.errors_and_warnings for r in check(pendulum, command))
+    assert (issue.kind, issue.apply) == ("command beyond the limit", "limit:tau1")
     np.testing.assert_allclose(issue.repair(command).tau, measured.tau, atol=0.01)
     assert f"at a limit of {LIMIT:g}" in issue.what
+
+
+def test_torques_of_another_joint_are_no_command_beyond_the_limit():
+    """The last three joints' limits are a seventh of the others'."""
+    panda = load_problem("panda")
+    run = replace(small_run(panda, seconds=8.0), dq=None)
+    order = [0, 5, 2, 3, 4, 1, 6]
+    (report,) = check(panda, replace(run, tau=run.tau[:, order]), thorough=False)
+    kinds = [x.kind for x in report.errors_and_warnings]
+    assert "torque order" in kinds
+    assert "command beyond the limit" not in kinds
 
 
 def test_a_clipped_channel_is_called_so_and_a_drive_at_its_limit_is_not(pendulum):

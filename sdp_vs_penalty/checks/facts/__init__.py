@@ -33,7 +33,6 @@ from sdp_vs_penalty.checks.facts.rows import (
 )
 from sdp_vs_penalty.checks.facts.standing import find_static_poses
 from sdp_vs_penalty.checks.facts.stuck import (
-    find_commands_beyond_limit,
     find_drives_off,
     find_false_zeros,
     find_frozen_channels,
@@ -63,7 +62,6 @@ RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
     find_repeated_run,
     find_end_stops,
     find_interpolated_rows,
-    find_commands_beyond_limit,
     find_false_zeros,
     find_drives_off,
     find_spikes,

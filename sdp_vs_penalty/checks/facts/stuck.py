@@ -6,12 +6,9 @@ at its limit no more than that. The arm that explains the other rows tells.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
-from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.certainty import certain, likely
 from sdp_vs_penalty.checks.constants import LONG_STRETCH, RUN, STUCK, STUCK_SECONDS
 from sdp_vs_penalty.checks.glance import READ, Rows, RunSummary, mask_of
@@ -66,56 +63,6 @@ def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
     )
     sure = certain("it stays at no other value for nearly as long")
     yield from glance.delete_rows("drive off", moved, what, sure)
-
-
-#: A drive exceeds its limit by less than this share for longer than an instant.
-_ABOVE_LIMIT = 1.05
-
-
-def find_commands_beyond_limit(glance: RunSummary) -> Iterator[Issue]:
-    """Yield a warning about torques beyond the effort limit of their joint, if the arm
-    explains those rows with the limit in their place alone: commands that were not
-    reached."""
-    efforts = np.array([joint.effort or np.inf for joint in glance.robot.joints], float)
-    efforts[~(efforts > 0.0)] = np.inf
-    if not glance.run.torque_logged:
-        return
-    is_beyond = np.abs(glance.run.tau) > _ABOVE_LIMIT * efforts
-    suspects = np.flatnonzero(is_beyond.any(axis=0)).tolist()
-    clipped = replace(glance, run=_clipped_at(glance.run, efforts))
-    joints = [
-        j
-        for j in suspects
-        if clipped.holds_torque(j, is_beyond[:, j])
-        and not glance.holds_torque(j, is_beyond[:, j])
-    ]
-    if joints:
-        efforts[[j for j in range(glance.run.n) if j not in joints]] = np.inf
-        reach = np.abs(glance.run.tau[:, joints]).max(axis=0)
-        of_joints = [
-            f"tau{j + 1} reaches {x:.3g} {glance.robot.torque_units[j]} at a limit of"
-            f" {efforts[j]:.3g}"
-            for j, x in zip(joints, reach, strict=True)
-        ]
-        yield Issue.of(
-            kind="command beyond the limit",
-            severity="warning",
-            joints=joints,
-            what=f"{formatting.words(of_joints)}: a command that the drive did not reach.",
-            certainty=likely(
-                "with the limit in its place the arm explains those rows as the others"
-            ),
-            remedy="log the measured torque, or put the limit in the command's place",
-            repair=partial(_clipped_at, efforts=efforts),
-            where=", ".join(f"tau{j + 1}" for j in joints),
-            apply="limit:tau",
-            rows=int(is_beyond[:, joints].any(axis=1).sum()),
-        )
-
-
-def _clipped_at(run: Measurements, efforts: Array) -> Measurements:
-    """Return the run with torques no larger than the efforts (n,)."""
-    return replace(run, tau=np.clip(run.tau, -efforts, efforts))
 
 
 def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:

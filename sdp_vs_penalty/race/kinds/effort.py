@@ -1,0 +1,43 @@
+"""A command that the drive did not reach, logged in the place of the torque."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.fault import Fault, prior_of_one_of
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.records import Hypothesis
+
+#: A drive exceeds its limit by less than this share for longer than an instant.
+_ABOVE_LIMIT = 1.05
+
+
+def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+    """Yield the effort limit of each joint whose torque lies beyond it."""
+    log, now = evidence.log, fit.chain
+    largest = np.abs(log.torques(now)).max(axis=1)  # (n,)
+    for j in log.joints:
+        limit = log.problem.robot.joints[j].effort or np.inf
+        if 0.0 < _ABOVE_LIMIT * limit < largest[j]:
+            chain = now.with_entries("limit", (j,), limit)
+            prior = prior_of_one_of(log.n)
+            yield Hypothesis("command beyond the limit", (j,), prior, chain)
+
+
+def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+    """Yield a fault for each joint whose limit stands in the place of commands."""
+    for j in np.flatnonzero(chain.limit).tolist():
+        factor = abs(chain.torque_factors[j])
+        largest = factor * log.data.largest[chain.tau_order[j]]
+        unit = log.problem.robot.torque_units[j]
+        yield Fault(
+            kind="command beyond the limit",
+            joints=(j,),
+            what=f"tau{j + 1} reaches {largest:.3g} {unit} at a limit of"
+            f" {chain.limit[j]:.3g}: a command that the drive did not reach.",
+            remedy="log the measured torque, or put the limit in the command's place",
+            without=chain.with_entries("limit", (j,), 0.0),
+            place=f"tau{j + 1}",
+        )
