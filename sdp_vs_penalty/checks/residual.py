@@ -90,7 +90,7 @@ def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]
     if unrelated or log.spare_share <= 0.0:
         return
     yield from _unexplained_joints(log, repair, fit)
-    yield from _event(log, repair, fit)
+    yield from _event(log, repair)
 
 
 def _unexplained_joints(
@@ -159,14 +159,16 @@ def contradicting_joints(log: Likelihood, repair: LogTransform) -> NDArray[np.in
 _EVENT_OVER_REST = 3.0
 
 
-def _event(log: Likelihood, repair: LogTransform, fit: ArmFit) -> Iterator[Issue]:
+def _event(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     """Yield a warning about the first joint with a moment at which the error is far
     larger than at any other: a contact, a push.
 
     Left out are the ends of the log, where the arm starts or comes to rest (stiction),
-    and steps of the torque, which are faults of their own. A corner of the motion is no
-    event: the error has to be as large with the motion low-passed like the torque.
+    and steps of the torque, which are faults of their own. What a law of friction or the
+    filters make of a motion that does not recur, such as the fastest, is no event: all
+    laws are fitted as well.
     """
+    fit = log.with_all_laws.fit(repair)
     t = log.data.motion.t
     steps = [event.at for event in repair.events if event.at is not None]
     known = np.array([t[0], t[-1], *steps])
@@ -177,8 +179,6 @@ def _event(log: Likelihood, repair: LogTransform, fit: ArmFit) -> Iterator[Issue
         elsewhere = error[np.abs(t - at) > EVENT_WIDTH].max(initial=0.0)
         is_known = np.min(np.abs(known - at)) <= 3.0 * EVENT_WIDTH
         if is_known or not largest > _EVENT_OVER_REST * elsewhere > 0.0:
-            continue
-        if _is_corner(log, repair, j, at):
             continue
         unit = log.problem.robot.torque_units[j]
         yield explanation(
@@ -195,22 +195,6 @@ def _event(log: Likelihood, repair: LogTransform, fit: ArmFit) -> Iterator[Issue
             t=at,
         )
         return
-
-
-def _is_corner(log: Likelihood, repair: LogTransform, joint: int, at: float) -> bool:
-    """Whether a joint's error at an instant [s] is what the torque's low-pass makes of a
-    sharp corner of the motion.
-
-    It is, if with the motion low-passed as well the arm leaves less at other moments,
-    and there is no longer far more left at this one.
-    """
-    is_near = np.abs(log.data.motion.t - at) <= EVENT_WIDTH
-    error = np.abs(log.fit(repair).residual[joint])
-    low_passed = np.abs(log.with_low_passed_motion.fit(repair).residual[joint])
-    explains_more = np.sum(low_passed[~is_near] ** 2) < np.sum(error[~is_near] ** 2)
-    largest = low_passed[is_near].max(initial=0.0)
-    elsewhere = low_passed[~is_near].max(initial=0.0)
-    return bool(explains_more and largest <= _EVENT_OVER_REST * elsewhere)
 
 
 def without_moment(

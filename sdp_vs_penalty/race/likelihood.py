@@ -153,13 +153,6 @@ class Likelihood:
         torque = self.nominal(self.as_logged)
         return Likelihood(self.problem, self.data.with_laws(torque))
 
-    @cached_property
-    def with_low_passed_motion(self) -> Likelihood:
-        """The likelihood of the same rows with the motion low-passed like the torque:
-        what a corner of the motion leaves is no longer left.
-        """
-        return Likelihood(self.problem, self.data.with_low_passed_motion)
-
     def select_rows(self, rows: slice) -> Likelihood:
         """Return the likelihood of a slice of the rows."""
         return Likelihood(self.problem, self.data.select_rows(rows))

@@ -57,11 +57,6 @@ LAWS: dict[str, Callable[[Motion], list[Array]]] = {
 }
 
 
-#: Places of a joint's acceleration and velocity among its own columns.
-_ACCELERATION = 0
-_VELOCITY = 2
-
-
 @dataclass(frozen=True)
 class RegressionData:
     """M rows of one log at which the arm moves, of n joints, low-passed."""
@@ -107,19 +102,6 @@ class RegressionData:
             laws=laws,
             torque_mask=self.torque_mask[rows],
         )
-
-    @property
-    def with_low_passed_motion(self) -> RegressionData:
-        """The data with velocities and accelerations low-passed like the torque.
-
-        The columns of the links follow from the states of a row, which are sharper than
-        its torque. The difference matters at corners of the motion, where acceleration
-        jumps.
-        """
-        acceleration = self.own_columns[:, :, _ACCELERATION].T
-        velocity = self.own_columns[:, :, _VELOCITY].T
-        motion = replace(self.motion, dq=velocity, ddq=acceleration)
-        return replace(self, motion=motion)
 
     def with_laws(self, torque: Array) -> RegressionData:
         """Return the data with more own columns: LAWS, Coulomb friction that is
