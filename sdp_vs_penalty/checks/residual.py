@@ -24,6 +24,7 @@ from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.arm_fit import ArmFit
 from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.constants import LEAST_SHARE
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
@@ -166,7 +167,8 @@ def _event(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     Left out are the ends of the log, where the arm starts or comes to rest (stiction),
     and steps of the torque, which are faults of their own. What a law of friction or the
     filters make of a motion that does not recur, such as the fastest, is no event: all
-    laws are fitted as well.
+    laws are fitted as well. It holds the least share of the torque's energy that a claim
+    explains.
     """
     fit = log.with_all_laws.fit(repair)
     t = log.data.motion.t
@@ -176,7 +178,10 @@ def _event(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
         error = np.abs(fit.residual[j])
         at = float(t[np.argmax(error)])
         largest = float(error.max())
-        elsewhere = error[np.abs(t - at) > EVENT_WIDTH].max(initial=0.0)
+        is_near = np.abs(t - at) <= EVENT_WIDTH
+        elsewhere = error[~is_near].max(initial=0.0)
+        if np.sum(error[is_near] ** 2) < LEAST_SHARE * fit.energy[j]:
+            continue
         is_known = np.min(np.abs(known - at)) <= 3.0 * EVENT_WIDTH
         if is_known or not largest > _EVENT_OVER_REST * elsewhere > 0.0:
             continue
