@@ -301,8 +301,9 @@ class HeldOut:
         The recordings are those of the test run or, without one, the searched ones, of
         which all folds are taken together. The effects are judged together, against the
         errors without any effect: for the error that has risen by most, the effect is
-        dropped without which it is lowest. Each effect may raise errors that others
-        lower by more: beside them even true effects do.
+        dropped without which it is lowest, unless another error would then rise by more.
+        Each effect may raise errors that others lower by more: beside them even true
+        effects do.
 
         Parameters
         ----------
@@ -315,19 +316,25 @@ class HeldOut:
             Numbers of the effects that stay.
         """
         accepted = list(accepted)
-        before = np.maximum(self.errors_by_recording(()), floor)
+
+        def errors(chosen: Sequence[int]) -> Array:
+            """Return the errors with some effects, none below the noise."""
+            return np.maximum(self.errors_by_recording(chosen), floor)
+
+        before = errors(())
+        is_paid_for = np.zeros(before.shape, bool)
         while accepted:
-            now = np.maximum(self.errors_by_recording(accepted), floor)
-            rise = error_ratios(before, now)
-            if np.all(rise <= 1.0 + MAX_JOINT_HARM):
+            now = errors(accepted)
+            rise = error_ratios(before, now) * ~is_paid_for
+            place = np.unravel_index(np.argmax(rise), rise.shape)
+            if rise[place] <= 1.0 + MAX_JOINT_HARM:
                 break
-            recording_and_joint = np.unravel_index(np.argmax(rise), rise.shape)
-            # By effect: the error of this recording and joint without it.
-            error_without = {
-                k: self.errors_by_recording(_without(accepted, k))[recording_and_joint]
-                for k in accepted
-            }
-            accepted.remove(min(error_without, key=error_without.__getitem__))
+            without = {k: errors(_without(accepted, k)) for k in accepted}
+            worst = min(accepted, key=lambda k: float(without[k][place]))
+            if error_ratios(now, without[worst]).max() > rise[place]:
+                is_paid_for[place] = True
+            else:
+                accepted.remove(worst)
         return accepted
 
 
