@@ -12,12 +12,9 @@ from pathlib import Path
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 sys.path[0] = str(Path(__file__).parents[1])  # for this process and its workers
 
-from challenge.ablation import run_ablation
 from challenge.cases import CLASSES, run_challenge, wanted
 from challenge.limit import run_limits
-from challenge.targets import run_targets
 from challenge.worlds.conditions import NUISANCES
-from sdp_vs_penalty.diagnosis.rules import Rules
 
 
 def main() -> None:
@@ -36,17 +33,6 @@ def main() -> None:
     for word, known in (("--classes", [*CLASSES]), ("--nuisance", [*NUISANCES])):
         parser.add_argument(word, nargs="+", choices=known, default=known)
     parser.add_argument(
-        "--without",
-        nargs="+",
-        choices=Rules.names(),
-        help="rules of the search: the same cases with and without each",
-    )
-    parser.add_argument(
-        "--targets",
-        type=int,
-        help="in place of all this: so many worlds made for each of some rules",
-    )
-    parser.add_argument(
         "--limits",
         action="store_true",
         help="in place of all this: whether the true model of what the cases in OUT"
@@ -56,15 +42,8 @@ def main() -> None:
     if options.limits:
         print(*run_limits(options.out, options.jobs), sep="\n")
         return
-    if options.targets:
-        print(*run_targets(options.targets, options.seed, options.out), sep="\n")
-        return
     cases = wanted(options.cases, options.seed, options.classes, options.nuisance)
-    if options.without:
-        written = run_ablation(cases, options.without, options.out, options.jobs)
-    else:
-        written = run_challenge(cases, options.seed, options.out, options.jobs)
-    print(*written, sep="\n")
+    print(*run_challenge(cases, options.seed, options.out, options.jobs), sep="\n")
 
 
 if __name__ == "__main__":

@@ -1,67 +1,129 @@
-"""Make this folder again: python results/rules/make.py"""
+"""What each part of the diagnosis buys: python results/rules/make.py PART ... [--logs FOLDER]
 
+Diagnose the logs of results/bench (kinds mujoco and worlds, written by its make.py) as they
+are, and with one part taken out at a time. Prints a line a part: how many logs are named
+rightly and how many have a false word, with it and without; the sum of the logarithms of
+mean errors on fresh motion; then each log whose claims differ. PART is a key of PARTS.
+"""
+
+import argparse
+import importlib
+import json
+import os
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
-from sdp_vs_penalty.diagnosis.rules import Rules
-from sdp_vs_penalty.paper.provenance import make_folder
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+sys.path[0] = str(Path(__file__).parents[1])
 
-HERE = Path(__file__).parent
-#: A case of each class a seed, and of clean robots one with each of two nuisances.
-#: Two samples: one of 26 November, one of 27 November.
-SEEDS = (*range(690001, 690012), *range(690101, 690111))
-#: Worlds made for a rule: how many, and the seed of the first.
-TARGETS = ["--targets", "15", "--seed", "695000"]
-NUISANCES = [
-    "plain",
-    "sign",
-    "tanh_0.002",
-    "widths",
-    "asymmetric",
-    "warming",
-    "dahl",
-    "lugre",
-    "smoothed",
-    "causal",
-    "delay",
-    "geometry",
-    "encoder",
-    "rate",
-    "noise",
-    "points",
-    "servo",
-    "rotor",
-    "aperiodic",
-    "one_run",
-    "short",
-    "mixed",
-]
-HIDING = [
-    "strong",
-    "medium",
-    "weak",
-    "pairs",
-    "triples",
-    "one_run",
-    "payload",
-    "unknown",
-    "disturbance",
-    "unknown_medium",
-]
+import numpy as np
+from bench import judge
+
+from sdp_vs_penalty import diagnose, identify
+from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
+
+#: By its name the place of a part in `sdp_vs_penalty.diagnosis` (module, class, function)
+#: and what stands there without it.
+PARTS: dict[str, tuple[str, str, str, Callable[..., Any]]] = {
+    "exchange": ("search", "Search", "exchange_one", lambda *_: None),
+    "simplest": ("search", "Search", "simplest", lambda _, x: x[0] if x else None),
+    "contradictions": ("search", "Search", "_bar_contradictions", lambda _: False),
+    "law misfits": ("nuisances", "Nuisances", "with_law_misfits", lambda _, x: [*x]),
+    "signs": ("diagnose", "", "refer_signs_to_current_model", lambda x, _: x),
+    "own at zero": ("evidence", "EvidenceScorer", "_own_below_zero", lambda *_: None),
+    "joint's harm": (
+        "held_out",
+        "HeldOut",
+        "drop_harmful_to_a_joint",
+        lambda _, x, __: [*x],
+    ),
+    "forces": ("passing.search", "", "force_laws", lambda _: []),
+    "wandering": ("passing.search", "PassingSearch", "_wandering", lambda _: []),
+    "hums": ("events", "", "find_hums", lambda *_: []),
+    "repeated outliers": ("events", "", "_repeated_outliers", lambda _, x: x & False),
+}
 
 
-def commands(seed: int) -> list[list[str]]:
-    """What is run for a seed."""
-    start = ["results/challenge", "--jobs", "1", "--cases", "1", "--seed", str(seed)]
-    without = ["--out", "results/rules", "--without", *Rules.names()]
-    first = NUISANCES[7 * seed % len(NUISANCES)]
-    second = NUISANCES[(7 * seed + 11) % len(NUISANCES)]
-    return [
-        [*start, "--classes", *HIDING, *without],
-        [*start, "--classes", "clean", "--nuisance", first, second, *without],
+@dataclass(frozen=True)
+class Outcome:
+    """What is said of a log: claims, those that are sure and false, whether a sure one is
+    right, and the mean ratio of errors on fresh motion ("" where nothing was added)."""
+
+    claims: tuple[str, ...]
+    false: tuple[str, ...]
+    is_right: bool
+    ratio: str
+
+
+def outcome(folder: Path, model: Estimate) -> Outcome:
+    """Diagnose one log, add what is sure, and judge both."""
+    truth = json.loads((folder / "truth.json").read_text("utf-8"))
+    found = diagnose(model, sorted(map(str, folder.glob("run*.csv"))))
+    claims = [*judge.claims_of_diagnosis(found)]
+    right = [c for c in claims if judge.names(c, truth)]
+    false = [
+        judge.short(c)
+        for c in claims
+        if c.sure
+        and c not in right
+        and not judge.matches(truth["besides"], f"{c.by}: {c.text}")
     ]
+    ratio = judge.errors_with(folder, model, found)[1] if found.sure else ""
+    said = (f"{'' if c.sure else '(possible) '}{judge.short(c)}" for c in claims)
+    is_right = any(c.sure for c in right)
+    return Outcome(tuple(said), tuple(false), is_right, ratio)
+
+
+def model_of(folder: Path) -> Estimate:
+    """Identify the model of a log once."""
+    path = folder / "before.json"
+    if not path.exists():
+        robot = json.loads((folder / "truth.json").read_text("utf-8"))["robot"]
+        if (folder / robot).exists():
+            robot = str(folder / robot)
+        identify(robot, sorted(map(str, folder.glob("run*.csv")))).save(path)
+    return load_estimate(path)
+
+
+def without(part: str, folder: Path) -> Outcome:
+    """Judge a log with one part taken out."""
+    module, owner, name, instead = PARTS[part]
+    place = importlib.import_module(f"sdp_vs_penalty.diagnosis.{module}")
+    with patch.object(getattr(place, owner) if owner else place, name, instead):
+        return outcome(folder, model_of(folder))
+
+
+def counts(outcomes: Sequence[Outcome]) -> str:
+    """How many are right, how many have a false word, and the errors on fresh motion."""
+    ratios = [float(x.ratio) for x in outcomes if x.ratio.replace(".", "").isdigit()]
+    right = sum(x.is_right for x in outcomes)
+    false = sum(bool(x.false) for x in outcomes)
+    return f"{right} right, {false} false, {np.sum(np.log(ratios)):.2f}"
+
+
+def main() -> None:
+    """Read the options and run."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("parts", nargs="+", choices=PARTS, metavar="PART")
+    logs = Path(sys.path[0], "bench", "logs")
+    parser.add_argument("--logs", type=Path, default=logs)
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")
+    found = sorted(x.parent for x in options.logs.glob("*/*/truth.json"))
+    folders = [x for x in found if x.parent.name in ("mujoco", "worlds")]
+    as_is = [outcome(x, model_of(x)) for x in folders]
+    for part in options.parts:
+        others = [without(part, x) for x in folders]
+        print(f"{part}: {counts(as_is)}; without it {counts(others)}")
+        for folder, a, b in zip(folders, as_is, others, strict=True):
+            if a.claims != b.claims:
+                print(f"  {folder.name}: {a.claims} -> {b.claims}", flush=True)
 
 
 if __name__ == "__main__":
-    targets = ["results/challenge", *TARGETS, "--out", "results/rules"]
-    all_seeds = (command for seed in SEEDS for command in commands(seed))
-    make_folder(HERE, *all_seeds, targets)
+    main()

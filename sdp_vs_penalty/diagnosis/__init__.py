@@ -19,7 +19,6 @@ __getattr__ = lazy_exports(
     library="Batch Candidate Library Nuisance white_candidate",
     linear_fit="ColumnProducts ScoredEffect WhiteFit",
     notices="find_notices Notice",
-    rules="Rules",
     search="Search",
     sizes="Size largest_sums size_of size_with_interval sizes_with_intervals",
     sizes_in_model="effect_of size_in_model std_of_both",

@@ -16,7 +16,6 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.confidence import (
     Judged,
     invisible_effects,
-    is_unproven_stand_in,
     reasons_for_doubt,
 )
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
@@ -25,7 +24,6 @@ from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.events import Event, find_events
 from sdp_vs_penalty.diagnosis.explanation import Explanation, Ladder
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Remaining, Retune
-from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.notices import find_notices
 from sdp_vs_penalty.diagnosis.own_constants import constant_std, retune
 from sdp_vs_penalty.diagnosis.passing.search import passing_causes
@@ -135,7 +133,10 @@ class Conclusion:
 
         One pair an effect: the effect's constants, and their columns by joint.
         """
-        return errors_of_constants(self.search)
+        terms = self.search.terms
+        return self.data.constant_error_columns(
+            [t.form.effect for t in terms], [t.beta for t in terms]
+        )
 
     @cached_property
     def findings_alone(self) -> list[Finding]:
@@ -143,32 +144,32 @@ class Conclusion:
 
         Harm that findings do together (:attr:`harmful_together`) is not considered.
         """
-        judged = judged_findings(
-            self.explanation, self.ladder, self.errors_of_constants, self.curves
-        )
+        search = self.search
+        torque_in_doubt = torque_errors(self.data, self.explanation.estimate)
+        sizes = sizes_with_intervals(search, torque_in_doubt, self.errors_of_constants)
         steps = pairwise(self.ladder.errors)
-        return [
-            describe_finding(x, reasons_for_doubt(x), np.array(step))
-            for x, step in zip(judged, steps, strict=True)
-        ]
+        findings = []
+        known = zip(search.terms, sizes, steps, strict=True)
+        for k, (term, size, step) in enumerate(known):
+            errors = self.ladder.errors_that_show(k, sorted(term.joints))
+            judged = Judged(search, term, size, errors, self.curves)
+            doubts = reasons_for_doubt(judged)
+            findings.append(describe_finding(judged, doubts, np.array(step)))
+        return findings
 
     @cached_property
     def harmful_together(self) -> list[bool]:
         """Flags: which constants and findings raise the error on data left out.
 
         First come the flags of re-estimated shape constants, then those of findings.
-        The certain ones are judged together, without the weak ones. All flags are False
-        if the rule ``second_veto`` is switched off.
+        The certain ones are judged together, without the weak ones.
         """
         findings = self.findings_alone
         is_sure = [f.torque_is_certain for f in findings]
         may_be_zero = [
             any(doubt.reason == "insignificant" for doubt in f.doubts) for f in findings
         ]
-        harmful = self.ladder.harmful_together(is_sure, may_be_zero, self.known_floor)
-        if any(harmful) and not self.search.rules.second_veto:
-            return [False] * len(harmful)
-        return harmful
+        return self.ladder.harmful_together(is_sure, may_be_zero, self.known_floor)
 
     @property
     def known_floor(self) -> Array:
@@ -220,66 +221,6 @@ class Conclusion:
             None if has_test_run else _FOLDS,
         )
         return tuple(text for text in sentences if text)
-
-
-def errors_of_constants(search: Search) -> list[ConstantErrors]:
-    """Return the white derivatives of torque by the shape constants of the findings of
-    a search and of the model, one pair an effect: constants, and columns by joint."""
-    return search.data.constant_error_columns(
-        [t.form.effect for t in search.terms], [t.beta for t in search.terms]
-    )
-
-
-def judged_findings(
-    explanation: Explanation,
-    ladder: Ladder,
-    constant_errors: list[ConstantErrors],
-    curves: Sequence[Measured] = (),
-) -> list[Judged]:
-    """Collect all that each finding's confidence is judged by.
-
-    Parameters
-    ----------
-    explanation
-        The model with constants and findings.
-    ladder
-        Errors on data left out, with one finding after the other.
-    constant_errors
-        Derivatives by shape constants, as :func:`errors_of_constants` returns them.
-    curves
-        The measured curves that were accepted.
-
-    Returns
-    -------
-    list of Judged
-        One record a finding, in the order of the explanation.
-    """
-    search = explanation.search
-    torque_in_doubt = torque_errors(search.data, explanation.estimate)
-    sizes = sizes_with_intervals(search, torque_in_doubt, constant_errors)
-    return [
-        Judged(
-            search=search,
-            term=term,
-            size=size,
-            errors=ladder.errors_that_show(k, sorted(term.joints)),
-            curves=curves,
-        )
-        for k, (term, size) in enumerate(zip(search.terms, sizes, strict=True))
-    ]
-
-
-def unproven_stand_ins(explanation: Explanation, ladder: Ladder) -> list[ScoredEffect]:
-    """List the findings that stand in for another effect and are not proven otherwise.
-
-    See :func:`is_unproven_stand_in`. Nothing is computed if no finding is a stand-in.
-    The parameters are those of :func:`judged_findings`.
-    """
-    search = explanation.search
-    if not any(t.form.effect.is_stand_in for t in search.terms):
-        return []
-    judged = judged_findings(explanation, ladder, errors_of_constants(search))
-    return [x.term for x in judged if is_unproven_stand_in(x)]
 
 
 def _weakened(finding: Finding, reason: str) -> Finding:

@@ -6,7 +6,7 @@ A finding without doubts is confident. One with doubts is weak and lists them.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +14,6 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.constants import (
     ABSORBED,
     EVIDENCE_TO_ADD,
-    EVIDENCE_TO_DISTINGUISH,
     HELD_TRAVEL,
     IMPLAUSIBLE_SIGMAS,
     SERIES,
@@ -35,7 +34,6 @@ from sdp_vs_penalty.diagnosis.sizes import (
 )
 from sdp_vs_penalty.diagnosis.white_rows import spread_columns
 from sdp_vs_penalty.effects.effect import Effect
-from sdp_vs_penalty.effects.links import swing_both_ways
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Fall of the error on data left out from which these show a torque by themselves.
@@ -173,35 +171,6 @@ def _is_of_a_series(x: Judged) -> bool:
     return len(alike) >= SERIES
 
 
-def has_no_direction(search: Search, term: ScoredEffect) -> bool:
-    """Return whether a swing both ways explains the torque of a resonance as well.
-
-    A link swings on its gear after it is pushed, never before. Errors of the positions
-    have no such direction: encoder steps make the modelled torque too large at high
-    frequencies, and a law that lessens it there explains the error, whatever its phase.
-
-    Both have the same constants, and are judged beside all other findings. The
-    resonance is told from a swing both ways where its evidence is larger by 6 (odds of
-    20 to 1). False for all other effects.
-
-    Parameters
-    ----------
-    search
-        The model with all findings.
-    """
-    both_ways = swing_both_ways(term.form.effect)
-    if both_ways is None:
-        return False
-    columns = search.data.columns(both_ways)
-    others = [t for t in search.terms if t is not term]
-    fit = search.score.fit(search.nuisances.with_law_misfits(others), search.fit)
-    one_way = search.score.evidence_of(fit, term.form, term.columns)
-    form = replace(term.form, effect=both_ways)
-    rival = search.score.evidence_of(fit, form, columns)
-    margin = EVIDENCE_TO_DISTINGUISH * one_way.rows_worth_one
-    return one_way.drop - rival.drop < margin
-
-
 #: By the name of a reason for doubt (a key of REASONS): whether it applies to a finding.
 DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "rivals": lambda x: bool(x.term.rivals or x.effect.resembles),
@@ -216,7 +185,6 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "held": _is_held,
     "looks_like": lambda x: bool(x.looks_like),
     "stand_in": lambda x: x.effect.is_stand_in,
-    "both_ways": lambda x: has_no_direction(x.search, x.term),
     "series": _is_of_a_series,
     "curve": lambda x: any(x.term in c.replaced for c in x.curves),
 }
@@ -236,29 +204,6 @@ def reasons_for_doubt(x: Judged) -> tuple[Doubt, ...]:
         for reason, holds in DOUBTS.items()
         if holds(x)
     )
-
-
-#: Doubts that a stand-in may have and still be named.
-_DOUBTS_OF_STAND_INS = {"stand_in", "looks_like", "rivals", "both_ways"}
-
-
-def is_unproven_stand_in(x: Judged) -> bool:
-    """Return whether a finding is a stand-in with a further reason for doubt.
-
-    A stand-in is an effect with shape constants that no machine has, such as a
-    resonance damped as only play is. It is named, with what it resembles, only if
-    nothing else speaks against it: no other effect fits as well, its size is
-    significant, and it lowers the error on data left out.
-
-    Parameters
-    ----------
-    x
-        The finding with all that it is judged by.
-    """
-    if not x.effect.is_stand_in:
-        return False
-    reasons = {doubt.reason for doubt in reasons_for_doubt(x)}
-    return bool(reasons - _DOUBTS_OF_STAND_INS or x.term.rivals)
 
 
 def invisible_effects(search: Search) -> tuple[Invisible, ...]:

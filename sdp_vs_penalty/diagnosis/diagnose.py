@@ -9,7 +9,7 @@ from functools import cached_property, partial
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.candidates import list_candidates
 from sdp_vs_penalty.diagnosis.comparison import noise_floor
-from sdp_vs_penalty.diagnosis.conclude import Conclusion, unproven_stand_ins
+from sdp_vs_penalty.diagnosis.conclude import Conclusion
 from sdp_vs_penalty.diagnosis.curves.measure import accept_curves, measure_curves
 from sdp_vs_penalty.diagnosis.equivalence import with_equivalence_sets
 from sdp_vs_penalty.diagnosis.events import find_hums_above
@@ -18,7 +18,6 @@ from sdp_vs_penalty.diagnosis.explanation import (
     drop_harmful,
     explain_in_order,
     held_out_errors,
-    without_findings,
 )
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import HeldOutData
@@ -31,7 +30,6 @@ from sdp_vs_penalty.diagnosis.passing.cause import (
     without_spans,
 )
 from sdp_vs_penalty.diagnosis.passing.search import passing_causes
-from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
 from sdp_vs_penalty.diagnosis.search import Search, search
 from sdp_vs_penalty.diagnosis.sign_width import refer_signs_to_current_model
 from sdp_vs_penalty.diagnosis.unexplained import unexplained_error
@@ -70,7 +68,6 @@ def diagnose(
     progress: Progress = no_progress,
     noise_from: Measurements | None = None,
     judged_recordings: Measurements | None = None,
-    rules: Rules = ALL_RULES,
 ) -> Diagnosis:
     """Find the effects that a model lacks, in recordings that have been read.
 
@@ -89,8 +86,6 @@ def diagnose(
     judged_recordings
         Recordings of which the test run is a window; they have the noise floor that is
         reported.
-    rules
-        Optional rules of the search that apply.
 
     Returns
     -------
@@ -103,7 +98,7 @@ def diagnose(
         model, measurements, test, noise_from, frozen, progress=progress
     )
     diagnosis = diagnose_beside_passing(
-        runs, partial(diagnose_runs, seed=seed, progress=progress, rules=rules)
+        runs, partial(diagnose_runs, seed=seed, progress=progress)
     )
     del runs  # the filtered rows are the largest arrays: their memory is free now
     give_back_memory(measurements.samples)
@@ -167,17 +162,13 @@ def _left_out_remark(runs: DiagnosisRuns, spans: Sequence[Span]) -> str:
 
 
 def diagnose_runs(
-    runs: DiagnosisRuns,
-    *,
-    seed: int = 0,
-    progress: Progress = no_progress,
-    rules: Rules = ALL_RULES,
+    runs: DiagnosisRuns, *, seed: int = 0, progress: Progress = no_progress
 ) -> Diagnosis:
     """Run all steps of a diagnosis on filtered recordings.
 
     The steps are: search, errors on data left out, rivals, unexplained torque, measured
     curves, conclusion. Rows and candidates are stored in ``runs``, so that a
-    second call with other rules computes only the steps.
+    second call computes only the steps.
 
     Parameters
     ----------
@@ -187,10 +178,8 @@ def diagnose_runs(
         Seed of the random draws for the band of a curve.
     progress
         Called with a short text at each step.
-    rules
-        Optional rules of the search that apply.
     """
-    searched = _searched(runs, rules, progress)
+    searched = _searched(runs, progress)
     progress("held-out errors")
     judge = HeldOutData(runs.estimate, runs.test_rows, runs.frozen)
     offered = explain_in_order(searched, runs.estimate)
@@ -198,11 +187,6 @@ def diagnose_runs(
     explanation = drop_harmful(offered, held_out, searched)
     explanation = with_equivalence_sets(explanation, judge)
     ladder = Ladder.of(explanation, held_out, offered.terms)
-    # A stand-in that is dropped leaves torque that another stand-in explained with it.
-    while stand_ins := unproven_stand_ins(explanation, ladder):
-        explanation = without_findings(explanation, stand_ins)
-        explanation = with_equivalence_sets(explanation, judge)
-        ladder = Ladder.of(explanation, held_out, offered.terms)
     give_back_memory(runs.searched.samples)
     left = unexplained_error(explanation.search)
     measured = measure_curves(explanation.search, left.joints_above_noise)
@@ -222,13 +206,13 @@ def diagnose_runs(
     return diagnosis
 
 
-def _searched(runs: DiagnosisRuns, rules: Rules, progress: Progress) -> Search:
+def _searched(runs: DiagnosisRuns, progress: Progress) -> Search:
     """Search the effects that a model lacks, with columns that follow from the torque
     and the widths of signs that were found."""
     progress("measuring the noise")
     candidates = runs.candidates
     give_back_memory(runs.searched.samples)
-    out = search(runs.white_data, candidates, rules, progress)
+    out = search(runs.white_data, candidates, progress)
     out = refer_columns_to_current_model(out, progress)
     out = refer_signs_to_current_model(out, progress)
     give_back_memory(runs.searched.samples)

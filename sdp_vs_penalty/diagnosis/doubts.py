@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from sdp_vs_penalty.records import JsonRecord
 
 #: What is said of a weak finding, by the name of the reason; a finding with none is
-#: confident. Older files have "more_left" and "shared" too.
+#: confident.
 REASONS: Mapping[str, str] = {
     "rivals": "another effect fits as well",
     "uncertain": "its size is uncertain by > 20 %",
@@ -18,15 +18,11 @@ REASONS: Mapping[str, str] = {
     "not_held_out": "adding it lowers no joint's error on data left out by 1 %",
     "raises": "on data left out its joints' errors rise more than they fall with it",
     "alone": "beside what is sure it lowers no held-out error, or raises one",
-    "more_left": "more error is left on its joints than it explains",
-    "shared": "other findings share most of its torque: only their sum is known",
     "implausible": "its size is not plausible",
     "held": "its joint hardly moves: dry friction that does not slide holds any torque",
     "looks_like": "another cause makes a similar torque",
     "no_torque": "its torque is not told from zero, even if its constants are exact",
     "stand_in": "its law may stand in for another one, which other motion follows",
-    "both_ways": "a swing that also runs ahead of its cause fits as well, which no gear"
-    " does: errors of the positions make it",
     "series": "three or more of its kind on one joint may be one curve without a name",
     "few_splits": "fewer than two thirds of this run's splits show it",
     "curve": "a measured curve explains the joint better",
@@ -54,7 +50,6 @@ TORQUE_IS_OPEN = (
     "looks_like",
     "no_torque",
     "stand_in",
-    "both_ways",
     "curve",
     "log",
     "at_end",
@@ -74,7 +69,7 @@ class Doubt(JsonRecord):
     @property
     def sentence(self) -> str:
         """What is said of it, such as "its gain is small"."""
-        return self.cause or REASONS[self.reason]
+        return self.cause or REASONS.get(self.reason, self.reason)
 
     @property
     def leaves_torque_open(self) -> bool:

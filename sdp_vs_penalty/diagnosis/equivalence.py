@@ -1,8 +1,8 @@
 """Equivalence sets across kinds of effects: what could replace a finding.
 
-Rivals are looked for among all effects on any joints, with any number of constants: a
-payload beside a gain, a tilt beside a spring, one delay of all joints beside delays of
-single ones. A rival has to pass two tests on torque:
+Rivals are looked for among all effects on a finding's joints, with any number of
+constants: a payload beside a gain, a tilt beside a spring, one delay of all joints
+beside delays of single ones. A rival has to pass two tests on torque:
 
 - it explains these rows as well, within 6 (odds of 20 to 1) and 4 % of what is
   explained (the accuracy of a law); a rival with more coefficients pays for what chance
@@ -14,7 +14,7 @@ A finding is confident only if no rival passes both.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Hashable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -32,7 +32,6 @@ from sdp_vs_penalty.diagnosis.library import Batch, Candidate, may_join
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.refine import refine_constants
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.certificate import NOT_CERTIFIED
 
 #: Share of what a finding explains from which a candidate is refined, whose constants
@@ -102,9 +101,11 @@ def with_equivalence_sets(explanation: Explanation, judge: HeldOutData) -> Expla
     """
     search = explanation.search
     full = search.score.fit(search.nuisances.with_law_misfits(search.terms), search.fit)
-    pairs = _rivals_of_single_joints(search, full)
-    for group in _groups(search, full):
-        pairs += [(group, rival) for rival in _rivals_on_rows(search, group)]
+    pairs = [
+        (group, rival)
+        for group in _groups(search, full)
+        for rival in _rivals_on_rows(search, group)
+    ]
     if not pairs:
         return explanation
     # ``held_out`` addresses effects by number: first the findings, then the rivals.
@@ -177,32 +178,6 @@ def _groups(search: Search, full: WhiteFit) -> list[_Group]:
     return [_judge_group(search, full, group) for group in groups]
 
 
-def _rivals_of_single_joints(
-    search: Search, full: WhiteFit
-) -> list[tuple[_Group, ScoredEffect]]:
-    """List what joints share, with what each of them makes by itself as well.
-
-    Shared inertia shows in the torque that one joint's acceleration makes on the other.
-    Several findings on the same joints may cancel there: motors along q1 + q2 and
-    q1 - q2 of one inertia are two rotors that nothing joins. So all findings of one law
-    on the same joints are one group. ``full`` is a fit with all findings.
-    """
-    groups = dict[str, tuple[Effect, list[ScoredEffect]]]()
-    for term in search.terms:
-        own = term.form.effect.of_single_joints
-        if own is not None:
-            _, terms = groups.setdefault(own.text, (own, []))
-            terms.append(term)
-    pairs = []
-    for own, terms in groups.values():
-        group = _judge_group(search, full, tuple(terms))
-        form = Candidate((own.name, own.joints[0]), own)
-        rival = search.evidence_of(group.fit, form)
-        if group.is_rival(rival):
-            pairs.append((group, rival))
-    return pairs
-
-
 def _judge_group(
     search: Search, full: WhiteFit, terms: tuple[ScoredEffect, ...]
 ) -> _Group:
@@ -243,64 +218,28 @@ def _judge_group(
 def _rivals_on_rows(search: Search, group: _Group) -> list[ScoredEffect]:
     """List the candidates that explain the searched rows as well as a group.
 
-    Continuous shape constants of each promising candidate are refined first. A single
-    finding may have a rival on another joint: masses that are fitted again turn a gain
-    of joint 2 that is 1 % too large into one of joint 1 that is 1 % too small. Such a
-    rival has to explain the finding's torque, and not its own joint's.
+    Continuous shape constants of each promising candidate are refined first.
     """
     judge = search.judge_beside(group.fit)
-    is_possible = not any(search.is_impossible(t) for t in group.terms)
-
-    def is_less_possible(rival: ScoredEffect) -> bool:
-        """Return whether a rival alone makes more torque than was measured, and the
-        group does not.
-        """
-        return is_possible and search.is_impossible(rival)
-
-    out = []
-    for form in _promising(search, group, _acts_there):
-        rival = refine_constants(judge, judge.scored(form))
-        if group.is_rival(rival) and not is_less_possible(rival):
-            out.append(rival)
-    if len(group.terms) > 1:
-        return out
-    for form in _promising(search, group, _acts_elsewhere):
-        rival = refine_constants(judge, judge.scored(form))
-        if is_less_possible(rival) or not group.is_rival(rival):
-            continue
-        if _explains_the_same(search, group, rival):
-            out.append(rival)
-    return out
+    rivals = [
+        refine_constants(judge, judge.scored(form))
+        for form in _promising(search, group)
+    ]
+    return [rival for rival in rivals if group.is_rival(rival)]
 
 
-def _explains_the_same(search: Search, group: _Group, rival: ScoredEffect) -> bool:
-    """Return whether a rival explains the torque of the group's only finding.
-
-    It does if the finding, added to a fit with the rival in its place, lowers the
-    deviance by less than ``deviance_margin``.
-    """
-    (term,) = group.terms
-    others = search.nuisances.with_law_misfits(group.others)
-    beside_rival = search.score.fit([*others, rival], group.fit)
-    added = search.score.evidence_of(beside_rival, term.form, term.columns)
-    return added.drop < group.deviance_margin
-
-
-def _promising(
-    search: Search, group: _Group, may_rival: Callable[[_Group, Batch], bool]
-) -> list[Candidate]:
+def _promising(search: Search, group: _Group) -> list[Candidate]:
     """List the candidates that explain at least half of what a group of findings does.
 
     Half (_PROMISING) is enough here, since the candidates' shape constants stand on a
     coarse grid and are refined afterwards. Of each law (effect, joint and discrete
     constants) the best grid point is listed; at most MAX_CANDIDATES_REFINED in all, the
-    best first. Only batches that ``may_rival`` accepts are asked; other values of the
-    model's own constants are no rivals.
+    best first. Other values of the model's own constants are no rivals.
     """
     # By law: the share of the group's squares, and the best candidate so far.
     best = dict[Hashable, tuple[float, Candidate]]()
     for batch in search.library.batches:
-        if batch.forms[0].replaces_own_constant or not may_rival(group, batch):
+        if batch.forms[0].replaces_own_constant or not _acts_there(group, batch):
             continue
         explained, _ = search.score.explained(group.fit, batch)
         shares = explained / max(group.squares, 1e-300)
@@ -321,11 +260,6 @@ def _acts_there(group: _Group, batch: Batch) -> bool:
     if len(group.terms) > 1:
         return joints <= {*batch.joints}
     return not joints.isdisjoint(batch.joints)
-
-
-def _acts_elsewhere(group: _Group, batch: Batch) -> bool:
-    """Return whether candidates act on no joint of a single finding."""
-    return not _acts_there(group, batch)
 
 
 def _list_possible_replacements(

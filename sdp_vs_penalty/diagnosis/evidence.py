@@ -46,7 +46,6 @@ from sdp_vs_penalty.diagnosis.linear_fit import (
     bounded_least_squares,
     with_ridge,
 )
-from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.regression.evidence import price, rows_worth_one
 from sdp_vs_penalty.robot.arrays import Array
@@ -179,7 +178,6 @@ class EvidenceScorer(WhiteFitter):
         data: WhiteData,
         n_candidates: int,
         laws: Mapping[Key, int] | None = None,
-        rules: Rules = ALL_RULES,
         like: WhiteFitter | None = None,
     ) -> None:
         """Prepare the scorer of candidates on white rows.
@@ -193,8 +191,6 @@ class EvidenceScorer(WhiteFitter):
         laws
             The number of laws (discrete variants) of a candidate, by its key (effect
             name, joint). A candidate that is missing here has one law.
-        rules
-            Which optional rules of the search apply.
         like
             A scorer whose rows may be equal to these; its basis of the model's columns
             is then used again.
@@ -202,7 +198,6 @@ class EvidenceScorer(WhiteFitter):
         super().__init__(data, like)
         self.n_candidates = max(n_candidates, 1)
         self.laws = laws or {}
-        self.rules = rules
 
     def evidence_of(
         self, fit: WhiteFit, form: Candidate, columns: dict[int, Array]
@@ -355,8 +350,7 @@ class EvidenceScorer(WhiteFitter):
         # v: how many rows carry the evidence of one.
         rows_per_joint = float(fit.degrees[list(columns)].mean())
         v = self.rows_worth_one(T, residual, inverse, k)
-        if self.rules.coarsening:
-            v += rows_per_joint / COARSENING_ROWS
+        v += rows_per_joint / COARSENING_ROWS
         n_choices = self.n_candidates * self.laws.get(form.key, 1)
         cost = price(trial.freedom, rows_per_joint * len(columns), v, n_choices)
         return replace(

@@ -163,16 +163,6 @@ def drop_harmful(
     return replace(explanation, search=judged)
 
 
-def without_findings(
-    explanation: Explanation, dropped: Sequence[ScoredEffect]
-) -> Explanation:
-    """Return an explanation without some findings, with the others judged again."""
-    remaining = [t for t in explanation.search.terms if t not in dropped]
-    return explain(
-        explanation.search, explanation.first, explanation.constants, remaining
-    )
-
-
 @dataclass(frozen=True)
 class Ladder:
     """Errors on data left out, with one finding after the other."""

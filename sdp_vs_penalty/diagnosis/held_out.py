@@ -301,7 +301,8 @@ class HeldOut:
         The recordings are those of the test run or, without one, the searched ones, of
         which all folds are taken together. The effects are judged together, against the
         errors without any effect: for the error that has risen by most, the effect is
-        dropped without which it is lowest, unless another error would then rise by more.
+        dropped without which it is lowest, unless another joint's error on the same
+        recording would then rise by more.
         Each effect may raise errors that others lower by more: beside them even true
         effects do.
 
@@ -331,7 +332,7 @@ class HeldOut:
                 break
             without = {k: errors(_without(accepted, k)) for k in accepted}
             worst = min(accepted, key=lambda k: float(without[k][place]))
-            if error_ratios(now, without[worst]).max() > rise[place]:
+            if error_ratios(now, without[worst])[place[0]].max() > rise[place]:
                 is_paid_for[place] = True
             else:
                 accepted.remove(worst)

@@ -23,7 +23,6 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, LAW_TOLERANCE
 from sdp_vs_penalty.diagnosis.library import Nuisance
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, Term, WhiteFit
-from sdp_vs_penalty.diagnosis.rules import Rules
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, free_constants
@@ -92,19 +91,16 @@ class Nuisances:
     These are errors of effects' laws.
     """
 
-    def __init__(self, data: WhiteData, bare: WhiteFit, rules: Rules) -> None:
+    def __init__(self, data: WhiteData, bare: WhiteFit) -> None:
         """Prepare the nuisances of a search.
 
         Parameters
         ----------
         bare
             The fit of the model alone.
-        rules
-            Which kinds of nuisances apply.
         """
         self.data = data
         self.bare = bare
-        self.rules = rules
         self._misfits: dict[str, list[tuple[int, Array, Array]]] = {}
 
     def with_law_misfits(self, terms: Sequence[ScoredEffect]) -> list[Term]:
@@ -128,7 +124,7 @@ class Nuisances:
         the column's squares, its standard deviation is sqrt(E / S). The list is empty
         for a re-estimated shape constant of the model.
         """
-        if term.form.replaces_own_constant or not self.rules.law_misfits:
+        if term.form.replaces_own_constant:
             return []
         if term.text not in self._misfits:
             columns = law_misfit_columns(self.data, term.form.effect, term.beta)

@@ -14,7 +14,6 @@ from sdp_vs_penalty.diagnosis.library import Candidate, Key, Library, may_join
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit, margin
 from sdp_vs_penalty.diagnosis.nuisances import Nuisances
 from sdp_vs_penalty.diagnosis.refine import Judge, refine_constants
-from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
@@ -22,10 +21,7 @@ from sdp_vs_penalty.robot.arrays import Array
 
 
 def search(
-    data: WhiteData,
-    library: Library,
-    rules: Rules = ALL_RULES,
-    progress: Progress = no_progress,
+    data: WhiteData, library: Library, progress: Progress = no_progress
 ) -> Search:
     """Find the effects that a model lacks, by forward selection with exchange and
     dropping.
@@ -43,8 +39,6 @@ def search(
         The log's rows in units of their noise, and the model's own columns on them.
     library
         All candidates: every effect on every joint, at a grid of shape constants.
-    rules
-        Which optional rules of the search apply.
     progress
         Is called with a short text whenever an effect is added.
 
@@ -54,7 +48,7 @@ def search(
         The finished search: its ``terms`` are the effects found, its ``fit`` is the fit
         of the model with them.
     """
-    out = Search(data, library, rules)
+    out = Search(data, library)
     out.run(progress)
     return out
 
@@ -69,11 +63,7 @@ class Search:
     """
 
     def __init__(
-        self,
-        data: WhiteData,
-        library: Library,
-        rules: Rules = ALL_RULES,
-        like: Search | None = None,
+        self, data: WhiteData, library: Library, like: Search | None = None
     ) -> None:
         """Prepare a search that has chosen no effect yet.
 
@@ -81,20 +71,16 @@ class Search:
         ----------
         data
             The log's rows in units of their noise, with the model's columns on them.
-        rules
-            Which optional rules of the search apply.
         like
             An earlier search with another model. If its white rows are equal, its
             orthonormal basis of the model's columns is used again.
         """
         self.data = data
         self.library = library
-        self.rules = rules
         self.score: EvidenceScorer = EvidenceScorer(
             data,
             len(library.laws),
             library.laws,
-            rules,
             like=None if like is None else like.score,
         )
         # White columns by the effect's text: those that depend on the model, and those
@@ -117,7 +103,7 @@ class Search:
         self.in_reference = set[Key]()
         self.bare = self.score.fit(())
         self.fit = self.bare
-        self.nuisances = Nuisances(data, self.bare, rules)
+        self.nuisances = Nuisances(data, self.bare)
 
     @property
     def criterion(self) -> float:
@@ -328,8 +314,7 @@ class Search:
         evidence: laws of friction are no more accurate. All evidences use the best
         one's estimate of how many correlated rows count as one; otherwise the errors of
         these estimates would decide. Left out is a candidate that refines another one
-        of these (presliding friction refines Coulomb friction, say), and one that makes
-        more torque than was measured where another one does not.
+        of these (presliding friction refines Coulomb friction, say).
 
         Parameters
         ----------
@@ -339,39 +324,20 @@ class Search:
         Returns
         -------
         ScoredEffect or None
-            The simplest one; the best one if the rule ``simplest`` is switched off;
-            None if there are no candidates.
+            The simplest one; None if there are no candidates.
         """
         if not ranked:
             return None
         best = ranked[0]
-        if not self.rules.simplest:
-            return best
         least = best.evidence - margin(best.evidence)
         tied = [t for t in ranked if t.evidence_with_worth_of(best) > least]
-        possible = [t for t in tied if not self.is_impossible(t)] or tied
-        unrefined = [
-            t for t in possible if not any(t.form.refines(u.form) for u in possible)
-        ]
+        unrefined = [t for t in tied if not any(t.form.refines(u.form) for u in tied)]
 
         def rank(t: ScoredEffect) -> tuple[tuple[int, int, bool], float]:
             """Return the sorting key: the simplest first, then the highest evidence."""
             return simplicity(t.form), -t.evidence_with_worth_of(best)
 
         return min(unrefined, key=rank)
-
-    def is_impossible(self, term: ScoredEffect) -> bool:
-        """Return whether no machine has the effect with this size.
-
-        It contradicts its shape constants, or makes more torque on a joint than was
-        measured there (sums of squares of white torque). The latter would need another
-        effect of about its size against it.
-        """
-        makes_too_much = any(
-            np.sum((z @ term.beta) ** 2) > np.sum(self.data.y[joint] ** 2)
-            for joint, z in term.columns.items()
-        )
-        return makes_too_much or self.contradicts_itself(term)
 
     def contradicts_itself(self, term: ScoredEffect) -> bool:
         """Return whether no model may hold an effect with these parameters.
@@ -575,8 +541,7 @@ class Search:
 
         With the margin m = 10 + 4 % of the effect's evidence J, the candidate's J' has
         to exceed J + m. It only has to exceed J - m if it is simpler than the effect,
-        if the effect refines it (presliding friction refines Coulomb friction, say), or
-        if the effect alone makes more torque than was measured.
+        or if the effect refines it (presliding friction refines Coulomb friction, say).
 
         Parameters
         ----------
@@ -602,10 +567,7 @@ class Search:
         is_better = J + m < J_other
         is_as_good = J - m < J_other
         is_preferred = is_simpler or term.form.refines(other.form)
-        if is_as_good and self.is_impossible(term) != self.is_impossible(other):
-            is_preferred = self.is_impossible(term)
-        replaces = is_better or (is_as_good and is_preferred)
-        if replaces and self.rules.exchange:
+        if is_better or (is_as_good and is_preferred):
             return self._with_candidate_if_it_stays(other, others)
         return None
 

@@ -737,12 +737,6 @@ class Effect(ABC):
         """
         return False
 
-    @property
-    def of_single_joints(self) -> Effect | None:
-        """The effect by which each joint, all by itself, makes a similar torque; None
-        where the joints of this effect do not share it."""
-        return None
-
     def resembles_over(self, coverage: JointCoverage) -> tuple[str, ...]:
         """Return the names of effects with nearly this one's torque over what a joint
         covered; by default those on any motion (:attr:`resembles`).

@@ -783,33 +783,6 @@ class JointResonance(LinkDeviation):
         return np.asarray(scipy.linalg.solve_banded((2, 0), bands, right_side))
 
 
-class _SwingBothWays(JointResonance):
-    """A resonance without a direction in time: half of the swing comes before its cause.
-
-    Let G(w) be the response of the resonance at the angular frequency w. This one's is
-    its real part, (G(w) + G(-w)) / 2: the amplitude in phase, and none in quadrature.
-    """
-
-    def lag(
-        self, torque: Array, step: float, compliance: float, slopes: Sequence[Array]
-    ) -> Array:
-        """Compute the mean (N,) [rad, m] of the lag in the log as it is and in the log
-        played backwards, where velocities have the other sign."""
-        by_q, by_dq, by_ddq = slopes
-        backwards = by_q[::-1], -by_dq[::-1], by_ddq[::-1]
-        after = super().lag(torque, step, compliance, slopes)
-        before = super().lag(torque[::-1], step, compliance, backwards)
-        return (after + before[::-1]) / 2.0
-
-
-def swing_both_ways(effect: Effect) -> Effect | None:
-    """Return the effect without a direction in time, where it is a link that swings
-    after it is pushed; None for all other effects."""
-    if not isinstance(effect, JointResonance):
-        return None
-    return _SwingBothWays(effect.robot, effect.joints, **effect.shape)
-
-
 def _moved(motion: Motion, x: Array, slopes: Sequence[Array]) -> Array:
     """Return the change (N, n) of all joints' torque where the link of one joint is
     displaced by x (N,) [rad, m].

@@ -12,7 +12,6 @@ from sdp_vs_penalty.effects.bristles import (
     dahl,
 )
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.links import RotorInertia
 from sdp_vs_penalty.effects.partner import WithPartner, neighbours
 from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.effects.velocity_friction import StribeckFriction
@@ -292,17 +291,6 @@ class TransmissionFriction(StatefulEffect):
             if c
         ]
         return "".join(terms).removeprefix("+")
-
-    @property
-    def of_single_joints(self) -> Effect | None:
-        """The rotors' inertia of the joints, for law = inertia; None for other laws.
-
-        Two motors along q1 + q2 and q1 - q2 of one inertia I make (2 I ddq1, 2 I ddq2):
-        what two rotors make that no joints share.
-        """
-        if self.law != "inertia":
-            return None
-        return RotorInertia(self.robot, self.joints)
 
     @property
     def bristles(self) -> Bristles:

@@ -13,24 +13,14 @@ import pytest
 from point_mass_arm import MASSES, PointMassArm, causal_filter, delayed
 
 from sdp_vs_penalty import Problem, diagnose, identify
-from sdp_vs_penalty.diagnosis import Diagnosis, Finding, confidence
+from sdp_vs_penalty.diagnosis import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.conclude import describe_finding
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.equivalence import (
-    _explains_the_same,
-    _rivals_of_single_joints,
-)
-from sdp_vs_penalty.diagnosis.library import Candidate, Library
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
-from sdp_vs_penalty.diagnosis.search import Search, search
+from sdp_vs_penalty.diagnosis.search import search
 from sdp_vs_penalty.diagnosis.sizes import Size, TorqueMade
-from sdp_vs_penalty.effects import (
-    JointResonance,
-    JointSpring,
-    TorqueFilter,
-    TransmissionFriction,
-)
+from sdp_vs_penalty.effects import JointResonance, JointSpring, TorqueFilter
 from sdp_vs_penalty.robot.inertia import link_sizes
 
 EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
@@ -186,21 +176,6 @@ def test_a_torque_may_be_certain_and_its_name_or_size_not(reasons, certain):
     assert doubted.torque_is_certain == certain
 
 
-@pytest.mark.parametrize(("left_beside_rival", "same"), [(0.5, True), (100.0, False)])
-def test_a_rival_on_another_joint_explains_the_same_torque(left_beside_rival, same):
-    """And not as much torque of its own joint."""
-    term = SimpleNamespace(form=None, columns=None)
-    group = SimpleNamespace(terms=[term], others=[], fit=None, deviance_margin=10.0)
-    search = SimpleNamespace(
-        nuisances=SimpleNamespace(with_law_misfits=list),
-        score=SimpleNamespace(
-            fit=lambda terms, near: None,
-            evidence_of=lambda *_: SimpleNamespace(drop=left_beside_rival),
-        ),
-    )
-    assert _explains_the_same(search, group, object()) == same
-
-
 @pytest.mark.long
 def test_a_spring_that_stiffens_is_no_linear_one(problem):
     found = diagnosed(problem, pulled(lambda q: q**3 * [3.0, 0.0, 0.0]))
@@ -254,26 +229,6 @@ def test_a_swing_that_is_damped_strongly_may_be_play(problem):
 
 
 @pytest.mark.parametrize(
-    ("zeta", "further_doubts", "is_dropped"),
-    [
-        (0.28, set(), False),
-        (0.28, {"not_held_out"}, True),
-        (0.28, {"insignificant"}, True),
-        (0.03, {"not_held_out"}, False),
-    ],
-)
-def test_a_stand_in_needs_that_nothing_else_speaks_against_it(
-    problem, monkeypatch, zeta, further_doubts, is_dropped
-):
-    effect = JointResonance(problem.robot, [0], f=2.0, zeta=zeta)
-    finding = SimpleNamespace(effect=effect, term=SimpleNamespace(rivals=()))
-    reasons = {"stand_in", "looks_like", "rivals"} | further_doubts
-    doubts = tuple(map(Doubt, reasons))
-    monkeypatch.setattr(confidence, "reasons_for_doubt", lambda x: doubts)
-    assert confidence.is_unproven_stand_in(finding) == is_dropped
-
-
-@pytest.mark.parametrize(
     ("errors", "is_said"), [([[1.0], [0.5]], True), ([[1.0], [1.0]], False)]
 )
 def test_a_finding_says_that_it_helps_only_beside_those_after_it(
@@ -306,7 +261,10 @@ def test_an_effect_that_contradicts_itself_is_not_found(problem, monkeypatch):
     model = identify(problem, run, "ols", effects=EFFECTS, check=False)
     runs = DiagnosisRuns(model, run, None)
     data = runs.white_data
-    springs = runs.candidates.only(lambda x: x.effect.name == "joint_spring", data)
+    batches = [
+        b for b in runs.candidates.batches if b.forms[0].effect.name == "joint_spring"
+    ]
+    springs = replace(runs.candidates, batches=tuple(batches))
     spring = "joint_spring", 0
     assert {t.key for t in search(data, springs).terms} == {spring}
     monkeypatch.setattr(JointSpring, "contradicts_itself", lambda *_: True)
@@ -316,43 +274,3 @@ def test_an_effect_that_contradicts_itself_is_not_found(problem, monkeypatch):
     found = {t.key for t in search(data, runs.candidates).terms}
     assert found
     assert spring not in found
-
-
-def shared_inertia(problem: Problem, ratio: float) -> TransmissionFriction:
-    """The inertia of a motor that turns along q2 + ratio q3."""
-    return TransmissionFriction(problem.robot, [1, 2], law=5.0, c2=1.0, c3=ratio)
-
-
-@pytest.mark.parametrize(
-    ("inertias", "is_open"), [((0.5, 0.5), True), ((0.5, 0.1), False)]
-)
-def test_two_shared_motors_whose_coupling_cancels_are_two_rotors(
-    problem, inertias, is_open
-):
-    """Motors along q2 + q3 and q2 - q3 of inertias a and b make a torque of (a - b) times
-    the other joint's acceleration; each joint's own rotor makes none."""
-    run = PointMassArm().run(1)
-    model = identify(problem, run, "ols", effects=EFFECTS, check=False)
-    data = DiagnosisRuns(model, run, None, frozen=True).white_data
-    motors = [shared_inertia(problem, ratio) for ratio in (1.0, -1.0)]
-    torque = np.array(data.y)
-    for motor, size in zip(motors, inertias, strict=True):
-        for joint, column in data.columns(motor).items():
-            torque[joint] += size * column[:, 0]
-    found = Search(replace(data, y=torque), Library())
-    for motor in motors:
-        form = Candidate(("transmission_friction", 1), motor)
-        found.terms.append(found.evidence_of(found.bare, form))
-    full = found.score.fit(found.terms)
-    rivals = _rivals_of_single_joints(found, full)
-    texts = [rival.text for _, rival in rivals]
-    assert texts == ["rotor_inertia:2+3"] * is_open
-
-
-def test_friction_of_a_shared_motor_is_not_that_of_single_joints(problem):
-    """Its sign is that of a combination of velocities."""
-    dry = TransmissionFriction(problem.robot, [1, 2], law=2.0)
-    assert dry.of_single_joints is None
-    own = shared_inertia(problem, -1.0).of_single_joints
-    assert own is not None
-    assert own.text == "rotor_inertia:2+3"

@@ -163,10 +163,12 @@ def test_what_helps_on_another_split_of_the_motion_stays(elsewhere, kept):
 @pytest.mark.parametrize(
     ("rule", "floor", "kept"),
     [
-        # What raises one joint's error is repaid on no other.
+        # What raises one joint's error, and no other effect repays it.
         (lambda c: [1.0 - 0.7 * (0 in c), 1.0 + 0.06 * (1 in c)], 0.0, [0]),
         (lambda c: [1.0 - 0.7 * (0 in c), 1.0 + 0.04 * (1 in c)], 0.0, [0, 1]),
-        # Nor is that of one recording in another, or of the rows fitted to.
+        # It is repaid by what the same effect does to another joint,
+        (lambda c: [1.0 - 0.7 * (1 in c), 1.0 + 0.06 * (1 in c)], 0.0, [0, 1]),
+        # but not in another recording, or in the rows fitted to.
         (lambda c: [[1.0 - 0.7 * (0 in c)], [1.0 + 0.06 * (0 in c)]], 0.0, [1]),
         # Each by itself lowers what both together raise.
         (lambda c: [1.0 + 0.2 * bool(c) - 0.02 * len(c)], 0.0, []),

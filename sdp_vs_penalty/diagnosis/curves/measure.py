@@ -260,8 +260,6 @@ def _best_curve(
     if best is None:
         return None
     J, law = measuring.recognise(best)
-    if law is not None and not search.rules.curve_laws:
-        return best.J, best, None
     return max(best.J, J), best, law
 
 
@@ -300,11 +298,10 @@ class _Measuring:
         # Gain of the joint's torque channel, through which a curve's torque is logged.
         self.gain = 1.0 if data.rows.gains is None else data.rows.gains[joint]
         effects = [*data.estimate.model.effects, *(t.form.effect for t in terms)]
-        most_axes = 2 if search.rules.curves_of_two else 1
         self.bases = list[Basis]()
         for chosen in self._new_variables(effects):
             basis = variables.basis(chosen)  # None: a variable does not change
-            if basis is not None and len(basis.axes) <= most_axes:
+            if basis is not None:
                 self.bases.append(basis)
 
     def _new_variables(self, effects: Sequence[Effect]) -> list[tuple[Variable, ...]]:
