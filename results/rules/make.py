@@ -30,7 +30,6 @@ from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 #: By its name the place of a part in `sdp_vs_penalty.diagnosis` (module, class, function)
 #: and what stands there without it.
 PARTS: dict[str, tuple[str, str, str, Callable[..., Any]]] = {
-    "exchange": ("search", "Search", "exchange_one", lambda *_: None),
     "simplest": ("search", "Search", "simplest", lambda _, x: x[0] if x else None),
     "contradictions": ("search", "Search", "_bar_contradictions", lambda _: False),
     "law misfits": ("nuisances", "Nuisances", "with_law_misfits", lambda _, x: [*x]),

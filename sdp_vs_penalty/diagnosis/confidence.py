@@ -15,7 +15,6 @@ from sdp_vs_penalty.diagnosis.constants import (
     ABSORBED,
     EVIDENCE_TO_ADD,
     HELD_TRAVEL,
-    IMPLAUSIBLE_SIGMAS,
     SERIES,
 )
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
@@ -24,15 +23,7 @@ from sdp_vs_penalty.diagnosis.findings import Invisible
 from sdp_vs_penalty.diagnosis.held_out import harm, lowers
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.sizes import (
-    Size,
-    beside_offsets,
-    is_insignificant,
-    is_uncertain,
-    joints_with_offset,
-    size_of,
-)
-from sdp_vs_penalty.diagnosis.white_rows import spread_columns
+from sdp_vs_penalty.diagnosis.sizes import Size, is_insignificant, is_uncertain, size_of
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -121,29 +112,6 @@ def _is_clear_elsewhere(x: Judged) -> bool:
     return bool(np.any(after <= (1.0 - _CLEAR_ELSEWHERE) * before))
 
 
-def _is_implausible(x: Judged) -> bool:
-    """Return whether a finding's size is impossible or far above the plausible one.
-
-    It is impossible if the mean square of the finding's torque, beside what the model's
-    offsets take in, exceeds that of the measured torque on a joint. It is far above if
-    the RMS of the parameters is more than three (IMPLAUSIBLE_SIGMAS) of the standard
-    deviations that the effect declares.
-    """
-    rows = x.search.data.rows
-    beta = x.size.beta
-    columns = spread_columns(rows, x.effect)
-    offsets = joints_with_offset(x.search.data)
-    torque = beside_offsets(columns, x.effect, offsets) @ beta  # (n joints, M rows)
-    mean_square = np.mean(torque**2, axis=1)
-    if np.any(mean_square > np.mean(rows.torque**2, axis=0)):
-        return True
-    plausible = x.effect.plausible
-    if plausible is None:
-        return False
-    sigmas = np.sqrt(np.mean((beta / plausible) ** 2))
-    return bool(sigmas > IMPLAUSIBLE_SIGMAS)
-
-
 def _is_held(x: Judged) -> bool:
     """Return whether all joints of a finding are held still in all runs.
 
@@ -181,7 +149,6 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "small_here": lambda x: _is_small(x) and _is_clear_elsewhere(x),
     "not_held_out": lambda x: not lowers(*x.errors[:, x.joints]),
     "raises": lambda x: harm(*x.errors[:, x.joints]) > 0.0,
-    "implausible": _is_implausible,
     "held": _is_held,
     "looks_like": lambda x: bool(x.looks_like),
     "stand_in": lambda x: x.effect.is_stand_in,
@@ -194,7 +161,7 @@ def reasons_for_doubt(x: Judged) -> tuple[Doubt, ...]:
     """List the reasons to doubt a finding; a finding without any is confident.
 
     Reasons about the finding itself: another effect fits as well; its size is
-    uncertain, not different from zero, or not plausible; its joint is held still; its
+    uncertain, or not different from zero; its joint is held still; its
     evidence is small; it lowers no joint's error on data left out, or raises these
     errors of its joints more than it lowers them. Reasons about its surroundings:
     another cause would look like it; a measured curve fits better.

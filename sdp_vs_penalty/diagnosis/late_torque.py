@@ -130,19 +130,19 @@ def beside_model(
     Search
         Its rows and columns belong to the other model. Columns that are computed from a
         torque (those of a delay) are computed from that of the model and of the
-        findings in ``in_reference``.
+        findings whose columns need none.
     """
     data = search.data
     parameters = thetas or [t.beta for t in search.terms]
     pairs = list(zip(search.terms, parameters, strict=True))
     # Torque that effects compute from torque (a delay) is no part of the reference.
-    in_reference = [(t, b) for t, b in pairs if not t.form.effect.needs_torque]
-    effects_in_reference = [(t.form.effect, b) for t, b in in_reference]
-    rows = with_estimate(data.rows, estimate, effects_in_reference)
+    in_reference = [
+        (t.form.effect, b) for t, b in pairs if not t.form.effect.needs_torque
+    ]
+    rows = with_estimate(data.rows, estimate, in_reference)
     data = whiten_with_noise(rows, data.noise, estimate, data.frozen, like=data)
     out = Search(data, search.library, like=search)
-    out.in_reference = {t.key for t, _ in in_reference}
-    out.take_attempts_of(search)
+    out.barred = {*search.barred}
     out.terms = [replace(t, columns=out.columns(t.form)) for t in search.terms]
     out.fit = out.score.fit(out.terms)
     return out

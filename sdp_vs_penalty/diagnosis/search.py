@@ -1,4 +1,4 @@
-"""The search: effects are added, exchanged and dropped while the score says so."""
+"""The search: effects are added and dropped while the score says so."""
 
 from __future__ import annotations
 
@@ -23,15 +23,13 @@ from sdp_vs_penalty.robot.arrays import Array
 def search(
     data: WhiteData, library: Library, progress: Progress = no_progress
 ) -> Search:
-    """Find the effects that a model lacks, by forward selection with exchange and
-    dropping.
+    """Find the effects that a model lacks, by forward selection with dropping.
 
     The evidence J of an effect is twice the logarithm of the odds that it acts. In each
     step the simplest of the best candidates with J > 10 (odds of 150 to 1; Kass,
     Raftery 1995) is added: candidates within 6 (odds of 20 to 1) plus 4 % of the best
-    one's J tie, and the one with fewest constants and joints is taken. Where nothing
-    can be added, one effect is exchanged for another that is simpler or likelier.
-    Effects that fall to J <= 10 beside the others are dropped.
+    one's J tie, and the one with fewest constants and joints is taken. Effects that
+    fall to J <= 10 beside the others are dropped.
 
     Parameters
     ----------
@@ -89,18 +87,12 @@ class Search:
         self._columns_of_motion = dict[str, dict[int, Array]]()
         if like is not None and like._has_columns_of_motion(data):
             self._columns_of_motion = like._columns_of_motion
-        #: By a chosen effect's key: the effects on its joints when no exchange was
-        #: found for it.
-        self._not_exchanged = dict[Key, frozenset[str]]()
         self.terms: list[ScoredEffect] = []
         #: Candidates that were added once and did not keep enough evidence.
         self.refused = set[Key]()
         #: Effects that were found with a size that contradicts their constants: they
         #: stand in for another effect.
         self.barred = set[Key]()
-        #: Effects found whose torque is contained in the torque from which the columns
-        #: of gains and delays are computed.
-        self.in_reference = set[Key]()
         self.bare = self.score.fit(())
         self.fit = self.bare
         self.nuisances = Nuisances(data, self.bare)
@@ -131,26 +123,6 @@ class Search:
         """
         own = self.data.estimate.model.sign_width
         return self.data.noise is data.noise and own == data.estimate.model.sign_width
-
-    def take_attempts_of(self, other: Search) -> None:
-        """Take over what another search has found to lead nowhere.
-
-        These are the barred effects, and the chosen effects for which no exchange was
-        found. The latter are tried again only after the effects on their joints have
-        changed. Left out of them are effects whose columns depend on the model, which
-        the searches do not share; so do columns with a sign if the widths of the signs
-        differ.
-        """
-        self.barred |= other.barred
-        shares_signs = other._has_columns_of_motion(self.data)
-        depends_on_model = {
-            t.key
-            for t in other.terms
-            if depends(t.form.effect) or not (shares_signs or t.form.effect.signless)
-        }
-        for key, attempt in other._not_exchanged.items():
-            if key not in depends_on_model:
-                self._not_exchanged[key] = attempt
 
     # What a candidate is worth.
 
@@ -213,11 +185,7 @@ class Search:
     # Which candidates there are beside a fit.
 
     def top_candidates(
-        self,
-        fit: WhiteFit,
-        terms: Sequence[ScoredEffect],
-        on: frozenset[int] | None = None,
-        beyond: float = 0.0,
+        self, fit: WhiteFit, terms: Sequence[ScoredEffect]
     ) -> list[ScoredEffect]:
         """List the most promising candidates to add to a fit, the best first.
 
@@ -231,20 +199,14 @@ class Search:
             The fit to which the candidates are added.
         terms
             The effects chosen already; they are no candidates again.
-        on
-            Joints (from 0): only candidates that act on some of them. Default: on any
-            joint.
-        beyond
-            The evidence that a candidate has to reach to be of use, such as that of the
-            effect it may replace. Candidates with less than half of it are not refined.
         """
         chosen_forms = [t.form for t in terms]
-        screened = self._screened(fit, chosen_forms, on)
+        screened = self._screened(fit, chosen_forms)
         top = max((t.evidence for t in screened), default=0.0)
         # The threshold is low, since refining may raise the evidence much: a friction
         # width (say) far from the grid's values explains little there, and nearly all
         # where it is right.
-        threshold = 0.5 * max(top, beyond) - 3.0 * EVIDENCE_TO_ADD
+        threshold = 0.5 * top - 3.0 * EVIDENCE_TO_ADD
         promising = [
             t
             for t in screened
@@ -255,7 +217,7 @@ class Search:
         return _best_law_of_each_candidate(ranked)
 
     def _screened(
-        self, fit: WhiteFit, picked: Sequence[Candidate], on: frozenset[int] | None
+        self, fit: WhiteFit, picked: Sequence[Candidate]
     ) -> list[ScoredEffect]:
         """Score the candidates that explain most, each law at its best grid point.
 
@@ -269,22 +231,15 @@ class Search:
             The fit to which candidates are added.
         picked
             The effects that it holds already.
-        on
-            Joints (from 0) on which a replacement is looked for. None: on any joint,
-            without the candidates that were refused once.
         """
         # By law: cheap score, candidate at its best grid point, and white columns.
         best = dict[Hashable, tuple[float, Candidate, dict[int, Array]]]()
         for batch in self.library.batches:
-            if on is not None and on.isdisjoint(batch.joints):
-                continue
             scores = self.score.screened(fit, batch)
             is_allowed = may_join(batch.forms, picked, self.data.estimate.model)
             for f in np.flatnonzero(scores > 0.0).tolist():
                 form = batch.forms[f]
-                is_refused = on is None and form.key in self.refused
-                is_barred = form.key in self.barred
-                if is_refused or is_barred or not is_allowed[f]:
+                if form.key in self.refused | self.barred or not is_allowed[f]:
                     continue
                 score = float(scores[f])
                 law = form.discrete_choice
@@ -354,38 +309,31 @@ class Search:
     # The steps.
 
     def run(self, progress: Progress = no_progress) -> list[ScoredEffect]:
-        """Add, exchange and drop effects until nothing changes; return the effects.
+        """Add and drop effects until nothing changes; return the effects.
 
         In each step the best candidate is added, and effects that have become weak are
-        dropped. If no candidate can be added, one effect is exchanged for a better one.
-        The search also ends when an exchange leads back to a set of effects that it has
-        had before. A candidate that is dropped as soon as it is added, or that leads
-        back to such a set, is refused from then on. Effects that contradict themselves
-        at the end are barred, and the search goes on without them.
+        dropped. A candidate that is dropped as soon as it is added, or that leads back
+        to a set of effects that the search has had before, is refused from then on.
+        Effects that contradict themselves at the end are barred, and the search goes on
+        without them.
         """
         known_sets = set[tuple[str, ...]]()
-        # Each candidate is added, exchanged and dropped once at most: three steps each.
+        # Each candidate is added and dropped once at most.
         for _ in range(3 * len(self.library.laws)):
             addition = self.best_addition()
             if addition is None:
-                after = self.exchange_one(self.terms)
-            else:
-                progress(f"{len(self.terms) + 1}: {addition.text}")
-                after = self.drop_weak([*self.terms, addition])
-            if after is None and self._bar_contradictions():
-                continue
-            if after is None:
-                break
-            keys_after = tuple(sorted(str(t.key) for t in after))
-            is_known = keys_after in known_sets
-            if addition is not None:
-                stays = addition.key in {t.key for t in after}
-                if is_known or not stays:
-                    self.refused.add(addition.key)
+                self.terms = self.beside_each_other()
+                if self._bar_contradictions():
                     continue
-            self.terms = after
-            if is_known:
                 break
+            progress(f"{len(self.terms) + 1}: {addition.text}")
+            after = self.drop_weak([*self.terms, addition])
+            keys_after = tuple(sorted(str(t.key) for t in after))
+            stays = addition.key in {t.key for t in after}
+            if keys_after in known_sets or not stays:
+                self.refused.add(addition.key)
+                continue
+            self.terms = after
             known_sets.add(keys_after)
         self.fit = self.score.fit(self.terms)
         return self.terms
@@ -484,117 +432,12 @@ class Search:
             self.beside(term, [*others, *group[:i]]) for i, term in enumerate(group)
         ]
 
-    def exchange_one(self, terms: Sequence[ScoredEffect]) -> list[ScoredEffect] | None:
-        """Exchange one chosen effect for a better or simpler one.
-
-        The effects ``terms`` are tried in order, and the first exchange that succeeds
-        ends the step. One for which no exchange was found is tried again only after the
-        effects on its joints have changed.
-
-        Returns
-        -------
-        list of ScoredEffect or None
-            The effects after the exchange, or None if none is better. ``self.terms``
-            are then the same effects, judged beside each other.
-        """
-        judged_terms = []
-        for term in terms:
-            others = [t for t in terms if t is not term]
-            fit = self.score.fit(self.nuisances.with_law_misfits(others), self.fit)
-            judged = self.score.evidence_of(fit, term.form, term.columns)
-            on_its_joints = frozenset(t.text for t in terms if t.joints & term.joints)
-            if self._not_exchanged.get(term.key) != on_its_joints:
-                candidates = self._candidates_to_replace(judged, others, fit)
-                exchanged = self._exchange(judged, candidates, others)
-                if exchanged is not None:
-                    return exchanged
-                self._not_exchanged[term.key] = on_its_joints
-            judged_terms.append(judged)
-        self.terms = judged_terms
-        return None
-
-    def _candidates_to_replace(
-        self, term: ScoredEffect, others: Sequence[ScoredEffect], fit: WhiteFit
-    ) -> list[ScoredEffect]:
-        """List the candidates that may replace the effect ``term``, the best first.
-
-        They act on one of its joints, and are added to ``fit``, which holds the
-        ``others`` alone. Shape constants of candidates whose evidence is far below the
-        effect's are not refined.
-        """
-        candidates = self.top_candidates(
-            fit, others, on=term.joints, beyond=term.evidence
-        )
-        if term.key in self.in_reference:
-            # The columns of effects that need the torque (a gain, a delay) hold the
-            # effect's torque: there they would explain it by itself.
-            candidates = [t for t in candidates if not t.form.effect.needs_torque]
-        return candidates
-
-    def _exchange(
-        self,
-        term: ScoredEffect,
-        candidates: Sequence[ScoredEffect],
-        others: Sequence[ScoredEffect],
-    ) -> list[ScoredEffect] | None:
-        """Replace the effect ``term`` by a candidate if one is better or simpler.
-
-        With the margin m = 10 + 4 % of the effect's evidence J, the candidate's J' has
-        to exceed J + m. It only has to exceed J - m if it is simpler than the effect,
-        or if the effect refines it (presliding friction refines Coulomb friction, say).
-
-        Parameters
-        ----------
-        term
-            The effect that may be replaced.
-        candidates
-            The scored candidates, the best first.
-
-        Returns
-        -------
-        list of ScoredEffect or None
-            ``others`` with the candidate; None if the effect stays.
-        """
-        other = self._best_replacement(term, candidates)
-        if other is None:
-            return None
-        J = term.evidence
-        J_other = other.evidence_with_worth_of(term)
-        m = margin(J, EVIDENCE_TO_ADD)
-        rank = simplicity(term.form), -J
-        rank_of_other = simplicity(other.form), -J_other
-        is_simpler = not other.form.refines(term.form) and rank_of_other < rank
-        is_better = J + m < J_other
-        is_as_good = J - m < J_other
-        is_preferred = is_simpler or term.form.refines(other.form)
-        if is_better or (is_as_good and is_preferred):
-            return self._with_candidate_if_it_stays(other, others)
-        return None
-
-    def _best_replacement(
-        self, term: ScoredEffect, candidates: Sequence[ScoredEffect]
-    ) -> ScoredEffect | None:
-        """Return the simplest of the best candidates to replace an effect, or None.
-
-        It is None if no candidate has J > EVIDENCE_TO_ADD, or if the simplest one is
-        the effect itself with other shape constants.
-        """
-        convincing = [t for t in candidates if t.evidence > EVIDENCE_TO_ADD]
-        replacement = self.simplest(convincing)
-        if replacement is None or replacement.key == term.key:
-            return None
-        return replacement
-
-    def _with_candidate_if_it_stays(
-        self, other: ScoredEffect, others: Sequence[ScoredEffect]
-    ) -> list[ScoredEffect] | None:
-        """Return ``others`` with the effect ``other``, or None if that is dropped again.
-
-        :meth:`drop_weak` judges it beside them: it may lose its evidence there.
-        """
-        after = self.drop_weak([*others, other])
-        stays = any(t.key == other.key for t in after)
-        return after if stays else None
+    def beside_each_other(self) -> list[ScoredEffect]:
+        """Return the chosen effects, each judged beside all others."""
+        return [
+            self.beside(term, [t for t in self.terms if t is not term])
+            for term in self.terms
+        ]
 
     def drop_disfavoured(self, terms: Sequence[ScoredEffect]) -> Search:
         """Return a copy of the search with those of ``terms`` that the rows support.

@@ -256,19 +256,17 @@ def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(search):
 def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(
     search, monkeypatch
 ):
-    """And the search goes on to exchange them."""
-    asked = []
     first, *_, last = terms(search)
     stays, goes = replace(first, drop=1e6), replace(last, drop=1e6)
-    found = {
+    steps = {
         "top_candidates": lambda *_: [] if search.refused else [goes],
-        "exchange_one": asked.append,
+        "beside_each_other": lambda: search.terms,
+        "drop_weak": lambda _: [],
     }
-    for name, step in {**found, "drop_weak": lambda _: []}.items():
+    for name, step in steps.items():
         monkeypatch.setattr(search, name, step)
     search.terms = [stays]
     assert search.run() == [stays]
-    assert asked == [[stays]]
     assert search.refused == {goes.key}
 
 
@@ -282,18 +280,6 @@ def test_squared_errors_from_products_are_those_of_the_rows(search):
     np.testing.assert_allclose(
         products.rss_with(beta, products.squares_with(beta)), of_rows, rtol=1e-6
     )
-
-
-@pytest.mark.parametrize("stays", [False, True])
-def test_a_term_gives_way_only_to_one_that_stays(search, monkeypatch, stays):
-    """The other one had left beside what is tolerated of a mounting, and the term with
-    it."""
-    first, *_, last = terms(search)
-    here, other = replace(first, drop=1e5), replace(last, drop=1e6)
-    monkeypatch.setattr(search, "score_jointly", lambda group, _: group)
-    monkeypatch.setattr(search, "top_candidates", lambda *_, **__: [other])
-    monkeypatch.setattr(search, "drop_weak", lambda _: [other] if stays else [])
-    assert search.exchange_one([here]) == ([other] if stays else None)
 
 
 def test_parameters_beyond_those_of_any_model_contradict_themselves(search):
