@@ -194,10 +194,9 @@ class LoggerJudge:
                     issue = replace(issue, changes=(cut,))
                     issues.append(graded(issue, verdict, [claim]))
                 continue
-            repair = repair_of(claim, log.as_logged)
+            repair = repair_of(claim)
             if part.after is None:
-                name = self.reports[number].run
-                issue = issue_of_difference(log, claim, name, repair)
+                issue = issue_of_difference(log, claim, self.reports[number].run)
                 issues.append(graded(issue, verdict, [claim]))
                 if repair is not None:
                     self.only_in[number] = self.only_in[number].followed_by(repair)
@@ -318,7 +317,7 @@ def _two_arms(log: Likelihood, claim: Claim, t: float) -> Issue:
     """Return the issue that a run ends with another arm than it begins with, from the
     instant t [s] on: a load was picked up, or the file holds the logs of two arms."""
     name = f"the part from t = {t:.4g} s on"
-    issue = issue_of_difference(log, claim, name, None)
+    issue = issue_of_difference(log, claim, name)
     place = f"t = {t:.4g} s"
     if issue.figures["joints"]:
         place = f"{issue.where}, {place}"

@@ -11,38 +11,28 @@ from sdp_vs_penalty.checks.residual import EVENT, without_moment
 from sdp_vs_penalty.race.arm_fit import text_of_share
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.constants import LIKELY
-from sdp_vs_penalty.race.fault import APPLY, Fault, joints_text
+from sdp_vs_penalty.race.fault import Fault, joints_text
 from sdp_vs_penalty.race.kinds import list_faults
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.race import Claim, Scored, Verdict
-from sdp_vs_penalty.race.records import Hypothesis
 from sdp_vs_penalty.race.run_log import RunLog
 
 #: Standard deviations of a 95 % interval; what the model lacks widens it (Student's t of
 #: the parts of a log).
 _INTERVAL = 2.4
-#: What is different in a part of a log, and what to do about it; x is the number, j the
-#: joint from 1.
+#: What no change of the log can undo, in words with the size {x}, and what to do.
 _DIFFERENCES = {
     "another load": (
-        "{run} carries a {weight} load on its last link ({x:+.2g} kg)",
+        "{run} carries a {weight} load on its last link ({x:+.2g} kg), beside the others.",
         "identify the runs apart, or log with the same tool",
     ),
     "another arm": (
-        "masses and inertias of other links explain {run}",
+        "masses and inertias of other links explain {run}, beside the others.",
         "identify the runs apart, or log with the same arm",
-    ),
-    "torque gain": (
-        "the torque of joint {j} is {x:.3g} times as large in {run}",
-        "divide tau{j} of this run by {x:.3g}, or multiply the others",
-    ),
-    "encoder offset": (
-        "the zero of joint {j} is {distance} away in {run}",
-        "add {x:+.3g} {unit} to q{j} of this run, or calibrate its zero",
     ),
 }
 #: Differences that no change of the log can undo.
-NOT_REPAIRED = "another load", "another arm"
+NOT_REPAIRED = tuple(_DIFFERENCES)
 #: What competes with all that leaves much unexplained.
 SOMETHING_ELSE = "something that the model lacks, since much stays unexplained"
 #: What competes with a claim of low odds.
@@ -228,33 +218,16 @@ def _measured_gravity(net: LogTransform) -> tuple[float, ...]:
     return tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
 
 
-def repair_of(claim: Claim, as_logged: LogTransform) -> LogTransform | None:
+def repair_of(claim: Claim) -> LogTransform | None:
     """Return what makes the rows of a part those of the others' arm; None for another
-    load, which no change of the log can undo.
-
-    Parameters
-    ----------
-    as_logged : LogTransform
-        The transform that changes nothing.
-    """
+    load, which no change of the log can undo."""
     h = claim.hypothesis
-    if h.kind == "torque gain":
-        return as_logged.with_entries("gain", h.joints, float(np.exp(claim.size)))
-    if h.kind == "encoder offset":
-        return as_logged.with_entries("zero", h.joints, claim.size)
-    if h.kind == "torque sign":
-        return as_logged.with_multiplied("gain", h.joints, -1.0)
-    if h.kind == "torque order":
-        first, second = h.joints
-        return as_logged.with_swap(first, second, "tau_order")
-    if h.kind == "delay":
-        return as_logged.with_entries("lead", h.joints, claim.size)
-    return None
+    if h.further is not None:
+        return None
+    return h.chain if h.number is None else h.number.at(h.chain, claim.size)
 
 
-def issue_of_difference(
-    log: Likelihood, claim: Claim, name: str, repair: LogTransform | None
-) -> Issue:
+def issue_of_difference(log: Likelihood, claim: Claim, name: str) -> Issue:
     """Return the issue about what is different in one part of a log.
 
     Parameters
@@ -263,28 +236,27 @@ def issue_of_difference(
         Rows of the part's run.
     name : str
         Of the run, or of the part in words.
-    repair : LogTransform or None
-        What makes its rows those of the others' arm.
     """
     h = claim.hypothesis
-    apply = ""
-    # Of a gain by how much the torque is larger there.
+    repair = repair_of(claim)
     size = claim.size
-    if h.kind == "torque gain":
-        size = float(np.exp(-claim.size)) - 1.0
-    if h.kind not in _DIFFERENCES and repair is not None:
-        (fault,) = list_faults(log, repair)
-        what = f"in {name} only: {fault.what.rstrip('.')}"
-        remedy, apply = f"{fault.remedy} in this run", fault.apply
+    if h.kind == "torque gain":  # by how much the torque is larger there
+        size = float(np.exp(-size)) - 1.0
+    apply = ""
+    if repair is None:
+        what, remedy = _DIFFERENCES[h.kind]
+        weight = "lighter" if size < 0.0 else "heavier"
+        what = what.format(run=name, x=size, weight=weight)
     else:
-        what, remedy = _words_of_number(log, h, size, name)
-    assert h.kind in (*APPLY, *NOT_REPAIRED)
+        (fault,) = list_faults(log, repair)
+        what = f"in {name} only: {fault.what}"
+        remedy, apply = f"{fault.remedy} in this run", fault.apply
     share = float(np.log(claim.before.left / claim.fit.left).max())
     issue = Issue(
         kind=h.kind,
         severity="warning",
         where=joints_text(h.joints) if h.joints else "the run",
-        what=f"{what}, beside the others.",
+        what=what,
         certainty=likely(
             "one arm for all leaves of a joint's torque"
             f" {float(np.exp(0.5 * share)):.2g} times as much"
@@ -297,7 +269,7 @@ def issue_of_difference(
             "log_odds": float(claim.log_odds),
         },
         nature=EXPLANATION,
-        repair=None if not apply or repair is None else repair.apply,
+        repair=None if repair is None else repair.apply,
         apply=apply,
     )
     effects = []
@@ -334,25 +306,3 @@ def issue_of_span(log: Likelihood, claim: Claim, begin: float, end: float) -> Is
     )
     rivals = [x.hypothesis.effect or x.hypothesis.kind for x in claim.rivals]
     return with_rival_effects(issue, [*dict.fromkeys(rivals)])
-
-
-def _words_of_number(
-    log: Likelihood, h: Hypothesis, size: float, name: str
-) -> tuple[str, str]:
-    """Return the sentence and the remedy for a part whose gain (less one), zero or load
-    differs by a size."""
-    j = h.joints[0] if h.joints else log.n - 1
-    unit = log.problem.robot.position_units[j]
-    distance = f"{-size:.2g} {unit}"
-    if unit == "rad":
-        distance = f"{np.degrees(-size):.2g} degrees"
-    entries = {
-        "run": name,
-        "j": j + 1,
-        "x": 1.0 + size if h.kind == "torque gain" else size,
-        "unit": unit,
-        "distance": distance,
-        "weight": "lighter" if size < 0.0 else "heavier",
-    }
-    what, remedy = _DIFFERENCES[h.kind]
-    return what.format(**entries), remedy.format(**entries)

@@ -59,11 +59,6 @@ class Issue(WritesJson):
     by_clock: "Callable[[float], Issue] | None" = field(
         default=None, metadata=NOT_STORED
     )
-    #: For an issue whose size belongs to each run: returns the issue in the words of
-    #: several runs; None for what all runs share.
-    by_run: "Callable[[Sequence[Any]], Issue] | None" = field(
-        default=None, metadata=NOT_STORED
-    )
 
     def __post_init__(self) -> None:
         """Refuse an explanation that is called an error: only facts are errors."""

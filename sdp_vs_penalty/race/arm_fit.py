@@ -133,37 +133,14 @@ class ArmFit:
         left = self.rows.project_out_own(self.channels[:, :, None])[:, :, 0]
         return np.asarray(left - self.rows.projected @ self.theta)
 
-    def log_falls_by_columns(self, columns: Array) -> Array:
-        """Predict the fall of log S_j if joint j had one more column of its own.
-
-        S_j is the squared residual of joint j. The prediction is a score test, to first
-        order: no arm is fitted anew.
-
-        Parameters
-        ----------
-        columns : (n, M, K) array
-            K candidate columns for each joint, each tried alone.
-
-        Returns
-        -------
-        (n, K) array
-            The falls, from 0 on. The part of a column that the arm's parameters can
-            reproduce does not count.
-        """
-        transposed = np.swapaxes(columns, 1, 2)
-        return self._log_falls(
-            on_residual=(transposed @ self.residual[:, :, None])[:, :, 0],
-            on_arm=transposed @ self.rows.projected,
-            on_basis=transposed @ self.rows.basis,
-            squares=np.einsum("jmk,jmk->jk", columns, columns),
-        )
-
     def log_falls_by_steps(self, mask: Array, first_rows: NDArray[np.intp]) -> Array:
-        """Predict the falls of log S_j by columns that step from 0 to 1 at some row.
+        """Predict the falls (n, K) of log S_j by columns x that step from 0 to 1 at some
+        row.
 
-        S_j is the squared residual of joint j. The result is that of
-        ``log_falls_by_columns``, but no column is made: a product with a step is a sum
-        over the rows from the step on.
+        S_j is the squared residual of joint j. To first order it falls by (x . r)^2 / v,
+        with the residual r and v the square of what is left of x beside the joint's own
+        columns and the arm's parameters. No column is made: a product with a step is a
+        sum over the rows from the step on.
 
         Parameters
         ----------
@@ -172,11 +149,6 @@ class ArmFit:
             used.
         first_rows : (K,) array of int
             First row after each step.
-
-        Returns
-        -------
-        (n, K) array
-            The falls, from 0 on.
         """
 
         def from_rows(y: Array) -> Array:
@@ -185,34 +157,19 @@ class ArmFit:
             sums_to_end = np.cumsum(y[:, ::-1], axis=1)[:, ::-1]
             return np.asarray(sums_to_end[:, first_rows])
 
-        return self._log_falls(
-            on_residual=from_rows(mask * self.residual),
-            on_arm=from_rows(mask[:, :, None] * self.rows.projected),
-            on_basis=from_rows(mask[:, :, None] * self.rows.basis),
-            squares=from_rows(mask**2),
-        )
-
-    def _log_falls(
-        self, on_residual: Array, on_arm: Array, on_basis: Array, squares: Array
-    ) -> Array:
-        """Return the falls (n, K) of log S_j by K further columns x of joint j.
-
-        To first order S_j falls by (x . r)^2 / v, with v the square of what is left of
-        x beside the joint's own columns and the arm's parameters.
-
-        on_residual (n, K) : products of x with the residual r; on_arm (n, K, s) : with
-        the arm's columns; on_basis (n, K, k) : with the basis; squares (n, K) : x . x.
-        """
+        on_residual = from_rows(mask * self.residual)  # (n, K): x . r
+        on_arm = from_rows(mask[:, :, None] * self.rows.projected).swapaxes(1, 2)
+        on_basis = from_rows(mask[:, :, None] * self.rows.basis)
+        squares = from_rows(mask**2)
         normal = np.tensordot(self.weights, self.rows.gram, 1)  # (s, s)
-        transposed = np.swapaxes(on_arm, 1, 2)
-        explained = np.sum(transposed * solve(normal, transposed), axis=1)
-        taken_by_arm = self.weights[:, None] * explained
+        explained = np.sum(on_arm * solve(normal, on_arm), axis=1)
         beside_basis = squares - np.sum(on_basis**2, axis=2)
-        is_new = beside_basis > _NOTHING_NEW_SHARE * squares
         beside_arm = np.maximum(
-            beside_basis - taken_by_arm, _SHARE_LEFT_BY_ARM * beside_basis
+            beside_basis - self.weights[:, None] * explained,
+            _SHARE_LEFT_BY_ARM * beside_basis,
         )
         scale = np.maximum(beside_arm * self.energy_left[:, None], 1e-280)
+        is_new = beside_basis > _NOTHING_NEW_SHARE * squares
         return np.asarray(is_new * np.log1p(on_residual**2 / scale))
 
     @cached_property

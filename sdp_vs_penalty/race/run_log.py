@@ -8,7 +8,7 @@ from sdp_vs_penalty.race.likelihood import Likelihood
 
 @dataclass(frozen=True)
 class RunLog:
-    """The rows of a run, or of a part of it, under a repair."""
+    """The rows of a run under a repair."""
 
     #: Rows of the run.
     log: Likelihood
@@ -16,5 +16,3 @@ class RunLog:
     repair: LogTransform
     #: Name of the run.
     name: str
-    #: Whether the rows are a part of a run, whose clock the other parts share.
-    is_part: bool = False

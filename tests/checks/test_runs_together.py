@@ -109,7 +109,7 @@ def test_a_zero_of_one_run_is_named_with_its_size(two_link, runs):
     (issue,) = issues
     assert issue.kind == "encoder offset"
     assert abs(issue.figures["size"]) == pytest.approx(np.radians(4.0), rel=0.1)
-    assert "degrees away in" in issue.what
+    assert "only: the zero of joint 2 is" in issue.what
 
 
 @pytest.mark.parametrize(

@@ -24,8 +24,8 @@ _SMALLEST_SHARE_EACH_WAY = 0.15
 
 
 def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
-    """Yield the likeliest drift and the likeliest step; nothing beside what differs in a
-    part of the log already.
+    """Yield a drift of each joint's torque and the likeliest step; nothing beside what
+    differs in a part of the log already.
 
     A step's prior counts the moments that a low-passed torque can distinguish.
     """
@@ -33,11 +33,9 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
     if fit.view.parts or fit.view.further:
         return
     prior = prior_of_one_of(log.n) - c.LOG_ODDS_AGAINST_EVENT + c.LOG_ODDS_AGAINST_FAULT
-    arm = log.fit(now)
-    for event in _likeliest_drift(log, now, arm):
-        chain = now.with_event(event)
-        yield Hypothesis("torque drift", (event.joint,), prior, chain)
-    for event in _likeliest_step(log, now, arm):
+    for j in log.joints:
+        yield Hypothesis("torque drift", (j,), prior, now.with_event(LogEvent(j)))
+    for event in _likeliest_step(log, now, log.fit(now)):
         chain = now.with_event(event)
         odds = prior - float(np.log(c.ROWS // c.PARTS))
         yield Hypothesis("torque step", (event.joint,), odds, chain)
@@ -51,20 +49,6 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             yield _drift(log, chain, event)
         else:
             yield _step(log, chain, event, event.at)
-
-
-def _likeliest_drift(
-    log: Likelihood, now: LogTransform, fit: ArmFit
-) -> Iterator[LogEvent]:
-    """Yield the linear drift of one joint's torque that lowers the joint's squared
-    residual most, of all moving joints; nothing where no drift lowers it."""
-    drift = LogEvent(joint=0)  # without an instant; its ramp is that of any joint
-    ramp = drift.shape(log.data.motion.t)  # (M, 1)
-    mask = log.torque_mask(now)[:, :, None]
-    falls = fit.log_falls_by_columns(mask * ramp)[:, 0] * log.moving  # (n,)
-    j = int(np.argmax(falls))
-    if falls[j] > 0.0:
-        yield LogEvent(j)
 
 
 def _likeliest_step(
