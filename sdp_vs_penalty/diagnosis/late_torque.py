@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_ADD
-from sdp_vs_penalty.diagnosis.library import Key
+from sdp_vs_penalty.diagnosis.library import Candidate, Key
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import whiten_with_noise, with_estimate
@@ -47,6 +47,8 @@ def refer_columns_to_current_model(
     best = None  # the round with the lowest criterion
     lowest = np.inf
     first_library = search.library
+    if search.terms and not delays_torque(search):
+        search = look_for_delays(search, progress)
     while delays_torque(search):
         keys = {t.key for t in search.terms}
         if keys in known_sets:
@@ -71,12 +73,41 @@ def refer_columns_to_current_model(
     return search if best is None else best
 
 
+def look_for_delays(search: Search, progress: Progress = no_progress) -> Search:
+    """Search for delays once more, in columns that include the findings' torque.
+
+    A causal filter beside pre-sliding friction, for example, does not show in the
+    torque of a model whose friction jumps at a reversal: it delays the torque of the
+    findings.
+
+    Parameters
+    ----------
+    search
+        A search whose findings contain no delay. It is returned if no delaying
+        candidate has enough evidence.
+    progress
+        Called with a short text whenever an effect is added.
+    """
+    referred = refer_once(search)
+    referred.library = search.library.only(_delays, referred.data)
+    if referred.best_addition() is None:
+        return search
+    referred.library = search.library.with_current_columns(referred.data)
+    referred.run(progress)
+    return referred
+
+
 def _is_delay(effect: Effect) -> bool:
     """Return whether an effect delays torque.
 
     Its columns are computed from the joint torque, and depend on the torque's past.
     """
     return effect.needs_torque and effect.has_memory
+
+
+def _delays(form: Candidate) -> bool:
+    """Return whether a candidate is an effect that delays torque."""
+    return _is_delay(form.effect)
 
 
 def delays_torque(search: Search) -> bool:

@@ -234,6 +234,17 @@ class Library:
         ]
         return replace(self, batches=tuple(batches))
 
+    def only(self, which: Callable[[Candidate], bool], data: WhiteData) -> Library:
+        """Return a library with only the candidates for which ``which`` is true.
+
+        All their columns are computed anew on ``data``.
+        """
+        parts = [(b, tuple(filter(which, b.forms))) for b in self.batches]
+        batches = [
+            replace(b, forms=forms).with_columns_on(data) for b, forms in parts if forms
+        ]
+        return replace(self, batches=tuple(batches))
+
 
 def white_candidate(data: WhiteData, form: Candidate) -> dict[int, Array]:
     """Compute a candidate's white columns, (M, k) by joint (from 0) that it acts on.

@@ -24,10 +24,8 @@ from sdp_vs_penalty.cli import printing
 from sdp_vs_penalty.data import Measurements, concatenate, save
 from sdp_vs_penalty.diagnosis import (
     Diagnosis,
-    Search,
     diagnosis_rows,
     least_squares_refit,
-    list_candidates,
     whiten_rows,
 )
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
@@ -64,24 +62,6 @@ def stribeck(panda: Problem) -> HiddenRuns:
 @pytest.fixture(scope="module")
 def found(stribeck: HiddenRuns) -> Diagnosis:
     return diagnosed(stribeck, runs=1)
-
-
-@pytest.mark.long
-def test_a_search_that_begins_with_a_rival_of_the_truth_ends_at_the_truth(two_link):
-    effects = [("presliding_hysteresis", [0])]
-    made = thinned(hidden_runs(two_link, effects, "medium", seed=1, count=1), step=5)
-    (run,) = made.runs
-    settings = two_link.preprocessing
-    estimate = identify(
-        two_link, run, "ols", effects=made.truth["model_effects"], check=False
-    )
-    white = whiten_rows(diagnosis_rows(run, estimate, settings.resolve(run)), estimate)
-    search = Search(white, list_candidates(white))
-    fit = search.score.fit(search.nuisances.with_law_misfits([]))
-    candidates = search._screened(fit, [], None)
-    rival = next(t for t in candidates if t.key == ("maxwell_slip", 0))
-    search.terms = [search.refined(fit, rival)]
-    assert [t.key for t in search.run()] == [("presliding_hysteresis", 0)]
 
 
 def test_the_hidden_effect_is_named_with_joint_size_and_shape(stribeck, found):

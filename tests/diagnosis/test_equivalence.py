@@ -261,10 +261,7 @@ def test_an_effect_that_contradicts_itself_is_not_found(problem, monkeypatch):
     model = identify(problem, run, "ols", effects=EFFECTS, check=False)
     runs = DiagnosisRuns(model, run, None)
     data = runs.white_data
-    batches = [
-        b for b in runs.candidates.batches if b.forms[0].effect.name == "joint_spring"
-    ]
-    springs = replace(runs.candidates, batches=tuple(batches))
+    springs = runs.candidates.only(lambda x: x.effect.name == "joint_spring", data)
     spring = "joint_spring", 0
     assert {t.key for t in search(data, springs).terms} == {spring}
     monkeypatch.setattr(JointSpring, "contradicts_itself", lambda *_: True)
