@@ -134,11 +134,9 @@ def _of_fault(
     words = [
         text for x in faults if (text := _words_of_rival(log, x, claims)) != fault.what
     ]
-    equivalents = fault.equivalents
     if words:
         words = [text.rstrip(".") for text in words]
         what = f"{what} As likely: {'; '.join(words)}."
-        equivalents = (*equivalents, *words)
         figures["as_likely"] = [
             {"kind": x.hypothesis.kind, "joints": [j + 1 for j in x.hypothesis.joints]}
             for x in faults
@@ -161,7 +159,7 @@ def _of_fault(
         figures=figures,
         gravity=_measured_gravity(net) if fault.is_of_gravity else None,
         apply=fault.apply,
-        equivalents=equivalents,
+        equivalents=tuple(words),
         by_clock=by_clock if fault.by_clock else None,
     )
     effects = [x.hypothesis.effect for x in rivals if x.hypothesis.effect]

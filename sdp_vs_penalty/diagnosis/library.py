@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.effects.effect import Effect
@@ -142,11 +141,6 @@ class Batch:
     #: (n_joints, M, F k) columns of the candidates on the M rows of each joint, in
     #: units of the noise; columns f k to f k + k - 1 belong to candidate f.
     whitened_columns: Array
-
-    @cached_property
-    def signed(self) -> NDArray[np.bool_]:
-        """(F,) flags: whether a candidate's first parameter must not be negative."""
-        return np.array([f.nonnegative[0] for f in self.forms])
 
     @cached_property
     def plausible(self) -> Array:

@@ -110,8 +110,6 @@ class Fault:
     place: str = ""
     #: Whether a repaired log can be written.
     is_repairable: bool = True
-    #: What explains as much, in words.
-    equivalents: tuple[str, ...] = ()
     #: Numbers behind the fault, for JSON.
     figures: Mapping[str, Any] = field(default_factory=dict)
     #: For a fault that happens at an instant, figures["t"] [s]: returns the fault in

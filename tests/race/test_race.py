@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from small_runs import small_run
 
-from sdp_vs_penalty import Measurements, load_problem
+from sdp_vs_penalty import Measurements, check, load_problem
 from sdp_vs_penalty.race import Hypothesis, Likelihood, Number, Part, Race, Verdict
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence
@@ -200,3 +200,13 @@ def test_a_hypothesis_of_a_part_leaves_other_rows():
     view = Hypothesis("torque sign", (0,), -6.0, chain, part=part).seen(View(NONE))
     assert view == View(NONE, parts=((part, chain),))
     assert view.motion == View(NONE.motion_part)
+
+
+def test_the_zero_of_the_first_joint_is_the_mounting_about_its_axis():
+    wall = PROBLEM.with_gravity((9.81, 0.0, 0.0))
+    run = small_run(wall, seconds=8.0)
+    moved = replace(run, q=run.q + np.array([0.3, 0.0]), dq=None)
+    (report,) = check(wall, moved, thorough=False)
+    (issue,) = report.errors_and_warnings
+    assert (issue.kind, issue.figures["joints"]) == ("encoder offset", [1])
+    assert "or its base is turned as much about that axis" in issue.what

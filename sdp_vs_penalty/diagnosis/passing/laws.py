@@ -52,11 +52,6 @@ class LinkWeight(Effect):
         super().__init__(robot)
         self.link = link
 
-    @property
-    def text(self) -> str:
-        """The name with the link, from 1."""
-        return f"{self.name}:{self.link + 1}"
-
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
         """Name the components of the force [N], and their products with the point
         [N m]."""

@@ -21,8 +21,6 @@ _EARTH = max(map(abs, STANDARD_GRAVITY))
 _STEP, _SD, _FIRST_ORDER = 0.02, 0.3, 0.5
 #: Natural logarithm of the odds against a tilt beside an axis of the base: two angles.
 _ODDS_AGAINST_TILT = 3.0
-#: Share of gravity across an axis below which gravity is parallel to it [-].
-_PARALLEL = 0.05
 
 
 def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
@@ -58,8 +56,7 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
-    """Yield the fault that gravity is another vector than the problem's. Its words name
-    an offset of joint 1's encoder where that is equivalent."""
+    """Yield the fault that gravity is another vector than the problem's."""
     assumed = np.array(log.problem.robot.gravity)
     g = np.array(chain.gravity)
     if np.allclose(assumed, g, rtol=0.0, atol=1e-6):
@@ -76,19 +73,16 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         remedy = f"{remedy}, or correct the problem's gravity"
     measured = ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in g)
     expected = ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in assumed)
-    equivalents = _as_zero_of_joint_1(log, assumed, g)
-    equal = f" Exactly as good on this arm: {equivalents[0]}." if equivalents else ""
     yield Fault(
         kind=kind,
         joints=(),
         what=f"the weight in the torques points along ({measured}) m/s^2, {angle:.0f}"
-        f" degrees away from the assumed ({expected}).{equal}",
+        f" degrees away from the assumed ({expected}).",
         remedy=remedy,
         without=_with_gravity(chain, assumed),
         place="the base",
         is_repairable=False,
         figures={"angle_degrees": angle, "vector": vector},
-        equivalents=equivalents,
     )
 
 
@@ -100,27 +94,3 @@ def _is_earths_gravity(size: float) -> bool:
 def _with_gravity(chain: LogTransform, g: Array) -> LogTransform:
     """Return the transform under another gravity g (3,) [m/s^2] in the base frame."""
     return replace(chain, gravity=tuple(g.tolist()))
-
-
-def _as_zero_of_joint_1(log: Likelihood, assumed: Array, g: Array) -> tuple[str, ...]:
-    """Describe the offset of joint 1's encoder that makes the same torques as gravity g
-    (3,) instead of the assumed one (3,) [m/s^2]; return nothing where none does.
-
-    The base is free to turn about the first joint's axis: an arm at q1 + x under a
-    gravity is the arm at q1 under that gravity turned by -x about the axis. So the two
-    have to agree along the axis, and have a component across it.
-    """
-    if 0 not in log.revolute:
-        return ()
-    joint = log.problem.robot.joints[0]
-    axis = joint.placement[:3, :3] @ np.asarray(joint.axis)
-    assumed_across = assumed - assumed @ axis * axis
-    g_across = g - g @ axis * axis
-    size = float(np.linalg.norm(assumed))
-    difference_along = abs((assumed - g) @ axis)
-    is_along_axis = np.linalg.norm(assumed_across) < _PARALLEL * size
-    if difference_along > c.CALIBRATED * size or is_along_axis:
-        return ()
-    sine = axis @ np.cross(assumed_across, g_across)
-    turned = float(np.arctan2(sine, assumed_across @ g_across))
-    return (f"joint 1 counts from another zero (add {-turned:+.4g} rad to q1)",)

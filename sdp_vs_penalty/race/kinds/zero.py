@@ -50,8 +50,6 @@ def _length_number(log: Likelihood, j: int) -> Number:
 def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
     """Yield each joint's distance from the joint before, and its encoder's zero, also
     by turns of a quarter.
-
-    A revolute first joint is left out: its zero is the mounting about its axis.
     """
     log, now = evidence.log, fit.chain
     prior = prior_of_one_of(log.n)
@@ -60,8 +58,6 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
             number = _length_number(log, j)
             yield Hypothesis("link length", (j,), prior, now, number)
     for j in log.joints:
-        if j == 0 and j in log.revolute:
-            continue
         number = zero_number(log, j)
         yield Hypothesis("encoder offset", (j,), prior, now, number)
         if j not in log.revolute or not fit.is_poorly_explained.any():
@@ -109,11 +105,14 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         offset = chain.zero[j]  # [rad, m]; the zero is away by minus that
         in_words = _minus_degrees if j in log.revolute else _minus_metres
         unit = log.problem.robot.position_units[j]
+        # The mounting about the first axis.
+        is_mounting = j == 0 and j in log.revolute
+        base = ", or its base is turned as much about that axis" * is_mounting
         yield Fault(
             kind="encoder offset",
             joints=(j,),
             what=f"the zero of joint {j + 1} is {in_words(offset)} away from the robot's"
-            " kinematics.",
+            f" kinematics{base}.",
             remedy=f"add {offset:+.5g} {unit} to q{j + 1}",
             without=chain.with_entries("zero", (j,), 0.0),
             number=zero_number(log, j),
