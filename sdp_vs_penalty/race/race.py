@@ -116,8 +116,8 @@ class Verdict:
         return is_well_explained or ratio <= 0.5
 
     def differences(self) -> list[Claim]:
-        """List what differs in a part of the log."""
-        return [claim for claim in self.claims if claim.hypothesis.part]
+        """List what differs in a part of the log, by more than is usual."""
+        return [x for x in self.claims if x.hypothesis.part and not x.is_usual]
 
     def told(self, log: Likelihood) -> LogTransform:
         """Return the transform of all rows that undoes what is claimed, without numbers
