@@ -149,12 +149,9 @@ class Conclusion:
         sizes = sizes_with_intervals(search, torque_in_doubt, self.errors_of_constants)
         steps = pairwise(self.ladder.errors)
         findings = []
-        known = zip(search.terms, sizes, steps, strict=True)
-        for k, (term, size, step) in enumerate(known):
-            errors = self.ladder.errors_that_show(k, sorted(term.joints))
-            judged = Judged(search, term, size, errors, self.curves)
-            doubts = reasons_for_doubt(judged)
-            findings.append(describe_finding(judged, doubts, np.array(step)))
+        for term, size, step in zip(search.terms, sizes, steps, strict=True):
+            judged = Judged(search, term, size, np.array(step), self.curves)
+            findings.append(describe_finding(judged, reasons_for_doubt(judged)))
         return findings
 
     @cached_property
@@ -229,7 +226,7 @@ def _weakened(finding: Finding, reason: str) -> Finding:
     return replace(finding, confidence="weak", doubts=doubts)
 
 
-def describe_finding(judged: Judged, doubts: Sequence[Doubt], step: Array) -> Finding:
+def describe_finding(judged: Judged, doubts: Sequence[Doubt]) -> Finding:
     """Make the report of a finding.
 
     Parameters
@@ -238,9 +235,6 @@ def describe_finding(judged: Judged, doubts: Sequence[Doubt], step: Array) -> Fi
         The finding with all that it is judged by.
     doubts
         Reasons for doubt; without any the finding is confident.
-    step
-        (2, n) RMS errors on data left out [N m or N] with the findings before it, row 0
-        without the finding, row 1 with it.
     """
     term, known, effect = judged.term, judged.size, judged.effect
     size, std = size_of(effect, known.beta, known.covariance)
@@ -268,14 +262,13 @@ def describe_finding(judged: Judged, doubts: Sequence[Doubt], step: Array) -> Fi
         parameters={p.name: float(b) for p, b in parameters},
         confidence="weak" if doubts else "confident",
         indistinguishable_from=equivalents,
-        held_out_rmse_before=step[0],
-        held_out_rmse_after=step[1],
+        held_out_rmse_before=judged.errors[0],
+        held_out_rmse_after=judged.errors[1],
         physics=physics_of(effect, size),
         text=effect.text,
         gain=term.evidence,
         doubts=tuple(doubts),
         constants=effect.constants,
-        is_shown_beside_all=not np.array_equal(judged.errors, step),
     )
 
 

@@ -41,9 +41,8 @@ class Judged:
     term: ScoredEffect
     #: The finding's parameters with their covariance.
     size: Size
-    #: (2, n) RMS error of each joint [N m or N] on data left out, row 0 without the
-    #: finding, row 1 with it, beside the findings before it or beside all others
-    #: (:meth:`Ladder.errors_that_show`).
+    #: (2, n) RMS error of each joint [N m or N] on data left out, beside the findings
+    #: before it: row 0 without the finding, row 1 with it.
     errors: Array
     #: The measured curves that were accepted.
     curves: Sequence[Measured] = ()

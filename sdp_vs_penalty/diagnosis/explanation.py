@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.held_out import HeldOut, HeldOutData, shows
+from sdp_vs_penalty.diagnosis.held_out import HeldOut, HeldOutData
 from sdp_vs_penalty.diagnosis.late_torque import beside_model, delays_torque, refer_once
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.own_constants import changed_constants, with_constants
@@ -57,11 +57,7 @@ def explain(
     constants: Sequence[ScoredEffect],
     findings: Sequence[ScoredEffect],
 ) -> Explanation:
-    """Judge findings beside the model with re-estimated shape constants.
-
-    Findings with evidence J <= 0 are dropped, since the rows contradict them. Columns
-    that are computed from the model's torque (of a gain or a delay) are computed anew
-    after each drop, until none is dropped.
+    """Judge findings beside each other and the model with re-estimated shape constants.
 
     Parameters
     ----------
@@ -75,22 +71,19 @@ def explain(
     Returns
     -------
     Explanation
-        The model with the effects that remain.
+        The model with all of them.
     """
     model = with_constants(first, constants)
     refitted = copy(search)
     refitted.terms = [*findings]
     if any(t.form.replaces_own_constant for t in search.terms):
         refitted = beside_model(refitted, model)
-    while True:
-        refers_to_model = any(depends(t.form.effect) for t in refitted.terms)
-        if constants or refers_to_model or delays_torque(refitted):
-            refitted = refer_once(refitted)
-        judged = refitted.drop_disfavoured(refitted.terms)
-        if len(judged.terms) == len(refitted.terms):
-            return Explanation(first, tuple(constants), judged)
-        # Dropped findings no longer belong to the torque that columns refer to.
-        refitted = judged
+    refers_to_model = any(depends(t.form.effect) for t in refitted.terms)
+    if constants or refers_to_model or delays_torque(refitted):
+        refitted = refer_once(refitted)
+    judged = refitted.with_terms(refitted.terms)
+    judged.terms = judged.beside_each_other()
+    return Explanation(first, tuple(constants), judged)
 
 
 def explain_in_order(search: Search, first: Estimate) -> Explanation:
@@ -159,8 +152,7 @@ def drop_harmful(
     findings = [terms[k] for k in order if k >= n_own]
     if len(order) < len(terms):
         return explain(search, explanation.first, constants, findings)
-    judged = explanation.search.drop_disfavoured(findings)
-    return replace(explanation, search=judged)
+    return explanation
 
 
 @dataclass(frozen=True)
@@ -210,22 +202,6 @@ class Ladder:
         """
         others = [i for i in self.offered if i != self.offered[k]]
         return self.held_out.errors(others)
-
-    def errors_that_show(self, i: int, joints: Sequence[int]) -> Array:
-        """Return the errors (2, n) [N m or N] without and with finding i, by which it is
-        judged.
-
-        They are those of its step of the ladder, beside the findings before it, if they
-        show it on its ``joints`` (from 0), or if those beside all others do not either.
-        Else they are those beside all others: an error may fall only after a later
-        finding has explained its share.
-        """
-        step = self.errors[i : i + 2]
-        if shows(*step[:, joints]):
-            return step
-        without = self.errors_without(self.n_own + i)
-        beside_others = np.array([without, self.errors[-1]])
-        return beside_others if shows(*beside_others[:, joints]) else step
 
     def harmful_together(
         self, is_sure: Sequence[bool], may_be_zero: Sequence[bool], floor: Array

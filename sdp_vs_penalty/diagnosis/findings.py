@@ -51,10 +51,6 @@ if TYPE_CHECKING:
 FINDINGS_FORMAT = 2
 #: What is said where the residual was taken for noise, which it then equals.
 _NOT_KNOWN = f"is not known: {NOISE_UNKNOWN}, so noise and error look alike."
-#: What is said of a finding that only the errors beside all other findings show.
-_SHOWN_BESIDE_ALL = (
-    " It lowers the error on data left out only beside the findings after it."
-)
 #: How far a finding is to be believed; see :attr:`Rated.rating`.
 Rating = Literal["confident", "near-tie", "weak"]
 
@@ -208,9 +204,6 @@ class Finding(Rated):
     torque_std: float | None = None
     #: Unit of the torque on that joint.
     torque_unit: str = ""
-    #: Whether only the errors beside all other findings show this one, not those beside
-    #: the findings before it.
-    is_shown_beside_all: bool = False
     #: Number in the diagnosis, from 1, which sets it; 0 for a finding of none.
     number: int = field(default=0, compare=False)
 
@@ -339,7 +332,7 @@ class Finding(Rated):
         if self.rivals_without_curve:
             named = ", ".join(map(effect_in_words, self.rivals_without_curve))
             text += f" Indistinguishable in these data from {named}."
-        return text + _SHOWN_BESIDE_ALL * self.is_shown_beside_all
+        return text
 
     @property
     def rivals_without_curve(self) -> tuple[str, ...]:
@@ -461,10 +454,9 @@ class Finding(Rated):
         )
         change = "cuts" if is_lower else "does not lower"
         link = " from" if is_lower else ":"
-        text = (
+        return (
             f"Adding it {change} joint {j + 1}'s error on data left out{link} {amount}."
         )
-        return text + _SHOWN_BESIDE_ALL * self.is_shown_beside_all
 
     @property
     def cool_down_instruction(self) -> str:

@@ -366,15 +366,6 @@ def harm(before: Array, after: Array) -> float:
     return float(np.sum(np.log(error_ratios(before, after))))
 
 
-def shows(before: Array, after: Array) -> bool:
-    """Return whether errors on data left out show an effect.
-
-    They do if at least one joint's error falls by 1 %, and all together do not rise.
-    before, after (n,) : errors of the effect's joints.
-    """
-    return lowers(before, after) and harm(before, after) <= 0.0
-
-
 class _Table:
     """The columns of a model and of effects on filtered rows.
 

@@ -439,28 +439,6 @@ class Search:
             for term in self.terms
         ]
 
-    def drop_disfavoured(self, terms: Sequence[ScoredEffect]) -> Search:
-        """Return a copy of the search with those of ``terms`` that the rows support.
-
-        Each effect is judged in a fit with all others. While one has evidence against
-        it (J <= 0), the one with the lowest J is dropped and the others are judged
-        again. The threshold is 0 and not 10 as for additions, since these effects have
-        passed 10 before.
-        """
-        out = copy(self)
-        while True:
-            out.fit = out.score.fit(out.nuisances.with_law_misfits(terms), self.fit)
-            out.terms = []
-            for term in terms:
-                others = [t for t in terms if t is not term]
-                out.terms.append(out.beside(term, others))
-            weakest = min(out.terms, key=lambda t: t.evidence, default=None)
-            if weakest is None or weakest.evidence > 0.0:
-                break
-            terms = [t for t in out.terms if t is not weakest]
-        out.fit = out.score.fit(out.terms)
-        return out
-
 
 def _best_law_of_each_candidate(ranked: Sequence[ScoredEffect]) -> list[ScoredEffect]:
     """Keep the best law of each candidate (an effect on a joint), in the same order.

@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -127,23 +128,6 @@ def test_a_motion_that_repeats_under_a_coarse_encoder_is_no_copy(velocity):
     assert found("repeated run", other) is None
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("step", [0.8, 1.2])
-def test_a_coarse_torque_keeps_its_value_until_dry_friction_turns(seed, step):
-    """A slow load and Coulomb's friction, in steps of so much: at one level for long,
-    then a jump."""
-    clean = motion(2)
-    rng = np.random.default_rng(seed)
-    load = 1.5 * np.sin(2.6 * np.pi * clean.t / clean.t[-1] + seed)[:, None]
-    tau = (
-        2.4 * np.sign(clean.dq)
-        + 0.2 * clean.dq
-        + load
-        + 0.02 * rng.normal(size=clean.q.shape)
-    )
-    assert found("frozen torque", replace(clean, tau=stepped(tau, step))) is None
-
-
 def test_packets_that_froze_for_a_few_rows_are_no_rows_lost():
     """Positions stand still bit by bit, then jump, while the stamps go on evenly: the
     clock is right."""
@@ -166,22 +150,6 @@ def alone(n_places: int) -> Measurements:
         keep[k : k + 8] = False
     q = np.column_stack([run.q[keep, 0], np.full(keep.sum(), 0.2)])
     return Measurements(run.t[: keep.sum()], q, run.tau[keep])
-
-
-def test_a_joint_that_moves_alone_shows_lost_rows_at_several_places():
-    assert found("lost rows", alone(6)) is not None
-
-
-def test_one_skip_of_a_joint_that_moves_alone_is_no_lost_row():
-    assert found("lost rows", alone(1)) is None
-
-
-def test_a_run_that_ends_in_acceleration_has_lost_no_row():
-    """It began at rest: its last rows are judged by those before them alone."""
-    row = np.arange(600.0)
-    q = np.outer(np.exp(0.1 * (row - 600.0)), np.linspace(0.3, 0.5, ROBOT.n))
-    run = Measurements(row / RATE, q, np.cos(q))
-    assert found("lost rows", run) is None
 
 
 @pytest.mark.parametrize("follows", [False, True])
@@ -322,26 +290,6 @@ def test_a_swing_in_degrees_may_be_one_in_minutes():
     assert found("time unit", replace(far, q=np.degrees(far.q))) is None
 
 
-@pytest.mark.parametrize("rate", [100.0, 1000.0, 4000.0, 10000.0])
-def test_noise_of_an_encoder_is_no_speed(rate):
-    assert found("time unit", small_swing(rate, 0.05, swing=0.5)) is None
-
-
-def test_an_angle_that_wraps_is_no_speed():
-    """A wheel turns once a second."""
-    run = small_swing(250.0, 1e-5)
-    angle = 2.0 * np.pi * np.outer(run.t, [1.0, -1.0])
-    wrapped = np.angle(np.exp(1j * angle))
-    assert found("time unit", replace(run, q=wrapped)) is None
-
-
-def test_positions_in_degrees_say_nothing_about_the_clock():
-    clean = motion()
-    assert found("time unit", replace(clean, q=np.degrees(clean.q))) is None
-    at_rest = replace(clean, q=np.zeros_like(clean.q))
-    assert found("time unit", at_rest) is None
-
-
 def test_stamps_that_repeat_say_nothing_about_the_order_of_the_rows():
     """The reader counted them as steps backwards, the check as steps forwards."""
     clean = motion()
@@ -467,17 +415,6 @@ def test_positions_and_torques_that_wait_while_the_velocity_goes_on_are_frozen(r
     assert issue.what.startswith("positions and torques")
 
 
-def test_a_torque_is_not_frozen_while_the_arm_rests():
-    """The controller's model of gravity is constant then."""
-    clean = motion()
-    rest = slice(1000, 1400)
-    q = clean.q.copy()
-    tau = clean.tau.copy()
-    q[rest] = q[rest.start]
-    tau[rest] = tau[rest.start]
-    assert found("frozen torque", replace(clean, q=q, tau=tau)) is None
-
-
 def with_a_held_joint() -> Measurements:
     """Joint 2 is held: its servo lets it tremble by a few steps of the encoder, now and
     then by a jerk; the logged velocity comes from a finer counter inside of the drive."""
@@ -495,28 +432,6 @@ def with_a_held_joint() -> Measurements:
     return replace(run, q=q, dq=dq)
 
 
-@pytest.mark.parametrize("kind", ["frozen position", "spikes"])
-def test_a_joint_that_is_held_still_is_neither_frozen_nor_spiky(kind):
-    assert found(kind, with_a_held_joint()) is None
-
-
-def test_a_frozen_position_beside_a_velocity_that_goes_on_is_named():
-    run = motion()
-    q = run.q.copy()
-    q[1000:1300, 1] = q[1000, 1]
-    assert found("frozen position", replace(run, q=q)) is not None
-
-
-@pytest.mark.parametrize("end", [slice(-8, None), slice(7, None, -1)])
-def test_a_ramp_at_either_end_of_a_log_is_no_spike(end):
-    """A log that ends in the middle of a jerk: the last sample but two has no three
-    samples behind it."""
-    run = motion()
-    tau = run.tau.copy()
-    tau[end, 0] += [0.0, 9.0, 18.0, 28.0, 43.0, 78.0, 101.0, 97.0]
-    assert found("spikes", replace(run, tau=tau)) is None
-
-
 def with_a_joint_that_catches() -> tuple[Measurements, int]:
     """Joint 1 slides, and stiction catches it within one sample; joint 2 moves on.
     Returns the run and the row of the catch."""
@@ -528,14 +443,6 @@ def with_a_joint_that_catches() -> tuple[Measurements, int]:
     q[row : row + 300, 0] = q[row, 0]
     tau[row - 200 : row + 300, 0] = 4.0
     return replace(run, q=q, tau=tau, dq=None), row
-
-
-def test_what_a_controller_answers_to_a_joint_that_stops_is_no_spike():
-    """The torque jumps for a sample where the joint's speed does."""
-    run, row = with_a_joint_that_catches()
-    tau = run.tau.copy()
-    tau[row, 0] -= 30.0
-    assert found("spikes", replace(run, tau=tau)) is None
 
 
 def test_packets_torn_in_steady_motion_are_spikes_and_so_are_others_like_them():
@@ -564,14 +471,6 @@ def creeping(rows_doubled: int = 0, seed: int = 3) -> Measurements:
     return Measurements(np.arange(len(rows)) / RATE, q[rows], stepped(tau, 2e-3)[rows])
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_coarse_sensors_of_an_arm_that_creeps_make_no_copies(seed):
-    clean = creeping(seed=seed)
-    is_equal = np.all(np.diff(np.hstack([clean.q, clean.tau]), axis=0) == 0.0, axis=1)
-    assert is_equal.mean() > 0.02
-    assert found("doubled rows", clean) is None
-
-
 @pytest.mark.parametrize("share", [0.05, 0.3, 0.5])
 def test_rows_doubled_in_a_log_without_coarse_steps_are_told(share):
     """Two channels of one joint that moves are enough to tell chance from copies."""
@@ -585,8 +484,39 @@ def test_rows_doubled_in_a_log_without_coarse_steps_are_told(share):
     assert issue.figures["rows"] >= 0.9 * count
 
 
-@pytest.mark.parametrize("kind", ["frozen packets", "repeated run"])
-def test_an_arm_that_waits_between_the_steps_of_its_command_is_no_copy(kind):
+def with_tau(run: Measurements, rows: Any, by: Any) -> Measurements:
+    """The run with other torques of joint 1 in some rows."""
+    tau = run.tau.copy()
+    tau[rows, 0] += by
+    return replace(run, tau=tau)
+
+
+def dry(seed: int, step: float) -> Measurements:
+    """A slow load and Coulomb's friction, in steps of so much: at one level for long,
+    then a jump."""
+    clean = motion(2)
+    noise = 0.02 * np.random.default_rng(seed).normal(size=clean.q.shape)
+    load = 1.5 * np.sin(2.6 * np.pi * clean.t / clean.t[-1] + seed)[:, None]
+    tau = 2.4 * np.sign(clean.dq) + 0.2 * clean.dq + load + noise
+    return replace(clean, tau=stepped(tau, step))
+
+
+def resting() -> Measurements:
+    """The arm rests for a time; the controller's model of gravity is constant then."""
+    clean = motion()
+    rows = np.arange(len(clean.t))
+    rows[1000:1400] = 1000
+    return replace(clean, q=clean.q[rows], tau=clean.tau[rows])
+
+
+def accelerating() -> Measurements:
+    """It began at rest: its last rows are judged by those before them alone."""
+    row = np.arange(600.0)
+    q = np.outer(np.exp(0.1 * (row - 600.0)), np.linspace(0.3, 0.5, ROBOT.n))
+    return Measurements(row / RATE, q, np.cos(q))
+
+
+def waiting() -> Measurements:
     """A servo answers steps within a tenth of a second, and rests under a coarse
     encoder until the next one."""
     t = np.arange(0.0, 24.0, 1.0 / RATE)
@@ -596,11 +526,11 @@ def test_an_arm_that_waits_between_the_steps_of_its_command_is_no_copy(kind):
     share = 1.0 - np.exp(-since / 0.05) * (1.0 + since / 0.05)
     q = goals[step] + share * (goals[step + 1] - goals[step])
     groups = {"q": stepped(q, 2.0 * np.pi / 2**14), "qcmd": goals[step + 1]}
-    assert found(kind, Measurements.of(t, groups, ("run",))) is None
+    return Measurements.of(t, groups, ("run",))
 
 
-def test_an_arm_that_comes_to_rest_repeats_rows_by_itself():
-    """Moves from pose to pose, rests, a coarse torque with noise."""
+def from_pose_to_pose() -> Measurements:
+    """Moves and rests, a coarse torque with noise."""
     rng = np.random.default_rng(0)
     share = np.concatenate([np.linspace(0.0, 1.0, 300), np.ones(150)])
     share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
@@ -608,5 +538,59 @@ def test_an_arm_that_comes_to_rest_repeats_rows_by_itself():
     moves = [a + share[:, None] * (b - a) for a, b in pairwise(poses)]
     q = np.concatenate(moves).round(9)
     tau = 6.0 * np.cos(q) + 0.02 * rng.normal(size=q.shape)
-    run = Measurements(np.arange(len(q)) / 200.0, q, stepped(tau.T, 1.0).T)
-    assert found("doubled rows", run) is None
+    return Measurements(np.arange(len(q)) / 200.0, q, stepped(tau.T, 1.0).T)
+
+
+def turning_wheel() -> Measurements:
+    """A wheel turns once a second, and its angle wraps."""
+    run = small_swing(250.0, 1e-5)
+    angle = 2.0 * np.pi * np.outer(run.t, [1.0, -1.0])
+    return replace(run, q=np.angle(np.exp(1j * angle)))
+
+
+#: The last sample but two of a jerk at an end has no three samples behind it.
+JERK = np.array([0.0, 9.0, 18.0, 28.0, 43.0, 78.0, 101.0, 97.0])
+CATCHES, ROW = with_a_joint_that_catches()
+#: A log in order, and the kind of fact that it is none of.
+IN_ORDER: dict[str, tuple[str, Measurements]] = {
+    **{
+        f"dry friction {k}, in steps of {x}": ("frozen torque", dry(k, x))
+        for k in range(3)
+        for x in (0.8, 1.2)
+    },
+    "an arm at rest": ("frozen torque", resting()),
+    "a held joint, frozen": ("frozen position", with_a_held_joint()),
+    "a held joint, spiky": ("spikes", with_a_held_joint()),
+    "a jerk at the end": ("spikes", with_tau(motion(), slice(-8, None), JERK)),
+    "a jerk at the begin": ("spikes", with_tau(motion(), slice(7, None, -1), JERK)),
+    "a controller answers a joint that stops": (
+        "spikes",
+        with_tau(CATCHES, ROW, -30.0),
+    ),
+    "one skip of a joint that moves alone": ("lost rows", alone(1)),
+    "acceleration at the end": ("lost rows", accelerating()),
+    **{f"creeping {k}": ("doubled rows", creeping(seed=k)) for k in range(3)},
+    "from pose to pose": ("doubled rows", from_pose_to_pose()),
+    "steps of a command, packets": ("frozen packets", waiting()),
+    "steps of a command, copies": ("repeated run", waiting()),
+    **{
+        f"noise of an encoder at {x:g} Hz": (
+            "time unit",
+            small_swing(x, 0.05, 0.0, 0.5),
+        )
+        for x in (100.0, 1000.0, 4000.0, 10000.0)
+    },
+    "an angle that wraps": ("time unit", turning_wheel()),
+    "degrees": ("time unit", replace(motion(), q=np.degrees(motion().q))),
+    "no motion": ("time unit", replace(motion(), q=np.zeros_like(motion().q))),
+}
+
+
+@pytest.mark.parametrize("name", IN_ORDER)
+def test_of_a_log_in_order_nothing_is_said(name):
+    kind, run = IN_ORDER[name]
+    assert found(kind, run) is None
+
+
+def test_a_joint_that_moves_alone_shows_lost_rows_at_several_places():
+    assert found("lost rows", alone(6)) is not None

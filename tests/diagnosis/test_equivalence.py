@@ -5,8 +5,6 @@ The logs are of an arm that shares no code with the library (point_mass_arm).
 
 from collections.abc import Callable
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,12 +12,10 @@ from point_mass_arm import MASSES, PointMassArm, causal_filter, delayed
 
 from sdp_vs_penalty import Problem, diagnose, identify
 from sdp_vs_penalty.diagnosis import Diagnosis, Finding
-from sdp_vs_penalty.diagnosis.conclude import describe_finding
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import search
-from sdp_vs_penalty.diagnosis.sizes import Size, TorqueMade
 from sdp_vs_penalty.effects import JointResonance, JointSpring, TorqueFilter
 from sdp_vs_penalty.robot.inertia import link_sizes
 
@@ -226,32 +222,6 @@ def test_a_swing_that_is_damped_strongly_may_be_play(problem):
     assert damped.is_stand_in
     assert sprung.resembles == ()
     assert not sprung.is_stand_in
-
-
-@pytest.mark.parametrize(
-    ("errors", "is_said"), [([[1.0], [0.5]], True), ([[1.0], [1.0]], False)]
-)
-def test_a_finding_says_that_it_helps_only_beside_those_after_it(
-    problem, errors, is_said
-):
-    effect = JointSpring(problem.robot, [0])
-    covariance = np.eye(len(effect.parameters))
-    covariances = (covariance,) * 4
-    torque = TorqueMade(joint=0, rms=1.0, std=0.1)
-    size = Size(np.ones(len(covariance)), *covariances, torque)
-    form = SimpleNamespace(effect=effect)
-    judged: Any = SimpleNamespace(
-        term=SimpleNamespace(form=form, rivals=(), evidence=30.0),
-        size=size,
-        effect=effect,
-        errors=np.array(errors),
-        resembles=(),
-    )
-    step = np.ones((2, 1))
-    finding = describe_finding(judged, {}, step)
-    assert finding.is_shown_beside_all == is_said
-    assert ("only beside the findings after it" in finding.explanation) == is_said
-    assert finding.held_out_rmse_after == step[1]
 
 
 @pytest.mark.long

@@ -16,7 +16,6 @@ from sdp_vs_penalty.diagnosis import (
     remainder,
 )
 from sdp_vs_penalty.diagnosis.conclude import _standstill
-from sdp_vs_penalty.diagnosis.explanation import Ladder
 from sdp_vs_penalty.signals import REPETITION
 
 FLOOR = np.array([0.2, 3.0])
@@ -197,33 +196,6 @@ def test_what_raises_its_joints_errors_more_than_it_lowers_them_is_doubtful(
     errors = np.array([[1.0, 1.0], after])
     finding: Any = SimpleNamespace(errors=errors, joints=[0, 1])
     assert confidence.DOUBTS["raises"](finding) == is_doubtful
-
-
-@pytest.mark.parametrize(
-    ("rule", "errors"),
-    [
-        (lambda c: [1.0 - 0.3 * (0 in c)], [1.0, 0.7]),  # by its step
-        (lambda c: [1.0 - 0.02 * (0 in c) * len(c)], [1.0, 0.98]),  # by its step
-        (lambda c: [1.0 + 0.1 * (c == {0}) - 0.3 * (c == {0, 1})], [1.0, 0.7]),
-        (lambda c: [1.0 - 0.3 * (c == {0, 1})], [1.0, 0.7]),  # only beside the later
-        (lambda c: [1.0 + 0.1 * (c == {0})], [1.0, 1.1]),  # by neither
-        (lambda c: [1.0 + 0.1 * (0 in c)], [1.0, 1.1]),  # by neither
-    ],
-)
-def test_a_finding_is_judged_beside_all_others_if_only_that_shows_it(rule, errors):
-    ladder = Ladder(Told(rule), offered=(0, 1), n_own=0)
-    np.testing.assert_allclose(ladder.errors_that_show(0, [0]).T, [errors])
-
-
-def test_a_finding_is_judged_beside_the_constants_and_all_other_findings():
-    """A re-estimated constant comes first; the finding's own joint is the second."""
-    ladder = Ladder(
-        Told(lambda c: [1.0 + (2 in c), 1.0 - 0.5 * ({0, 1, 2} <= c)]),
-        offered=(0, 1, 2),
-        n_own=1,
-    )
-    shown = ladder.errors_that_show(0, [1])
-    np.testing.assert_allclose(shown, [[2.0, 1.0], [2.0, 0.5]])
 
 
 @pytest.mark.parametrize(("change", "doubts"), DOUBTS)
