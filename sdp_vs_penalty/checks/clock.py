@@ -482,7 +482,7 @@ def find_uneven_stamps(glance: RunSummary) -> Iterator[Issue]:
             " the recorded times"
         ),
         remedy="space the time stamps evenly (and log the samples' own time)",
-        repair=partial(_evened, pause=pause),
+        repair=partial(_spaced_evenly, step=glance.usual_step),
         figures={"percent": 100.0 * spread, "ratio": ratio},
     )
 
@@ -498,15 +498,6 @@ def _roughness(glance: RunSummary, share: Array, is_inner: Rows) -> Array:
     on_line = q[:-2] * (1.0 - share)[:, None] + q[2:] * share[:, None]
     distance = (q[1:-1] - on_line)[is_inner]
     return np.asarray(np.sqrt(np.mean(distance**2, axis=0)))
-
-
-def _evened(run: Measurements, pause: float) -> Measurements:
-    """Return the run with evenly spaced stamps between two gaps, which are longer than
-    ``pause`` [s]; the first and last stamp of each part stay."""
-    edges = np.flatnonzero(np.diff(run.t) > pause) + 1
-    parts = np.split(run.t, edges)
-    even = [np.linspace(part[0], part[-1], len(part)) for part in parts]
-    return replace(run, t=np.concatenate(even))
 
 
 def find_time_jumps(glance: RunSummary) -> Iterator[Issue]:

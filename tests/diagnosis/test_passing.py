@@ -199,17 +199,6 @@ def test_what_one_joint_has_for_a_time_is_on_it(problem, kind, size, words, push
     assert_spans(cause, (12.0, 18.0))
 
 
-@pytest.mark.long
-def test_a_gain_that_differs_between_two_runs_is_one(problem):
-    one, two = PointMassArm().run(1), PointMassArm().run(2)
-    two = replace(two, tau=two.tau * [1.0, 1.15, 1.0], names=("b",))
-    (cause,) = diagnosed(problem, concatenate([one, two])).passing
-    assert (cause.kind, cause.place) == ("gain", 2)
-    assert abs(cause.size) == pytest.approx(0.15, rel=0.15)
-    assert len(cause.spans) == 1
-    assert "a change of the torque channel's gain of" in cause.sentence
-
-
 @pytest.mark.parametrize("period", [20.0, pytest.param(35.0, marks=pytest.mark.long)])
 def test_a_torque_that_wanders_with_time_does_not_act_for_a_part_of_it(problem, period):
     def wander(t: Array, q: Array, dq: Array) -> Array:

@@ -4,8 +4,7 @@
 - a force F that is constant in the world, at a point p of a link. It is the weight of a
   mass of 1 kg at p in a field of gravity F, so its columns are those of the weight;
 - a constant torque on one joint;
-- a change of one joint's dry friction, as of a brake that drags;
-- a change of the gain of one torque channel, as between runs of two days.
+- a change of one joint's dry friction, as of a brake that drags.
 
 A torque that wanders slowly on one joint, as the zero of a drifting channel does, is a
 rival of all these: it acts all the time, so it is no cause of its own here.
@@ -86,26 +85,11 @@ class ChangedFriction(JointEffect):
         return motion.sign(joint)
 
 
-class ChangedGain(JointEffect):
-    """A change of the gain of a torque channel: a share of the model's torque."""
-
-    name = "channel_gain"
-    equation = "g tau_hat"
-    symbol = "g"
-    units = ("-", "-")
-    sought = False
-    needs_torque = True
-
-    def column(self, motion: Motion, joint: int) -> Array:
-        """Return the torque (N,) of the model."""
-        return motion.model_torque[:, joint]
-
-
 @dataclass(frozen=True, eq=False)
 class Law:
     """What a cause may be: its filtered columns, and how many numbers describe it."""
 
-    #: "load", "force", "torque", "friction", "gain" or WANDERING.
+    #: "load", "force", "torque", "friction" or WANDERING.
     kind: str
     #: Number of the link or joint, from 1.
     place: int
@@ -174,13 +158,12 @@ def load_law(data: WhiteData) -> Law:
 _OF_JOINTS: dict[str, type[Effect]] = {
     "torque": standard_effect("offset"),
     "friction": ChangedFriction,
-    "gain": ChangedGain,
 }
 
 
 def joint_laws(data: WhiteData, *kinds: str) -> list[Law]:
     """Return the laws of some kinds, one for each joint: a constant "torque", a change
-    of dry "friction", of the channel's "gain"."""
+    of dry "friction"."""
     return [
         Law(kind, j + 1, effect, spread_columns(data.rows, effect), 1)
         for kind in kinds

@@ -72,12 +72,10 @@ class PassingSearch:
         """Take a finished search, and the effects in it that are certain."""
         self.data, self.terms = _without_repetition(search, terms)
         robot = self.data.estimate.robot
-        n_laws = 1 + 3 * robot.n + robot.links
+        n_laws = 1 + 2 * robot.n + robot.links
         self.score = EvidenceScorer(self.data, n_laws, like=search.score)
         self.base = self.score.fit(self.terms)
-        run = self.data.rows.run
-        self.cells = Cells.of(self.data.clusters[0], run)
-        self.runs = Cells.of(np.unique(run, return_inverse=True)[1], run)
+        self.cells = Cells.of(self.data.clusters[0], self.data.rows.run)
 
     def best(self) -> tuple[Trial, tuple[Trial, ...]] | None:
         """Return the law that explains most, and its rivals; None if none stands out.
@@ -85,16 +83,13 @@ class PassingSearch:
         All are tried, suspected or not: noise that is measured from repetitions takes
         in what differs between them. Forces take most of the time, and are tried only
         if another law stands out. A torque that wanders slowly with time is their
-        rival. A channel's gain differs between runs, and not within one.
+        rival. What belongs to a run, such as a channel's gain, the check tells.
         """
         laws = [load_law(self.data), *joint_laws(self.data, "torque", "friction")]
-        trials = self._trials(laws, self.cells)
-        if len(self.runs.run) > 1:
-            gains = joint_laws(self.data, "gain")
-            trials += self._trials(gains, self.runs)
+        trials = self._trials(laws)
         if not any(t.stands_out for t in trials):
             return None
-        trials += self._trials(force_laws(self.data), self.cells)
+        trials += self._trials(force_laws(self.data))
         most = max(t.term.drop for t in trials)
         finer = [
             self.with_finer_edges(t)
@@ -103,9 +98,9 @@ class PassingSearch:
         ]
         return best_of([*finer, *self._wandering()]) if finer else None
 
-    def _trials(self, laws: Sequence[Law], cells: Cells) -> list[Trial]:
+    def _trials(self, laws: Sequence[Law]) -> list[Trial]:
         """Try laws; return the trials of those with spans."""
-        trials = [self.trial(law, cells) for law in laws]
+        trials = [self.trial(law) for law in laws]
         return [t for t in trials if t is not None]
 
     def _wandering(self) -> list[Trial]:
@@ -115,10 +110,10 @@ class PassingSearch:
         trials = [self._judged(law, self.cells, always) for law in laws]
         return [t for t in trials if t is not None]
 
-    def trial(self, law: Law, cells: Cells) -> Trial | None:
+    def trial(self, law: Law) -> Trial | None:
         """Search the spans of a law, made of cells, and judge it; None if it explains
         nothing."""
-        level = self.base.level
+        level, cells = self.base.level, self.cells
         x = np.zeros(len(cells.run))
         white = self._white(law, np.ones(len(self.data.y[0])))
         fit = self.base
