@@ -506,22 +506,6 @@ def test_no_copy_is_written_of_a_log_that_is_not_repaired(tmp_path, two_link, ca
     assert not copy.exists()
 
 
-def test_time_in_whole_seconds_is_mended_in_one_step(tmp_path, two_link, capsys):
-    """It was called milliseconds, and the copy was the log itself."""
-    log, copy = tmp_path / "log.csv", tmp_path / "copy.csv"
-    run = quarter_rate(two_link)
-    save(replace(run, t=np.floor(run.t)), log)
-    two = "check", "two_link", "--data"
-    assert run_cli(*two, log, "--fix", copy) == 1
-    shown = capsys.readouterr().out
-    assert "coarse time stamps" in shown
-    assert "milliseconds" not in shown
-    assert run_cli(*two, copy) == 0
-    assert "0 problems" in capsys.readouterr().out
-    step = np.median(np.diff(run.t))
-    np.testing.assert_allclose(np.diff(load_measurements(copy).t), step, rtol=2e-3)
-
-
 def test_an_explanation_is_never_an_error():
     words = dict(kind="k", where="w", what="x", certainty=likely("x"), remedy="r")
     with pytest.raises(ValueError, match="never an error"):
@@ -576,41 +560,27 @@ def clean_model(small):
     return identify(*small, "ols")
 
 
-def test_runs_that_were_clean_are_not_checked_again(clean_model, small):
-    assert not needs_check(clean_model, small[1])
-
-
-def test_runs_of_another_motion_are_checked(clean_model, small):
-    assert needs_check(clean_model, small[1].window(0.0, 5.0))
-
-
-def test_runs_are_checked_again_under_another_gravity(clean_model, small):
-    assert needs_check(clean_model.with_gravity((0.0, 9.81, 0.0)), small[1])
-
-
 @pytest.mark.parametrize(
-    "changed",
+    ("provenance", "is_asked"),
     [
-        {"versions": {"sdp_vs_penalty": "0.0"}},
-        {"checks": {}},
-        {"checks": {"another run": []}},
+        ({}, False),
+        ({"versions": {"sdp_vs_penalty": "0.0"}}, True),
+        ({"checks": {}}, True),
+        ({"checks": {"another run": []}}, True),
+        ({"checks": {"this run": [{"severity": "warning"}]}}, True),
     ],
-    ids=["of another version", "without a result", "of other runs"],
+    ids=["clean", "another version", "no result", "other runs", "a warning"],
 )
-def test_runs_are_checked_again_without_a_result_of_this_check(
-    changed, clean_model, small
+def test_runs_are_checked_again_unless_this_check_found_them_clean(
+    provenance, is_asked, clean_model, small
 ):
-    provenance = {**clean_model.provenance, **changed}
-    assert needs_check(replace(clean_model, provenance=provenance), small[1])
-
-
-def test_runs_with_a_warning_are_checked_again(clean_model, small):
     run = small[1]
-    provenance = {
-        **clean_model.provenance,
-        "checks": {run.data_hash: [{"severity": "warning"}]},
-    }
-    assert needs_check(replace(clean_model, provenance=provenance), run)
+    if "this run" in provenance.get("checks", {}):
+        provenance = {"checks": {run.data_hash: provenance["checks"]["this run"]}}
+    known = {**clean_model.provenance, **provenance}
+    assert needs_check(replace(clean_model, provenance=known), run) == is_asked
+    assert needs_check(clean_model, run.window(0.0, 5.0))
+    assert needs_check(clean_model.with_gravity((0.0, 9.81, 0.0)), run)
 
 
 @pytest.mark.parametrize(

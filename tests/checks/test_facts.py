@@ -19,6 +19,7 @@ from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.robot import LinkSizes, odd_units
+from sdp_vs_penalty.robot.arrays import Array
 
 PROBLEM = load_problem("two_link")
 RUN = small_run(PROBLEM, seconds=8.0)
@@ -63,48 +64,47 @@ def test_whole_seconds_give_the_rate_that_is_said_and_written(first):
     np.testing.assert_allclose(np.diff(issue.repair(written).t), 0.002, atol=1e-6)
 
 
-@pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 10.0])
-def test_a_clock_that_velocity_contradicts_is_named_with_its_factor(factor):
-    """Without dynamics: the velocity of every joint is off by the same factor."""
-    wrong = replace(RUN, t=factor * RUN.t)
-    (issue,) = find_wrong_velocities(summary(wrong))
-    assert issue.kind == "clock against velocity"
-    assert issue.figures["factor"] == pytest.approx(1.0 / factor, rel=0.02)
-    assert issue.severity == "warning"
+def late(samples: int) -> Measurements:
+    return replace(RUN, dq=np.roll(RUN.dq, samples, axis=0))
 
 
-def test_a_velocity_that_is_the_derivative_says_nothing():
-    assert not [*find_wrong_velocities(summary(RUN))]
+#: A log whose velocity is not the derivative of its position, or not quite, and what is
+#: said of it: kind, severity, and a figure.
+VELOCITIES = {
+    "as it is": (RUN, None),
+    "a sample late": (late(1), None),
+    **{
+        f"a clock times {x}": (
+            replace(RUN, t=x * RUN.t),
+            ("clock against velocity", "warning", "factor", 1.0 / x),
+        )
+        for x in (0.1, 0.5, 2.0, 10.0)
+    },
+    **{
+        f"{k} samples late": (late(k), ("velocity lag", "note", "samples", k))
+        for k in (-4, 3, 12)
+    },
+    **{
+        f"in {unit}": (
+            replace(RUN, dq=x * RUN.dq),
+            ("velocity unit", "note", "factor", x),
+        )
+        for unit, x in (("degrees", 180.0 / np.pi), ("turns", 30.0 / np.pi))
+    },
+}
 
 
-def test_a_velocity_one_sample_late_says_nothing():
-    assert RUN.dq is not None
-    assert not [
-        *find_wrong_velocities(summary(replace(RUN, dq=np.roll(RUN.dq, 1, axis=0))))
-    ]
-
-
-@pytest.mark.parametrize("lag", [-4, 3, 12])
-def test_a_velocity_that_comes_late_is_a_note_with_its_lag(lag):
-    """To a sample, and no other clock."""
-    assert RUN.dq is not None
-    (issue,) = find_wrong_velocities(
-        summary(replace(RUN, dq=np.roll(RUN.dq, lag, axis=0)))
-    )
-    assert issue.kind == "velocity lag"
-    assert issue.severity == "note"
-    assert issue.figures["samples"] == pytest.approx(lag, abs=1.0)
-
-
-@pytest.mark.parametrize(
-    ("factor", "unit"), [(180.0 / np.pi, "degrees"), (30.0 / np.pi, "turns")]
-)
-def test_a_velocity_in_another_unit_is_no_fault_of_the_clock(factor, unit):
-    assert RUN.dq is not None
-    (issue,) = find_wrong_velocities(summary(replace(RUN, dq=factor * RUN.dq)))
-    assert issue.kind == "velocity unit"
-    assert issue.severity == "note"
-    assert unit in issue.what
+@pytest.mark.parametrize("name", VELOCITIES)
+def test_a_velocity_that_is_not_the_derivative_is_told(name):
+    """By the clock where all joints are off by one factor; never by dynamics."""
+    run, told = VELOCITIES[name]
+    found = [*find_wrong_velocities(summary(run))]
+    assert len(found) == (told is not None)
+    for issue in found:
+        kind, severity, figure, value = told
+        assert (issue.kind, issue.severity) == (kind, severity)
+        tolerance = 1.0 if figure == "samples" else 0.02 * abs(value)
+        assert issue.figures[figure] == pytest.approx(value, abs=tolerance)
 
 
 @pytest.mark.parametrize("name", ["q", "tau"])
@@ -171,20 +171,6 @@ LINKS = [LinkSizes(f"l{k}", 4.0, 0.12, 0.03) for k in range(3)]
 
 
 @pytest.mark.parametrize(
-    ("links", "longest", "quantity", "factor"),
-    [
-        ([replace(x, inertia=1e6 * x.inertia) for x in LINKS], 0.4, "inertias", 1e6),
-        ([replace(x, com=1e3 * x.com) for x in LINKS], 0.4, "centres of mass", 1e3),
-        ([replace(x, mass=1e3 * x.mass) for x in LINKS], 0.4, "masses", 1e3),
-        (LINKS, 400.0, "lengths", 1e3),
-    ],
-)
-def test_units_of_links_are_named_with_their_factor(links, longest, quantity, factor):
-    odd = [(x.quantity, x.factor) for x in odd_units(links, longest)]
-    assert (quantity, factor) in odd
-
-
-@pytest.mark.parametrize(
     ("change", "longest", "quantity", "unit"),
     [
         ({"inertia": 0.03 * 1e4}, 0.4, "inertias", "kg cm^2"),
@@ -192,10 +178,13 @@ def test_units_of_links_are_named_with_their_factor(links, longest, quantity, fa
         ({"mass": 4e3, "inertia": 0.03 * 1e7}, 0.4, "inertias", "g cm^2"),
         ({"mass": 4e3, "inertia": 0.03 * 1e9}, 0.4, "inertias", "g mm^2"),
         ({"com": 20.0}, 0.4, "centres of mass", "cm"),
+        ({"com": 120.0}, 0.4, "centres of mass", "mm"),
+        ({"mass": 4e3}, 0.4, "masses", "g"),
         ({}, 40.0, "lengths", "cm"),
+        ({}, 400.0, "lengths", "mm"),
     ],
 )
-def test_units_of_cm_are_among_those_named(change, longest, quantity, unit):
+def test_units_of_links_are_named(change, longest, quantity, unit):
     """A unit that fits is named; the first is that of the file's masses."""
     links = [replace(x, **change) for x in LINKS]
     (odd,) = [x for x in odd_units(links, longest) if x.quantity == quantity]
@@ -426,11 +415,32 @@ def test_positions_out_of_reach_end_the_judging_of_torques():
     assert {f.nature for f in report.issues} == {"fact"}
 
 
-def test_a_torque_that_touches_zero_smoothly_is_no_magnitude():
-    """As one that a spring or the weight makes: it turns back without a corner."""
-    tau = RUN.tau.copy()
-    tau[:, 1] = 5.0 * (1.0 - np.cos(2.0 * RUN.t)) + 1e-4
-    assert not possible_magnitudes(summary(replace(RUN, tau=tau)))
+def flickering(n_levels: int) -> Array:
+    """A current in few steps flickers between two of them while its joint rests."""
+    level = np.where(RUN.t < 3.0, 1.2, n_levels * np.sin(RUN.t) ** 2)
+    flicker = np.random.default_rng(2).choice([0.0, 1.0], len(RUN.t), p=[0.9, 0.1])
+    return 0.15 * np.round(level + flicker)
+
+
+#: Torques of joint 2, and whether they lack their sign.
+MAGNITUDES = {
+    "touches zero smoothly": (5.0 * (1.0 - np.cos(2.0 * RUN.t)) + 1e-4, False),
+    "six levels, resting near zero": (flickering(6), False),
+    "nine levels": (flickering(9), False),
+    "no sign": (np.abs(5.0 * np.cos(2.0 * RUN.t) + 1e-3), True),
+    # Between two samples it passes zero by more than the usual step.
+    "no sign, friction turns fast": (
+        np.abs(0.5 * np.cos(2.0 * RUN.t) + 4.0 * np.tanh(RUN.dq[:, 1] / 0.3)),
+        True,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MAGNITUDES)
+def test_a_torque_without_its_sign_has_corners_at_zero(name):
+    torque, is_magnitude = MAGNITUDES[name]
+    run = replace(RUN, tau=np.column_stack([RUN.tau[:, 0], torque]))
+    assert possible_magnitudes(summary(run)) == [1] * is_magnitude
 
 
 def test_a_corner_that_a_motion_repeats_is_one_corner():
@@ -440,30 +450,6 @@ def test_a_corner_that_a_motion_repeats_is_one_corner():
     tau = np.column_stack([np.cos(t), 0.003 + np.abs(phase)])
     q = np.column_stack([np.sin(0.5 * np.pi * t), np.cos(0.5 * np.pi * t)])
     assert not possible_magnitudes(summary(Measurements(t, q, tau)))
-
-
-@pytest.mark.parametrize("n_levels", [6, 9])
-def test_a_coarse_torque_that_rests_near_zero_is_no_magnitude(n_levels):
-    """A current in few steps flickers between two of them while its joint rests."""
-    tau = RUN.tau.copy()
-    level = np.where(RUN.t < 3.0, 1.2, n_levels * np.sin(RUN.t) ** 2)
-    flicker = np.random.default_rng(2).choice([0.0, 1.0], len(RUN.t), p=[0.9, 0.1])
-    tau[:, 1] = 0.15 * np.round(level + flicker)
-    assert not possible_magnitudes(summary(replace(RUN, tau=tau)))
-
-
-def test_a_torque_without_its_sign_is_a_magnitude():
-    tau = RUN.tau.copy()
-    tau[:, 1] = np.abs(5.0 * np.cos(2.0 * RUN.t) + 1e-3)
-    assert possible_magnitudes(summary(replace(RUN, tau=tau))) == [1]
-
-
-def test_a_magnitude_whose_sign_friction_turns_fast_is_one():
-    """Between two samples it passes zero by more than the usual step."""
-    tau = RUN.tau.copy()
-    friction = np.tanh(RUN.dq[:, 1] / 0.3)
-    tau[:, 1] = np.abs(0.5 * np.cos(2.0 * RUN.t) + 4.0 * friction)
-    assert possible_magnitudes(summary(replace(RUN, tau=tau))) == [1]
 
 
 def test_an_order_that_makes_positions_possible_is_said_beside_their_range():

@@ -1,6 +1,5 @@
 """The score against plain least squares, and what it promises."""
 
-import re
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -219,13 +218,6 @@ def terms(search: Search, name: str = "", joint: int = 0) -> list[ScoredEffect]:
     ]
 
 
-def test_lengths_from_which_a_delay_is_looked_for_are_one_law(search):
-    """It becomes as long as its size; what is chosen is a filter's phase."""
-    laws = search.library.laws
-    assert laws["torque_delay", 0] == laws["global_delay", None] == 1
-    assert laws["torque_filter", None] == 2
-
-
 def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(search):
     """Beyond the model, on each joint, as the misfits' deviations expect it: FORM of
     its squares."""
@@ -335,16 +327,6 @@ def test_columns_without_bound_are_no_candidate(size):
     assert not white_candidate(data, form())[0].any()
 
 
-def test_forms_that_make_the_same_torque_are_told_by_their_evidence_alone():
-    """Not by how many rows the sandwich finds each of them worth."""
-    one = ScoredEffect(
-        form(), {0: np.zeros((M, 1))}, drop=3000.0, rows_worth_one=1.5, price=20.0
-    )
-    other = replace(one, form=form(name="other"), drop=3001.0, rows_worth_one=1.6)
-    assert one.evidence - other.evidence > 100.0
-    assert other.evidence_with_worth_of(one) - one.evidence == pytest.approx(1.0 / 1.5)
-
-
 def test_a_shape_constant_is_where_it_explains_most(search, monkeypatch):
     """Whatever the rows are found to be worth there: that is as uncertain as the
     evidence is."""
@@ -416,16 +398,6 @@ def test_rows_that_err_together_are_worth_less_unless_it_is_not_asked():
     assert robust.v > 2.0 * plainly.v
 
 
-def test_a_curve_without_a_fold_is_that_of_the_other_rows():
-    data, z = made()
-    z = z + data.X[0, :, :1]
-    fold = np.arange(M) % 2
-    data.y[0] += 30.0 * (1.0 + fold) * z[:, 0]
-    columns = CurveColumns.of(score := EvidenceScorer(data, 10), score.fit(()), z, 0)
-    found = columns.without_fold(fold, np.zeros((1, 1)))
-    np.testing.assert_allclose(found, [[60.0], [30.0]], rtol=0.02)
-
-
 def test_screening_is_the_drop_of_the_squared_error():
     data, z = made(size=0.5)
     score = EvidenceScorer(data, 10)
@@ -442,15 +414,6 @@ def test_screening_is_the_drop_of_the_squared_error():
     assert score.screened(fit, forbidden)[0] == pytest.approx(
         -np.log(fit.degrees[0]), rel=1e-2
     )
-
-
-def test_of_more_series_and_a_doubtful_variance_chance_reaches_more_energy():
-    pieces = [np.arange(500), np.arange(500, 1000)]
-    marginal = np.random.default_rng(8).normal(size=1000)
-    marginal[300] = 6.4
-    searched = ((1, 1000.0), (10**3, 1000.0), (10**6, 1000.0), (1, 8.0))
-    told = [coloured_noise.local_excess(marginal, pieces, *x)[300] for x in searched]
-    assert told == [True, False, False, False]
 
 
 def test_a_hum_is_a_line_and_noise_is_not():
@@ -510,13 +473,3 @@ def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes
             <= {*found.tolist()}
             <= {*range(begin - 40, begin + 40)}
         )
-
-
-def test_the_columns_of_candidates_are_counted(white):
-    """The count, from which the time left is told, rises to at most its total."""
-    said = [re.findall(r"(\d+) of (\d+)", x)[0] for x in white[2]]
-    counts = [(int(done), int(total)) for done, total in said]
-    assert counts == sorted(counts)
-    assert counts[0][0] == 1
-    assert 1 < counts[-1][0] <= counts[-1][1]
-    assert len({total for _, total in counts}) == 1
