@@ -28,7 +28,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.arm_fit import RepairedRows, orthonormal
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import prior_of_one_of
 from sdp_vs_penalty.race.race import Race
 from sdp_vs_penalty.race.records import Further, Hypothesis
@@ -82,7 +82,7 @@ class WhiteLog:
 
     def rows(self, chain: LogTransform) -> RepairedRows:
         """Return the model's columns."""
-        return RepairedRows.of(self.basis, self.shared_columns)
+        return RepairedRows.from_basis(self.basis, self.shared_columns)
 
     def torque_mask(self, chain: LogTransform) -> Array:
         """Return that all rows count."""
@@ -142,7 +142,7 @@ class LibraryRace(Race):
         joint = () if form.key[1] is None else (form.key[1],)
         return Hypothesis(kind, joint, prior, chain, further=further, effect=form.text)
 
-    def propose(self, evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+    def propose(self, evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         """Yield all candidates whose effect is not taken on their joint yet."""
         taken = {id(x.columns) for x in fit.view.further}
         keys = {

@@ -203,7 +203,7 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
         )
         return replace(report, issues=tuple(issues))
     issues += [*standing.find_idle_joints(glance)]
-    lockstep = LockstepMotion.of(glance)
+    lockstep = LockstepMotion.find_in(glance)
     if glance.moving.any():
         issues += [
             *([] if lockstep is None else [lockstep.issue()]),

@@ -36,7 +36,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.kinds import KINDS, SHOWN_BY_A_POOR_MOTION, list_faults, order
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.race import Claim, Race, Verdict
+from sdp_vs_penalty.race.race import Claim, Outcome, Race
 from sdp_vs_penalty.race.rows import RegressionData
 from sdp_vs_penalty.race.run_log import RunLog
 from sdp_vs_penalty.results.remedy import Change
@@ -115,7 +115,7 @@ class LoggerJudge:
     def rows_of(self, run: Measurements) -> Likelihood:
         """Return the filtered rows of one run, to fit arms to. Raises InputError for a
         run shorter than the filters need."""
-        data = RegressionData.of(self.problem, run, self.settings.resolve(run))
+        data = RegressionData.from_run(self.problem, run, self.settings.resolve(run))
         return Likelihood(self.problem, data)
 
     def judge(self) -> list[Report]:
@@ -146,7 +146,7 @@ class LoggerJudge:
         self._report(common, verdict)
         return self.reports
 
-    def _report(self, common: Likelihood, verdict: Verdict) -> None:
+    def _report(self, common: Likelihood, verdict: Outcome) -> None:
         """Add the explanations to the reports of all runs.
 
         They are what the race says, the size of the torques, and the torque that stays
@@ -175,7 +175,7 @@ class LoggerJudge:
             differences = self._differences(number, verdict)
             self._report_run(number, stated, differences, size, net)
 
-    def _differences(self, number: int, verdict: Verdict) -> list[Issue]:
+    def _differences(self, number: int, verdict: Outcome) -> list[Issue]:
         """List the issues about what differs in one run, or from an instant of it on;
         its log is repaired where a change of the log undoes that."""
         log = self.logs[number]

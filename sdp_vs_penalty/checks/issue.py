@@ -66,7 +66,7 @@ class Issue(WritesJson):
             raise ValueError(f"{self.kind}: an explanation is never an error")
 
     @classmethod
-    def of(
+    def from_fault(
         cls,
         *,
         kind: str,
@@ -124,7 +124,7 @@ class Issue(WritesJson):
         joints: Sequence[int] = (),
     ) -> "Issue":
         """Make an error from what identification would refuse; joints from 0."""
-        return cls.of(
+        return cls.from_fault(
             kind=kind,
             severity="error",
             joints=joints,

@@ -31,7 +31,7 @@ from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
-explanation = partial(Issue.of, nature=EXPLANATION)
+explanation = partial(Issue.from_fault, nature=EXPLANATION)
 #: Kind of what happens once.
 EVENT = "one-off event"
 #: A one-off event lasts at most so long [s].

@@ -53,7 +53,7 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     too_large = np.flatnonzero(is_too_large)
     if 0 < len(too_large) <= _SINGLE_JOINTS * log.n:
         times = formatting.words([f"{x:.3g}" for x in shares[too_large]])
-        yield Issue.of(
+        yield Issue.from_fault(
             kind="torque unit",
             severity="warning",
             joints=too_large,
@@ -65,10 +65,10 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
             changes=_scales(f"tau{j + 1}" for j in too_large),
         )
         return
-    size = _Size.of(log, repair, shares)
+    size = _Size.from_shares(log, repair, shares)
     reason = _reason_of_size(log, repair, size)
     if reason is not None:
-        yield Issue.of(
+        yield Issue.from_fault(
             kind=reason.kind,
             severity="warning",
             joints=range(log.n),
@@ -144,7 +144,9 @@ class _Size:
         return self.over > c.EFFORT[1]
 
     @classmethod
-    def of(cls, log: Likelihood, repair: LogTransform, shares: Array) -> "_Size":
+    def from_shares(
+        cls, log: Likelihood, repair: LogTransform, shares: Array
+    ) -> "_Size":
         """Return the size of the torques of a repaired log; shares (n,) : largest
         torques over the effort limits."""
         over = float(np.max(shares, initial=-1.0, where=shares > 0.0))
@@ -336,7 +338,7 @@ def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
     turns_round = speeds.max(axis=0) * speeds.min(axis=0) < 0.0
     is_weight = shares[log.moving].max() < c.MODEL_OF_WEIGHT
     if is_weight and turns_round[log.moving].all():
-        yield Issue.of(
+        yield Issue.from_fault(
             kind="gravity model",
             severity="warning",
             joints=(),

@@ -124,7 +124,7 @@ def _of_one_joint(j: int, ratio: float) -> Iterator[Issue]:
     position: it is negative, or off by a third or more."""
     if ratio > 0.0 and abs(np.log(ratio)) <= _OF_ONE_JOINT:
         return
-    yield Issue.of(
+    yield Issue.from_fault(
         kind="velocity of one joint",
         severity="note",
         joints=[j],

@@ -256,7 +256,7 @@ def _emps_runs(folder: Path) -> dict[str, Measurements]:
             "qcmd": data["qg"],
             "voltage": data["vir"],
         }
-        runs[name] = Measurements.of(data["t"].ravel(), groups, (name,))
+        runs[name] = Measurements.from_channels(data["t"].ravel(), groups, (name,))
     return runs
 
 

@@ -168,7 +168,7 @@ class Measurements(Shown):
                 raise wrong_shape(name, block.shape, q.shape, "sample")
 
     @classmethod
-    def of(
+    def from_channels(
         cls,
         t: Array,
         groups: Mapping[str, Array],
@@ -201,7 +201,9 @@ class Measurements(Shown):
     def with_channels(self, t: Array, groups: Mapping[str, Array]) -> Measurements:
         """Return the same samples with other channels (N, n), by their names in
         RUN.csv."""
-        other = Measurements.of(t, groups, self.names, self.run, self.torque_unit)
+        other = Measurements.from_channels(
+            t, groups, self.names, self.run, self.torque_unit
+        )
         return replace(
             other,
             joint_names=self.joint_names,
@@ -482,7 +484,7 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
         rows = concatenate_chunks(
             run.rows_of_file(np.arange(len(run.t))) for run in runs
         )
-    together = Measurements.of(
+    together = Measurements.from_channels(
         concatenate_chunks(run.t for run in runs),
         groups,
         names=tuple(run.names[0] for run in runs),

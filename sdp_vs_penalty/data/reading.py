@@ -410,12 +410,12 @@ def _aligned(
     is_one_table = not any(clocks.values())
     if is_one_table and not gaps and not {*clock} & {*values.gaps}:
         return t, {x: columns[x] for x in clocks}, values.rows
-    from sdp_vs_penalty.data.stretches.merging import Samples, align
+    from sdp_vs_penalty.data.stretches.merging import ChannelStamps, align
 
     n_rows = len(next(iter(columns.values())))
     stamps = {**log.clocks, "": np.arange(float(n_rows)) if t is None else t}
     seconds = found.scale.get("t", 1.0)  # of a unit that names say
-    samples, channels = dict[Any, Samples](), dict[str, tuple[Any, Array]]()
+    samples, channels = dict[Any, ChannelStamps](), dict[str, tuple[Any, Array]]()
     for name, own in clocks.items():
         has_value = ~gaps[name] if name in gaps else np.ones(len(columns[name]), bool)
         key = own, has_value.tobytes()
@@ -428,7 +428,7 @@ def _aligned(
                     what, "log the clock as well, or give --rate", log.path
                 )
             rows = rows[np.argsort(at[rows], kind="stable")]
-            samples[key] = Samples(seconds * at[rows], rows, own)
+            samples[key] = ChannelStamps(seconds * at[rows], rows, own)
         rows = samples[key].rows
         is_whole = len(rows) == len(columns[name]) and bool(np.all(np.diff(rows) == 1))
         channels[name] = key, columns[name] if is_whole else columns[name][rows]
@@ -538,7 +538,7 @@ def _in_si(
             _remark(log, f"{n_episodes} one after the other, a second apart")
             t = t + np.cumsum(np.append(0.0, apart))
     name = log.run_name or log.path.name
-    run = Measurements.of(t, blocks, (name,), None, found.torque_unit)
+    run = Measurements.from_channels(t, blocks, (name,), None, found.torque_unit)
     run = replace(run, joint_names=found.joints)
     return _without_others(log, run, found, choice)
 

@@ -74,7 +74,7 @@ def list_candidates(data: WhiteData, progress: Progress = no_progress) -> Librar
         members = groups.pop(key)  # its columns are needed once
         forms_of_batch, columns = zip(*members, strict=True)
         joints = tuple(sorted(columns[0]))
-        batches.append(Batch.of(joints, forms_of_batch, columns))
+        batches.append(Batch.from_columns(joints, forms_of_batch, columns))
     # A law is an effect on a joint with the same discrete constants: its candidates
     # differ in continuous constants only.
     form_by_law = {f.discrete_choice: f for b in batches for f in b.forms}

@@ -96,7 +96,7 @@ class States:
         return self.rows.still
 
     @classmethod
-    def of(cls, rows: SegmentedRuns) -> States:
+    def from_rows(cls, rows: SegmentedRuns) -> States:
         """Compute the motion and torque of all rows, low-passed as the measured torque
         was.
 
@@ -488,7 +488,7 @@ class Refit:
     remainder: Array
 
     @classmethod
-    def of(cls, columns: Array, error: Array) -> Refit:
+    def from_columns(cls, columns: Array, error: Array) -> Refit:
         """Fit the model's columns (n, M, p) to errors (n, M) [N m or N] of n joints."""
         scale = nonzero_or_one(np.sqrt(np.mean(error**2, axis=1)))
         n, n_rows, n_parameters = columns.shape

@@ -699,7 +699,7 @@ def _compare_one(
         Noise floor (n,) [N m or N], None if it is not known, and its source.
     """
     signals, outside_shares = _predict_runs(model, runs)
-    statistics = _ErrorStatistics.of(signals)
+    statistics = _ErrorStatistics.from_signals(signals)
     band = runs.settings.torque_cutoff
     assert band is not None
     record = model.training_motion
@@ -773,7 +773,7 @@ class _ErrorStatistics:
     torque_rms: Array
 
     @classmethod
-    def of(cls, signals: Signals) -> Self:
+    def from_signals(cls, signals: Signals) -> Self:
         """Compute mean squared error and r2 of a model's torque.
 
         With e = measured - modelled: mse = mean e^2 and r2 = 1 - mse / variance of each

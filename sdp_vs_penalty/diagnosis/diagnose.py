@@ -186,7 +186,7 @@ def diagnose_runs(
     held_out = held_out_errors(offered, judge)
     explanation = drop_harmful(offered, held_out, searched)
     explanation = with_equivalence_sets(explanation, judge)
-    ladder = Ladder.of(explanation, held_out, offered.terms)
+    ladder = Ladder.from_explanation(explanation, held_out, offered.terms)
     give_back_memory(runs.searched.samples)
     left = unexplained_error(explanation.search)
     measured = measure_curves(explanation.search, left.joints_above_noise)

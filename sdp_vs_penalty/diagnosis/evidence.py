@@ -270,7 +270,7 @@ class EvidenceScorer(WhiteFitter):
         columns: dict[int, Array],
     ) -> Trial:
         """Prepare a candidate to be added to a fit, and compared with another one."""
-        products = ColumnProducts.of(fit, fit.scaled(columns))
+        products = ColumnProducts.from_columns(fit, fit.scaled(columns))
         energy = products.energy
         energy_left = np.diagonal(products.gram_left)
         return Trial(

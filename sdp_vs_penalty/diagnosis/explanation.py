@@ -168,7 +168,7 @@ class Ladder:
     n_own: int
 
     @classmethod
-    def of(
+    def from_explanation(
         cls, explanation: Explanation, held_out: HeldOut, judged: Sequence[ScoredEffect]
     ) -> Ladder:
         """Make the ladder of an explanation: the order in which its effects are added.

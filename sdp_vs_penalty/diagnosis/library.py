@@ -160,7 +160,7 @@ class Batch:
         return np.asarray(transposed @ transposed.transpose(0, 1, 3, 2))
 
     @classmethod
-    def of(
+    def from_columns(
         cls,
         joints: tuple[int, ...],
         forms: tuple[Candidate, ...],
@@ -183,7 +183,7 @@ class Batch:
     def with_columns_on(self, data: WhiteData) -> Batch:
         """Compute the same candidates' columns on other white rows; return that batch."""
         white = [white_candidate(data, f) for f in self.forms]
-        return Batch.of(self.joints, self.forms, white)
+        return Batch.from_columns(self.joints, self.forms, white)
 
     def columns(self, f: int) -> dict[int, Array]:
         """Return the white columns of candidate f, (M, k) by joint (from 0)."""

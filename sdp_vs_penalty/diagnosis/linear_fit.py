@@ -320,7 +320,7 @@ class WhiteFit:
     def residual_of(self, scaled: dict[int, Array]) -> Array:
         """Return what the fit leaves (n joints, M, k) of weighted columns Z, (M, k) by
         joint (from 0), divided by the joint's level (:meth:`scaled`)."""
-        return ColumnProducts.of(self, scaled).residual
+        return ColumnProducts.from_columns(self, scaled).residual
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,7 +338,7 @@ class ColumnProducts:
     with_design: dict[int, Array]
 
     @classmethod
-    def of(cls, fit: WhiteFit, columns: dict[int, Array]) -> ColumnProducts:
+    def from_columns(cls, fit: WhiteFit, columns: dict[int, Array]) -> ColumnProducts:
         """Multiply weighted columns, (M, K) by joint (from 0), with those of a fit."""
         with_design = {
             j: fit.design.products_on(j, z) / fit.level[j] for j, z in columns.items()

@@ -558,7 +558,7 @@ def where_it_fails(
         estimate=estimate,
         rows=rows,
         searched=searched,
-        states=States.of(rows),
+        states=States.from_rows(rows),
         folds=folds,
         keep=np.asarray(rows.keep.all(axis=1), bool),
         repeats=source == REPETITION,
@@ -726,7 +726,7 @@ class _Judge:
         torques.
         """
         error = self.rows.residual[self.keep]
-        return Refit.of(
+        return Refit.from_columns(
             columns=model_columns(self.rows, self.estimate)[:, self.keep],
             error=(error - error.mean(axis=0)).T,
         )

@@ -52,7 +52,7 @@ class _Cutting:
     reach: float
 
     @classmethod
-    def of(cls, problem: Problem, run: Measurements) -> _Cutting:
+    def for_run(cls, problem: Problem, run: Measurements) -> _Cutting:
         """Read from a run how it can be cut: the clock of its motion, its duration, and
         the reach of the filters. Raises InputError for a run without motion.
         """
@@ -115,7 +115,7 @@ def split_run(
         of the run] of each window. None for a run that is too short.
     """
     try:
-        cutting = _Cutting.of(problem, run)
+        cutting = _Cutting.for_run(problem, run)
     except InputError:  # no motion: the check says so
         return None
     best = _best_cut(cutting, SHARES if share is None else (share,))
@@ -186,7 +186,7 @@ def other_splits(
     list of (train, test)
         Windows (begin, end) [s] of each split, up to N_SPLITS - 1 of them.
     """
-    cutting = _Cutting.of(problem, run)
+    cutting = _Cutting.for_run(problem, run)
     clock = cutting.clock
     length = float(clock.length if clock.periodic else cutting.seconds)
     first = [(a, b) for a, b in split["test"] if a < length]

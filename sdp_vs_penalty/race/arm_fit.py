@@ -50,7 +50,7 @@ class RepairedRows:
     gram: Array
 
     @classmethod
-    def of(cls, basis: Array, raw: Array) -> RepairedRows:
+    def from_basis(cls, basis: Array, raw: Array) -> RepairedRows:
         """Project each joint's own columns, of orthonormal basis (n, M, k), out of the
         shared columns raw (n, M, s).
 

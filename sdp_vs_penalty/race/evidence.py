@@ -26,7 +26,7 @@ from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.arm_fit import RepairedRows, orthonormal
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.likelihood import Likelihood, recent, without_inertial_power
-from sdp_vs_penalty.race.records import Hypothesis, Part, View
+from sdp_vs_penalty.race.records import Hypothesis, LogView, Part
 from sdp_vs_penalty.race.rows import random_rows
 from sdp_vs_penalty.regression.base_parameters import structure
 from sdp_vs_penalty.regression.evidence import independent_rows, jackknifed
@@ -61,11 +61,11 @@ class _Columns:
 
 
 @dataclass(frozen=True)
-class Fit:
+class ViewFit:
     """One arm fitted to the rows of a view, with the evidence of the view."""
 
     #: How the rows are seen.
-    view: View
+    view: LogView
     #: Columns of the motion.
     columns: _Columns
     #: (n, s) products of the projected columns with the torque.
@@ -181,7 +181,7 @@ class Evidence:
         """(s, s) covariance of the links' independent parameters beforehand."""
         return np.asarray(np.linalg.inv(self._prior[1]), float)
 
-    def _prior_of(self, view: View) -> tuple[Array, Array, float]:
+    def _prior_of(self, view: LogView) -> tuple[Array, Array, float]:
         """Return the prior of a view's parameters: those of the links, then the sizes of
         its further columns about zero."""
         mean, inverse, log_determinant = self._prior
@@ -196,7 +196,7 @@ class Evidence:
 
     # -- rows as seen
 
-    def _make_columns(self, motion: View) -> _Columns:
+    def _make_columns(self, motion: LogView) -> _Columns:
         """Make what all fits to one motion share; :attr:`_columns` caches it."""
         log, chain = self.log, motion.chain
         rows = log.rows(chain)
@@ -216,11 +216,11 @@ class Evidence:
                 own[:, at] = of_part * sign[:, None, None]
                 own[:, at, _OFFSET] = of_part[:, :, _OFFSET]
             basis = orthonormal(own * mask[:, :, None])
-            rows = RepairedRows.of(basis, raw)
+            rows = RepairedRows.from_basis(basis, raw)
         if motion.further:
             further = [x.columns * mask[:, :, None] for x in motion.further]
             raw = np.concatenate([rows.raw, *further], axis=2)
-            rows = RepairedRows.of(rows.basis, raw)
+            rows = RepairedRows.from_basis(rows.basis, raw)
         states = states - states.mean(axis=2, keepdims=True)
         velocity = without_inertial_power(states * mask)[0]
         size = np.linalg.norm(velocity, axis=1, keepdims=True)
@@ -233,7 +233,7 @@ class Evidence:
         motion = self.log.motion(chain.with_defaults("carried"))
         return motion.dq.T, motion.ddq.T
 
-    def _torque(self, view: View) -> Array:
+    def _torque(self, view: LogView) -> Array:
         """Return the torque (n, M) of a view."""
         torque = self.log.channels(view.chain)
         for part, beside in view.parts:
@@ -242,7 +242,7 @@ class Evidence:
             torque = np.where(at, of_part, torque)
         return torque
 
-    def _total(self, view: View) -> Array:
+    def _total(self, view: LogView) -> Array:
         """Return the squared torque (n,), to which what is left is compared.
 
         It makes the evidence free of gains; a part's gain counts in its rows.
@@ -255,13 +255,13 @@ class Evidence:
 
     # -- fits
 
-    def _products(self, view: View) -> Fit:
+    def _products(self, view: LogView) -> ViewFit:
         """Return the products of a view that a fit needs, not fitted yet."""
         columns = self._columns(view.motion)
         direction = -1.0 if view.chain.reversed else 1.0
         torque = self._torque(view)
         beside_own = columns.rows.project_out_own(torque[:, :, None])[:, :, 0]
-        return Fit(
+        return ViewFit(
             view=view,
             columns=columns,
             cross=(torque[:, None, :] @ columns.rows.projected)[:, 0],
@@ -271,13 +271,13 @@ class Evidence:
             direction=direction,
         )
 
-    def fit(self, view: View, v: float) -> Fit:
+    def fit(self, view: LogView, v: float) -> ViewFit:
         """Fit one arm to the rows of one view; see :meth:`fit_all`."""
         return self.fit_all([view], v)[0]
 
     def fit_all(
-        self, views: Sequence[View], v: float, rounds: int = _ROUNDS
-    ) -> list[Fit]:
+        self, views: Sequence[LogView], v: float, rounds: int = _ROUNDS
+    ) -> list[ViewFit]:
         """Fit one arm to the rows of each of several views with the same number of
         further columns.
 
@@ -295,8 +295,8 @@ class Evidence:
         return self.fitted(products, v, rounds)
 
     def fitted(
-        self, products: Sequence[Fit], v: float, rounds: int = _ROUNDS
-    ) -> list[Fit]:
+        self, products: Sequence[ViewFit], v: float, rounds: int = _ROUNDS
+    ) -> list[ViewFit]:
         """Fit arms to products that are known, with another number of rows worth one;
         see :meth:`fit_all`."""
         moving = self.log.moving
@@ -377,7 +377,7 @@ class Evidence:
             fits.append(fit)
         return fits
 
-    def _independent(self, fit: Fit, v: float) -> Array:
+    def _independent(self, fit: ViewFit, v: float) -> Array:
         """Return the number (n,) of independent rows less own columns, if v rows are
         worth one."""
         count = fit.columns.count / v
@@ -399,18 +399,18 @@ class Evidence:
         return float(np.log(p + 1e-4))
 
     @staticmethod
-    def _price_of_events(fit: Fit, v: float) -> float:
+    def _price_of_events(fit: ViewFit, v: float) -> float:
         """Return what the sizes of a view's events cost (Schwarz 1978)."""
         count = np.maximum(fit.columns.count / v, 1.0)
         return sum(0.5 * float(np.log(count[x.joint])) for x in fit.chain.events)
 
-    def residual(self, fit: Fit) -> Array:
+    def residual(self, fit: ViewFit) -> Array:
         """Return the torque (n, M) that the arm and each joint's own columns leave."""
         rows = fit.columns.rows
         beside_own = rows.project_out_own(self._torque(fit.view)[:, :, None])[:, :, 0]
         return np.asarray(beside_own - rows.projected @ fit.theta)
 
-    def rows_worth_one(self, fit: Fit) -> float:
+    def rows_worth_one(self, fit: ViewFit) -> float:
         """Return how many rows are worth one, by how long the residual stays alike."""
         residual = self.residual(fit)[self.log.moving]
         return max(1.0, residual.shape[1] / independent_rows(residual))
@@ -418,7 +418,7 @@ class Evidence:
     # -- numbers, to first order
 
     def changes(
-        self, fit: Fit, chains: Sequence[LogTransform], now: LogTransform
+        self, fit: ViewFit, chains: Sequence[LogTransform], now: LogTransform
     ) -> Array:
         """Return by how much the arm's unexplained torque is less under other transforms
         than ``now``, (n, M, r), the links as they are."""
@@ -430,7 +430,7 @@ class Evidence:
         return falls
 
     def slopes(
-        self, fit: Fit, hypotheses: Sequence[Hypothesis], sizes: Sequence[float]
+        self, fit: ViewFit, hypotheses: Sequence[Hypothesis], sizes: Sequence[float]
     ) -> Array:
         """Return the torque (n, M, r) per unit of the number of each hypothesis at a
         size, in the logged channels' size: beside a gain it is all that the model makes
@@ -466,7 +466,7 @@ class Evidence:
         return slopes
 
     def score_test(
-        self, fit: Fit, columns: Array, sd: Array
+        self, fit: ViewFit, columns: Array, sd: Array
     ) -> tuple[Array, Array, Array]:
         """Score further columns (n, M, r), each alone, the noise as it is.
 
@@ -486,7 +486,7 @@ class Evidence:
         return 0.5 * score * sizes - 0.5 * np.log1p(sd**2 * h), sizes, h
 
     def screen(
-        self, fit: Fit, columns: Array, sizes: Sequence[int], sd: Array
+        self, fit: ViewFit, columns: Array, sizes: Sequence[int], sd: Array
     ) -> tuple[Array, Array]:
         """Return log-odds and first size of each of several groups of further columns,
         the arm and the noise adapted to first order.
@@ -537,7 +537,7 @@ class Evidence:
             first[k] = x[0]
         return odds, first
 
-    def _beside_arm(self, fit: Fit, columns: Array) -> tuple[Array, Array]:
+    def _beside_arm(self, fit: ViewFit, columns: Array) -> tuple[Array, Array]:
         """Return information (r, r) and score (r,) of further columns (n, M, r), the
         arm's parameters taken out."""
         moving = self.log.moving
@@ -560,7 +560,7 @@ class Evidence:
     # -- the second witness
 
     def held_out(
-        self, fit: Fit, further: Array | None = None, span: Part | None = None
+        self, fit: ViewFit, further: Array | None = None, span: Part | None = None
     ) -> tuple[Array, Array]:
         """Fit an arm to all parts of the log but one, each in turn.
 
@@ -608,7 +608,7 @@ class Evidence:
         left = others.left_of(grams, arms[:, None])
         return np.maximum(c.PARTS * left / energy, c.FLOOR), arms
 
-    def jackknifed_spread(self, fit: Fit, slope: Array) -> float:
+    def jackknifed_spread(self, fit: ViewFit, slope: Array) -> float:
         """Return the standard deviation of a number, from arms fitted without each part:
         what the model lacks differs from part to part, and noise alone would look
         exact.

@@ -278,7 +278,7 @@ class Likelihood:
     def _make_rows(self, repair: LogTransform) -> RepairedRows:
         """Make the rows of a repair of the motion; :meth:`rows` caches the result."""
         basis = self._basis(repair.order, repair.events)
-        return RepairedRows.of(basis, self.raw(repair))
+        return RepairedRows.from_basis(basis, self.raw(repair))
 
     def raw(self, repair: LogTransform) -> Array:
         """Return the columns (n, M, s) of the s parameters that joints share (of the

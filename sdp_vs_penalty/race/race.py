@@ -13,10 +13,10 @@ from scipy.special import log_ndtr
 
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.kinds import KINDS, degrees, list_faults, propose_all
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Further, Hypothesis, View
+from sdp_vs_penalty.race.records import Further, Hypothesis, LogView
 from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -46,7 +46,7 @@ class Scored:
     #: Natural logarithm of its odds against the incumbent.
     log_odds: float
     #: The fit where it holds.
-    fit: Fit
+    fit: ViewFit
     #: Its size, in its own unit; of a load its mass [kg].
     size: float = 0.0
     #: Standard deviation of the size.
@@ -54,7 +54,7 @@ class Scored:
     #: What its freedom costs.
     occam: float = 0.0
 
-    def beside(self, base: Fit, fit: Fit) -> Scored:
+    def beside(self, base: ViewFit, fit: ViewFit) -> Scored:
         """Return it with its odds beside another fit of the incumbent, both with the
         same number of rows worth one."""
         odds = fit.value - base.value + self.hypothesis.log_prior + self.occam
@@ -66,7 +66,7 @@ class Claim(Scored):
     """A hypothesis that was taken."""
 
     #: The fit without it.
-    before: Fit = field(kw_only=True)
+    before: ViewFit = field(kw_only=True)
     #: What is as likely, the likeliest first.
     rivals: tuple[Scored, ...] = ()
 
@@ -82,15 +82,15 @@ class Claim(Scored):
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Outcome:
     """What the race says of a log."""
 
     #: What was taken, in this order.
     claims: tuple[Claim, ...]
     #: How the rows are seen with all of it.
-    view: View
+    view: LogView
     #: The fit to them.
-    fit: Fit
+    fit: ViewFit
 
     def claims_of_all(self) -> list[Claim]:
         """List the faults of the log that all its rows share."""
@@ -159,7 +159,7 @@ class Race:
         #: Log-odds of changes at the first look, by key and place among those of a key.
         self.looked_at: dict[object, float] = {}
 
-    def run(self) -> Verdict:
+    def run(self) -> Outcome:
         """Take the best hypothesis until none is likely.
 
         Where positions then lie beyond a joint's range, the race begins again from each
@@ -168,16 +168,16 @@ class Race:
         verdict = self._taken([])
         if not self._is_beyond_range(verdict.view.chain):
             return verdict
-        logged = self._incumbent(View(self.all.log.as_logged))
+        logged = self._incumbent(LogView(self.all.log.as_logged))
         units = degrees.propose(self.all, logged)
         begun = [self._begun_from(h, logged) for h in units]
         found = [x for x in begun if x is not None]
         return max(found, key=lambda x: x.claims[0].log_odds, default=verdict)
 
-    def _taken(self, claims: Sequence[Claim]) -> Verdict:
+    def _taken(self, claims: Sequence[Claim]) -> Outcome:
         """Take the best hypothesis beside some claims until none is likely."""
         taken = list(claims)
-        view = taken[-1].fit.view if taken else View(self.all.log.as_logged)
+        view = taken[-1].fit.view if taken else LogView(self.all.log.as_logged)
         fit = self._incumbent(view)
         while len(taken) < c.MAX_FAULTS:
             last = taken[-1].log_odds if taken else np.inf
@@ -187,7 +187,7 @@ class Race:
             taken.append(claim)
             view = claim.fit.view
             fit = self._incumbent(view)
-        return Verdict(tuple(taken), view, fit)
+        return Outcome(tuple(taken), view, fit)
 
     def _is_beyond_range(self, chain: LogTransform) -> bool:
         """Whether a transform leaves positions far beyond a joint's range."""
@@ -197,7 +197,7 @@ class Race:
         largest = np.abs(chain.positions(log.data.motion.q)).max(axis=0)
         return degrees in self.kinds and bool(np.any(largest > _BEYOND_RANGE * reach))
 
-    def _begun_from(self, h: Hypothesis, logged: Fit) -> Verdict | None:
+    def _begun_from(self, h: Hypothesis, logged: ViewFit) -> Outcome | None:
         """Return the verdict of the race that begins from a unit of positions, beside the
         fit as logged; None where beside all else that is taken the unit is not likely."""
         seen = self._incumbent(h.seen(logged.view))
@@ -221,14 +221,14 @@ class Race:
         claim = replace(first, log_odds=scored.log_odds, fit=verdict.fit, before=before)
         return replace(verdict, claims=(claim, *verdict.claims[1:]))
 
-    def _incumbent(self, view: View) -> Fit:
-        """Fit the rows as they are seen, with as many rows worth one as its residual
+    def _incumbent(self, view: LogView) -> ViewFit:
+        """ViewFit the rows as they are seen, with as many rows worth one as its residual
         says."""
         fit = self.all.fit(view, 1.0)
         v = self.all.rows_worth_one(fit)
         return self.all.fitted([fit], v)[0]
 
-    def _best(self, fit: Fit, explained: float) -> Claim | None:
+    def _best(self, fit: ViewFit, explained: float) -> Claim | None:
         """Return the likeliest hypothesis that parts left out confirm, with those that
         are as likely; None where nothing is."""
         ranking = self.rank(fit, explained)
@@ -254,7 +254,7 @@ class Race:
             rivals=tuple(rivals.values()),
         )
 
-    def rank(self, fit: Fit, explained: float = np.inf) -> list[Scored]:
+    def rank(self, fit: ViewFit, explained: float = np.inf) -> list[Scored]:
         """List the hypotheses that may be likelier than an incumbent, the likeliest
         first: all on few rows, the best on all rows at their best size.
 
@@ -272,7 +272,7 @@ class Race:
         return sorted(ranking, key=lambda x: -x.log_odds)
 
     def _screen(
-        self, fit: Fit, base: Fit, explained: float
+        self, fit: ViewFit, base: ViewFit, explained: float
     ) -> list[tuple[Hypothesis, float]]:
         """List the hypotheses that are worth a look at all rows, of each key the best,
         with the change of its size to first order.
@@ -300,7 +300,7 @@ class Race:
                 # What a claim explains, another cannot lack, nor much more.
                 if self.looked_at.get((h.key, count[h.key]), 0.0) > -explained:
                     changed[h.key, count[h.key]] = h
-        sizes = [h.number.of(h.chain) for h in numbers if h.number is not None]
+        sizes = [h.number.size_in(h.chain) for h in numbers if h.number is not None]
         further = [_thinned(h.further) for h in columns if h.further is not None]
         together = [few.slopes(base, numbers, sizes), *(x.columns for x in further)]
         sd = [np.array([h.number.sd]) for h in numbers if h.number is not None]
@@ -326,13 +326,15 @@ class Race:
                 looks.setdefault((h.kind, h.joints, place), (h, step))
         return [*looks.values()][: c.LOOKS]
 
-    def _exact(self, h: Hypothesis, step: float, fit: Fit, few: Fit) -> Scored | None:
+    def _exact(
+        self, h: Hypothesis, step: float, fit: ViewFit, few: ViewFit
+    ) -> Scored | None:
         """Return a hypothesis at its best size, on all rows; None where few rows, of which
         the incumbent's fit is ``few``, speak against it at that size."""
         number, size, spread, occam = h.number, 0.0, 0.0, 0.0
         if number is not None:
             first = _FIRST_STEP * number.sd
-            start = number.of(h.chain)
+            start = number.size_in(h.chain)
             size = start + float(np.clip(step, -first, first))
             size, _ = self._refined(self.few, few.view, h, size, 1.0, _STEPS)
             seen = self.few.fit(h.seen(few.view, size), 1.0)
@@ -340,7 +342,7 @@ class Race:
             if gain + h.log_prior < c.WORTH_A_LOOK:
                 return None
             size, spread = self._refined(self.all, fit.view, h, size, fit.v, 1)
-            away = size - (start if h.part else number.of(fit.chain))
+            away = size - (start if h.part else number.size_in(fit.chain))
             occam = float(np.log(min(1.0, spread / number.sd)))
             reach = number.usual + c.NUMBER_SIGMAS * spread
             near = [x for x in number.round_sizes if abs(x - size) < reach]
@@ -369,7 +371,12 @@ class Race:
 
     @staticmethod
     def _refined(
-        evidence: Evidence, view: View, h: Hypothesis, size: float, v: float, steps: int
+        evidence: Evidence,
+        view: LogView,
+        h: Hypothesis,
+        size: float,
+        v: float,
+        steps: int,
     ) -> tuple[float, float]:
         """Return the best size of a hypothesis, by Newton's steps from ``size``, and its
         standard deviation; v : rows worth one."""
@@ -391,7 +398,7 @@ class Race:
                 break
         return size, spread
 
-    def _witnessed(self, x: Scored, fit: Fit) -> Scored | None:
+    def _witnessed(self, x: Scored, fit: ViewFit) -> Scored | None:
         """Return a hypothesis with the spread of its size that parts of the log show, if
         this second witness speaks for it; else None.
 
@@ -405,13 +412,13 @@ class Race:
             spread = max(x.spread, self.all.jackknifed_spread(x.fit, slope))
             x = replace(x, spread=spread)
             before = x.hypothesis.chain if x.hypothesis.part else fit.chain
-            is_near = abs(x.size - number.of(before)) < c.NUMBER_SIGMAS * spread
+            is_near = abs(x.size - number.size_in(before)) < c.NUMBER_SIGMAS * spread
             is_at_limit = x.size in number.limits
             if is_near or is_at_limit or 2.0 * spread > number.widest:
                 return None
         return x if self._is_confirmed(x, fit) else None
 
-    def _is_confirmed(self, x: Scored, fit: Fit) -> bool:
+    def _is_confirmed(self, x: Scored, fit: ViewFit) -> bool:
         """Whether parts of the log that nothing was fitted to confirm a hypothesis."""
         number = x.hypothesis.number
         part = x.hypothesis.part
@@ -436,7 +443,7 @@ class Race:
         return bool(clearness > c.WITNESS_SIGMAS and is_large)
 
 
-def _of_all(fit: Fit) -> float:
+def _of_all(fit: ViewFit) -> float:
     """Return the evidence of all rows over that of few."""
     return c.THIN / min(fit.v, c.THIN)
 

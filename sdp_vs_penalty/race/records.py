@@ -41,7 +41,7 @@ class Number:
     #: Smallest and largest possible size.
     limits: tuple[float, float] = (-1e9, 1e9)
 
-    def of(self, chain: LogTransform) -> float:
+    def size_in(self, chain: LogTransform) -> float:
         """Return the size in a transform."""
         entries = getattr(chain, self.field)
         value = entries[self.joints[0]] if self.joints else entries
@@ -118,7 +118,7 @@ class Further:
 
 
 @dataclass(frozen=True)
-class View:
+class LogView:
     """How rows are seen: under a transform, those of parts under another one before it,
     beside further columns."""
 
@@ -132,7 +132,7 @@ class View:
     is_friction_real: bool = True
 
     @property
-    def motion(self) -> View:
+    def motion(self) -> LogView:
         """The view without what is done to torques alone: columns depend on no more."""
         chain = self.chain.motion_part
         parts = tuple((part, c.motion_part) for part, c in self.parts)
@@ -140,9 +140,9 @@ class View:
         parts = tuple(
             (part, c) for part, c in parts if replace(c, gravity=none.gravity) != none
         )
-        return View(chain, parts, self.further)
+        return LogView(chain, parts, self.further)
 
-    def with_part(self, part: Part, chain: LogTransform) -> View:
+    def with_part(self, part: Part, chain: LogTransform) -> LogView:
         """Return the view with one more transform of a part, before what it has."""
         parts = dict(self.parts)
         if part in parts:
@@ -198,7 +198,7 @@ class Hypothesis:
         chain = self.number.at(self.chain, size)
         return chain if self.part is None else chain.followed_by(base)
 
-    def seen(self, view: View, size: float | None = None) -> View:
+    def seen(self, view: LogView, size: float | None = None) -> LogView:
         """Return how rows are seen where it holds beside what a view has.
 
         Parameters

@@ -185,7 +185,7 @@ class RegressionData:
         return replace(self, motion=motion, torque=torque)
 
     @classmethod
-    def of(
+    def from_run(
         cls, problem: Problem, run: Measurements, settings: Preprocessing
     ) -> RegressionData:
         """Choose the rows of one run and filter them as an identification does.

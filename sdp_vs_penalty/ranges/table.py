@@ -65,7 +65,7 @@ class RangeEnd(JsonRecord):
         return first.replace(" of link", ", link") + more
 
     @classmethod
-    def of(cls, end: End | NonlinearEnd) -> RangeEnd:
+    def from_end(cls, end: End | NonlinearEnd) -> RangeEnd:
         """Return what a file holds of an end."""
         value = end.value
         if end.decided_by == "open" and isinstance(end, End):
@@ -482,8 +482,8 @@ def ranges_of(
             Range(
                 name=f.name,
                 unit=f.unit,
-                least=RangeEnd.of(main[k][0]),
-                greatest=RangeEnd.of(main[k][1]),
+                least=RangeEnd.from_end(main[k][0]),
+                greatest=RangeEnd.from_end(main[k][1]),
                 value=f.value(theta, task.links),
                 nominal=f.value(nominal, task.links),
                 with_model_error=None if with_error is None else _values(with_error[k]),
@@ -498,7 +498,7 @@ def ranges_of(
 
 def _values(ends: tuple[End | NonlinearEnd, End | NonlinearEnd]) -> tuple[float, float]:
     """Return least and greatest value, infinite where open."""
-    low, high = (RangeEnd.of(end).value for end in ends)
+    low, high = (RangeEnd.from_end(end).value for end in ends)
     return low, high
 
 

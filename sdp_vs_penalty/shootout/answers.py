@@ -129,7 +129,7 @@ def judge_answers(paths: list[Path], out: Path, say: Progress) -> runner.Results
             )
             cells = {"settings": file, "accuracy": item.accuracy}
             figures = runner.figures(verdict, answer, [item.seconds])
-            rows.append(cells | figures | facts.of(task))
+            rows.append(cells | figures | facts.find_row(task))
         new = {(row["problem"], row["solver"]) for row in rows}
         results.drop_outdated(lambda row: (row["problem"], row["solver"]) not in new)
         results.add(rows)

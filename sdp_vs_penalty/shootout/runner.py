@@ -76,7 +76,7 @@ class Results:
         self._runs: list[_WrittenRun] = []
         if self.path.exists():
             rows = _read(self.path).to_dict("records")
-            self._runs = sorted(_WrittenRun.of(row) for row in rows)
+            self._runs = sorted(_WrittenRun.from_row(row) for row in rows)
             return
         harmless = (".", "references.json")
         if any(not path.name.startswith(harmless) for path in folder.glob("*")):
@@ -91,7 +91,7 @@ class Results:
     def add(self, rows: list[Row]) -> None:
         """Add runs, and write them to the disk at once."""
         for row in rows:
-            bisect.insort(self._runs, _WrittenRun.of(row))
+            bisect.insort(self._runs, _WrittenRun.from_row(row))
         self._write()
 
     def drop_outdated(self, is_current: Callable[[Row], bool]) -> int:
@@ -119,7 +119,7 @@ class _WrittenRun:
     row: Row = field(compare=False)
 
     @classmethod
-    def of(cls, row: Row) -> Self:
+    def from_row(cls, row: Row) -> Self:
         """Return the run of a row that has the cells of all columns."""
         cells = {name: kind(row[name]) for name, kind in COLUMNS.items()}
         order = (cells["set"], cells["problem"], cells["solver"], -cells["accuracy"])
@@ -474,7 +474,7 @@ class Facts:
     #: Version of each solver, by its name.
     version_by_solver: Mapping[str, str]
 
-    def of(self, task: Assignment) -> Row:
+    def find_row(self, task: Assignment) -> Row:
         """Return the cells of runs.csv that all runs of an assignment share."""
         assert task.reference is not None
         return {
@@ -551,7 +551,7 @@ def _perform_all(
     begin = time.monotonic()
     for place, rows in work(tasks):
         task = tasks[place]
-        cells = facts.of(task)
+        cells = facts.find_row(task)
         results.add([row | cells for row in rows])
         n_done += len(rows)
         left = (time.monotonic() - begin) * (total - n_done) / max(n_done, 1)

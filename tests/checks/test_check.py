@@ -371,12 +371,14 @@ def test_silence_on_real_arms(which, count, panda_run):
 def test_a_log_without_torque_is_checked_for_rows_clock_and_positions(two_link):
     run = quarter_rate(two_link)
     groups = {"q": run.q, "qcmd": run.q}
-    assert not check(two_link, Measurements.of(run.t, groups, ("run",)))[
+    assert not check(two_link, Measurements.from_channels(run.t, groups, ("run",)))[
         0
     ].errors_and_warnings
     q = run.q.copy()
     q[2000:2600, 1] = q[2000, 1]
-    (report,) = check(two_link, Measurements.of(run.t, {**groups, "q": q}, ("run",)))
+    (report,) = check(
+        two_link, Measurements.from_channels(run.t, {**groups, "q": q}, ("run",))
+    )
     assert [f.kind for f in report.errors_and_warnings] == ["frozen position"]
     assert "no torque was logged" in report.verdict
 

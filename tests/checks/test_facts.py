@@ -57,7 +57,9 @@ def test_whole_seconds_give_the_rate_that_is_said_and_written(first):
     """The last second is cut short."""
     t = first + 0.002 * np.arange(2300)
     q = np.sin(np.outer(t - first, [1.0, 2.0]))
-    written = Measurements.of(np.floor(t), {"q": q, "tau": 10.0 * q}, ("log",))
+    written = Measurements.from_channels(
+        np.floor(t), {"q": q, "tau": 10.0 * q}, ("log",)
+    )
     (issue,) = find_coarse_stamps(summary(written))
     assert "samples come every 0.002 s" in issue.what
     assert issue.figures["step"] == pytest.approx(0.002, rel=1e-4)
@@ -147,12 +149,12 @@ def test_joints_in_proportion_are_named_with_the_rank_of_the_motion():
     t = np.arange(0.0, 8.0, 0.004)
     move = np.sin(1.7 * t) + 0.3 * np.cos(4.0 * t)
     run = Measurements(t, np.column_stack([move, 0.4 * move]), np.ones((len(t), 2)))
-    lockstep = LockstepMotion.of(summary(run))
+    lockstep = LockstepMotion.find_in(summary(run))
     issue = lockstep.issue()
     assert issue.figures["rank"] == 1
     assert issue.figures["groups"] == [[1, 2]]
     assert lockstep.is_poor
-    assert LockstepMotion.of(summary(RUN)) is None
+    assert LockstepMotion.find_in(summary(RUN)) is None
 
 
 def test_a_joint_is_in_one_group_of_joints_in_proportion():

@@ -46,7 +46,7 @@ def planar(tmp_path: Path) -> Problem:
 def test_rounding_makes_no_parameters(planar):
     run = simulate(planar, seed=1).test
     settings = planar.preprocessing.resolve(run)
-    independent = RegressionData.of(planar, run, settings).independent
+    independent = RegressionData.from_run(planar, run, settings).independent
     assert len(independent) == PARAMETERS_PER_LINK * len(JOINTS)
 
 

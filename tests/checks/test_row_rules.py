@@ -526,7 +526,7 @@ def waiting() -> Measurements:
     share = 1.0 - np.exp(-since / 0.05) * (1.0 + since / 0.05)
     q = goals[step] + share * (goals[step + 1] - goals[step])
     groups = {"q": stepped(q, 2.0 * np.pi / 2**14), "qcmd": goals[step + 1]}
-    return Measurements.of(t, groups, ("run",))
+    return Measurements.from_channels(t, groups, ("run",))
 
 
 def from_pose_to_pose() -> Measurements:

@@ -60,7 +60,7 @@ def test_a_gain_that_is_taken_away_again_costs_nothing():
 def test_of_two_faults_the_named_one_is_kept(joint):
     """Both torques have another gain and another zero."""
     settings = PROBLEM.preprocessing.resolve(RUN)
-    log = Likelihood(PROBLEM, RegressionData.of(PROBLEM, RUN, settings))
+    log = Likelihood(PROBLEM, RegressionData.from_run(PROBLEM, RUN, settings))
     net = log.as_logged
     for j in range(2):
         net = net.with_entries("gain", (j,), 2.0).with_entries("zero", (j,), 0.3)

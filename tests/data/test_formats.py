@@ -400,7 +400,7 @@ def test_torque_may_be_missing(tmp_path):
         "qcmd": with_torque.q + 0.1,
         "current": with_torque.tau,
     }
-    run = Measurements.of(with_torque.t, groups, with_torque.names)
+    run = Measurements.from_channels(with_torque.t, groups, with_torque.names)
     save(run, tmp_path / "run.csv")
     same(back := load_measurements(tmp_path / "run.csv"), run)
     assert not back.torque_logged

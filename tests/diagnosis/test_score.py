@@ -265,7 +265,7 @@ def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(
 def test_squared_errors_from_products_are_those_of_the_rows(search):
     batch = search.library.batches[0]
     scaled = search.fit.scaled(batch.columns(0))
-    products = ColumnProducts.of(search.fit, scaled)
+    products = ColumnProducts.from_columns(search.fit, scaled)
     beta = np.full(batch.forms[0].n_coefficients, 0.3)
     residual = search.fit.residual - search.fit.residual_of(scaled) @ beta
     of_rows = np.sum(residual**2, axis=1) * search.fit.level**2
@@ -392,8 +392,8 @@ def test_rows_that_err_together_are_worth_less_unless_it_is_not_asked():
     )  # by clusters
     data.y[0] += 2.0 * errors
     fit = (score := EvidenceScorer(data, 10)).fit(())
-    robust = CurveColumns.of(score, fit, z[:, None], 0, robust=True)
-    plainly = CurveColumns.of(score, fit, z[:, None], 0, robust=False)
+    robust = CurveColumns.from_columns(score, fit, z[:, None], 0, robust=True)
+    plainly = CurveColumns.from_columns(score, fit, z[:, None], 0, robust=False)
     assert plainly.v == pytest.approx(1.0 + plainly.count / COARSENING_ROWS)
     assert robust.v > 2.0 * plainly.v
 

@@ -121,7 +121,7 @@ def test_a_motor_constant_sets_the_scale(arm):
     groups = {"q": run.q, "qcmd": run.commanded["qcmd"], "current": run.tau / 2.5}
 
     def identify(**options):
-        log = sdp.Measurements.of(run.t, groups, ("run",))
+        log = sdp.Measurements.from_channels(run.t, groups, ("run",))
         return sdp.identify(arm, log, effects=EFFECTS, known={"kt1": 2.5}, **options)
 
     found = identify(check=False)
@@ -203,12 +203,16 @@ def test_instruments_take_the_bias_of_noise_away(arm, torque):
 
 def test_neither_torque_nor_command_is_refused(arm):
     run = log()
-    silent = sdp.Measurements.of(run.t, {"q": run.q, "current": run.q}, ("run",))
+    silent = sdp.Measurements.from_channels(
+        run.t, {"q": run.q, "current": run.q}, ("run",)
+    )
     refusal(
         lambda: sdp.identify(arm, silent, effects=EFFECTS, check=False),
         "neither torque nor commands",
     )
-    with_torque = sdp.Measurements.of(run.t, {"q": run.q, "tau": run.q}, ("run",))
+    with_torque = sdp.Measurements.from_channels(
+        run.t, {"q": run.q, "tau": run.q}, ("run",)
+    )
     plain = sdp.identify(arm, with_torque, effects=EFFECTS, check=False)
     refusal(
         lambda: sdp.cross_validate(arm, silent, effects=EFFECTS),
@@ -238,7 +242,9 @@ def test_beside_a_torque_the_loop_is_told_and_the_load_does_not_feel_it(arm, cap
         for x in (loop, EFFECTS)
     ]
     assert folds[0] == folds[1]
-    silent = sdp.Measurements.of(run.t, {"q": run.q, "tau": run.tau}, ("run",))
+    silent = sdp.Measurements.from_channels(
+        run.t, {"q": run.q, "tau": run.tau}, ("run",)
+    )
     refusal(
         lambda: sdp.identify(arm, silent, effects=loop, check=False),
         "needs the command",

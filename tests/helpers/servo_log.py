@@ -69,7 +69,7 @@ def log(
     logged = q[::20] + noise * rng.normal(size=len(t[::20]))
     groups = {"q": logged[:, None], "qcmd": told[::20, None]}
     groups |= {"tau": tau[::20, None]} if torque else {}
-    return Measurements.of(t[::20], groups, (f"run{seed}",))
+    return Measurements.from_channels(t[::20], groups, (f"run{seed}",))
 
 
 def write_slide(folder):

@@ -11,10 +11,10 @@ import pytest
 from small_runs import small_run
 
 from sdp_vs_penalty import Measurements, check, load_problem
-from sdp_vs_penalty.race import Hypothesis, Likelihood, Number, Part, Race, Verdict
+from sdp_vs_penalty.race import Hypothesis, Likelihood, Number, Outcome, Part, Race
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence
-from sdp_vs_penalty.race.records import Further, View
+from sdp_vs_penalty.race.records import Further, LogView
 from sdp_vs_penalty.race.rows import RegressionData
 
 PROBLEM = load_problem("two_link")
@@ -24,10 +24,10 @@ NONE = LogTransform.unchanged(2, (0.0, 0.0, -9.81))
 
 def rows_of(run: Measurements) -> Likelihood:
     settings = PROBLEM.preprocessing.resolve(run)
-    return Likelihood(PROBLEM, RegressionData.of(PROBLEM, run, settings))
+    return Likelihood(PROBLEM, RegressionData.from_run(PROBLEM, run, settings))
 
 
-def judged(*runs: Measurements) -> Verdict:
+def judged(*runs: Measurements) -> Outcome:
     return Race([rows_of(run) for run in runs]).run()
 
 
@@ -138,7 +138,7 @@ def test_the_evidence_knows_no_unit_of_a_channel(evidence):
     """The prior of the links follows the common scale; a channel's gain is no evidence
     by itself."""
     log = rows_of(scaled(RUN, (1e3, 1e3)))
-    view = View(evidence.log.as_logged)
+    view = LogView(evidence.log.as_logged)
     other = Evidence(log.with_all_laws, evidence.runs).fit(view, 2.0)
     fit = evidence.fit(view, 2.0)
     assert other.scale == pytest.approx(1e3 * fit.scale, rel=0.05)
@@ -147,7 +147,7 @@ def test_the_evidence_knows_no_unit_of_a_channel(evidence):
 
 def test_a_column_of_zeros_is_worth_less_than_nothing(evidence):
     """It explains nothing, and costs nothing: its size is its prior's."""
-    view = View(evidence.log.as_logged)
+    view = LogView(evidence.log.as_logged)
     columns = np.zeros((2, evidence.log.data.count, 1))
     with_zeros = replace(view, further=(Further(columns, np.ones(1)),))
     base, other = evidence.fit(view, 2.0), evidence.fit(with_zeros, 2.0)
@@ -157,7 +157,7 @@ def test_a_column_of_zeros_is_worth_less_than_nothing(evidence):
 
 def test_a_score_is_the_evidence_to_first_order(evidence):
     """Of a delay of a tenth of a millisecond, which is little."""
-    view = View(evidence.log.as_logged)
+    view = LogView(evidence.log.as_logged)
     fit = evidence.fit(view, 2.0)
     number = Number("lead", (0, 1), sd=1e-3, step=1e-4)
     late = Hypothesis("delay", (0, 1), 0.0, fit.chain, number)
@@ -165,7 +165,7 @@ def test_a_score_is_the_evidence_to_first_order(evidence):
         fit, evidence.slopes(fit, [late], [0.0]), np.array([1e-3])
     )
     values = {
-        x: evidence.fit(View(number.at(fit.chain, x)), 2.0).value
+        x: evidence.fit(LogView(number.at(fit.chain, x)), 2.0).value
         for x in (-1e-4, 0.0, 1e-4)
     }
     slope = (values[1e-4] - values[-1e-4]) / 2e-4
@@ -183,8 +183,8 @@ def test_a_score_is_the_evidence_to_first_order(evidence):
     ],
 )
 def test_a_number_is_what_it_was_set_to(number, size):
-    assert number.of(NONE) == 0.0
-    assert number.of(number.at(NONE, size)) == pytest.approx(size)
+    assert number.size_in(NONE) == 0.0
+    assert number.size_in(number.at(NONE, size)) == pytest.approx(size)
     assert number.at(number.at(NONE, size), 0.0) == NONE
 
 
@@ -197,9 +197,9 @@ def test_a_negative_gain_keeps_its_sign():
 def test_a_hypothesis_of_a_part_leaves_other_rows():
     chain = NONE.with_multiplied("gain", (0,), -1.0)
     part = Part(run=1)
-    view = Hypothesis("torque sign", (0,), -6.0, chain, part=part).seen(View(NONE))
-    assert view == View(NONE, parts=((part, chain),))
-    assert view.motion == View(NONE.motion_part)
+    view = Hypothesis("torque sign", (0,), -6.0, chain, part=part).seen(LogView(NONE))
+    assert view == LogView(NONE, parts=((part, chain),))
+    assert view.motion == LogView(NONE.motion_part)
 
 
 def test_the_zero_of_the_first_joint_is_the_mounting_about_its_axis():

@@ -164,7 +164,7 @@ def open_end(request, model, allowed):
 
 
 def test_an_open_end_has_a_ray_that_no_torque_shows(open_end):
-    assert RangeEnd.of(open_end).reason == "open, certified"
+    assert RangeEnd.from_end(open_end).reason == "open, certified"
     assert open_end.g @ open_end.ray == pytest.approx(-1.0)
     assert np.allclose(open_end.allowed.ball.A @ open_end.ray, 0.0, atol=1e-9)
     far = open_end.allowed.fit + 1e4 * open_end.ray

@@ -35,7 +35,7 @@ def find_channels_without_numbers(glance: RunSummary) -> Iterator[Issue]:
     """
     for name, x in glance.run.groups.items():
         for j in np.flatnonzero(~np.any(np.isfinite(x), axis=0)):
-            yield Issue.of(
+            yield Issue.from_fault(
                 kind="channel without numbers",
                 severity="error",
                 joints=[j],
@@ -64,7 +64,7 @@ def find_wrapped_angles(glance: RunSummary) -> Iterator[Issue]:
             "the position of {where} jumps by a full turn between two rows: the angle"
             " is wrapped."
         )
-        yield Issue.of(
+        yield Issue.from_fault(
             kind="wrapped angle",
             severity="error",
             joints=np.flatnonzero(jumping),
@@ -102,7 +102,7 @@ def _degrees(glance: RunSummary, how: str, unwrap: bool) -> Issue:
     remedy = "multiply q (and dq) by pi / 180"
     if unwrap:
         remedy = "unwrap q and multiply it by pi / 180"
-    return Issue.of(
+    return Issue.from_fault(
         kind="positions in degrees",
         severity="error",
         joints=joints,
@@ -168,7 +168,7 @@ def find_positions_outside_range(glance: RunSummary) -> Iterator[Issue]:
     fits into it: the encoder's zero is the usual cause.
     """
     if joints := beside_range(glance.robot, glance.run.q):
-        yield Issue.of(
+        yield Issue.from_fault(
             kind="encoder offset",
             severity="warning",
             joints=joints,
@@ -199,7 +199,7 @@ def find_torques_in_counts(glance: RunSummary) -> Iterator[Issue]:
     if min(len(np.unique(x)) for x in tau.T) > _FEWEST_COUNTS:
         largest = float(np.abs(tau).max())
         unit = ", as permil of its rated torque" if largest <= _LARGEST_PERMIL else ""
-        yield Issue.of(
+        yield Issue.from_fault(
             kind="torque in counts",
             severity="warning",
             joints=(),
@@ -237,7 +237,7 @@ def find_coarse_sampling(
     highest = highest_harmonic(glance.run)
     needed = c.SAMPLES_A_PERIOD * highest
     if rate < needed:
-        yield Issue.of(
+        yield Issue.from_fault(
             kind="low sample rate",
             severity="warning",
             joints=(),
@@ -280,7 +280,7 @@ def _quantised(
     noise = noise_per_step * step
     if noise <= least:
         return
-    yield Issue.of(
+    yield Issue.from_fault(
         kind="quantisation",
         severity="warning",
         joints=[j],

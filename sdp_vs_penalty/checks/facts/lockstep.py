@@ -38,7 +38,7 @@ class LockstepMotion:
         return 2 * self.rank <= self.moving
 
     @classmethod
-    def of(cls, glance: RunSummary) -> Self | None:
+    def find_in(cls, glance: RunSummary) -> Self | None:
         """Return the lockstep of a run; None where no joints move in proportion.
 
         Parameters
@@ -71,7 +71,7 @@ class LockstepMotion:
             A fact, with the rank of the motion among its figures.
         """
         names = "; ".join(joints_text(group) for group in self.groups)
-        return Issue.of(
+        return Issue.from_fault(
             kind="lockstep motion",
             severity="warning",
             joints=sorted(j for group in self.groups for j in group),

@@ -52,7 +52,7 @@ def find_model_torques(glance: RunSummary) -> Iterator[Issue]:
         len(torque) > _ROWS_A_LINK_COLUMN * len(links)
         and max(shares) < c.MODEL_OF_WEIGHT
     ):
-        yield Issue.of(
+        yield Issue.from_fault(
             kind="torques of a model",
             severity="warning",
             joints=(),
@@ -70,7 +70,7 @@ def find_magnitudes(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning about torques that are magnitudes: they look so, and the arm
     explains them with signs clearly better."""
     if joints := magnitudes(glance, possible_magnitudes(glance)):
-        yield Issue.of(
+        yield Issue.from_fault(
             kind="torque magnitude",
             severity="warning",
             joints=joints,

@@ -49,7 +49,7 @@ def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
             " one pose."
         )
         remedy = "record a motion of all joints"
-        yield Issue.of(
+        yield Issue.from_fault(
             kind="no motion",
             severity="error",
             joints=joints,
@@ -66,7 +66,7 @@ def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
             " there is stiction."
         )
         remedy = "move every joint, or add a run that does"
-        yield Issue.of(
+        yield Issue.from_fault(
             kind="idle joints",
             severity="warning",
             joints=joints,

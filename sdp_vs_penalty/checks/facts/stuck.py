@@ -45,7 +45,7 @@ def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
             moved[f"tau{j + 1}"] = is_off
             continue
         seconds = sum(glance.run.t[end - 1] - glance.run.t[a] for a, end in parts)
-        yield Issue.of(
+        yield Issue.from_fault(
             kind="drive off",
             severity="note",
             joints=[j],
@@ -282,7 +282,7 @@ def find_bad_torque_channels(glance: RunSummary) -> Iterator[Issue]:
 def _dead(glance: RunSummary, j: int, value: float) -> Issue:
     """Return the issue that the torque of joint j (from 0) has one value in every row:
     an error, or a note where the joint never moves."""
-    return Issue.of(
+    return Issue.from_fault(
         kind="dead channel",
         severity="error" if glance.moving[j] else "note",
         joints=[j],
@@ -318,7 +318,7 @@ def _clipped(glance: RunSummary, j: int, x: Array) -> Iterator[Issue]:
     elif times is not None:
         which = "the channel is"
         remedy += ", or slower; delete those rows until then"
-    yield Issue.of(
+    yield Issue.from_fault(
         kind="saturation",
         severity="note" if is_torque else "warning",
         joints=[j],

@@ -113,7 +113,7 @@ def usual_distance(clock: Array) -> float:
 
 
 @dataclass(frozen=True)
-class Samples:
+class ChannelStamps:
     """When channels have values: in rows of a table, or with messages of a stream."""
 
     #: (M,) stamps in the order of time [s].
@@ -125,7 +125,7 @@ class Samples:
 
 
 def align(
-    samples: Mapping[Hashable, Samples],
+    samples: Mapping[Hashable, ChannelStamps],
     channels: Mapping[str, tuple[Hashable, Array]],
     leading: str,
     discrete: Collection[str | None] = (),

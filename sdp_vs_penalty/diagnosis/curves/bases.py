@@ -428,7 +428,7 @@ class CurveColumns:
     v: float
 
     @classmethod
-    def of(
+    def from_columns(
         cls,
         score: EvidenceScorer,
         fit: WhiteFit,
@@ -461,7 +461,7 @@ class CurveColumns:
             is exact.
         """
         z = white / fit.level[joint]
-        products = ColumnProducts.of(fit, {joint: z})
+        products = ColumnProducts.from_columns(fit, {joint: z})
         raw = z.T @ z
         D = products.gram_left
         s = products.with_residual

@@ -334,7 +334,9 @@ class _Measuring:
             Whether the scorer accounts for correlated rows.
         """
         white = self.data.white(raw, self.joint)
-        return CurveColumns.of(self.score, self.fit, white, self.joint, robust)
+        return CurveColumns.from_columns(
+            self.score, self.fit, white, self.joint, robust
+        )
 
     def _fit_spline(self, basis: Basis, raw: Array, robust: bool) -> SplineFit:
         """Fit a spline curve over one basis to the joint's unexplained torque.

@@ -125,7 +125,7 @@ class PassingCandidate(Candidate):
     n_constants: int = 0
 
     @classmethod
-    def of(cls, law: Law, n_numbers: int) -> PassingCandidate:
+    def from_law(cls, law: Law, n_numbers: int) -> PassingCandidate:
         """Return the candidate of a law that so many numbers describe."""
         k = law.columns.shape[2]
         return cls((law.text, None), law.effect, False, k, n_numbers - k)

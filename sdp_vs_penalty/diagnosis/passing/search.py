@@ -36,7 +36,7 @@ from sdp_vs_penalty.diagnosis.passing.spans import (
     regular,
 )
 from sdp_vs_penalty.diagnosis.passing.trial import (
-    Trial,
+    PassingTrial,
     best_of,
     explained_share,
     standing,
@@ -75,9 +75,9 @@ class PassingSearch:
         n_laws = 1 + 2 * robot.n + robot.links
         self.score = EvidenceScorer(self.data, n_laws, like=search.score)
         self.base = self.score.fit(self.terms)
-        self.cells = Cells.of(self.data.clusters[0], self.data.rows.run)
+        self.cells = Cells.from_labels(self.data.clusters[0], self.data.rows.run)
 
-    def best(self) -> tuple[Trial, tuple[Trial, ...]] | None:
+    def best(self) -> tuple[PassingTrial, tuple[PassingTrial, ...]] | None:
         """Return the law that explains most, and its rivals; None if none stands out.
 
         All are tried, suspected or not: noise that is measured from repetitions takes
@@ -98,19 +98,19 @@ class PassingSearch:
         ]
         return best_of([*finer, *self._wandering()]) if finer else None
 
-    def _trials(self, laws: Sequence[Law]) -> list[Trial]:
+    def _trials(self, laws: Sequence[Law]) -> list[PassingTrial]:
         """Try laws; return the trials of those with spans."""
         trials = [self.trial(law) for law in laws]
         return [t for t in trials if t is not None]
 
-    def _wandering(self) -> list[Trial]:
+    def _wandering(self) -> list[PassingTrial]:
         """Return the trials of torques that wander slowly, which act all the time."""
         always = np.ones(len(self.cells.run))
         laws = wandering_laws(self.data)
         trials = [self._judged(law, self.cells, always) for law in laws]
         return [t for t in trials if t is not None]
 
-    def trial(self, law: Law) -> Trial | None:
+    def trial(self, law: Law) -> PassingTrial | None:
         """Search the spans of a law, made of cells, and judge it; None if it explains
         nothing."""
         level, cells = self.base.level, self.cells
@@ -118,7 +118,7 @@ class PassingSearch:
         white = self._white(law, np.ones(len(self.data.y[0])))
         fit = self.base
         for _ in range(_MAX_ROUNDS):
-            products = CellProducts.of(
+            products = CellProducts.from_cells(
                 self.score.at_level(self.base, level), white, cells
             )
             x = find_spans(products, cells, np.zeros(len(x)), self._price)
@@ -130,7 +130,7 @@ class PassingSearch:
             level = fit.level
         return self._judged(law, cells, x)
 
-    def with_finer_edges(self, trial: Trial) -> Trial:
+    def with_finer_edges(self, trial: PassingTrial) -> PassingTrial:
         """Return a trial with its edges moved among cells that are finer; the same one
         if it acts in whole runs."""
         if not trial.cells.count_edges(trial.x):
@@ -140,12 +140,12 @@ class PassingSearch:
         x[cells.label] = trial.x[self.cells.label]
         white = self._white(trial.law, np.ones(len(self.data.y[0])))
         base = self.score.at_level(self.base, trial.fit.level)
-        products = CellProducts.of(base, white, cells)
+        products = CellProducts.from_cells(base, white, cells)
         x = find_spans(products, cells, x, self._price, longest=_FINER)
         judged = self._judged(trial.law, cells, x)
         return trial if judged is None else self._with_errors_of_edges(judged)
 
-    def _with_errors_of_edges(self, trial: Trial) -> Trial:
+    def _with_errors_of_edges(self, trial: PassingTrial) -> PassingTrial:
         """Return a trial whose covariance holds what unknown edges do to its size.
 
         An edge is known to a cell on either side. Its error is spread evenly over these
@@ -153,7 +153,7 @@ class PassingSearch:
         """
         white = self._white(trial.fitted_law, np.ones(len(self.data.y[0])))
         base = self.score.at_level(self.base, trial.fit.level)
-        products = CellProducts.of(base, white, trial.cells)
+        products = CellProducts.from_cells(base, white, trial.cells)
         covariance = trial.covariance.copy()
         for before, behind in trial.cells.with_moved_edges(trial.x):
             change = 0.5 * (products.parameters(behind) - products.parameters(before))
@@ -185,14 +185,14 @@ class PassingSearch:
         """Return a law that acts in some rows (M,) as a term of a fit; ``n_numbers``
         describe it and its spans."""
         white = self._white(law, acts)
-        form = PassingCandidate.of(law, n_numbers)
+        form = PassingCandidate.from_law(law, n_numbers)
         return ScoredEffect(form, dict(enumerate(white)))
 
     def _fit(self, law: Law, x: Array, cells: Cells) -> WhiteFit:
         """Fit the model, its effects, and a law in spans x (C,)."""
         return self.score.fit([*self.terms, self._term(law, x[cells.label])])
 
-    def _judged(self, law: Law, cells: Cells, x: Array) -> Trial | None:
+    def _judged(self, law: Law, cells: Cells, x: Array) -> PassingTrial | None:
         """Fit a law in spans x (C,) and compute its evidence; None if it has none.
 
         What acts all the time is no cause here, but for a torque that wanders.
@@ -207,7 +207,7 @@ class PassingSearch:
             level = self._fit(law, x, cells).level
             base = self.score.at_level(self.base, level)
             white = self._white(law, acts)
-            gram, right = CellProducts.of(base, white, cells).over(x)
+            gram, right = CellProducts.from_cells(base, white, cells).over(x)
             reach = float(np.sum(self.data.estimate.robot.link_reach()))
             point, covariance = point_of_force(gram, right, reach)
             fitted_law = law.at_point(point)
@@ -225,7 +225,7 @@ class PassingSearch:
             inverse = np.linalg.inv(with_ridge(regular(gram, np.asarray(own))))
             covariance = np.asarray(inverse, float)
         beside = standing(base.residual, residual, self.cells, self._coarse(acts))
-        return Trial(
+        return PassingTrial(
             law=law,
             cells=cells,
             x=x,
@@ -301,7 +301,9 @@ def passing_causes(
     return (_described(passing.data, chosen, others),)
 
 
-def _described(data: WhiteData, trial: Trial, rivals: Sequence[Trial]) -> PassingCause:
+def _described(
+    data: WhiteData, trial: PassingTrial, rivals: Sequence[PassingTrial]
+) -> PassingCause:
     """Make the record of a cause, with the size of its law and its spans."""
     x = trial.x
     beta = trial.term.beta
@@ -324,7 +326,7 @@ def _described(data: WhiteData, trial: Trial, rivals: Sequence[Trial]) -> Passin
     )
 
 
-def _simpler_of_both(trial: Trial) -> tuple[Array, Array]:
+def _simpler_of_both(trial: PassingTrial) -> tuple[Array, Array]:
     """Return spans and parameters, or the other spans with the opposite parameters.
 
     A model that is estimated takes in what acts all the time. So a load in some spans

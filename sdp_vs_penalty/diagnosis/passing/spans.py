@@ -41,7 +41,7 @@ class CellProducts:
     with_residual: Array
 
     @classmethod
-    def of(cls, fit: WhiteFit, white: Array, cells: Cells) -> CellProducts:
+    def from_cells(cls, fit: WhiteFit, white: Array, cells: Cells) -> CellProducts:
         """Multiply white columns (n, M, k) with a fit, cell by cell."""
         Z = white / fit.level[:, None, None]
         Q = fit.basis
@@ -120,7 +120,9 @@ class Cells:
     run: NDArray[np.intp]
 
     @classmethod
-    def of(cls, label: NDArray[np.intp], run_of_rows: NDArray[np.intp]) -> Cells:
+    def from_labels(
+        cls, label: NDArray[np.intp], run_of_rows: NDArray[np.intp]
+    ) -> Cells:
         """Make cells of labels from 0 without gaps."""
         _, first = np.unique(label, return_index=True)
         return cls(label, run_of_rows[first])

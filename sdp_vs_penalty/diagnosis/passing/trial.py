@@ -26,7 +26,7 @@ _CHANCE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class PassingTrial:
     """A law with its spans, fitted beside the model and its effects."""
 
     #: The law.
@@ -107,7 +107,9 @@ class Trial:
         )
 
 
-def best_of(trials: Sequence[Trial]) -> tuple[Trial, tuple[Trial, ...]]:
+def best_of(
+    trials: Sequence[PassingTrial],
+) -> tuple[PassingTrial, tuple[PassingTrial, ...]]:
     """Return the likeliest of some trials, and those that the data do not tell from it.
 
     All are compared with the rows worth one of the trial that explains most. Trials tie

@@ -34,7 +34,7 @@ _COMPARED = (
 )
 
 
-class _Stretch(NamedTuple):
+class _UnseenMotion(NamedTuple):
     """A stretch of unseen motion of M instants."""
 
     #: (M,) instants; over simulated runs, which follow one another, they go on [s].
@@ -47,7 +47,7 @@ class _Stretch(NamedTuple):
 
 def _stretches(
     study: Study, methods: Mapping[str, str | Estimator], is_measured: bool
-) -> Iterator[_Stretch]:
+) -> Iterator[_UnseenMotion]:
     """Yield the folds of the real run, each by the models estimated without it, or the
     simulated validation runs."""
     if is_measured:
@@ -64,7 +64,7 @@ def _stretches(
             predictions = {
                 name: predicted(rows, fold.theta)[inside] for name, fold in by_fold
             }
-            yield _Stretch(t[inside], rows.torque[inside], predictions)
+            yield _UnseenMotion(t[inside], rows.torque[inside], predictions)
         return
     data = study.simulated
     assert data.test is not None
@@ -74,7 +74,7 @@ def _stretches(
     for run in data.test.runs():
         rows = FilteredRun(run, data.preprocessing).all_rows(data.model)
         predictions = {name: predicted(rows, theta) for name, theta in thetas.items()}
-        yield _Stretch(begin + rows.motion.t - run.t[0], rows.torque, predictions)
+        yield _UnseenMotion(begin + rows.motion.t - run.t[0], rows.torque, predictions)
         begin += float(run.t[-1] - run.t[0])
 
 

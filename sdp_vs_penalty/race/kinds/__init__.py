@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from types import ModuleType
 
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault
 from sdp_vs_penalty.race.kinds import (
     carried,
@@ -57,7 +57,7 @@ SHOWN_BY_A_POOR_MOTION = degrees, sign, mounting, events
 
 
 def propose_all(
-    kinds: tuple[ModuleType, ...], evidence: Evidence, fit: Fit
+    kinds: tuple[ModuleType, ...], evidence: Evidence, fit: ViewFit
 ) -> Iterator[Hypothesis]:
     """Yield the hypotheses of some kinds beside what a fit has."""
     for kind in kinds:

@@ -7,7 +7,7 @@ import numpy as np
 
 from sdp_vs_penalty.data.plausibility import radians_per_percent
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis
@@ -17,7 +17,7 @@ _BELOW_ANY_OTHER_SCALE = 0.1
 _RADIANS_PER_DEGREE = float(np.radians(1.0))
 
 
-def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield degrees of all revolute joints, and of each single joint that moves beyond a
     turn; per cent of all. Nothing where no joint moves beyond a turn [rad]."""
     log, now = evidence.log, fit.chain

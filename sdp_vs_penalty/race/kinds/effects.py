@@ -14,7 +14,7 @@ import numpy as np
 
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import prior_of_one_of
 from sdp_vs_penalty.race.kinds.of_one_part import load_on_last_link
 from sdp_vs_penalty.race.likelihood import Likelihood
@@ -32,7 +32,7 @@ _SPANS = (0.5, 1.0, 1.5, 2.5, 4.0)
 _PARAMETERS_OF_A_LINK, _STATIC = 10, 4
 
 
-def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield a force on the last link, and a coupling of each joint with each
     neighbour."""
     log, now = evidence.log, fit.chain
@@ -83,7 +83,7 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
             )
 
 
-def _worst_spans(evidence: Evidence, fit: Fit) -> list[Part]:
+def _worst_spans(evidence: Evidence, fit: ViewFit) -> list[Part]:
     """List the span of each length in which the arm errs most, beside spans that are
     explained."""
     t = evidence.log.data.motion.t

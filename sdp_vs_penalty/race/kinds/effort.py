@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis
@@ -14,7 +14,7 @@ from sdp_vs_penalty.race.records import Hypothesis
 _ABOVE_LIMIT = 1.05
 
 
-def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield the effort limit of each joint whose torque lies beyond it."""
     log, now = evidence.log, fit.chain
     largest = np.abs(log.torques(now)).max(axis=1)  # (n,)

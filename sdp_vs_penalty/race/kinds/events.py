@@ -12,7 +12,7 @@ from sdp_vs_penalty.data.stretches.gaps import recorded_seconds
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.arm_fit import ArmFit
 from sdp_vs_penalty.race.chain import LogEvent, LogTransform
-from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis
@@ -23,7 +23,7 @@ from sdp_vs_penalty.race.run_log import RunLog
 _SMALLEST_SHARE_EACH_WAY = 0.15
 
 
-def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield a drift of each joint's torque and the likeliest step; nothing beside what
     differs in a part of the log already.
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import prior_of_one_of
 from sdp_vs_penalty.race.records import Hypothesis
 
@@ -10,7 +10,7 @@ from sdp_vs_penalty.race.records import Hypothesis
 COMPENSATED = "friction that the controller compensated, by more than there is"
 
 
-def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield friction of either sign, which is little."""
     yield Hypothesis(
         kind="friction compensated",

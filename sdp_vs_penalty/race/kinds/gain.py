@@ -7,7 +7,7 @@ import numpy as np
 
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import UNITS, Fault, joints_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis, Number
@@ -35,7 +35,7 @@ def _number(j: int, sd: float = _SD) -> Number:
     )
 
 
-def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield a factor of each joint's torque, near one and of a unit; nothing for a single
     joint."""
     log, now = evidence.log, fit.chain

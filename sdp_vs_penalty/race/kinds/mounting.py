@@ -7,7 +7,7 @@ import numpy as np
 
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis
@@ -23,7 +23,7 @@ _STEP, _SD, _FIRST_ORDER = 0.02, 0.3, 0.5
 _ODDS_AGAINST_TILT = 3.0
 
 
-def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield gravity along each of the six axes of the base, and the assumed gravity
     turned by the two angles of a first-order step."""
     now = fit.chain

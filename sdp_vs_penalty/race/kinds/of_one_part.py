@@ -11,7 +11,7 @@ import numpy as np
 
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.kinds.zero import zero_number
 from sdp_vs_penalty.race.records import Further, Hypothesis, Number, Part
 
@@ -39,7 +39,7 @@ def parts_of(evidence: Evidence) -> list[Part]:
     return [Part(after=float(t[int(share * len(t))])) for share in _CUTS]
 
 
-def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield, of each part, a gain and a zero of each joint, a load, and of runs a sign of
     each torque and an exchange of two."""
     log, none = evidence.log, evidence.log.as_logged
@@ -84,7 +84,7 @@ def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
             yield Hypothesis("torque order", pair, of_pair, chain, part=part)
 
 
-def _another_arm(evidence: Evidence, fit: Fit) -> Further | None:
+def _another_arm(evidence: Evidence, fit: ViewFit) -> Further | None:
     """Return the torque of links that differ, by what is known of links beforehand;
     None for an arm without links."""
     columns = evidence.log.raw(fit.chain)
@@ -95,7 +95,7 @@ def _another_arm(evidence: Evidence, fit: Fit) -> Further | None:
 
 
 def load_on_last_link(
-    evidence: Evidence, fit: Fit, chain: LogTransform
+    evidence: Evidence, fit: ViewFit, chain: LogTransform
 ) -> Further | None:
     """Return the torque of a load on the last link under a transform; None for an arm
     without links."""

@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis
@@ -20,7 +20,7 @@ _KINDS: dict[str, tuple[tuple[str, ...], str, str]] = {
 }
 
 
-def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield an exchange of two moving joints' torques, for each pair, and of positions
     and of both if one is poorly explained."""
     now, poor = fit.chain, fit.is_poorly_explained

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, joints_text, percent_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis, Number
@@ -25,7 +25,7 @@ def _number(j: int) -> Number:
     return Number("bend", (j,), sd=0.5, usual=_STRAIGHT, step=4e-3, limits=limits)
 
 
-def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield the torque of each joint straightened, for an amplifier whose limit the
     largest torque comes near to."""
     for j in evidence.log.joints:

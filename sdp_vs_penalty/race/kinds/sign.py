@@ -9,7 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.constants import LOG_ODDS_AGAINST_FAULT
-from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis
@@ -20,7 +20,7 @@ _MOST_JOINTS = 8
 _FRICTION_DRIVES = -12.0
 
 
-def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield other signs: of all torques, of each torque, of positions of an arm that is
     poorly explained, and of sets of torques where friction drives joints."""
     log, now, n = evidence.log, fit.chain, evidence.log.n

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, joints_text, percent_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis, Number
@@ -15,7 +15,7 @@ def _number(joints: tuple[int, ...]) -> Number:
     return Number("lacks", joints, sd=1.0, usual=c.CALIBRATED_GAIN, round_sizes=(1.0,))
 
 
-def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield weight that is missing: all of it or 80 %, of all torques, and all of it of
     single joints. A little weight that is left makes the rest look like inertia under
     another clock."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.evidence import Evidence, Fit
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import (
     Fault,
     degrees_text,
@@ -47,7 +47,7 @@ def _length_number(log: Likelihood, j: int) -> Number:
     return Number("longer", (j,), _SD_OF_LENGTH * unit, usual, step=0.01 * unit)
 
 
-def propose(evidence: Evidence, fit: Fit) -> Iterator[Hypothesis]:
+def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield each joint's distance from the joint before, and its encoder's zero, also
     by turns of a quarter.
     """
