@@ -54,7 +54,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race import Race
 from sdp_vs_penalty.race.constants import LOG_ODDS_AGAINST_FAULT
 from sdp_vs_penalty.race.evidence import Evidence
-from sdp_vs_penalty.race.records import View
+from sdp_vs_penalty.race.records import LogView
 from sdp_vs_penalty.results.table import markdown_lines
 
 #: A model this many times worse on clean data is harmed.
@@ -159,7 +159,7 @@ def _log_odds_of_truth(arm: Arm, corruption: Corruption) -> float:
         return np.inf
     if np.any(spoiled.log.moving != clean.log.moving):
         return np.inf
-    fits = [x.fit(View(x.log.as_logged), 1.0) for x in (spoiled, clean)]
+    fits = [x.fit(LogView(x.log.as_logged), 1.0) for x in (spoiled, clean)]
     v = min(
         x.rows_worth_one(fit) for x, fit in zip((spoiled, clean), fits, strict=True)
     )
