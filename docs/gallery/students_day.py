@@ -46,9 +46,7 @@ for link in (2, 3):
 # The shoulder's residual bends over its position: something there is not in the model.
 
 # %%
-signals = compare(model, runs.test)[0].signals
-columns = {"q2": signals.q[:, 1], "residual2": signals.residual[:, 1]}
-table = pd.DataFrame(columns, index=pd.Index(signals.t, name="t"))
+table = compare(model, runs.test)[0].signals.to_frame()
 table.groupby(pd.cut(table.q2, 6), observed=True).residual2.agg(["mean", "std"])
 
 # %% [markdown]

@@ -71,6 +71,28 @@ class Signals:
         """(M, n) measured minus modelled torque [N m or N]."""
         return self.measured - self.modelled
 
+    def to_frame(self) -> pandas.DataFrame:
+        """Return the signals as a pandas.DataFrame, a row an instant (index t [s]).
+
+        Columns q1, dq1, measured1, modelled1, residual1, q2, ... The low-pass leaves
+        fewer rows than were logged.
+        """
+        import pandas
+
+        of_joints = {
+            "q": self.q,
+            "dq": self.dq,
+            "measured": self.measured,
+            "modelled": self.modelled,
+            "residual": self.residual,
+        }
+        columns = {
+            f"{name}{joint + 1}": values[:, joint]
+            for joint in range(self.q.shape[1])
+            for name, values in of_joints.items()
+        }
+        return pandas.DataFrame(columns, index=pandas.Index(self.t, name="t"))
+
 
 @dataclass(frozen=True, repr=False)
 class Comparison(Record):

@@ -155,13 +155,23 @@ class AllowedSet:
         """Return the interior-point method on this set, in units in which the ball of c
         has the radius 1.
 
-        It starts at a central point whose loss is a part of c above the least one.
+        It starts at a central point whose loss is at most a part of c above the least.
         """
         radius = np.sqrt(self.limit(c))
         ball = Ball(self.ball.A / radius, self.ball.a / radius)
         loss = max(self.cost + self.ball.loss_ls, 1e-12 * self.task.data.tau_squared)
-        start = self.best_fit(0.25 * c / loss)
+        start = self._towards_fit(self.best_fit(0.25 * c / loss), 0.25 * c)
         return InteriorPoint(self.cones, ball, start, self.fit, self.bound)
+
+    def _towards_fit(self, theta: Array, c: float) -> Array:
+        """Return the point between the best fit and theta, as near to theta as leaves
+        |A theta - a|^2 at most c above the least one."""
+        at_fit = self.ball.A @ self.fit - self.ball.a
+        step = self.ball.A @ (theta - self.fit)
+        # |at_fit + t step|^2 = |at_fit|^2 + c, without cancellation.
+        slope, square = float(at_fit @ step), float(step @ step)
+        t = c / max(slope + float(np.sqrt(slope**2 + c * square)), 1e-300)
+        return np.asarray(self.fit + min(t, 1.0) * (theta - self.fit))
 
     def best_fit(self, accuracy: float) -> Array:
         """Return a central theta (p,) whose loss is within ``accuracy`` of the least."""

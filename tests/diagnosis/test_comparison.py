@@ -45,6 +45,10 @@ def test_figures_are_those_of_their_definitions(two_link, estimate):
     assert found.relative_error_percent == pytest.approx(relative, rel=1e-12)
     assert found.band_hz == estimate.preprocessing.torque_cutoff
     np.testing.assert_allclose(predicted(rows, estimate.theta), model, rtol=1e-12)
+    table = found.signals.to_frame()
+    np.testing.assert_allclose(table[["residual1", "residual2"]], error, atol=1e-12)
+    np.testing.assert_array_equal(table.dq2, rows.motion.dq[:, 1])
+    np.testing.assert_array_equal(table.index, rows.motion.t)
 
 
 def test_a_log_behind_filters_is_judged_as_the_log_is(two_link, estimate):

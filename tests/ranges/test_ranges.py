@@ -53,6 +53,16 @@ def test_witnesses_are_consistent_fit_and_attain_the_ends(allowed, ends):
             assert end.gap <= 1e-6 * max(abs(pair[1].value - pair[0].value), end.size)
 
 
+@pytest.mark.parametrize("share", [1e-6, 1e-3, 1.0, 1e3, 1e6])
+def test_the_search_starts_inside_of_a_ball_of_any_size(allowed, share):
+    """However coarse the best fit may be where much error is allowed."""
+    c = share * allowed.first_c
+    centre = allowed.optimiser(c).centre
+    residual = allowed.ball.A @ centre - allowed.ball.a
+    assert residual @ residual < allowed.limit(c)
+    assert allowed.constraints.margin(centre) > 0.0
+
+
 def test_ends_are_those_of_an_outside_solver(allowed, ends):
     """CVXPY and Clarabel, from the same set written down again."""
     cp = pytest.importorskip("cvxpy")

@@ -44,7 +44,7 @@ def test_a_flat_link_has_the_moments_of_its_cone():
     chains = Chains(
         cones, np.zeros((1, 10)), np.zeros(1), start, np.random.default_rng(0)
     )
-    drawn = chains.draw(150)
+    drawn = chains.draw(250)
     r_hat, effective = diagnose_chains(drawn)
     assert r_hat.max() < 1.1
     P = inertia.pseudo_inertia(drawn.reshape(-1, 10))

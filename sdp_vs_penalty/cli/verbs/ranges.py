@@ -1,3 +1,4 @@
+import shlex
 from pathlib import Path
 
 from sdp_vs_penalty.cli import console
@@ -71,7 +72,8 @@ def verb(
     printing.allowed(found)
     if worth is None and found.widest is not None:
         name = found.widest.name
-        console.paragraph(f"What would shorten the range of {name}: add --next {name}.")
+        option = shlex.join(["--next", name])
+        console.paragraph(f"What would shorten the range of {name}: add {option}.")
     console.save_json(json_, found.to_dict())
     if band is not None:
         console.table(torque_band(estimate, band, measurements).table())
