@@ -38,6 +38,10 @@ class World:
     sensor: Callable[[Array], Array] = lambda tau: tau
     #: Seconds by which the drives act after the command, which is what is logged.
     latency: float = 0.0
+    #: Seconds by which the log has torques late.
+    late: float = 0.0
+    #: The direction of gravity over 9.81 m/s^2, which the URDF does not know.
+    gravity: tuple[float, float, float] = (0.0, 0.0, -1.0)
     arm: str = "panda"
 
 
@@ -88,9 +92,12 @@ WORLDS: dict[str, World] = {
 
 
 def make(name: str, seed: int, folder: Path) -> None:
+    """Simulate one of WORLDS and write its log."""
+    simulate(WORLDS[name], np.random.default_rng([seed, *name.encode()]), folder)
+
+
+def simulate(world: World, rng: np.random.Generator, folder: Path) -> None:
     """Simulate a world's three runs, the last to judge with, and write them."""
-    world = WORLDS[name]
-    rng = np.random.default_rng([seed, *name.encode()])
     path = ARMS / f"{world.arm}.urdf"
     nominal = mujoco.MjModel.from_xml_path(str(path))
     true = mujoco.MjModel.from_xml_path(str(path))
@@ -112,6 +119,7 @@ def make(name: str, seed: int, folder: Path) -> None:
         model.dof_frictionloss[:] = 0.0
         model.dof_damping[:] = 0.0
         model.dof_armature[:] = rotor
+    true.opt.gravity[:] = 9.81 * np.array(world.gravity)
     mujoco.mj_setConst(true, mujoco.MjData(true))
     runs = []
     for k in range(3):
@@ -167,7 +175,8 @@ def _run(
         mujoco.mj_step(true, data)
     rows = slice(0, None, EVERY)
     q = np.round(np.array(states)[rows] / 1e-6) * 1e-6
-    tau = world.sensor(np.array(commands)[rows])
+    late = np.maximum(np.arange(len(times)) - round(world.late / STEP), 0)
+    tau = world.sensor(np.array(commands)[late][rows])
     tau = tau + 0.05 * coulomb * rng.normal(size=tau.shape)
     columns = {"t": times[rows]}
     for name, values in (("q", q), ("tau", tau)):
