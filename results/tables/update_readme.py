@@ -608,14 +608,17 @@ def with_results(readme: str, results: str) -> str:
 
 
 def dated(readme: str) -> str:
-    """The list of folders with the days on which each was made, by its machine.txt."""
+    """The list of folders with the days and the commits at which each was made, by its
+    machine.txt."""
 
     def row(found: re.Match[str]) -> str:
         note = (ROOT / "results" / found[2] / "machine.txt").read_text()
         days = sorted(re.findall(r"^(\d{4}-\d\d-\d\d)[ ,]", note, re.MULTILINE))
-        return f"{found[1]} | {' to '.join(dict.fromkeys([days[0], days[-1]]))} |"
+        commits = dict.fromkeys(re.findall(r"\bcommit ([0-9a-f]{7,9})\b", note))
+        made = " to ".join(dict.fromkeys([days[0], days[-1]]))
+        return f"{found[1]} | {made} | {', '.join(commits) or 'not noted'} |"
 
-    head = r"^(\| \[(\w+)\]\(\2/README\.md\) \| [^|\n]*?) \|(?: [\d to-]* \|)?$"
+    head = r"^(\| \[(\w+)\]\(\2/README\.md\) \| [^|\n]*?) \|[^\n]*$"
     return re.sub(head, row, readme, flags=re.MULTILINE)
 
 
