@@ -154,7 +154,7 @@ class ArmScene:
         poses = read["poses"]
         moves = {
             "groups": [group.id for group in self.groups],
-            "t": np.round(read["tf"] - read["t"][0], 3).tolist(),
+            "t": np.round(read["tf"], 3).tolist(),
             "poses": np.round(_places_and_turns(poses), 4).tolist(),
             "errors": [[0.0]] * len(read["tf"]) if errors is None else errors.tolist(),
         }

@@ -47,7 +47,7 @@ def torque_chart(
     dict
         The figure as JSON for plotly's script.
     """
-    t = run.t - run.t[0]
+    t = run.t
     cut = slice(None)
     if span is not None:
         edge = 0.25 * (span[1] - span[0])  # so that curves leave the picture
@@ -83,7 +83,7 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
     if np.any(read["torque"]):  # a log may hold none
         shown.append("torque")
     plot = Figure(rows=len(shown), gap=0.08)
-    t = read["t"] - read["t"][0]
+    t = read["t"]
     for row, name in enumerate(shown):
         for j in range(len(units)):
             colour = PALETTE[j % len(PALETTE)]
@@ -122,7 +122,7 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
     )
     for row, title in enumerate(titles[: len(shown)]):
         plot.update_axes("y", row, title=title)
-    plot.update_axes("x", len(shown) - 1, title="time [s]")
+    plot.update_axes("x", len(shown) - 1, title="time of the log [s]")
     return ready(plot, 460)
 
 
@@ -184,7 +184,7 @@ def missing_chart(
 
 
 def failing_stretches(
-    model: ModelStep, run: str, j: int, start: float
+    model: ModelStep, run: str, j: int
 ) -> list[tuple[float, float, str]]:
     """List the stretches of a run in which a joint's error is large.
 
@@ -196,8 +196,6 @@ def failing_stretches(
         Name of the run, perhaps with the seconds of its part: "run1, 3 to 9 s".
     j : int
         Index of the joint, from 0.
-    start : float
-        Time stamp of the first sample [s], subtracted from the result.
 
     Returns
     -------
@@ -207,7 +205,7 @@ def failing_stretches(
         return []
     recording = run.partition(", ")[0]
     return [
-        (stretch["start"] - start, stretch["stop"] - start, stretch["cause"])
+        (stretch["start"], stretch["stop"], stretch["cause"])
         for stretch in model.failures[j]["stretches"]
         if stretch["run"].partition(", ")[0] == recording
     ]
@@ -283,7 +281,7 @@ def rows_of_span(
 ) -> Mapping[str, Any]:
     """Return the arrays of a run within a time span [s]; all rows if fewer than two lie
     in it."""
-    t = read["t"] - read["t"][0]
+    t = read["t"]
     first, last = (0, 0) if span is None else np.searchsorted(t, span)
     if last - first < 2:
         return read

@@ -74,6 +74,16 @@ def _of_runs(session: Session) -> NextStep:
         text = formatting.sentence(spoken(remedy.problem))
         effect = session.outcome_of(change.to_dict())
         return NextStep(f"{text} {effect}".strip(), label, "check", do, level=level)
+    if not {*session.kinds_of_issue} <= {*session.seen_issues}:
+        of_check = checked(session)
+        label = "See what Check found"
+        return NextStep(
+            of_check.text, label, "check", session.see_issues, level=of_check.level
+        )
+    if session.impossible:
+        label = "Choose other measurements"
+        text = session.impossible
+        return NextStep(text, label, "measure", opens="drop-runs", level="bad")
     if session.meaningless:
         text = (
             f"{session.meaningless[0]} What is identified from it may be worth nothing."

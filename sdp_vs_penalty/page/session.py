@@ -157,6 +157,10 @@ class Session:
     reading: dict[str, str] = field(default_factory=dict)
     #: Identify even from runs that the check calls meaningless.
     anyway: bool = False
+    #: Kinds of issues that the person was led to.
+    seen_issues: list[str] = field(default_factory=list)
+    #: Why these runs cannot be identified, not even anyway; "" while that is not known.
+    impossible: str = ""
     #: Models, the last one current.
     history: list[ModelStep] = field(default_factory=list)
     #: What was there before each step, with the step's name; the last one comes back
@@ -532,6 +536,7 @@ class Session:
         A step that changes robot or runs drops the models, which no longer fit the data.
         """
         self.taken = set()
+        self.impossible = ""
         now = {name: copy.copy(getattr(self, name)) for name in KEPT}
         self.past = [*self.past, (label, now)][-MOST_STEPS:]
         self.future = []
@@ -550,6 +555,7 @@ class Session:
         """Go to the last state of ``source``, and put the present one into ``target``."""
         if self.task is not None or not source:
             return
+        self.impossible = ""
         label, kept = source.pop()
         target.append((label, {name: getattr(self, name) for name in KEPT}))
         for name, value in kept.items():
@@ -627,7 +633,7 @@ class Session:
         if self.meaningless and not self.anyway:
             raise InputError(
                 self.meaningless[0].rstrip("."),
-                'repair it under Check, or tick "Identify anyway"',
+                'repair it under Check, or press "Identify anyway"',
             )
 
     async def choose_robot(self, source: str, urdf: str | None = None) -> None:
@@ -953,6 +959,7 @@ class Session:
         if change["verb"] in ("transform", "read", "cut") and words is not None:
             self.prepared = [*self.prepared, words]
         self.new = ("check", "check")
+        self.seen_issues = self.kinds_of_issue
         self.say(*filter(None, [answer["effect"]]), error=False)
 
     def _command_of(self, change: Mapping[str, Any]) -> list[str] | None:
@@ -1018,7 +1025,16 @@ class Session:
     async def identify_anyway(self) -> None:
         """Identify from runs that the check calls meaningless."""
         self.anyway = True
-        await self.identify()
+        try:
+            await self.identify()
+        except InputError as error:
+            self.impossible = sentence(error)
+            raise
+
+    def see_issues(self) -> None:
+        """Remember that the person was led to the issues of the check."""
+        self.seen_issues = self.kinds_of_issue
+        self.changed()
 
     async def open_model(self, path: str, name: str) -> None:
         """Begin a new history with a model.json, perhaps identified from other runs.

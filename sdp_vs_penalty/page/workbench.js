@@ -15,6 +15,8 @@ const workbench = {
   },
   show(stage, part, back) {
     if (!back && document.body.dataset.at !== stage) history.pushState({ stage }, "", `#${stage}`);
+    const before = document.body.dataset.at;
+    workbench.places[before] = scrollY; // a stage is found again as it was left
     document.body.dataset.at = stage; // look.css shows that screen
     localStorage.setItem(location.pathname, stage);
     for (const link of document.querySelectorAll("nav.stages a")) {
@@ -24,8 +26,10 @@ const workbench = {
     const first = document.querySelector(`[data-stage="${stage}"] [data-part]:not(.hidden)`);
     const to = part && document.querySelector(`[data-part="${part}"]`);
     if (to && to !== first) to.scrollIntoView({ block: "start" });
-    else scrollTo(0, 0);
-    document.querySelector(`[data-stage="${stage}"] h2`)?.focus({ preventScroll: true });
+    else if (to) scrollTo(0, 0);
+    else if (before !== stage) scrollTo(0, workbench.places[stage] ?? 0);
+    const heading = (to !== first && to?.querySelector("h3")) || document.querySelector(`[data-stage="${stage}"] h2`);
+    if (to || before !== stage) heading?.focus({ preventScroll: true }); // focus goes to what changed
     dispatchEvent(new Event("resize")); // charts drawn out of sight learn how wide they are
   },
   center() {
@@ -37,6 +41,7 @@ const workbench = {
     rail.scrollLeft += left - (rail.clientWidth - link.offsetWidth) / 2;
   },
   key: null,
+  places: {},
 };
 addEventListener("resize", () => workbench.center()); // a change of the stage is one too
 
@@ -137,7 +142,7 @@ class Arm {
   load(moves) {
     this.moves = moves;
     this.tries = 0;
-    this.at(0);
+    this.at(moves.t[0]);
     this.settle();
   }
   settle() {
@@ -168,8 +173,8 @@ class Arm {
   at(time) {
     const { t, poses, errors, groups } = this.moves;
     if (!this.frame) return;
-    const end = t[t.length - 1];
-    this.time = Math.min(Math.max(time, 0), end);
+    const [start, end] = [t[0], t[t.length - 1]]; // on the clock of the log, as the charts
+    this.time = Math.min(Math.max(time, start), end);
     let k = t.findIndex((x) => x > this.time);
     if (k < 1) k = k < 0 ? t.length - 1 : 1;
     const share = (this.time - t[k - 1]) / (t[k] - t[k - 1] || 1);
@@ -191,7 +196,7 @@ class Arm {
       object.mesh.material.color.setRGB(0.0 + 0.84 * error, 0.45 - 0.18 * error, 0.7 - 0.7 * error);
     }
     this.drawn = (this.drawn ?? 0) + 1;
-    this.frame.querySelector("[data-time]").value = (1000 * this.time) / end;
+    this.frame.querySelector("[data-time]").value = (1000 * (this.time - start)) / (end - start || 1);
     this.frame.querySelector("[data-clock]").textContent = `${this.time.toFixed(1)} s`;
     this.cursor();
   }
@@ -218,7 +223,7 @@ class Arm {
     const next = (now) => {
       if (!this.playing || !this.frame) return;
       const end = this.moves.t[this.moves.t.length - 1];
-      this.at(this.time >= end ? 0 : this.time + (now - before) / 1000);
+      this.at(this.time >= end ? this.moves.t[0] : this.time + (now - before) / 1000);
       before = now;
       requestAnimationFrame(next);
     };
@@ -227,7 +232,9 @@ class Arm {
 }
 document.addEventListener("input", (event) => {
   const arm = arms[event.target.dataset?.time];
-  if (arm) arm.at((event.target.value / 1000) * arm.moves.t[arm.moves.t.length - 1]);
+  if (!arm) return;
+  const [start, end] = [arm.moves.t[0], arm.moves.t[arm.moves.t.length - 1]];
+  arm.at(start + (event.target.value / 1000) * (end - start));
 });
 document.addEventListener("click", (event) => {
   const asked = event.target.closest?.("[data-copy]");

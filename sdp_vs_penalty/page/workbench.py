@@ -57,7 +57,9 @@ class Workbench:
                 ]
             # NiceGUI's own layout is the main landmark.
             with tag("div", style="page", tabindex="-1") as self._main:
-                self._next = tag("div", style="now", data_part="next")
+                with tag("div", style="bar"):
+                    self._next = tag("div", style="now", data_part="next")
+                    self._dock()
                 with tag("div", style="intro") as self._intro:
                     tag(
                         "h1",
@@ -72,7 +74,6 @@ class Workbench:
                 for link, stage in zip(links, STAGES, strict=True):
                     self._elements[stage.anchor] = *link, *self._screen(stage)
         skip.props["href"] = f"#{self._main.html_id}"
-        self._dock()
         self.session.watchers.append(self)
         self.redraw()
 
@@ -159,7 +160,7 @@ class Workbench:
             for part in stage.parts:
                 with tag("div", style="part", data_part=part.anchor) as place:
                     if part.title:
-                        tag("h3", part.title)
+                        tag("h3", part.title, tabindex="-1")
                     body = tag("div", style="body")
                     self._elements[f"part-{part.anchor}"] = place, body
             return section, status_line

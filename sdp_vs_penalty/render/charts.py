@@ -492,7 +492,7 @@ def cause_axis(
         return CauseAxis(torque, ones, f"modelled torque [{unit}]")
     if cause in (TORQUE_RATE, TORQUE_CURVATURE):
         return _axis_of_torque_change(signals.t, torque, cause, unit)
-    return CauseAxis(signals.t - signals.t[0], ones, "time [s]")
+    return CauseAxis(signals.t, ones, "time [s]")
 
 
 def _axis_of_torque_change(t: Array, torque: Array, cause: str, unit: str) -> CauseAxis:

@@ -199,7 +199,7 @@ def test_fit_is_that_of_the_models(story):
         == -band["y0"]
         == pytest.approx(1.96 * after.noise_floor[1], rel=1e-4)
     )
-    t = signals.t - signals.t[0]
+    t = signals.t
     labels = [step.label for step in story.session.history]
     modelled = dict(
         zip(labels, (before.signals.modelled, signals.modelled), strict=True)
@@ -289,7 +289,7 @@ def test_the_arm_fills_its_picture_and_moves_as_measured(story, part):
     assert 2.0 < angle.max() <= 7.0  # of the half of 14 degrees
     if part != "forward":
         run = story.test if part == "fit" else story.runs.runs()[1]
-        when = np.array(moves["t"]) + run.t[0]
+        when = np.array(moves["t"])
         q = np.column_stack([np.interp(when, run.t, x) for x in run.q.T])
         want = robot.poses(robot.tree_state(q)[0])
         np.testing.assert_allclose(poses[..., :3], want[..., :3, 3], atol=0.02)

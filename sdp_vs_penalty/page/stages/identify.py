@@ -48,7 +48,7 @@ def _model_now(session: Session) -> Any:
         session.method,
         session.seed,
         session.effects,
-        session.anyway,
+        session.impossible,
     )
     return *chosen, session.meaningless, session.model is None
 
@@ -140,12 +140,12 @@ def _form(view: View) -> None:
         )
         draw.number("Seed", session.seed, partial(setattr, session, "seed"), "seed")
     _options(view)
+    label, do = "Identify", session.identify
     if session.meaningless:
-        anyway = partial(setattr, session, "anyway")
-        draw.check(
-            "Identify anyway (data check failed)", session.anyway, anyway, "anyway"
-        )
-    draw.button("Identify", partial(session.start, session.identify), "identify")
+        draw.tag("p", session.impossible or session.meaningless[0], "finding error")
+        label, do = "Identify anyway", session.identify_anyway
+    if not session.impossible:
+        draw.button(label, partial(session.start, do), "identify")
     with draw.details("Or continue from a model.json", "open-model"):
         draw.note(
             "A model identified earlier, possibly from other runs: kept fixed, it shows"
@@ -301,8 +301,7 @@ class _Fit:
             step.label: recording["modelled"]
             for step, recording in zip(steps, recordings, strict=True)
         }
-        start = float(last["t"][0])
-        failing = charts.failing_stretches(self.model, view.run, j, start)
+        failing = charts.failing_stretches(self.model, view.run, j)
         run = Curves(last["t"], last["torque"], modelled)
         drawn = charts.torque_chart(run, j, units, view.span, failing)
         self.chart.update_figure(drawn)
