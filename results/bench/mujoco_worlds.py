@@ -38,6 +38,8 @@ class World:
     sensor: Callable[[Array], Array] = lambda tau: tau
     #: Seconds by which the drives act after the command, which is what is logged.
     latency: float = 0.0
+    #: Of the controller [1/s^2]; the less, the more latency it bears.
+    stiffness: float = 900.0
     #: Seconds by which the log has torques late.
     late: float = 0.0
     #: The direction of gravity over 9.81 m/s^2, which the URDF does not know.
@@ -160,7 +162,8 @@ def _run(
         model_of_servo.qacc[:] = push[k]
         mujoco.mj_inverse(nominal, model_of_servo)
         error, slip = plan[k] - data.qpos, speed[k] - data.qvel
-        command = model_of_servo.qfrc_inverse + inertia * (900.0 * error + 60.0 * slip)
+        feedback = world.stiffness * error + 2.0 * world.stiffness**0.5 * slip
+        command = model_of_servo.qfrc_inverse + inertia * feedback
         command = command + coulomb * np.tanh(speed[k] / 0.05) + viscous * speed[k]
         commands.append(command)
         acting = commands[max(k - waiting, 0)]

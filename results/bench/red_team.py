@@ -140,7 +140,10 @@ class Draw:
         """Draw drives that act 1 to 15 ms after the command, which is logged."""
         ms = int(self.rng.integers(1, 16))
         truth = Truth("delay|early|ahead|lead|latency|later than")
-        world = World(truth, f"{ms} ms early.", latency=1e-3 * ms, arm=self.arm)
+        late = 1e-3 * ms
+        world = World(
+            truth, f"{ms} ms early.", latency=late, stiffness=100.0, arm=self.arm
+        )
         return Drawn(world, f"global_delay@T={-1e-3 * ms}", delay=-1e-3 * ms)
 
     def bump(self) -> Drawn:
@@ -387,6 +390,7 @@ def main() -> None:
         options.out,
         [["results/bench/red_team.py", "--seed", str(options.seed)]],
         sum(row.seconds for row in rows),
+        [["results/bench/make.py"], ["results/bench/make.py", "--engine", "greedy"]],
     )
 
 
