@@ -616,8 +616,11 @@ class Evidence:
         Parameters
         ----------
         slope : (n, M) array
-            Torque per unit of the number.
+            Torque per unit of the number. Where no moving joint has any, nothing is
+            known of the number: its standard deviation is infinite.
         """
-        size = nonzero_or_one(np.linalg.norm(slope))
+        size = float(np.linalg.norm(slope[self.log.moving]))
+        if size == 0.0:
+            return np.inf
         _, arms = self.held_out(fit, slope[:, :, None] / size)
         return float(jackknifed(arms[:, -1:] / size)[1][0])

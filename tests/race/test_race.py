@@ -155,6 +155,13 @@ def test_a_column_of_zeros_is_worth_less_than_nothing(evidence):
     assert other.theta[-1] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_nothing_is_known_of_a_number_without_torque(evidence):
+    """A position in millimetres led to one: the check ended in an internal error."""
+    fit = evidence.fit(LogView(evidence.log.as_logged), 2.0)
+    slope = np.zeros((2, evidence.log.data.count))
+    assert evidence.jackknifed_spread(fit, slope) == np.inf
+
+
 def test_a_score_is_the_evidence_to_first_order(evidence):
     """Of a delay of a tenth of a millisecond, which is little."""
     view = LogView(evidence.log.as_logged)
