@@ -42,6 +42,20 @@ NAMES = "elbow", "scara", "panda", "desk"
 WIDTH = 0.02
 
 
+#: What names the effect of a kind of worlds (regular expressions).
+RIGHT = {
+    "spring": "spring",
+    "stribeck": "stribeck|stiction",
+    "ripple": "ripple|gear error",
+    "one_sided": "asymmetric",
+    "places": "position.dependent friction",
+    "late": "delay|late|filter",
+    "early": "delay|early|ahead|lead|latency|later than",
+    "bump": "force|contact|disturb|push|event|load",
+    "tilt": "tilt|gravity|mount",
+}
+
+
 @dataclass(frozen=True)
 class Drawn:
     """A world, what `add` calls its effect, and that effect's size or delay."""
@@ -92,14 +106,14 @@ class Draw:
     def spring(self) -> Drawn:
         """Draw a joint spring."""
         k = self.share(0.6, 1.5)
-        return self._on_joint("spring", "joint_spring", k, lambda q, _: k * q)
+        return self._on_joint(RIGHT["spring"], "joint_spring", k, lambda q, _: k * q)
 
     def stribeck(self) -> Drawn:
         """Draw more friction at low speed."""
         a, vs = self.share(0.4, 1.0), float(self.rng.uniform(0.07, 0.15))
         text = f"stribeck_friction@vs={vs:.4g}@delta=2"
         return self._on_joint(
-            "stribeck|stiction",
+            RIGHT["stribeck"],
             text,
             a,
             lambda _, v: a * np.exp(-((v / vs) ** 2)) * np.tanh(v / WIDTH),
@@ -109,21 +123,20 @@ class Draw:
         """Draw a torque with some waves per turn."""
         a, k = self.share(0.2, 0.5), int(self.rng.integers(5, 20))
         text = f"torque_ripple@k={k}"
-        right = "ripple|gear error"
-        return self._on_joint(right, text, a, lambda q, _: a * np.sin(k * q))
+        return self._on_joint(RIGHT["ripple"], text, a, lambda q, _: a * np.sin(k * q))
 
     def one_sided(self) -> Drawn:
         """Draw viscous friction that differs between directions."""
         a = self.share(0.3, 0.8)
         text = "asymmetric_viscous_friction"
-        return self._on_joint("asymmetric", text, a, lambda _, v: a * abs(v))
+        return self._on_joint(RIGHT["one_sided"], text, a, lambda _, v: a * abs(v))
 
     def places(self) -> Drawn:
         """Draw dry friction that depends on position."""
         a, k = self.share(0.3, 0.7), int(self.rng.integers(2, 5))
         text = f"position_dependent_friction@k={k}@waves=1"
         return self._on_joint(
-            "position.dependent friction",
+            RIGHT["places"],
             text,
             a,
             lambda q, v: a * np.sin(k * q) * np.tanh(v / WIDTH),
@@ -132,14 +145,14 @@ class Draw:
     def late(self) -> Drawn:
         """Draw a log whose torques are late, by 1 to 15 ms."""
         ms = int(self.rng.integers(1, 16))
-        truth = Truth("delay|late|filter")
+        truth = Truth(RIGHT["late"])
         world = World(truth, f"{ms} ms late.", late=1e-3 * ms, arm=self.arm)
         return Drawn(world, f"global_delay@T={1e-3 * ms}", delay=1e-3 * ms)
 
     def early(self) -> Drawn:
         """Draw drives that act 1 to 15 ms after the command, which is logged."""
         ms = int(self.rng.integers(1, 16))
-        truth = Truth("delay|early|ahead|lead|latency|later than")
+        truth = Truth(RIGHT["early"])
         late = 1e-3 * ms
         world = World(
             truth, f"{ms} ms early.", latency=late, stiffness=100.0, arm=self.arm
@@ -148,8 +161,9 @@ class Draw:
 
     def bump(self) -> Drawn:
         """Draw a push of 33 N for one second in one run."""
-        right = "force|contact|disturb|push|event|load"
-        return Drawn(World(Truth(right), "33 N for 1 s.", bump=True, arm=self.arm))
+        return Drawn(
+            World(Truth(RIGHT["bump"]), "33 N for 1 s.", bump=True, arm=self.arm)
+        )
 
     def tilt(self) -> Drawn:
         """Draw a base that leans by 1 to 4 degrees."""
@@ -158,7 +172,7 @@ class Draw:
         side = np.sin(angle)
         down = (side * np.cos(round_z), side * np.sin(round_z), -np.cos(angle))
         story = f"The base leans by {np.rad2deg(angle):.2g} degrees."
-        truth = Truth("tilt|gravity|mount")
+        truth = Truth(RIGHT["tilt"])
         return Drawn(World(truth, story, gravity=down, arm=self.arm), "base_tilt")
 
 
@@ -301,11 +315,16 @@ def facts(rows: Sequence[Row]) -> Iterator[tuple[str, str]]:
     yield "confident and false", str(len(false))
     wrong = [r for r in clean if r.false_diagnose]
     yield "false effects added to clean arms", f"{len(wrong)} of {len(clean)}"
-    yield "ghost filters or delays", str(sum(r.ghost == "True" for r in rows))
+    yield "ghost filters or delays, sure", str(sum(r.ghost == "True" for r in rows))
+    others = [r for r in rows if r.kind not in {"late", "early"}]
+    ghosts = sum("torque filter" in r.said or "torque delay" in r.said for r in others)
+    yield "ghost filters or delays, weak ones too", f"{ghosts} of {len(others)}"
     right = sum(r.outcome == "right" for r in hidden)
     yield "named by a sure claim", f"{right} of {len(hidden)}"
+    first = sum(_first_effect_is_right(r) for r in hidden)
+    yield "first effect right, sure or not", f"{first} of {len(hidden)}"
     first = sum(r.first == "True" for r in hidden)
-    yield "named first", f"{first} of {len(hidden)}"
+    yield "first sure claim right, constants count", f"{first} of {len(hidden)}"
     bumps = [r for r in rows if r.kind == "bump"]
     named = sum(r.outcome == "right" for r in bumps)
     yield "bumps named", f"{named} of {len(bumps)}"
@@ -326,6 +345,16 @@ def facts(rows: Sequence[Row]) -> Iterator[tuple[str, str]]:
     contradictions = sum(bool(r.contradiction) for r in rows)
     yield "contradictions of check and diagnose", str(contradictions)
     yield "CPU a world [s]", f"{np.mean([r.seconds for r in rows]):.1f}"
+
+
+def _first_effect_is_right(row: Row) -> bool:
+    """Whether the first effect that is said, sure or not, has the kind's name and is on
+    a joint of its world."""
+    said = [x for x in row.said.split("; ") if not x.startswith(("as well", "re-est"))]
+    first = said[0] if said else ""
+    place = re.search(r":(\d+)", row.story)
+    named = judge.matches(RIGHT[row.kind], first)
+    return named and (place is None or f"joint {place[1]}" in first)
 
 
 def _holds(text: str) -> bool:
