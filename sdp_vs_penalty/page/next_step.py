@@ -74,15 +74,12 @@ def _of_runs(session: Session) -> NextStep:
         text = formatting.sentence(spoken(remedy.problem))
         effect = session.outcome_of(change.to_dict())
         return NextStep(f"{text} {effect}".strip(), label, "check", do, level=level)
+    of_check = checked(session)
     if not {*session.kinds_of_issue} <= {*session.seen_issues}:
-        of_check = checked(session)
-        label = "See what Check found"
-        return NextStep(
-            of_check.text, label, "check", session.see_issues, level=of_check.level
-        )
-    if session.impossible:
+        label, see = "See what Check found", session.see_issues
+        return NextStep(of_check.text, label, "check", see, level=of_check.level)
+    if text := session.impossible:
         label = "Choose other measurements"
-        text = session.impossible
         return NextStep(text, label, "measure", opens="drop-runs", level="bad")
     if session.meaningless:
         text = (
@@ -90,7 +87,6 @@ def _of_runs(session: Session) -> NextStep:
         )
         do = partial(session.start, session.identify_anyway)
         return NextStep(text, "Identify anyway", "identify", do, level="bad")
-    of_check = checked(session)
     do = partial(session.start, session.identify)
     label = "Identify the model"
     return NextStep(of_check.text, label, "identify", do, level=of_check.level)
