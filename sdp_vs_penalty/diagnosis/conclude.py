@@ -29,6 +29,7 @@ from sdp_vs_penalty.diagnosis.own_constants import constant_std, retune
 from sdp_vs_penalty.diagnosis.passing.search import passing_causes
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import size_of, sizes_with_intervals, torque_errors
+from sdp_vs_penalty.diagnosis.sliding import contradicted_by_sliding
 from sdp_vs_penalty.diagnosis.unexplained import Remainder
 from sdp_vs_penalty.diagnosis.white_rows import ConstantErrors, WhiteData
 from sdp_vs_penalty.effects.effect import Effect
@@ -148,9 +149,13 @@ class Conclusion:
         torque_in_doubt = torque_errors(self.data, self.explanation.estimate)
         sizes = sizes_with_intervals(search, torque_in_doubt, self.errors_of_constants)
         steps = pairwise(self.ladder.errors)
+        fit = search.score.fit(search.terms, search.fit)
+        contradicted = contradicted_by_sliding(self.data, fit, search.terms)
         findings = []
-        for term, size, step in zip(search.terms, sizes, steps, strict=True):
-            judged = Judged(search, term, size, np.array(step), self.curves)
+        for term, size, step, sticks in zip(
+            search.terms, sizes, steps, contradicted, strict=True
+        ):
+            judged = Judged(search, term, size, np.array(step), self.curves, sticks)
             findings.append(describe_finding(judged, reasons_for_doubt(judged)))
         return findings
 

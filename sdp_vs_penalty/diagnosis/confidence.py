@@ -46,6 +46,8 @@ class Judged:
     errors: Array
     #: The measured curves that were accepted.
     curves: Sequence[Measured] = ()
+    #: Whether the rows in which its joints slide contradict its size.
+    is_contradicted: bool = False
 
     @property
     def effect(self) -> Effect:
@@ -149,6 +151,7 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "not_held_out": lambda x: not lowers(*x.errors[:, x.joints]),
     "raises": lambda x: harm(*x.errors[:, x.joints]) > 0.0,
     "held": _is_held,
+    "sticks": lambda x: x.is_contradicted,
     "looks_like": lambda x: bool(x.looks_like),
     "stand_in": lambda x: x.effect.is_stand_in,
     "series": _is_of_a_series,

@@ -19,6 +19,8 @@ REASONS: Mapping[str, str] = {
     "raises": "on data left out its joints' errors rise more than they fall with it",
     "alone": "beside what is sure it lowers no held-out error, or raises one",
     "held": "its joint hardly moves: dry friction that does not slide holds any torque",
+    "sticks": "where the joints slide it has less than half its size: friction that sticks"
+    " at reversals makes the rest",
     "looks_like": "another cause makes a similar torque",
     "no_torque": "its torque is not told from zero, even if its constants are exact",
     "stand_in": "its law may stand in for another one, which other motion follows",
@@ -48,6 +50,7 @@ TORQUE_IS_OPEN = (
     "few_splits",
     "alone",
     "held",
+    "sticks",
     "looks_like",
     "no_torque",
     "stand_in",

@@ -1,0 +1,50 @@
+"""Sizes that the rows in which a joint slides contradict."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.diagnosis.sliding import contradicted_by_sliding
+
+
+@pytest.mark.parametrize(
+    ("acts", "contradicted"),
+    [
+        ("everywhere", False),
+        ("where it sticks", True),
+        # Slow rows alone show it: the others cannot contradict it.
+        ("only slow rows have it", False),
+    ],
+)
+def test_what_acts_where_a_joint_sticks_alone_is_contradicted(acts, contradicted):
+    rng = np.random.default_rng(0)
+    M = 2_000
+    is_slow = np.arange(M) % 100 < 30
+    column = rng.normal(size=M)
+    if acts == "only slow rows have it":
+        column = np.where(is_slow, column, 0.0)
+    torque = np.where(is_slow | (acts != "where it sticks"), 3.0 * column, 0.0)
+    y = torque + rng.normal(size=M)
+    A = np.column_stack([rng.normal(size=M), column])
+    L = np.linalg.cholesky(A.T @ A)
+    whitener = np.linalg.inv(L).T
+    theta = whitener @ (whitener.T @ (A.T @ y))
+    fit: Any = SimpleNamespace(
+        basis=(A @ whitener)[None],
+        residual=(y - A @ theta)[None],
+        precision=np.zeros((2, 2)),
+        whitener=whitener,
+        theta=theta,
+        design=SimpleNamespace(columns_by_text={"effect": [1]}),
+    )
+    rows = SimpleNamespace(
+        keep=np.ones((M, 1), bool),
+        still=np.zeros((M, 1)),
+        slow=is_slow[:, None].astype(float),
+    )
+    clusters = (np.arange(M) // 40, np.arange(M) // 40)
+    data: Any = SimpleNamespace(rows=rows, clusters=clusters)
+    terms: Any = [SimpleNamespace(text="effect")]
+    assert contradicted_by_sliding(data, fit, terms) == [contradicted]
