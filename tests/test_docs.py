@@ -403,12 +403,13 @@ def folder(tmp_path_factory):
     return out
 
 
-def test_your_robot_in_four_commands(folder, monkeypatch, capsys):
+def test_your_robot_in_five_commands(folder, monkeypatch, capsys):
     pytest.importorskip("plotly")
     monkeypatch.chdir(folder)
-    assert len(commands("../README.md")) == 4
+    assert len(commands("../README.md")) == 5
     run_all(commands("../README.md"), capsys)
     assert (folder / "report.html").exists()
+    assert (folder / "my_arm_identified.xml").exists()
 
 
 def test_the_python_runs(folder, monkeypatch, capsys):

@@ -464,7 +464,7 @@ def headline() -> str:
         "optimum proved",
         "torque error, real Panda, unseen motion [%] (95 % interval)",
         "error, poor excitation, simulated [%]",
-        "CPU time [s]",
+        "CPU time of the solve [s]",
     ]
     return "\n\n".join(
         [
@@ -472,9 +472,9 @@ def headline() -> str:
             (
                 f"On this rich motion {told_apart()} differs from that of the SDP by"
                 " more than chance; with poor excitation the prior pays."
-                f" {penalty_in_simulation()} Where simulated, least squares are weighted and"
-                " the SDP without prior allows links of any thickness, not 20 mm. As"
-                " published is one run. More:"
+                f" {penalty_in_simulation()} In that column least squares are weighted,"
+                " and the SDP without prior has no least thickness of links. As published"
+                " is one run. More:"
                 " [results](results/README.md#sdp-against-penalty)."
             ),
         ]
