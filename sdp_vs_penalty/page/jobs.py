@@ -427,16 +427,22 @@ def _guessed(report: ColumnReport, ours: Sequence[str]) -> dict[str, str]:
     """Return the file's column for each of our names: what is recognised, and the columns
     of numbers that are left in their order, where these are as many as names are left
     (perhaps without a clock, perhaps with velocities between positions and torques).
+    Where no name says anything, more columns may follow the torques: the order is the
+    one that the reader's sentence proposes.
     """
     known = {name: report.rename.get(name, "") for name in ours}
     taken = {row.name for row in report.rows if row.meaning}
     free = [r.name for r in report.rows if r.name not in taken and r.kind == "number"]
     left = [name for name in ours if not known[name]]
-    if len(free) == len(left) - 1 and "t" in left:
-        left.remove("t")
     n = len(ours) // 2  # joints
-    if len(free) == len(left) + n:  # velocities stand before the torques
-        free = free[: -2 * n] + free[-n:]
+    says_nothing = not taken and n > 1 and len(free) > 3 * n
+    has_no_clock = says_nothing and len(free) % n == 0
+    if "t" in left and (has_no_clock or len(free) == len(left) - 1):
+        left.remove("t")
+    m = len(left)
+    follows = says_nothing and (len(free) - m) % n == 0
+    if follows or len(free) == m + n:  # velocities stand before the torques
+        free = free[: m - n] + free[m : m + n]
     if len(free) == len(left):
         known |= dict(zip(left, free, strict=True))
     return known

@@ -116,6 +116,29 @@ def read_state(folder: Path) -> dict[str, Any]:
     return dict(content)
 
 
+def _options_of(columns: Sequence[str], chosen: Mapping[str, str]) -> dict[str, str]:
+    """Return the options of `convert` that read files with these columns as they were
+    chosen, by our names.
+
+    Raises InputError where nothing is chosen, or a column twice.
+    """
+    pairs = {k: v for k, v in chosen.items() if v and k != "rate"}
+    if not pairs:
+        needed = [name for name in chosen if name != "rate"]
+        where = f"choose one for each of {needed[0]} to {needed[-1]}"
+        raise InputError("no column is chosen", where)
+    taken = [*pairs.values()]
+    for column in taken:
+        if taken.count(column) > 1:
+            what = f"column {column} is chosen more than once"
+            raise InputError(what, "choose another for one of them")
+    rename = ",".join(
+        f"{ours}=#{columns.index(theirs) + 1}" for ours, theirs in pairs.items()
+    )
+    rate = chosen.get("rate", "")
+    return {"rename": rename} | ({"rate": rate} if rate else {})
+
+
 @dataclass
 class Session:
     """What one tab has chosen, read and identified, what is said of it, and all that
@@ -392,9 +415,16 @@ class Session:
     def say(self, *texts: str, error: bool = True) -> None:
         """Show these sentences as the page's notice, in place of the previous ones.
 
-        Paths are replaced by the names that the person knows: of the robot, of runs and
-        of dropped files. Without sentences the notice disappears. error : whether the
-        notice is an error or a remark.
+        Without sentences the notice disappears; the same sentence about several files
+        stands once. error : whether the notice is an error or a remark.
+        """
+        texts = tuple(dict.fromkeys(map(self.in_words, texts)))
+        self.notice = PageNotice(texts, error) if texts else None
+        self.changed()
+
+    def in_words(self, text: str) -> str:
+        """Rephrase a sentence for the page; paths are replaced by the names that the
+        person knows: of the robot, of runs and of dropped files.
         """
         names_by_file = {
             str(self.folder / run["file"]): run["name"] for run in self.runs
@@ -404,10 +434,8 @@ class Session:
             **names_by_file,
             f"{self.folder}/": "",
         }.items():
-            texts = tuple(text.replace(path, name) for text in texts)
-        texts = tuple(map(spoken, texts))
-        self.notice = PageNotice(texts, error) if texts else None
-        self.changed()
+            text = text.replace(path, name)
+        return spoken(text)
 
     def start(
         self, do: Callable[..., Coroutine[Any, Any, None]], *arguments: Any, **how: Any
@@ -726,18 +754,15 @@ class Session:
         """
         files = [m for m in self.mappings if m["columns"] == columns]
         chosen = files[0]["torques"].get(torques) or files[0]["chosen"]
-        rate = chosen.get("rate", "")
-        pairs = {k: v for k, v in chosen.items() if v and k != "rate"}
-        taken = [*pairs.values()]
-        for column in taken:
-            if taken.count(column) > 1:
-                what = f"column {column} is chosen more than once"
-                raise InputError(what, "choose another for one of them")
-        rename = ",".join(
-            f"{ours}=#{columns.index(theirs) + 1}" for ours, theirs in pairs.items()
-        )
+        try:
+            options = _options_of(columns, chosen)
+        except InputError as error:
+            self.mappings = [
+                {**m, "reason": str(error)} if m["columns"] == columns else m
+                for m in self.mappings
+            ]
+            raise
         self.arrived |= {file["name"]: Path(file["path"]) for file in files}
-        options = {"rename": rename} | ({"rate": rate} if rate else {})
         again = {file["run"] for file in files}
         await self.read_files({**self.reading, **options}, again)
 

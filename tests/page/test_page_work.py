@@ -673,6 +673,50 @@ def test_a_file_is_read_by_the_columns_that_were_chosen(here, strange, hidden):
 
 
 @pytest.fixture
+def wide(here, hidden, tmp_path):
+    """The screen of two tables without a header, of a clock and five columns a joint."""
+    screen = Screen(here.new())
+    screen.do(screen.session.start, screen.session.choose_robot, "two_link")
+    for run, name in zip(hidden.runs, ("a.csv", "b.csv"), strict=False):
+        dq = np.gradient(run.q, run.t, axis=0)
+        more = np.column_stack([run.t, run.q, dq, run.tau, 0.5 * run.tau, run.q])
+        np.savetxt(tmp_path / name, more, fmt="%.9g", delimiter=",")
+        screen.session.arrived[name] = tmp_path / name
+    screen.do(screen.session.read_arrived)
+    return screen
+
+
+def test_a_wide_table_is_read_by_the_order_that_the_command_line_proposes(wide, hidden):
+    """What may be wrong about the guess stands beside the button."""
+    assert "a clock and 5 columns of each of 2 joints" in wide.text("runs")
+    wide.click("next")
+    assert [run["name"] for run in wide.session.runs] == ["a_read.csv", "b_read.csv"]
+    assert "tau1=#6,tau2=#7" in wide.session.commands()[0]
+    assert "Read with these columns" not in wide.text("next")
+
+
+@pytest.mark.parametrize("button", ["next", "read-mapped-0"])
+def test_columns_that_cannot_be_read_say_why_beside_the_button(wide, button):
+    """Nothing is chosen, then the same twice: a sentence in words of the page, once for
+    all files."""
+    (columns,) = {tuple(m["columns"]) for m in wide.session.mappings}
+    for ours in wide.session.mappings[0]["chosen"]:
+        wide.session.choose_column([*columns], ours, "")
+    wide.click(button)
+    assert not wide.session.runs
+    (said,) = wide.session.notice.texts
+    assert said == "no column is chosen: choose one for each of t to tau2."
+    assert said in wide.text("runs")
+    wide.session.choose_column([*columns], "t", columns[0])
+    wide.click(button)
+    assert wide.session.notice.error
+    assert len(wide.session.notice.texts) <= 2  # one of each file
+    for said in wide.session.notice.texts:
+        assert "--" not in said
+    assert wide.session.notice.texts[0] in wide.text("runs")
+
+
+@pytest.fixture
 def kept(tmp_path):
     """Sessions whose projects stay."""
     return Sessions(Here(), tmp_path / "projects")

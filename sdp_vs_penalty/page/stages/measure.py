@@ -152,7 +152,7 @@ _USES = (
         s.robot["source"],
         [[run[name] for name in ("name", "use", "split")] for run in s.runs],
         s.refusals,
-        [(m["path"], m["run"]) for m in s.mappings],
+        [(m["path"], m["run"], m["reason"]) for m in s.mappings],
     ),
 )
 def runs(view: View) -> None:
@@ -205,9 +205,12 @@ def _mapping(session: Session, mapping: dict[str, Any]) -> None:
     """
     columns = mapping["columns"]
     k = session.mappings.index(mapping)
+    is_filled_in = any(mapping["chosen"].values())
+    filled_in = "Filled in with what is recognised, or by their order: look at it."
+    not_filled_in = "Nothing was recognised."
     draw.note(
-        "Filled in with what is recognised, or by their order: look at it. Drag a column"
-        " to its place, or choose it there."
+        f"{filled_in if is_filled_in else not_filled_in} Drag a column to its place, or"
+        " choose it there."
     )
     with draw.tag("div", style="row"):
         for name in columns:
@@ -226,7 +229,10 @@ def _mapping(session: Session, mapping: dict[str, Any]) -> None:
                 label = _OURS.get(ours, ours)
                 draw.choice(label, options, theirs, choose, key)
     read = partial(session.start, session.read_mapped, columns)
-    draw.button("Read with these columns", read, f"read-mapped-{k}")
+    with draw.tag("div", style="row"):
+        draw.button("Read with these columns", read, f"read-mapped-{k}")
+        if mapping["reason"]:
+            draw.tag("p", session.in_words(mapping["reason"]), "soft why")
 
 
 #: What our names are, where they do not say it.
