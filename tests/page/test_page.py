@@ -244,7 +244,8 @@ def test_with_the_keyboard_alone(context, server, files):
     expect(page.locator("[aria-live=polite]")).to_have_text(
         "Identifying by lmi-sdp. Done."
     )
-    assert page.evaluate("document.activeElement.innerText") == "Identify"  # heading
+    heading = page.evaluate("document.activeElement.innerText")
+    assert heading == "Measured against modelled"  # of what is new
     press("joint-2")
     expect(page.locator(key("joint-2"))).to_have_attribute("aria-pressed", "true")
 
