@@ -126,7 +126,7 @@ def _options_of(columns: Sequence[str], chosen: Mapping[str, str]) -> dict[str, 
     if not pairs:
         needed = [name for name in chosen if name != "rate"]
         where = f"choose one for each of {needed[0]} to {needed[-1]}"
-        raise InputError("no column is chosen", where)
+        raise InputError("No column is chosen", where)
     taken = [*pairs.values()]
     for column in taken:
         if taken.count(column) > 1:

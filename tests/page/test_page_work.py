@@ -705,7 +705,7 @@ def test_columns_that_cannot_be_read_say_why_beside_the_button(wide, button):
     wide.click(button)
     assert not wide.session.runs
     (said,) = wide.session.notice.texts
-    assert said == "no column is chosen: choose one for each of t to tau2."
+    assert said == "No column is chosen: choose one for each of t to tau2."
     assert said in wide.text("runs")
     wide.session.choose_column([*columns], "t", columns[0])
     wide.click(button)

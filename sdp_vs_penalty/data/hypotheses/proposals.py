@@ -205,7 +205,7 @@ def names_without_header(
         raise InputError(
             f"{problem}, and {width} columns may be {a_clock}{n_groups} columns of each of"
             f" {n_joints} joints",
-            "say which of them are q, dq and tau: where they come first, in this order,"
+            "say which of them are q, dq and tau, where they come first in this order by"
             f" `{command}`",
             log.path,
         )
