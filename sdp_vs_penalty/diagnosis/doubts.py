@@ -19,8 +19,8 @@ REASONS: Mapping[str, str] = {
     "raises": "on data left out its joints' errors rise more than they fall with it",
     "alone": "beside what is sure it lowers no held-out error, or raises one",
     "held": "its joint hardly moves: dry friction that does not slide holds any torque",
-    "sticks": "where the joints slide it has less than half its size: friction that sticks"
-    " at reversals makes the rest",
+    "sticks": "where the joints slide its size is smaller: friction that sticks at"
+    " reversals makes the rest",
     "looks_like": "another cause makes a similar torque",
     "no_torque": "its torque is not told from zero, even if its constants are exact",
     "stand_in": "its law may stand in for another one, which other motion follows",
