@@ -173,6 +173,11 @@ def _channels(log: Log, choice: Choice) -> tuple[Log, Recognition]:
     if choice.rename:
         return _as_chosen(log, choice)
     ours = our_columns(log.names)
+    if log.texts is not None and len(ours) < len(log.columns):
+        from sdp_vs_penalty.data.hypotheses.long_form import widened
+
+        log = widened(log)
+        ours = our_columns(log.names)
     if has_our_names(log.names):
         episode = None
         if len(ours) < len(log.columns):
@@ -186,10 +191,6 @@ def _channels(log: Log, choice: Choice) -> tuple[Log, Recognition]:
         n_joints = None if joints is None else len(joints)
         rename = names_without_header(log, n_joints, choice.rate)
         return log, Recognition(rename, logger="")
-    if log.texts is not None:
-        from sdp_vs_penalty.data.hypotheses.long_form import widened
-
-        log = widened(log)
     found = recognised_in(log, joints)
     if found is not None:
         return log, found

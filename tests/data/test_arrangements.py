@@ -257,7 +257,12 @@ def long_line(folder, name):
     return write(folder / name, [text[0] + " " * (2 * PIECE) + text[1:]])
 
 
-def long_rows(folder, labels, order=(0, 1, 2), *, is_sorted=False, head="joint"):
+THEIRS = "time,{},position,effort"
+
+
+def long_rows(
+    folder, labels, order=(0, 1, 2), *, is_sorted=False, head="joint", names=THEIRS
+):
     """A row for each joint and instant."""
     rows = [
         (j * is_sorted, f"{t},{labels[j]},{Q[k, j]},{TAU[k, j]}")
@@ -265,9 +270,7 @@ def long_rows(folder, labels, order=(0, 1, 2), *, is_sorted=False, head="joint")
         for j in order
     ]
     rows.sort(key=lambda row: row[0])
-    return write(
-        folder / "run.csv", [f"time,{head},position,effort", *(x for _, x in rows)]
-    )
+    return write(folder / "run.csv", [names.format(head), *(x for _, x in rows)])
 
 
 def json_rows(folder, key, labels):
@@ -410,6 +413,7 @@ FORMS = {
     },
     "a JSON line a joint": lambda x: json_rows(x, "name", JOINTS),
     "a JSON line a number": lambda x: json_rows(x, "id", (1, 2, 3)),
+    "a row a joint under our names": lambda x: long_rows(x, JOINTS, names="t,{},q,tau"),
     "a row a joint, turned": lambda x: long_rows(x, JOINTS, SORTED, head="name"),
     "a row a channel": lambda x: melted(x, "time,variable,value", "{}_{}"),
     "a row a joint's channel": lambda x: melted(x, "time,joint,field,value", "{},{}"),
