@@ -36,7 +36,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.race import Claim, Outcome, Race, constants
+from sdp_vs_penalty.race import Claim, Race, RaceOutcome, constants
 from sdp_vs_penalty.results.table import markdown_lines
 
 #: Log-odds from which on claims are kept.
@@ -80,10 +80,10 @@ class Row:
 def judged(name: str, number: int, count: int) -> Iterator[Row]:
     """Check the logs of one arm."""
     half = "sets" if number % 2 == 0 else "judges"
-    verdicts: list[Outcome] = []
+    verdicts: list[RaceOutcome] = []
     run = Race.run
 
-    def kept(race: Race) -> Outcome:
+    def kept(race: Race) -> RaceOutcome:
         verdicts.append(run(race))
         return verdicts[-1]
 
@@ -102,7 +102,7 @@ def judged(name: str, number: int, count: int) -> Iterator[Row]:
 
 
 def _of_log(
-    arm: Arm, log: Log, path: Path, half: str, verdicts: list[Outcome]
+    arm: Arm, log: Log, path: Path, half: str, verdicts: list[RaceOutcome]
 ) -> Iterator[Row]:
     problem = load_problem(path)
     runs = [

@@ -36,7 +36,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.kinds import KINDS, SHOWN_BY_A_POOR_MOTION, list_faults, order
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.race import Claim, Outcome, Race
+from sdp_vs_penalty.race.race import Claim, Race, RaceOutcome
 from sdp_vs_penalty.race.rows import RegressionData
 from sdp_vs_penalty.race.run_log import RunLog
 from sdp_vs_penalty.results.remedy import Change
@@ -146,7 +146,7 @@ class LoggerJudge:
         self._report(common, verdict)
         return self.reports
 
-    def _report(self, common: Likelihood, verdict: Outcome) -> None:
+    def _report(self, common: Likelihood, verdict: RaceOutcome) -> None:
         """Add the explanations to the reports of all runs.
 
         They are what the race says, the size of the torques, and the torque that stays
@@ -175,7 +175,7 @@ class LoggerJudge:
             differences = self._differences(number, verdict)
             self._report_run(number, stated, differences, size, net)
 
-    def _differences(self, number: int, verdict: Outcome) -> list[Issue]:
+    def _differences(self, number: int, verdict: RaceOutcome) -> list[Issue]:
         """List the issues about what differs in one run, or from an instant of it on;
         its log is repaired where a change of the log undoes that."""
         log = self.logs[number]

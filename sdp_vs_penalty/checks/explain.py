@@ -14,7 +14,7 @@ from sdp_vs_penalty.race.constants import LIKELY
 from sdp_vs_penalty.race.fault import Fault, joints_text
 from sdp_vs_penalty.race.kinds import list_faults
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.race import Claim, Outcome, Scored
+from sdp_vs_penalty.race.race import Claim, RaceOutcome, Scored
 from sdp_vs_penalty.race.run_log import RunLog
 
 #: Standard deviations of a 95 % interval; what the model lacks widens it (Student's t of
@@ -44,7 +44,7 @@ _RIVALS = {"another load": "a load on the last link", "another arm": "other link
 
 
 def issues_of_all(
-    log: Likelihood, verdict: Outcome, net: LogTransform, runs: Sequence[RunLog]
+    log: Likelihood, verdict: RaceOutcome, net: LogTransform, runs: Sequence[RunLog]
 ) -> list[Issue]:
     """List an issue for each fault that all rows share.
 
@@ -75,7 +75,7 @@ def issues_of_all(
     return issues
 
 
-def graded(issue: Issue, verdict: Outcome, claims: Sequence[Claim]) -> Issue:
+def graded(issue: Issue, verdict: RaceOutcome, claims: Sequence[Claim]) -> Issue:
     """Return the issue about some claims, only possible where one may not be likely."""
     if all(map(verdict.is_sure_of, claims)):
         return issue

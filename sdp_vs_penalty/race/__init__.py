@@ -6,7 +6,7 @@ one evidence that all are scored by, on the rows of rows.py under a transform of
 """
 
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.race import Claim, Outcome, Race
+from sdp_vs_penalty.race.race import Claim, Race, RaceOutcome
 from sdp_vs_penalty.race.records import Hypothesis, Number, Part
 
-__all__ = ["Claim", "Hypothesis", "Likelihood", "Number", "Outcome", "Part", "Race"]
+__all__ = ["Claim", "Hypothesis", "Likelihood", "Number", "Part", "Race", "RaceOutcome"]

@@ -82,7 +82,7 @@ class Claim(Scored):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RaceOutcome:
     """What the race says of a log."""
 
     #: What was taken, in this order.
@@ -159,7 +159,7 @@ class Race:
         #: Log-odds of changes at the first look, by key and place among those of a key.
         self.looked_at: dict[object, float] = {}
 
-    def run(self) -> Outcome:
+    def run(self) -> RaceOutcome:
         """Take the best hypothesis until none is likely.
 
         Where positions then lie beyond a joint's range, the race begins again from each
@@ -174,7 +174,7 @@ class Race:
         found = [x for x in begun if x is not None]
         return max(found, key=lambda x: x.claims[0].log_odds, default=verdict)
 
-    def _taken(self, claims: Sequence[Claim]) -> Outcome:
+    def _taken(self, claims: Sequence[Claim]) -> RaceOutcome:
         """Take the best hypothesis beside some claims until none is likely."""
         taken = list(claims)
         view = taken[-1].fit.view if taken else LogView(self.all.log.as_logged)
@@ -187,7 +187,7 @@ class Race:
             taken.append(claim)
             view = claim.fit.view
             fit = self._incumbent(view)
-        return Outcome(tuple(taken), view, fit)
+        return RaceOutcome(tuple(taken), view, fit)
 
     def _is_beyond_range(self, chain: LogTransform) -> bool:
         """Whether a transform leaves positions far beyond a joint's range."""
@@ -197,7 +197,7 @@ class Race:
         largest = np.abs(chain.positions(log.data.motion.q)).max(axis=0)
         return degrees in self.kinds and bool(np.any(largest > _BEYOND_RANGE * reach))
 
-    def _begun_from(self, h: Hypothesis, logged: ViewFit) -> Outcome | None:
+    def _begun_from(self, h: Hypothesis, logged: ViewFit) -> RaceOutcome | None:
         """Return the verdict of the race that begins from a unit of positions, beside the
         fit as logged; None where beside all else that is taken the unit is not likely."""
         seen = self._incumbent(h.seen(logged.view))

@@ -11,7 +11,7 @@ import pytest
 from small_runs import small_run
 
 from sdp_vs_penalty import Measurements, check, load_problem
-from sdp_vs_penalty.race import Hypothesis, Likelihood, Number, Outcome, Part, Race
+from sdp_vs_penalty.race import Hypothesis, Likelihood, Number, Part, Race, RaceOutcome
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence
 from sdp_vs_penalty.race.records import Further, LogView
@@ -27,7 +27,7 @@ def rows_of(run: Measurements) -> Likelihood:
     return Likelihood(PROBLEM, RegressionData.from_run(PROBLEM, run, settings))
 
 
-def judged(*runs: Measurements) -> Outcome:
+def judged(*runs: Measurements) -> RaceOutcome:
     return Race([rows_of(run) for run in runs]).run()
 
 
