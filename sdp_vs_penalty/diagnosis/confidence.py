@@ -164,8 +164,9 @@ def reasons_for_doubt(x: Judged) -> tuple[Doubt, ...]:
 
     Reasons about the finding itself: another effect fits as well; its size is
     uncertain, or not different from zero; its joint is held still; its size is smaller
-    where the joints slide; its evidence is small; it lowers no joint's error on data left out, or raises these
-    errors of its joints more than it lowers them. Reasons about its surroundings:
+    where the joints slide; its evidence is small; it lowers no joint's error on data
+    left out, or raises these errors of its joints more than it lowers them. Reasons
+    about its surroundings:
     another cause would look like it; a measured curve fits better.
     """
     return tuple(
