@@ -166,8 +166,8 @@ def reasons_for_doubt(x: Judged) -> tuple[Doubt, ...]:
     uncertain, or not different from zero; its joint is held still; its size is smaller
     where the joints slide; its evidence is small; it lowers no joint's error on data
     left out, or raises these errors of its joints more than it lowers them. Reasons
-    about its surroundings:
-    another cause would look like it; a measured curve fits better.
+    about its surroundings: another cause would look like it; a measured curve fits
+    better.
     """
     return tuple(
         Doubt(reason, cause=x.looks_like if reason == "looks_like" else "")

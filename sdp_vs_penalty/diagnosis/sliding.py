@@ -16,12 +16,19 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.sizes import largest_sums_of_scores
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
+from sdp_vs_penalty.robot.arrays import Mask
+from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.signals.standstill import SLOW, STILL
 
 #: A contradicted size falls by more than this share of itself, and by more than two
 #: standard deviations. True findings of 18 worlds in MuJoCo (results/bench/red_team.py)
 #: fell by 15 % at most.
 _FALL = 0.25
+
+
+def joints_slide(rows: SegmentedRuns) -> Mask:
+    """Return the rows (M, n) in which a joint neither stands still nor turns round."""
+    return (rows.still <= STILL) & (rows.slow <= SLOW)
 
 
 def contradicted_by_sliding(
@@ -36,7 +43,7 @@ def contradicted_by_sliding(
     scores' sums over clusters.
     """
     rows = data.rows
-    slides = (rows.keep & (rows.still <= STILL) & (rows.slow <= SLOW)).T
+    slides = (rows.keep & joints_slide(rows)).T
     if slides.all() or not slides.any():
         return [False] * len(terms)
     B = fit.basis * slides[:, :, None]
