@@ -38,6 +38,7 @@ from sdp_vs_penalty.paper.tables.folds import interval_of
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Row, StudyTable, notes, register_table
 from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
@@ -123,6 +124,8 @@ AS_PUBLISHED = (
     ),
 )
 DEFAULT = "SDP, entropic (default)"
+#: The row of the prior that the default pulls to.
+PRIOR = "the prior alone"
 
 
 @dataclass(frozen=True)
@@ -335,6 +338,8 @@ def monte_carlo(study: Study) -> StudyTable:
             published=_drawn_as_published(rows),
             default=DEFAULT,
             unseen=len(UNSEEN),
+            prior=PRIOR,
+            masses=prior_masses(study.problem),
         ),
         _headline(rows),
         digits=3,
@@ -418,7 +423,33 @@ def _rows(study: Study, setting: Setting, draws: dict[str, Draws]) -> list[Row]:
                 "data": "simulated",
             }
         )
-    return rows
+    return [*rows, _prior_alone(study, setting)]
+
+
+def _prior_alone(study: Study, setting: Setting) -> Row:
+    """Return the row of the prior itself, with the friction that suits it best on the
+    unseen motion: what the default's prior would predict without data."""
+    truth = truth_of(study.problem.name, setting)
+    unseen = truth.unseen.least_squares()
+    rigid = truth.model.rigid_indices
+    others = np.setdiff1d(np.arange(unseen.R.shape[1]), rigid)
+    theta = np.zeros(unseen.R.shape[1])
+    theta[rigid] = study.problem.nominal_links.ravel()
+    left = unseen.rho - unseen.R @ theta
+    theta[others] = np.linalg.lstsq(unseen.R[:, others], left, rcond=None)[0]
+    return {
+        "setting": setting.name,
+        "method": PRIOR,
+        "error_percent": _error(unseen, theta),
+        "data": "simulated",
+    }
+
+
+def prior_masses(problem: Problem) -> str:
+    """Return how far the prior's masses are from the true ones, in words."""
+    true = experiment(problem).links[:, 0]
+    off = 100.0 * np.abs(problem.nominal_links[:, 0] / true - 1.0)
+    return f"{off.min():.0f} to {off.max():.0f} %"
 
 
 def _errors(unseen: LeastSquares, draws: Draws) -> Array:
