@@ -137,10 +137,13 @@ def runs_from_options(
 
 
 def model_from_options(
-    path: Path, gravity: str | None = None, gain_uncertainty: float | None = None
+    path: Path,
+    gravity: str | None = None,
+    gain_uncertainty: float | None = None,
+    load: Callable[[Path], Estimate] = load_estimate,
 ) -> Estimate:
     """Load a model, with what --gravity and --gain-uncertainty say of it."""
-    estimate = load_estimate(path)
+    estimate = load(path)
     if gravity is not None:
         estimate = estimate.with_gravity(numbers("--gravity", gravity, 3))
     if gain_uncertainty is not None:

@@ -20,6 +20,7 @@ from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
+from sdp_vs_penalty.estimation.nominal import NOMINAL, as_model
 from sdp_vs_penalty.estimation.verdict import (
     ABOVE_NOISE,
     ErrorsBesideNoise,
@@ -554,12 +555,13 @@ def compare(
 
     Parameters
     ----------
-    models : Estimate, path, sequence of these, or mapping of names to these
-        A path is that of a model.json.
+    models : Estimate, Problem, path, sequence of these, or mapping of names to these
+        A path is that of a model.json. A robot's file (.urdf, .xml, ...), a built-in
+        name or a Problem is judged as it states its links, damping and friction.
     measurements : path, arrays, DataFrame, Measurements, list of these, FilteredRuns
         The runs to judge on. The filters of FilteredRuns hold.
     preprocessing : Preprocessing, optional
-        Filter settings; default: those of the first model.
+        Filter settings; default: those of the first model that was identified.
     noise_from : the same as measurements, optional
         The recordings of which the measurements are windows: their repetition shows the
         noise floor. Default: those that they were cut from. Where they do not repeat, the floor is
@@ -575,21 +577,31 @@ def compare(
     InputError
         Where a model and the measurements have different numbers of joints.
     """
-    models = as_estimates(models, "compare(models=...)")
-    first = next(iter(models.values()))
+    models = as_estimates(models, "compare(models=...)", as_model)
+    first = first_identified(models)
     runs = measurements
     if not isinstance(runs, FilteredRuns):
         names = first.robot.joint_names
         data = as_measurements(
             measurements, names=names, what="compare(measurements=...)"
         )
-        runs = FilteredRuns.filtering(data, preprocessing or first.preprocessing)
+        settings = preprocessing or first.preprocessing
+        runs = FilteredRuns.filtering(data, settings.resolve(data))
     for name, model in models.items():
         if model.robot.n != runs.measurements.n:
             what = f"measurements for {name}"
             raise other_robot(runs.measurements.n, model.robot.n, what, "model")
         check_plausible(model.robot, runs.measurements)
     return compare_filtered(models, runs, noise_from)
+
+
+def first_identified(models: Mapping[str, Estimate]) -> Estimate:
+    """Return the first model that was identified; the first one where none was.
+
+    Its filters and its noise are those that all models are judged by.
+    """
+    identified = (model for model in models.values() if model.method != NOMINAL)
+    return next(identified, next(iter(models.values())))
 
 
 def compare_filtered(
@@ -614,7 +626,7 @@ def compare_filtered(
     Comparisons
         One comparison for each model.
     """
-    first = next(iter(models.values()))
+    first = first_identified(models)
     settings = runs.settings
     _, measurements = driven(first, runs.measurements)
     if measurements is not runs.measurements:
@@ -725,6 +737,9 @@ def _compare_one(
     band = runs.settings.torque_cutoff
     assert band is not None
     record = model.training_motion
+    new_share = None if record is None else record.new_share(runs)
+    if model.method == NOMINAL:
+        new_share = 1.0  # no motion made it
     noise, noise_source = floor
     return Comparison(
         name=name,
@@ -738,7 +753,7 @@ def _compare_one(
         band_hz=band,
         signals=signals,
         runs=runs.measurements.names,
-        new_motion_share=None if record is None else record.new_share(runs),
+        new_motion_share=new_share,
         outside=outside_shares,
         still=runs.still_seconds,
     )

@@ -1012,7 +1012,11 @@ def as_estimate(source: Estimate | str | Path, what: str = "estimate") -> Estima
     raise InputError("no model", "give an Estimate or the path of a model.json", what)
 
 
-def as_estimates(models: Models, what: str = "models") -> dict[str, Estimate]:
+def as_estimates(
+    models: Models,
+    what: str = "models",
+    read: Callable[[Any, str], Estimate] = as_estimate,
+) -> dict[str, Estimate]:
     """Return models by name: their file's path, or else the method.
 
     In a sequence models without a file are numbered: "1 (lmi-sdp)".
@@ -1021,19 +1025,21 @@ def as_estimates(models: Models, what: str = "models") -> dict[str, Estimate]:
     ----------
     what : str
         Name of the argument in messages.
+    read : callable
+        Makes an Estimate of one model; the second argument is ``what``.
 
     Raises
     ------
     InputError
-        For no model at all, and as :func:`as_estimate` does.
+        For no model at all, and as ``read`` does.
     """
     if isinstance(models, Mapping):
-        named = {str(name): as_estimate(model, what) for name, model in models.items()}
+        named = {str(name): read(model, what) for name, model in models.items()}
     else:
         several = isinstance(models, list | tuple)
         named = {}
         for k, model in enumerate(models if several else [models], start=1):
-            estimate = as_estimate(model, what)
+            estimate = read(model, what)
             method = f"{k} ({estimate.method})" if several else estimate.method
             named[str(model) if isinstance(model, str | Path) else method] = estimate
     if not named:

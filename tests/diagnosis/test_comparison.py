@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from arms import SCARA, write_urdf
 from random_robots import repeating_run as run_of
 from recorded import refusal
 
@@ -16,6 +17,7 @@ from sdp_vs_penalty import (
     identify,
     load_estimate,
     load_measurements,
+    load_problem,
     where_it_fails,
 )
 from sdp_vs_penalty.data import Measurements, concatenate
@@ -49,6 +51,24 @@ def test_figures_are_those_of_their_definitions(two_link, estimate):
     np.testing.assert_allclose(table[["residual1", "residual2"]], error, atol=1e-12)
     np.testing.assert_array_equal(table.dq2, rows.motion.dq[:, 1])
     np.testing.assert_array_equal(table.index, rows.motion.t)
+
+
+def test_a_robots_file_is_the_baseline_of_a_model(tmp_path):
+    """By the links and damping that it states, behind the model's filters."""
+    path = write_urdf(tmp_path / "arm.urdf", "arm", SCARA[:2])
+    problem = load_problem(path)
+    estimate = identify(problem, run_of(problem, 0), check=False)
+    run = run_of(problem, 1)
+    file, ours = compare({"file": path, "ours": estimate}, run)
+    (alone,) = compare(estimate, run)
+    np.testing.assert_array_equal(ours.mse, alone.mse)
+    np.testing.assert_array_equal(file.noise[0], alone.noise[0])
+    model = estimate.model
+    stated = estimate.with_theta(problem.nominal(model))
+    np.testing.assert_allclose(file.mse, compare(stated, run)[0].mse, rtol=1e-12)
+    assert file.new_motion_share == 1.0
+    assert np.all(file.mse > ours.mse)
+    assert compare(problem, run)[0].mse == pytest.approx(file.mse, rel=0.5)
 
 
 def test_a_log_behind_filters_is_judged_as_the_log_is(two_link, estimate):

@@ -23,22 +23,26 @@ def verb(
     """Compare models with runs: each joint's error beside the noise, and where the last model fails.
 
     Example: sdp-vs-penalty compare model.json --data test.csv --json out.json
+
+    models model.json ...: Models written by `identify` or `add`; a robot's file (my_arm.urdf) is
+        judged by the links, damping and friction that it states.
     """
     from sdp_vs_penalty.cli import printing
     from sdp_vs_penalty.cli.next_step import say_what_follows
     from sdp_vs_penalty.cli.runs import model_from_options, runs_for
-    from sdp_vs_penalty.diagnosis.comparison import compare
+    from sdp_vs_penalty.diagnosis.comparison import compare, first_identified
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
+    from sdp_vs_penalty.estimation.nominal import NOMINAL, load_model
 
-    estimates = {str(path): model_from_options(path, gravity) for path in models}
+    estimates = {
+        str(path): model_from_options(path, gravity, load=load_model) for path in models
+    }
     newest, estimate = list(estimates.items())[-1]
     runs_given = runs_for(estimate, data, window)
     runs = runs_given.train
     results = compare(estimates, runs, noise_from=runs_given.judged_recordings)
-    oldest = next(iter(estimates.values()))
-    failures = where_it_fails(
-        estimate, runs, oldest.preprocessing, noise=results[0].noise
-    )
+    settings = first_identified(estimates).preprocessing.resolve(runs)
+    failures = where_it_fails(estimate, runs, settings, noise=results[0].noise)
     printing.verdicts(results)
     units = estimate.torque_units
     printing.comparison(results, units)
@@ -59,6 +63,8 @@ def verb(
     )
     verdict = results[-1].verdict
     whole = runs_given.judged_recordings
+    if estimate.method == NOMINAL:
+        return
     say_what_follows(newest, estimate, verdict, data, window, gravity, whole)
 
 
