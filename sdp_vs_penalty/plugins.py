@@ -162,7 +162,8 @@ class Registry(Generic[P]):
         if plugin is None and provider:
             raise InputError(
                 f"{self.kind} {name} is a plug-in of {provider}, which is not installed",
-                "install it, or import it and call sdp_vs_penalty.register",
+                "install it, name its file with --plugin, or import it and call"
+                " sdp_vs_penalty.register",
             )
         if plugin is None:
             require_known(self.kind, name, self.all())

@@ -1,5 +1,8 @@
 """Plug-ins of other packages: effects, estimators, solvers, formats and exports."""
 
+import sys
+from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
@@ -42,6 +45,48 @@ def register(plugin: Plugin) -> Plugin:
     """
     registry_of(plugin).register(plugin)
     return plugin
+
+
+def register_file(path: Path) -> None:
+    """Run a file of Python, and register every plug-in that it holds: the option
+    ``--plugin`` of the command line.
+
+    Parameters
+    ----------
+    path : Path
+        The file; models name what it brings by the file's name without ``.py``.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be imported, or holds no plug-in.
+    """
+    name, file = path.stem, path.resolve()
+    if not (path.suffix == ".py" and name.isidentifier()):
+        remedy = "call it by letters, digits and underscores, as my_effects.py"
+        raise InputError("not the name of a module of Python", remedy, path)
+    if not file.is_file():
+        raise InputError("no such file", "name a file of Python", path)
+    # Workers that are not forked import it by its name.
+    sys.path.append(str(file.parent))
+    try:
+        home = import_module(name)
+    except Exception as error:
+        what = f"{type(error).__name__}: {error}"
+        raise InputError(what, "correct it: it has to run as it is", path) from error
+    if Path(getattr(home, "__file__", None) or "").resolve() != file:
+        remedy = "give the file another name"
+        raise InputError(f"Python has another module {name}", remedy, path)
+    own = (x for x in vars(home).values() if getattr(x, "__module__", "") == name)
+    plugins = [x for x in (home, *own) if any(r.accepts(x) for r in REGISTRIES)]
+    if not plugins:
+        remedy = (
+            "define a subclass of Effect, Estimator or Solver with a name, or SUFFIXES"
+            " and read (format), or ENDING and write (export)"
+        )
+        raise InputError("no plug-in in it", remedy, path)
+    for plugin in plugins:
+        register(plugin)
 
 
 def registry_of(plugin: Any) -> Registry[Any]:

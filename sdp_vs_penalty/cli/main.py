@@ -247,6 +247,7 @@ def _run(words: Sequence[str]) -> None:
                 opened(path)
     _require_writable(parser, arguments)
     is_quiet = arguments.pop("quiet")
+    _register(arguments.pop("plugin"))
     has_own_json = "json_" in parser.options
     json_file = None if has_own_json else arguments.pop("json_")
     try:
@@ -254,6 +255,15 @@ def _run(words: Sequence[str]) -> None:
             verb(**arguments)
     except RepairableError as error:
         raise _naming_the_repair(error, arguments) from error
+
+
+def _register(files: Sequence[Path]) -> None:
+    """Register the plug-ins of the files of --plugin."""
+    if files:
+        from sdp_vs_penalty.api.registration import register_file
+
+        for file in files:
+            register_file(file)
 
 
 @contextmanager

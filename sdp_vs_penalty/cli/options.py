@@ -146,6 +146,15 @@ class Parser(argparse.ArgumentParser):
         self.add_argument(
             "--quiet", "-q", action="store_true", help="Nothing but remarks and errors."
         )
+        self.add_argument(
+            "--plugin",
+            action="append",
+            default=[],
+            type=Path,
+            metavar="my_effects.py",
+            help="File of Python that is run, and whose effects, methods, solvers or "
+            "formats are used.",
+        )
         if "json_" not in self.options:
             self.add_argument(
                 "--json",
@@ -229,8 +238,8 @@ class Parser(argparse.ArgumentParser):
         Returns
         -------
         dict
-            Values by the verb's parameters, with ``quiet`` and ``json_`` for every
-            verb.
+            Values by the verb's parameters, with ``quiet``, ``plugin`` and ``json_``
+            for every verb.
         """
         known = [flag for option in self._actions for flag in option.option_strings]
         for flag in (word.partition("=")[0] for word in words if word.startswith("--")):
