@@ -89,7 +89,7 @@ def draw(seed: int, closed: bool) -> dict[str, tuple[float, float]]:
         estimate = identify(problem := believed("drawn", axes), run, effects=USUAL)
     except InputError:
         return {}
-    base = base_rows(problem, estimate.model).rows[: -3 * n]
+    base = base_rows(estimate.model, problem.independent).rows[: -3 * n]
     own = estimate.uncertainty
     out = {}
     for name, truth, intervals in (

@@ -228,7 +228,10 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
     model = problem.model()
     data = compress(rows, model)
     known = regression_uncertainty(
-        make_task(problem, model, data), data, base_rows(problem, model), white=True
+        make_task(problem, model, data),
+        data,
+        base_rows(model, problem.independent),
+        white=True,
     )
     # A base parameter is named after its first link parameter.
     dark = [x.name.split(" ")[0] for x in known.base if x.verdict == NOT_SEEN]

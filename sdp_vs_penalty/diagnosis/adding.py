@@ -383,7 +383,7 @@ def _add_frozen(
     problem = estimate.problem
     # Which of the new parameters the data determine, beside the model's record of its
     # own.
-    base = base_rows(problem, fit.model_of_new)
+    base = base_rows(fit.model_of_new, problem.independent)
     sources = parameter_sources(
         fit.task,
         fit.theta,

@@ -124,7 +124,7 @@ def with_intervals_of_search(model: Estimate, findings: Sequence[Finding]) -> Es
             factors[sized] = np.maximum(factors[sized], factor)
     if np.all(factors == 1.0):
         return model
-    base = base_rows(model.problem, model.model).rows
+    base = base_rows(model.model, model.problem.independent).rows
     return replace(model, uncertainty=model.uncertainty.widened(factors, base))
 
 

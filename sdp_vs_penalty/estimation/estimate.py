@@ -194,7 +194,7 @@ class Estimate(Record):
         if values.shape != (p,):
             raise wrong_shape("with_theta(theta=...)", values.shape, (p,), "parameter")
         check_finite("with_theta(theta=...)", values, (p,))
-        base = base_rows(self.problem, self.model)
+        base = base_rows(self.model, self.problem.independent)
         base_values = (base.rows @ values).tolist()
         old = self.uncertainty
         uncertainty = replace(
@@ -243,7 +243,7 @@ class Estimate(Record):
             For a standard deviation outside of [0, 1).
         """
         errors = independent_gains(uncertainty, self.robot.n)
-        base = base_rows(self.problem, self.model).rows
+        base = base_rows(self.model, self.problem.independent).rows
         return replace(
             self, uncertainty=self.uncertainty.with_gain_errors(errors, base)
         )

@@ -121,7 +121,7 @@ class Regressor:
                     f"effect {effect.name}: its columns depend on more than the state"
                 )
                 raise InputError(what, "leave it out of the excitation.")
-        return cls(model, np.array(base_rows(problem, model).leading))
+        return cls(model, np.array(base_rows(model, problem.independent).leading))
 
 
 #: Of a regressor W (rows, p) what is minimised, and its gradient by W (rows, p).

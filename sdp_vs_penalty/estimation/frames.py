@@ -66,7 +66,7 @@ def base_frame(estimate: Estimate) -> pandas.DataFrame:
     source, nominal value and unit."""
     import pandas
 
-    base = base_rows(estimate.problem, estimate.model)
+    base = base_rows(estimate.model, estimate.problem.independent)
     frame = pandas.DataFrame(map(vars, estimate.base_entries))
     frame = frame.rename(columns={"source": "from"}).assign(expression=base.sums)
     frame.index = pandas.Index([base.parameters[k] for k in base.leading])
@@ -89,7 +89,7 @@ def covariance_frame(estimate: Estimate, base: bool) -> pandas.DataFrame:
     labelled by name on both sides; NaN for parameters that the data do not determine."""
     import pandas
 
-    combinations = base_rows(estimate.problem, estimate.model)
+    combinations = base_rows(estimate.model, estimate.problem.independent)
     names = combinations.parameters
     matrix = estimate.uncertainty.covariance
     if base:

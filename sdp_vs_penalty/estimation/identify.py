@@ -35,7 +35,7 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
+from sdp_vs_penalty.regression.base_parameters import BaseParameters
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import ConstraintSet
@@ -71,7 +71,7 @@ def build_estimate(
     runs = posed.runs
     theta, certificate = certify(task, fit)
     certificate = replace(certificate, **link_figures(problem, theta[task.links]))
-    base = base_rows(problem, task.model)
+    base = task.base
     is_feasible = certificate.worst == 0.0
     sources = parameter_sources(
         task,

@@ -17,7 +17,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import require_known
 from sdp_vs_penalty.problem.constants import FAR_MASS
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
 from sdp_vs_penalty.regression.linalg import min_norm_lstsq, span
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot import constraint as build
@@ -111,17 +111,10 @@ class Task:
         return inertia.pseudo_inertia(self.prior_links[links])
 
     @cached_property
-    def base(self) -> Array:
-        """(b, p) map from theta to base parameters, the combinations that make torque.
-
-        The links' base parameters come first, then all other parameters one by one.
-        """
-        rigid = self.model.rigid_indices
-        unit = np.eye(len(self.bound))
-        if not len(rigid):
-            return unit
-        matrix, _ = base_parameters(self.model, self.independent)
-        return np.vstack([matrix @ unit[rigid], np.delete(unit, rigid, axis=0)])
+    def base(self) -> BaseParameters:
+        """The combinations of theta that make torque: the links' base parameters first,
+        then all other parameters one by one."""
+        return base_rows(self.model, self.independent)
 
     @cached_property
     def ols(self) -> Array:
@@ -136,9 +129,9 @@ class Task:
         Units are those of the base parameters. The two-step methods minimise it: the
         paper's retrieval, and Sousa and Cortesao's beta'.
         """
-        target = self.base @ self.ols
+        target = self.base.rows @ self.ols
         return LeastSquares(
-            self.base,
+            self.base.rows,
             rho=target,
             residual_norm=0.0,
             tau_squared=float(target @ target),

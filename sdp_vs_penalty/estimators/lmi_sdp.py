@@ -245,9 +245,9 @@ class LmiSdpTwoStep(Estimator):
         bounded = self._step(task, torque, task.constraints)
         details = {
             **bounded.details,
-            "beta_prime": (task.base @ nearest.theta).tolist(),
-            "beta_star": (task.base @ best.theta).tolist(),
-            "beta_star_e": (task.base @ bounded.theta).tolist(),
+            "beta_prime": (task.base.rows @ nearest.theta).tolist(),
+            "beta_star": (task.base.rows @ best.theta).tolist(),
+            "beta_star_e": (task.base.rows @ bounded.theta).tolist(),
             "loss_beta_prime": task.data.loss(nearest.theta),
         }
         return replace(bounded, details=details)

@@ -46,17 +46,17 @@ def condition_number(task: Task) -> float:
     Parameters
     ----------
     task : Task
-        Compressed data R and the map B to the base parameters.
+        Compressed data R, and B, the map to the base parameters.
 
     Returns
     -------
     float
         Ratio of the extreme singular values; infinite if a direction is not excited.
     """
-    regressor = task.data.R @ np.linalg.pinv(task.base)
-    singular = np.linalg.svd(regressor, compute_uv=False)
-    if singular[-1] <= 0.0:
+    regressor = task.data.R @ np.linalg.pinv(task.base.rows)
+    if column_space(regressor)[0].shape[1] < regressor.shape[1]:
         return np.inf
+    singular = np.linalg.svd(regressor, compute_uv=False)
     return float(singular[0] / singular[-1])
 
 
@@ -76,11 +76,11 @@ def standard_deviations(task: Task, oversampling: float) -> tuple[Array, Array]:
     The residual is taken as white within the filters' band; where a model error
     dominates it, the true error is larger.
     """
-    w = task.data.R @ np.linalg.pinv(task.base)
+    w = task.data.R @ np.linalg.pinv(task.base.rows)
     rank = column_space(w)[0].shape[1]
     degrees = max(task.data.rows / oversampling - rank, 1.0)
     residual = np.sqrt(task.data.loss(task.ols) / degrees)
-    return task.base @ task.ols, residual * deviations(w)
+    return task.base.rows @ task.ols, residual * deviations(w)
 
 
 @dataclass(frozen=True)

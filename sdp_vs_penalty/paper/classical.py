@@ -71,7 +71,7 @@ class TotalLeastSquares(Estimator):
     def fit(self, task: Task) -> Fit:
         """Take the smallest right singular vector of columns and torque."""
         data = task.data
-        to_theta = np.linalg.pinv(task.base)
+        to_theta = np.linalg.pinv(task.base.rows)
         columns = data.R @ to_theta
         scale = 1.0 / nonzero_or_one(np.linalg.norm(columns, axis=0))
         stacked = np.column_stack([columns * scale, data.rho])

@@ -423,7 +423,7 @@ def _links_distance(task: Task) -> LeastSquares:
     """
     distance = task.base_distance
     links = task.model.rigid_indices
-    rows = np.any(task.base[:, links] != 0.0, axis=1)
+    rows = np.any(task.base.rows[:, links] != 0.0, axis=1)
     target = distance.rho[rows]
     squares = float(target @ target)
     return LeastSquares(

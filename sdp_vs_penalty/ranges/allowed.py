@@ -37,7 +37,6 @@ from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.ranges.interior_point import Ball, InteriorPoint
-from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.linalg import column_space
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import constraint as build
@@ -245,7 +244,7 @@ def allowed_set(
     task = posed.task
     data = task.data
     # R = R_lead B: only the base parameters B theta make torque.
-    base = base_rows(posed.problem, task.model)
+    base = task.base
     U, _ = column_space(data.R[:, base.leading])
     A = U.T @ data.R[:, base.leading] @ base.rows
     a = U.T @ data.rho

@@ -85,7 +85,7 @@ def all_functions(problem: Problem, model: Model) -> list[Function]:
     ]
     if len(links):
         out.append(Function(TOTAL, "kg", unit[links[:, 0]].sum(axis=0)))
-    base = base_rows(problem, model)
+    base = base_rows(model, problem.independent)
     out += [
         Function(name, plain_unit(model.parameters[lead].unit), row)
         for name, row, lead in zip(base.names, base.rows, base.leading, strict=True)

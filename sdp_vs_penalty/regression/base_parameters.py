@@ -104,7 +104,7 @@ class BaseParameters:
         return text
 
 
-def base_rows(problem: Problem, model: Model) -> BaseParameters:
+def base_rows(model: Model, independent: Sequence[str] | None = None) -> BaseParameters:
     """Return the base parameters of a model: combinations of theta that make torque.
 
     Those of the links come first, with the names that the problem gives them, then
@@ -112,8 +112,8 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
 
     Parameters
     ----------
-    problem : Problem
-        Names of the links' base parameters.
+    independent : sequence of str or None
+        Names of the links' base parameters, as for :func:`base_parameters`.
 
     Returns
     -------
@@ -121,7 +121,7 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
         Coefficients (b, p), names, and the leading standard parameters.
     """
     # Combinations of the links' parameters (``link_indices`` in theta), then the rest.
-    matrix, link_indices, lead = _rigid_base(problem, model)
+    matrix, link_indices, lead = _rigid_base(model, independent)
     p = len(model.parameters)
     others = np.setdiff1d(np.arange(p), link_indices)
     unit = np.eye(p)
@@ -130,7 +130,9 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
     return BaseParameters(rows, [q.name for q in model.parameters], leading)
 
 
-def _rigid_base(problem: Problem, model: Model) -> tuple[Array, Indices, Sequence[int]]:
+def _rigid_base(
+    model: Model, independent: Sequence[str] | None
+) -> tuple[Array, Indices, Sequence[int]]:
     """Return the base parameters of the links and of effects that act like links.
 
     A rotor acts like inertia of the first links, so their common combinations count.
@@ -149,7 +151,7 @@ def _rigid_base(problem: Problem, model: Model) -> tuple[Array, Indices, Sequenc
     if present & merged:
         return _merged_base(model, {"links", *merged})
     try:
-        matrix, lead = base_parameters(model, problem.independent)
+        matrix, lead = base_parameters(model, independent)
     except InputError:  # the list was made for another direction of gravity
         matrix, lead = base_parameters(model)
     return matrix, rigid, lead
@@ -243,5 +245,6 @@ def structure(
 def base_parameter_symbols(problem: Problem) -> dict[str, str]:
     """Return each base parameter of the links as a sum of standard ones, such as "Izz2 -
     0.64 m2", by the name of the leading one."""
-    base = base_rows(problem, problem.model(standard_effect("links").name))
+    links = problem.model(standard_effect("links").name)
+    base = base_rows(links, problem.independent)
     return dict(zip([base.parameters[k] for k in base.leading], base.sums, strict=True))

@@ -505,7 +505,7 @@ def parameters(data: ReportData) -> Context:
     """
     known = data.last.uncertainty
     runs = ", ".join(map(str, data.last.provenance.get("runs", [])))
-    names = base_rows(data.last.problem, data.last.model).sums
+    names = base_rows(data.last.model, data.last.problem.independent).sums
     base = tables.parameter_table(data.last.base_entries, names)
     standard = tables.parameter_table(data.last.entries)
     return {

@@ -219,7 +219,11 @@ class Sdpa(Solver):
     order = KINDS
     full_matrices = True
     finest = 1e-7
-    default_options = {"epsilonStar": ACCURACY, "epsilonDash": ACCURACY}
+    default_options = {
+        "epsilonStar": ACCURACY,
+        "epsilonDash": ACCURACY,
+        "numThreads": 1,
+    }
     status_meaning = SDPA_CLAIMS
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
@@ -236,7 +240,7 @@ class Sdpa(Solver):
         # Ours, b - A x in the cones, is that with A' = -A and b' = -b.
         free_variables = sdpap.SymCone(f=len(problem.q))
         cones = sdpap.SymCone(l=dims["l"], s=tuple(dims["s"]))
-        settings = {**options, "print": "no", "numThreads": 1}
+        settings = {**options, "print": "no"}
         x, z, info, _, statistics = sdpap.solve(
             -problem.A, -problem.b, problem.q, free_variables, cones, settings
         )

@@ -250,25 +250,29 @@ def _rows(motion: Motion, index: NDArray[np.intp]) -> Motion:
 
 
 def check_needs_are_declared(kind: type[Effect], forms: Forms) -> None:
-    """A torque, links, a clock: columns change with what is declared and with nothing
-    else."""
+    """A torque, links, a clock: columns change with what is declared, in one way at
+    least, and with nothing else."""
     robot = robots()["arm"]
     motion = steady_motion(robot)
     bare = Motion(motion.t, motion.q, motion.dq, motion.ddq)
     command = motion.logged_command
-    other_links = CurrentModel(robot, 1.5 * motion.model_links**2)
+    # Other shares of the links, of which a law that saturates may see nothing, and
+    # turned ones, of which a law of shares sees nothing.
+    other_links = [1.5 * motion.model_links**2, -1.5 * motion.model_links]
     late = replace(command, t=motion.t + 7.0)
     farther = replace(command, q=motion.q, dq=motion.dq, position_integral=motion.q)
     later = replace(motion, t=motion.t + 7.0, command=late)
     changed = {
-        "needs_torque": replace(motion, torque=2.0 * motion.model_torque + 1.0),
-        "needs_links": replace(motion, current=other_links),
-        "follows_clock": later,
-        "needs_temperature": replace(
-            motion, temperature=motion.joint_temperature + 5.0
-        ),
-        "needs_command": replace(motion, command=farther),
-        "needs_motors": replace(motion, motors=motion.q),
+        "needs_torque": [replace(motion, torque=2.0 * motion.model_torque + 1.0)],
+        "needs_links": [
+            replace(motion, current=CurrentModel(robot, x)) for x in other_links
+        ],
+        "follows_clock": [later],
+        "needs_temperature": [
+            replace(motion, temperature=motion.joint_temperature + 5.0)
+        ],
+        "needs_command": [replace(motion, command=farther)],
+        "needs_motors": [replace(motion, motors=motion.q)],
     }
     for effect in forms(robot):
         columns = wide_columns(effect, motion)
@@ -281,11 +285,17 @@ def check_needs_are_declared(kind: type[Effect], forms: Forms) -> None:
                 raise ContractError(f"{effect.text} has columns without what it needs")
         else:
             effect.blocks(bare)
-        for word, other in changed.items():
-            found = wide_columns(effect, other)
-            differs = not np.allclose(found, columns, rtol=_ROUNDING, atol=1e-12)
-            same = differs == getattr(effect, word)
-            demand(same, f"declare {word} = {differs}, as the columns of {effect.text}")
+        for word, others in changed.items():
+            differs = not all(
+                np.allclose(wide_columns(effect, x), columns, _ROUNDING, atol=1e-12)
+                for x in others
+            )
+            if getattr(effect, word):
+                sentence = "nothing changes with it here: without, or other constants"
+                demand(differs, f"{effect.text} declares {word}, but {sentence}")
+            else:
+                change = f"the columns of {effect.text} change with it"
+                demand(not differs, f"declare {word} = True: {change}")
         if effect.follows_clock:
             pairs = (kind.candidates(robot, effect.joints[0], t) for t in (0.0, 7.0))
             for a, b in zip(*pairs, strict=True):

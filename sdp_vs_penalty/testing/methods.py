@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
+import inspect
 import json
+import textwrap
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -27,6 +30,9 @@ from sdp_vs_penalty.solvers.rigorous_bounds import certainly_feasible
 from sdp_vs_penalty.solvers.solver import EVERYTHING, Solver
 from sdp_vs_penalty.testing.demand import demand
 from sdp_vs_penalty.testing.robots import measured
+
+#: Options that a solver's ``run`` may pass besides those that it is given.
+_SILENCE = {"verbose", "print", "show_progress"}
 
 
 @cache
@@ -161,6 +167,28 @@ def check_declaration(solver: Solver) -> None:
         demand(solver.version()[:1].isdigit(), "its version is not known: distribution")
 
 
+def check_all_options_are_declared(solver: Solver) -> None:
+    """Whatever a package is told, but to be silent, stands in ``default_options`` or
+    ``tuned_options``, which the shootout prints."""
+    run = ast.parse(textwrap.dedent(inspect.getsource(type(solver).run))).body[0]
+    assert isinstance(run, ast.FunctionDef)
+    options = run.args.args[2].arg
+
+    def unpacks(value: ast.expr) -> bool:
+        return isinstance(value, ast.Name) and value.id == options
+
+    passed = set[str]()
+    for node in ast.walk(run):
+        if isinstance(node, ast.Call) and any(
+            k.arg is None and unpacks(k.value) for k in node.keywords
+        ):
+            passed |= {k.arg for k in node.keywords if k.arg}
+        elif isinstance(node, ast.Dict) and any(map(unpacks, node.values)):
+            passed |= {k.value for k in node.keys if isinstance(k, ast.Constant)}
+    hidden = ", ".join(sorted(passed - _SILENCE))
+    demand(not hidden, f"run passes {hidden}: declare it in default_options")
+
+
 def check_optimum(solver: Solver, largest_gap: float = 1e-4) -> None:
     """Its primal and dual solution prove the optimum, with a log det or without; what
     it cannot take it declines."""
@@ -208,6 +236,7 @@ ESTIMATOR_CONTRACTS: tuple[Callable[..., None], ...] = (
 )
 SOLVER_CONTRACTS: tuple[Callable[..., None], ...] = (
     check_declaration,
+    check_all_options_are_declared,
     check_optimum,
     check_empty_set,
 )

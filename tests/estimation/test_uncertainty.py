@@ -71,7 +71,7 @@ def measured(problem, model, seed, seconds):
 def told(problem, model, run):
     data = compress(FilteredRuns.filtering(run, problem.preprocessing), model)
     return regression_uncertainty(
-        make_task(problem, model, data), data, base_rows(problem, model)
+        make_task(problem, model, data), data, base_rows(model, problem.independent)
     )
 
 
@@ -94,7 +94,7 @@ def test_a_draw_of_the_bootstrap_is_the_certified_fit_of_its_rows(two_link):
     objective, constraints = method.posed(task)
     again = Objective(rows, objective.entropy)
     best = PosedSdp(task, again, constraints).fit(again)
-    base = base_rows(two_link, task.model).rows
+    base = task.base.rows
     assert_allclose(base @ theta[0], base @ best.theta, rtol=1e-4, atol=1e-4)
     with pytest.raises(InputError, match="not drawn anew"):
         bootstrap(two_link, run, 1, "ols")
@@ -111,14 +111,16 @@ def test_intervals_hold_the_truth(two_link):
         run = measured(two_link, model, seed, 40.0)
         known = told(two_link, model, run)
         base = [i for i in known.base if np.isfinite(i.lower)]
-        values = base_rows(two_link, model).rows @ theta
+        values = base_rows(model, two_link.independent).rows @ theta
         assert len(base) == len(values)
         shares.append(
             np.mean(
                 [i.lower <= x <= i.upper for i, x in zip(base, values, strict=True)]
             )
         )
-        drawn = np.sum((base_rows(two_link, model).rows @ known.spread) ** 2, axis=1)
+        drawn = np.sum(
+            (base_rows(model, two_link.independent).rows @ known.spread) ** 2, axis=1
+        )
         spreads.append(np.mean(drawn / np.square([i.std for i in base])))
     assert 0.90 <= np.mean(shares) <= 0.99
     # The joint covariance is that of the intervals, which Student's quantile makes a
@@ -138,7 +140,7 @@ def test_white_intervals_are_those_of_a_gaussian_posterior(two_link):
     )
     found = Sandwich(data, weights, scale, taken_white=True)
     R = data.least_squares(weights).R
-    rows = base_rows(two_link, model).rows
+    rows = base_rows(model, two_link.independent).rows
     unit = 1.0 / np.maximum(np.linalg.norm(R, axis=0), 1e-9)
     information = (R * unit).T @ (R * unit) + found.white * np.diag((unit / scale) ** 2)
     expected = (
@@ -157,7 +159,7 @@ def test_intervals_end_where_what_is_possible_does(two_link):
         run, tau=run.tau + 60.0 * np.random.default_rng(9).normal(size=run.tau.shape)
     )
     data = compress(FilteredRuns.filtering(run, two_link.preprocessing), model)
-    base = base_rows(two_link, model)
+    base = base_rows(model, two_link.independent)
     task = make_task(two_link, model, data)
     theta = LmiSdp().fit(task).theta
     task.box[:, 0, 0] = 0.3

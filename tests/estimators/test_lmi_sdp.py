@@ -186,14 +186,14 @@ def test_the_two_step_chain_is_what_it_says(toy_task):
     chain = {
         k: np.array(fit.details[k]) for k in ("beta_prime", "beta_star", "beta_star_e")
     }
-    target = toy_task.base @ toy_task.ols
+    target = toy_task.base.rows @ toy_task.ols
     distance = {k: np.linalg.norm(beta - target) for k, beta in chain.items()}
     assert distance["beta_prime"] <= min(distance.values()) + 1e-9
     np.testing.assert_allclose(
-        chain["beta_star_e"], toy_task.base @ fit.theta, atol=1e-12
+        chain["beta_star_e"], toy_task.base.rows @ fit.theta, atol=1e-12
     )
     # The torque SDP over fewer demands cannot lose more.
-    w = toy_task.data.R @ np.linalg.pinv(toy_task.base)
+    w = toy_task.data.R @ np.linalg.pinv(toy_task.base.rows)
 
     def loss(beta):
         return float(np.sum((w @ beta - toy_task.data.rho) ** 2))

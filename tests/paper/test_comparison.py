@@ -128,7 +128,7 @@ def test_without_noise_they_find_the_truth(task, method):
     data = replace(task.data, rho=task.data.R @ task.nominal, residual_norm=0.0)
     theta = method.fit(replace(task, data=data)).theta
     np.testing.assert_allclose(
-        task.base @ theta, task.base @ task.nominal, rtol=1e-3, atol=1e-4
+        task.base.rows @ theta, task.base @ task.nominal, rtol=1e-3, atol=1e-4
     )
 
 

@@ -1,6 +1,7 @@
 """Compression: exact, additive, in the order of time; base parameters; memory; black
 boxes."""
 
+from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
@@ -11,8 +12,9 @@ from numpy.testing import assert_allclose
 from random_robots import driven, tree
 from recorded import refusal
 
-from sdp_vs_penalty import identify, load_problem
+from sdp_vs_penalty import Measurements, identify, load_problem
 from sdp_vs_penalty.effects import Model, Motion, parse_effects
+from sdp_vs_penalty.estimators import condition_number, make_task
 from sdp_vs_penalty.regression import (
     BlackBox,
     Factor,
@@ -27,6 +29,7 @@ from sdp_vs_penalty.regression import (
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.signals import FilteredRun, FilteredRuns, Preprocessing
 from sdp_vs_penalty.simulation import experiment
+from sdp_vs_penalty.testing.robots import sines
 
 FILTERS = Preprocessing(5.0, 8.0)
 
@@ -182,7 +185,7 @@ def test_base_parameters_of_a_whole_model_are_independent(which, tmp_path):
     rates = np.random.default_rng(1).normal(size=(2, 200, problem.robot.n))
     motion = Motion(np.zeros(200), problem.robot.random_configurations(200, 1), *rates)
     columns = np.concatenate(model.dense_columns(motion))
-    base = base_rows(problem, model)
+    base = base_rows(model, problem.independent)
     seen = np.linalg.norm(columns, axis=0)
     rank = np.linalg.matrix_rank(columns[:, seen > 1e-9] / seen[seen > 1e-9], tol=1e-8)
     assert len(base.rows) == rank == SEEN[which]
@@ -190,6 +193,21 @@ def test_base_parameters_of_a_whole_model_are_independent(which, tmp_path):
     assert_allclose(
         columns[:, base.leading] @ base.rows, columns, atol=1e-8 * seen.max()
     )
+
+
+@pytest.mark.parametrize("which", ["ur10e", "tx40"])
+def test_the_condition_number_is_that_of_what_makes_torque(which):
+    """Rotors that act like their links add no base parameter; what does not move has
+    none."""
+    problem = load_problem(which)
+    model = problem.model()
+    motion = sines(np.random.default_rng(2), problem.robot.n, np.arange(0, 9, 5e-3))
+    run = Measurements(motion.t, motion.q, tau=np.zeros_like(motion.q))
+    data = compress(FilteredRuns.filtering(run, FILTERS), model)
+    task = make_task(problem, model, data, "none")
+    assert condition_number(task) < 1e5
+    still = replace(task, data=replace(task.data, R=0.0 * task.data.R))
+    assert condition_number(still) == np.inf
 
 
 @pytest.mark.parametrize("right_angle", ["1.5707963267948966", "1.5707963", "1.5708"])

@@ -24,12 +24,15 @@ from sdp_vs_penalty.solvers import (
     rewrite,
 )
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem
+from sdp_vs_penalty.solvers.packages import Scs
 from sdp_vs_penalty.solvers.programs import Program
 from sdp_vs_penalty.solvers.rewrite import quadratic_factor, without_equalities
 from sdp_vs_penalty.solvers.solver import tiny_problem
+from sdp_vs_penalty.testing import ContractError
 from sdp_vs_penalty.testing.methods import (
     SOLVER_CONTRACTS,
     LinkProblem,
+    check_all_options_are_declared,
     check_declaration,
     check_optimum,
 )
@@ -61,13 +64,24 @@ def usable(name):
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("contract", SOLVER_CONTRACTS, ids=lambda c: c.__name__)
 def test_every_solver_keeps_every_contract(contract, name):
-    if contract is check_declaration:
+    if contract in (check_declaration, check_all_options_are_declared):
         contract(SOLVERS[name])
     elif name == "dsdp" and contract is check_optimum:
         # Its primal (our dual) is only as good as its dual scaling leaves it.
         contract(usable(name), largest_gap=2e-2)
     else:
         contract(usable(name))
+
+
+def test_an_option_inside_run_is_refused():
+    """The shootout prints the declared ones alone."""
+
+    class Indirect(Scs):
+        def run(self, problem, options):
+            return super().run(problem, {**options, "use_indirect": True})
+
+    with pytest.raises(ContractError, match="run passes use_indirect"):
+        check_all_options_are_declared(Indirect())
 
 
 def test_data_without_any_scale_end_in_a_claim_not_in_a_panic():

@@ -232,8 +232,8 @@ def _covered(
     least squares about the estimate hold the truth."""
     _, deviations = standard_deviations(task, regression.oversampling)
     rigid = task.model.rigid_indices
-    of_links = np.any(task.base[:, rigid] != 0.0, axis=1)
-    base = task.base[of_links]
+    of_links = np.any(task.base.rows[:, rigid] != 0.0, axis=1)
+    base = task.base.rows[of_links]
     apart = base @ theta - base[:, rigid] @ links.ravel()
     return [bool(x) for x in np.abs(apart) <= 1.96 * deviations[of_links]]
 
