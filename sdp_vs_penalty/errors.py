@@ -208,8 +208,8 @@ class ColumnsRemark(Remark):
 class Infeasible(InputError):  # noqa: N818 (the field's word)
     """The constraints admit no parameters. told : as of InputError.
 
-    families : those that exclude each other; proof : the constraints and multipliers
-    that prove it (Farkas), where they do: then nothing satisfies all constraints;
+    families : those that exclude each other; proof : the problem without data and
+    the multipliers that prove it (Farkas), where they do: then nothing satisfies all constraints;
     without, they leave no room at best.
     """
 
@@ -228,7 +228,7 @@ class Infeasible(InputError):  # noqa: N818 (the field's word)
         families : sequence of str
             Families of constraints that exclude each other.
         proof : tuple, optional
-            The constraints, and their multipliers that prove infeasibility (Farkas).
+            The problem without data, and multipliers that prove infeasibility (Farkas).
         """
         super().__init__(*arguments)
         self.families = tuple(families)

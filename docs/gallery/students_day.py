@@ -20,7 +20,6 @@ from sdp_vs_penalty.effects.shape import POSITION, ShapeConstant
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.solvers.conic import svec, unsvec
-from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.solver import Solver
 
 urdf = "docs/my_arm.urdf"  # run from the checkout's folder
@@ -114,7 +113,7 @@ class Ridge(Estimator):
         rows = np.vstack([data.R, np.diag(pull)])
         right = np.concatenate([data.rho, pull * task.nominal])
         theta = np.linalg.lstsq(rows, right, rcond=None)[0]
-        return Fit(theta, Objective(data), task.constraints)
+        return Fit(theta, task.problem)
 
 
 effects = f"{rigid},joint_spring:2"

@@ -89,7 +89,9 @@ def build_estimate(
         uncertainty = uncertainty_of(workers)
     else:
         uncertainty = LateUncertainty(uncertainty_of)
-    bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
+    bounds = (
+        [] if fit.multipliers is None else on_bounds(fit.problem.constraints, theta)
+    )
     settings = {**asdict(estimator), "weighting": posed.weighting}  # type: ignore[call-overload]
     details = {**fit.details, "on_bounds": bounds, **sources}
     provenance = {
@@ -188,15 +190,16 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
         Violations and loss; for a convex method also the gap to the optimum.
     """
     theta = fit.theta
+    constraints = fit.problem.constraints
     if fit.multipliers is not None and fit.interior is not None:
-        theta = repair(fit.constraints, theta, fit.interior)
+        theta = repair(constraints, theta, fit.interior)
     # A solver holds what is known to its own accuracy, which nothing else depends on.
     theta = task.model.with_known(theta)
-    certificate = Certificate(violations(fit.constraints, theta), task.data.loss(theta))
+    certificate = Certificate(violations(constraints, theta), task.data.loss(theta))
     if fit.multipliers is not None and fit.interior is not None:
         # The bounds of an unchanged fit are computed already (cached properties).
-        is_unchanged = np.array_equal(theta, fit.theta) and fit.bound is not None
-        certified = fit if is_unchanged else replace(fit, theta=theta, bound=task.bound)
+        is_unchanged = np.array_equal(theta, fit.theta)
+        certified = fit if is_unchanged else replace(fit, theta=theta)
         certificate = replace(
             certificate, upper=certified.upper, lower=certified.lower, gap=certified.gap
         )
@@ -293,7 +296,7 @@ def estimate_parameters(
         fit = estimator.fit(posed.task)
     except Infeasible as error:
         if proof is not None and error.proof:
-            write_proof(infeasibility_proof(*error.proof, posed.task.bound), proof)
+            write_proof(infeasibility_proof(*error.proof), proof)
         raise
     estimate = build_estimate(posed, estimator, fit, options.workers)
     if by_simulation:

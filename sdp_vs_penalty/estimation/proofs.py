@@ -61,8 +61,8 @@ def proved(
         raise InputError(
             what, "choose one that solves the SDP, such as lmi-sdp, or penalty"
         )
-    certified = replace(fit, theta=theta, bound=task.bound)
-    return optimum_proof(certified, [p.name for p in task.model.parameters], made_of)
+    names = [p.name for p in task.model.parameters]
+    return optimum_proof(replace(fit, theta=theta), names, made_of)
 
 
 def verify_proof_file(
@@ -225,10 +225,4 @@ def _reposed(model: Estimate, data: Measurements) -> Proof | None:
     if posed is None:
         return None
     task = posed.task
-    objective, constraints = estimator.posed(task)
-    return stated(
-        objective,
-        constraints.convex,
-        task.bound,
-        [p.name for p in task.model.parameters],
-    )
+    return stated(estimator.posed(task), [p.name for p in task.model.parameters])

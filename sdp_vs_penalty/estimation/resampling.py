@@ -68,7 +68,6 @@ from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT
 
 if TYPE_CHECKING:
@@ -538,10 +537,9 @@ def bootstrap(
     posed = build_problem(problem, measurements, PoseOptions(effects, seed=seed))
     task = posed.task
     regression = posed.regression
-    objective, constraints = estimator.posed(task)
-    data = objective.least_squares
-    sdp = PosedSdp(task, objective, constraints, estimator.solver)
-    first = sdp.fit(objective, estimator.accuracy)
+    sdp = PosedSdp(task, estimator.posed(task), estimator.solver)
+    data = sdp.problem.least_squares
+    first = sdp.fit(estimator.accuracy)
     p = len(task.bound)
     n_blocks = len(regression.blocks)
     # 1. [R rho] with the residual's row: (p + 1 columns). In coordinates z of its
@@ -577,7 +575,8 @@ def bootstrap(
             tau_squared=float(rows[:, p] @ rows[:, p]),
             rows=data.rows,
         )
-        fit = sdp.fit(Objective(drawn, objective.entropy), 0.5 * TIGHT, near=first)
+        again = sdp.with_problem(replace(sdp.problem, least_squares=drawn))
+        fit = again.fit(0.5 * TIGHT, near=first)
         row[:] = np.append(task.model.with_known(fit.theta), fit.gap)
     return pandas.DataFrame(
         draws_of_parameters, columns=[*(q.name for q in task.model.parameters), "gap"]

@@ -61,7 +61,7 @@ def with_solver(method: str, solver_name: str | None) -> Estimator | str:
 __getattr__ = lazy_exports(
     __name__,
     estimator="Fit joint_weights make_task Task",
-    lmi_sdp="essential interior_point LmiSdp LmiSdpThickness LmiSdpTwoStep PosedSdp",
+    lmi_sdp="interior_point LmiSdp LmiSdpThickness LmiSdpTwoStep PosedSdp",
     penalty_paper="PenalisedLoss PenaltyPaper",
     ols="condition_number",
     penalty="Penalty PenaltyTwoStep ShiftedPenalty",

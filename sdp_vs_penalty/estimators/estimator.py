@@ -24,6 +24,7 @@ from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
 from sdp_vs_penalty.solvers.fit import Fit as Fit
 
 #: Called with a short text of where a long computation stands.
@@ -80,6 +81,11 @@ class Task:
     total: float | None = None
     #: (n,) weights of the joints' rows in data, for intervals.
     weights: Array = field(default_factory=lambda: np.ones(0))
+
+    @property
+    def problem(self) -> ConvexProblem:
+        """The loss over the constraints, without a prior."""
+        return ConvexProblem(self.data, self.constraints, self.bound)
 
     @property
     def prior_links(self) -> Array:

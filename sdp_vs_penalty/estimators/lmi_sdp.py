@@ -33,13 +33,13 @@ from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
 from sdp_vs_penalty.solvers import make_solver
+from sdp_vs_penalty.solvers.convex_problem import ConvexProblem, Entropy
 from sdp_vs_penalty.solvers.fit import repair
 from sdp_vs_penalty.solvers.identification import (
     largest_margin,
     least_squares_sdp,
     moving_scale,
 )
-from sdp_vs_penalty.solvers.objective import Entropy, Objective
 from sdp_vs_penalty.solvers.primal_dual import minimise
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT, proves_infeasible
@@ -93,10 +93,7 @@ class LmiSdp(Estimator):
 
     def fit(self, task: Task) -> Fit:
         """Solve the torque SDP of a task."""
-        objective, constraints = self.posed(task)
-        return PosedSdp(task, objective, constraints, self.solver).fit(
-            objective, self.accuracy
-        )
+        return PosedSdp(task, self.posed(task), self.solver).fit(self.accuracy)
 
     def fit_each(self, tasks: Sequence[Task]) -> list[Fit]:
         """Solve the torque SDPs of tasks that share all but their data.
@@ -108,13 +105,11 @@ class LmiSdp(Estimator):
         posed = None
         for task in tasks:
             if posed is None:
-                objective, constraints = self.posed(task)
-                posed = PosedSdp(task, objective, constraints, self.solver)
+                posed = PosedSdp(task, self.posed(task), self.solver)
             else:
-                objective = self._objective(task)
-                posed = posed.with_data(task, objective)
+                posed = posed.with_problem(self._with_data(posed.problem, task))
             near = fits[-1] if fits else None
-            fits.append(posed.fit(objective, self.accuracy, near))
+            fits.append(posed.fit(self.accuracy, near))
         return fits
 
     @property
@@ -124,22 +119,16 @@ class LmiSdp(Estimator):
         """
         return "prior" if self.entropy > 0.0 else "bounds"
 
-    def posed(self, task: Task) -> tuple[Objective, ConstraintSet]:
-        """Return objective and constraints of the SDP.
-
-        Returns
-        -------
-        tuple
-            Objective (loss and priors) and ConstraintSet (bounds, thickness, bodies).
-        """
+    def posed(self, task: Task) -> ConvexProblem:
+        """Return the SDP: loss and priors, bounds, thickness, bodies."""
         constraints = task.constraints.plus(task.minimum_thickness(self.thickness))
         if self.body:
             constraints = constraints.plus(task.bodies)
-        return self._objective(task), constraints
+        return self._with_data(replace(task.problem, constraints=constraints), task)
 
-    def _objective(self, task: Task) -> Objective:
-        """Return the objective: loss, prior of joint parameters, total mass, entropic
-        pull.
+    def _with_data(self, problem: ConvexProblem, task: Task) -> ConvexProblem:
+        """Return the problem with a task's loss, and with the priors: of joint
+        parameters, total mass, entropic pull.
 
         The total mass is observed with the relative standard deviation
         ``total_spread``, with the weight of ``entropy`` rows.
@@ -163,7 +152,7 @@ class LmiSdp(Estimator):
                 links=task.pseudo_inertias,
                 nominal=task.prior_inertias,
             )
-        return Objective(data, prior)
+        return replace(problem, least_squares=data, entropy=prior)
 
 
 @dataclass(frozen=True)
@@ -238,11 +227,10 @@ class LmiSdpTwoStep(Estimator):
             "mass",
         )
         physics = task.constraints.with_families(families.__contains__)
-        distance = Objective(task.base_distance)
-        torque = Objective(task.data)
-        nearest = self._step(task, distance, physics)
-        best = self._step(task, torque, physics)
-        bounded = self._step(task, torque, task.constraints)
+        free = replace(task.problem, constraints=physics)
+        nearest = self._step(task, replace(free, least_squares=task.base_distance))
+        best = self._step(task, free)
+        bounded = self._step(task, task.problem)
         details = {
             **bounded.details,
             "beta_prime": (task.base.rows @ nearest.theta).tolist(),
@@ -252,19 +240,13 @@ class LmiSdpTwoStep(Estimator):
         }
         return replace(bounded, details=details)
 
-    def _step(self, task: Task, objective: Objective, feasible: ConstraintSet) -> Fit:
-        """Minimise one step's objective over the feasible set by an SDP; return the
-        Fit.
-
-        The method has several steps, each with an objective of its own.
-        """
-        posed = PosedSdp(task, objective, feasible, self.solver)
-        return posed.fit(objective, self.accuracy)
+    def _step(self, task: Task, problem: ConvexProblem) -> Fit:
+        """Solve one step's SDP."""
+        return PosedSdp(task, problem, self.solver).fit(self.accuracy)
 
 
 class PosedSdp:
-    """Constraints, prior and bounds of a problem that is solved once, or again with
-    other data.
+    """A problem that is solved once, or again with other data.
 
     solver : None: our own interior-point method, then Clarabel where that is not tight.
     interior (p,) : strictly inside; cones : for our own method (None: another one was
@@ -273,11 +255,7 @@ class PosedSdp:
     """
 
     def __init__(
-        self,
-        task: Task,
-        objective: Objective,
-        constraints: ConstraintSet,
-        solver: str | None = None,
+        self, task: Task, problem: ConvexProblem, solver: str | None = None
     ) -> None:
         """Find an interior point, and prepare the cones for our own interior-point
         method.
@@ -285,38 +263,26 @@ class PosedSdp:
         ``solver`` None: our own method where its cones are small enough (order four).
         """
         self.task = task
-        self.constraints = constraints
+        self.problem = problem
         self.solver = solver or REFERENCE
-        self.interior = interior_point(task, constraints, self.solver)
+        self.interior = interior_point(task, problem.constraints, self.solver)
         self.cones: SmallCones | None = None
         if solver is None:
             with suppress(NotApplicableError):
                 self.cones = SmallCones(
-                    objective.entropy, constraints, len(self.interior)
+                    problem.entropy, problem.constraints, len(self.interior)
                 )
 
-    def with_data(self, task: Task, objective: Objective) -> Self:
-        """Return the same constraints with other data and another prior.
-
-        Parameters
-        ----------
-        task : Task
-            Task with the same constraints.
-
-        Returns
-        -------
-        PosedSdp
-            The problem; interior point and cones are shared.
-        """
+    def with_problem(self, problem: ConvexProblem) -> Self:
+        """Return a problem of the same constraints with other data and another prior,
+        which shares interior point and cones."""
         posed = copy(self)
-        posed.task = task
+        posed.problem = problem
         if self.cones is not None:
-            posed.cones = self.cones.with_entropy(objective.entropy)
+            posed.cones = self.cones.with_entropy(problem.entropy)
         return posed
 
-    def fit(
-        self, objective: Objective, accuracy: float = 1e-10, near: Fit | None = None
-    ) -> Fit:
+    def fit(self, accuracy: float = 1e-10, near: Fit | None = None) -> Fit:
         """Solve the SDP until our own certificate is tight.
 
         Our own interior-point method is tried first. Unless its certified gap is at
@@ -325,8 +291,6 @@ class PosedSdp:
 
         Parameters
         ----------
-        objective : Objective
-            Objective with the same prior.
         accuracy : float
             Relative accuracy for the solver.
         near : Fit or None
@@ -337,7 +301,7 @@ class PosedSdp:
         InputError
             If no point near an optimum is found.
         """
-        data = objective.least_squares
+        data = self.problem.least_squares
         solved = None
         if self.cones is not None and near is not None and near.central is not None:
             solved = minimise(self.cones, data, [near.central], accuracy)
@@ -349,19 +313,17 @@ class PosedSdp:
             multipliers, slopes = self.cones.multipliers(solved.multipliers)
             status = f"relative gap {solved.error:.1e} ({solved.iterations})"
             fit = Fit(
-                theta=repair(self.constraints, solved.theta, self.interior),
-                objective=objective,
-                constraints=self.constraints,
+                theta=repair(self.problem.constraints, solved.theta, self.interior),
+                problem=self.problem,
                 multipliers=multipliers,
                 entropy_slopes=slopes,
                 interior=self.interior,
-                bound=self.task.bound,
                 details={"solver": OWN, "solver_said": [status]},
                 central=solved.central,
             )
             if fit.gap <= TIGHT:
                 return fit
-        return _solved(self, objective, accuracy)
+        return _solved(self, accuracy)
 
     def _start(self, data: LeastSquares) -> Array:
         """Return a start (p,) in which friction, rotor inertia and the like make a
@@ -377,12 +339,12 @@ class PosedSdp:
         has_sign[self.task.model.rigid_indices] = False
         tenth_of_torque = 0.1 * np.sqrt(data.tau_squared)
         size = tenth_of_torque / np.where(has_sign, norms, 1.0)
-        above_lower = lower + np.minimum(size, 0.5 * self.task.bound)
+        above_lower = lower + np.minimum(size, 0.5 * self.problem.bound)
         start[has_sign] = above_lower[has_sign]
         return start
 
 
-def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
+def _solved(posed: PosedSdp, accuracy: float) -> Fit:
     """Solve the SDP by a conic solver in several attempts; return the best Fit.
 
     Each attempt solves the same problem in other units: it is centred at the best
@@ -390,11 +352,9 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
     The best fit has the smallest certified gap; a gap of at most TIGHT ends the
     attempts. Raises InputError if no answer is usable.
     """
-    task = posed.task
-    constraints = posed.constraints
+    constraints = posed.problem.constraints
     interior = posed.interior
-    sent_constraints = essential(constraints, objective)
-    data = objective.least_squares
+    data = posed.problem.least_squares
     best: Fit | None = None
     is_answered = False  # whether the solver itself called one of its points a solution
     claims_made = list[str]()
@@ -411,10 +371,8 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
             smallest_scale = max(data.loss(best.theta), 1e-3 * smallest_scale)
         # 1. State the SDP in units of the scaling point, and solve it.
         problem = least_squares_sdp(
-            objective,
-            constraints=sent_constraints,
+            posed.problem,
             reference=scaling_point,
-            bound=task.bound,
             centre=centre,
             fine=fine,
             least_loss=smallest_scale,
@@ -439,12 +397,10 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
         details = {"solver": posed.solver, "solver_said": claims_made}
         fit = Fit(
             theta=theta,
-            objective=objective,
-            constraints=constraints,
+            problem=posed.problem,
             multipliers=multipliers,
             entropy_slopes=slopes,
             interior=interior,
-            bound=task.bound,
             details=details,
         )
         # 3. Keep the answer with the smallest certified gap.
@@ -460,35 +416,6 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
             "choose another solver, or check the units of the measurements",
         )
     return best
-
-
-def essential(constraints: ConstraintSet, objective: Objective) -> list[Constraint]:
-    """Return the convex constraints without those that others or the data imply.
-
-    Parameters
-    ----------
-    objective : Objective
-        Its data say how far each parameter can reach.
-
-    Notes
-    -----
-    The range of a parameter is implied if reaching its end makes more torque than was
-    measured, whatever the other parameters do. Redundant rows leave the dual
-    undetermined, which costs a solver digits; feasibility and certificate use all
-    constraints.
-    """
-    torque = objective.least_squares.own_torque
-    largest = np.sqrt(objective.least_squares.tau_squared)
-
-    def can_be_reached(c: Constraint) -> bool:
-        """Return whether the end of a range needs no more torque than was measured."""
-        # From the rows themselves, so that it holds in any system of units.
-        reach = float(np.min(c.constant / np.abs(c.coefficients).max(axis=0)))
-        return bool(np.any(reach * torque[c.indices] <= largest))
-
-    return [
-        c for c in constraints.essential if c.family != "range" or can_be_reached(c)
-    ]
 
 
 def interior_point(
@@ -537,7 +464,8 @@ def interior_point(
             return theta
         # The dual of the largest margin may prove that nothing satisfies all.
         multipliers = constraints.stack_multipliers(problem.multipliers(solution))
-        if proves_infeasible(constraints, multipliers, task.bound):
+        nothing = ConvexProblem.without_data(constraints, task.bound)
+        if proves_infeasible(nothing, multipliers):
             families = conflicting(constraints.convex, problem.shares(solution))
             demands = [*families, *_known_in_words(task)]
             what = (
@@ -548,7 +476,7 @@ def interior_point(
                 f"The constraints admit no parameters: {what}",
                 "relax one of them",
                 families=families,
-                proof=(constraints, multipliers),
+                proof=(nothing, multipliers),
             )
         if solution.claims == "optimal":
             optimum = problem, solution

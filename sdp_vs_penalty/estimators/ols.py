@@ -13,7 +13,6 @@ from sdp_vs_penalty.estimators.estimator import (
     with_joint_prior,
 )
 from sdp_vs_penalty.regression.linalg import column_space, deviations
-from sdp_vs_penalty.solvers.objective import Objective
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ class Ols(Estimator):
         imposed.
         """
         task = with_joint_prior(task, self.joint_prior)
-        return Fit(task.ols, Objective(task.data), task.constraints)
+        return Fit(task.ols, task.problem)
 
 
 def condition_number(task: Task) -> float:
@@ -110,4 +109,4 @@ class ReverseEngineering(Estimator):
             "condition_number": condition_number(task),
             "relative_error_percent": error,
         }
-        return Fit(task.ols, Objective(task.data), task.constraints, details=details)
+        return Fit(task.ols, task.problem, details=details)

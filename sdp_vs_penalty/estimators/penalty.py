@@ -17,7 +17,7 @@ rank where the data leave directions open (Rockafellar 1976: the proximal method
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -38,8 +38,8 @@ from sdp_vs_penalty.robot.constraint import (
     project,
     projected_rows,
 )
+from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
 from sdp_vs_penalty.solvers.fit import repair
-from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT
 
 #: Columns that LAPACK's QR takes at once.
@@ -220,29 +220,24 @@ class ShiftedPenalty:
     ``shifts`` has one array a part; received : convex, without what others imply.
     """
 
-    def __init__(
-        self,
-        task: Task,
-        data: LeastSquares,
-        constraints: ConstraintSet,
-        interior: Array,
-    ) -> None:
+    def __init__(self, task: Task, problem: ConvexProblem, interior: Array) -> None:
         """Scale parameters by what the torque allows, cones at the interior point, and
         the loss.
 
         Parameters
         ----------
         task : Task
-            Bounds, and the OLS loss that is the unit of the loss.
+            Its least squares, whose loss is the unit of the loss.
         interior : (p,) array
             A point inside the convex constraints.
         """
+        data, constraints = problem.least_squares, problem.constraints
         norms = data.column_norms
         size = np.sqrt(data.tau_squared)
         scales = np.where(
             (norms > 0.0) & (size > 0.0), size / nonzero_or_one(norms), np.inf
         )
-        self.theta_scale = np.minimum(scales, task.bound)
+        self.theta_scale = np.minimum(scales, problem.bound)
         # The loss in units of its unconstrained minimum, so that weights mean the same
         # everywhere.
         self.loss_scale = max(data.loss(task.ols), 1e-6 * data.tau_squared) or 1.0
@@ -553,13 +548,8 @@ class Penalty(Estimator):
     def fit(self, task: Task) -> Fit:
         """Minimise the loss with exact penalties from several starts."""
         task = with_joint_prior(task, self.joint_prior)
-        return fit_penalty(
-            task,
-            self.data(task),
-            constraints=self.demands(task),
-            starts=self.starts,
-            tolerance=self.tolerance,
-        )
+        problem = ConvexProblem(self.data(task), self.demands(task), task.bound)
+        return fit_penalty(task, problem, self.starts, self.tolerance)
 
     def data(self, task: Task) -> LeastSquares:
         """Return the loss that is minimised: that of the torque."""
@@ -620,20 +610,16 @@ class PenaltyRun:
 
 
 def fit_penalty(
-    task: Task,
-    data: LeastSquares,
-    constraints: ConstraintSet,
-    starts: int,
-    tolerance: float,
+    task: Task, problem: ConvexProblem, starts: int, tolerance: float
 ) -> Fit:
     """Return the best of several runs from different starts, each made feasible.
 
     Parameters
     ----------
     task : Task
-        Bounds, seed and the loss that is reported.
-    data : LeastSquares
-        Objective: the task's torque loss, or a distance of base parameters.
+        Seed and the loss that is reported.
+    problem : ConvexProblem
+        Its loss is the task's torque loss, or a distance of base parameters.
     starts : int
         Largest number of runs; a run whose own certificate proves a gap of PROVEN_GAP
         is the last.
@@ -650,8 +636,9 @@ def fit_penalty(
     InputError
         If the convex constraints have no interior point.
     """
+    constraints, data = problem.constraints, problem.least_squares
     interior = interior_point(task, constraints)
-    penalty = ShiftedPenalty(task, data, constraints, interior)
+    penalty = ShiftedPenalty(task, problem, interior)
     figures = list[dict[str, Any]]()
     best: PenaltyRun | None = None
     n_starts = max(starts, 1)
@@ -675,13 +662,12 @@ def fit_penalty(
         multipliers = penalty.multipliers(constraints, shifts)
         fit = Fit(
             theta=theta,
-            objective=Objective(data),
-            constraints=constraints,
+            problem=problem,
             multipliers=multipliers,
             interior=interior,
             details={"runs": figures},
         )
-        if run.is_feasible and replace(fit, bound=task.bound).gap <= PROVEN_GAP:
+        if run.is_feasible and fit.gap <= PROVEN_GAP:
             break
     return fit
 

@@ -17,7 +17,7 @@ grows with the data: at 40 the answer is in general not physically consistent.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -29,7 +29,6 @@ from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
 from sdp_vs_penalty.robot.constraint import ConeGroup
-from sdp_vs_penalty.solvers.objective import Objective
 
 #: Evaluations a searched parameter that MATLAB's simulannealbnd, which the authors used,
 #: allows at each weight: 273 000 for the 91 of one step, 210 000 for the 70 of two.
@@ -172,7 +171,8 @@ def retrieve(
             f" {run['violation']:.1e}"
         )
     details = {"runs": runs}
-    return Fit(best_theta, Objective(loss.data), task.constraints, details=details)
+    problem = replace(task.problem, least_squares=loss.data)
+    return Fit(best_theta, problem, details=details)
 
 
 def start_of_run(seed: int, number: int, size: int) -> Array:

@@ -23,12 +23,7 @@ from sdp_vs_penalty.estimation.build_problem import PoseOptions, build_problem
 from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimation.proofs import proved
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
-from sdp_vs_penalty.estimators.lmi_sdp import (
-    ATTEMPTS,
-    LmiSdp,
-    essential,
-    interior_point,
-)
+from sdp_vs_penalty.estimators.lmi_sdp import ATTEMPTS, LmiSdp, interior_point
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.solvers.conic import cbf_text, sdpa_text
@@ -170,7 +165,7 @@ def write_posed(
     posed = build_problem(problem, measurements, options)
     task = posed.task
     runs = posed.runs
-    objective, constraints = estimator.posed(task)
+    convex = estimator.posed(task)
     task.progress("proving the optimum")
     fit = estimator.fit(task)
     proof = proved(task, fit, certify(task, fit)[0], method)
@@ -178,12 +173,11 @@ def write_posed(
     # The cones are scaled at a point close to the optimum, on the way to the interior
     # point. Scaled at the interior point itself, csdp's optimum is off by 2e-6 on the
     # TX40; 0.03 to 0.3 of the way make no difference on three arms.
-    inside = centre + ATTEMPTS[1][0] * (interior_point(task, constraints) - centre)
-    sent = essential(constraints, objective)
-    smallest = objective.least_squares.loss_scale(centre)
-    sdp = least_squares_sdp(
-        objective, sent, inside, task.bound, centre, least_loss=smallest
+    inside = centre + ATTEMPTS[1][0] * (
+        interior_point(task, convex.constraints) - centre
     )
+    smallest = convex.least_squares.loss_scale(centre)
+    sdp = least_squares_sdp(convex, inside, centre, least_loss=smallest)
     return export_sdp(
         sdp,
         out,

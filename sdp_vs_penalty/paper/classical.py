@@ -28,7 +28,6 @@ from sdp_vs_penalty.estimators.estimator import (
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
-from sdp_vs_penalty.solvers.objective import Objective
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ class Ridge(Estimator):
 
         best = min((w * s[0] ** 2 for w in self.weights), key=score)
         theta = scale * (Vt.T @ (s / (s**2 + best) * seen))
-        return Fit(theta, Objective(data), task.constraints)
+        return Fit(theta, task.problem)
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ class TotalLeastSquares(Estimator):
         last = np.append(np.zeros(len(scale)), data.residual_norm)
         *_, v = np.linalg.svd(np.vstack([stacked, last]))[2]
         theta = to_theta @ (-scale * v[:-1] / v[-1])
-        return Fit(theta, Objective(data), task.constraints)
+        return Fit(theta, task.problem)
 
 
 @dataclass(frozen=True)
@@ -139,7 +138,7 @@ class Geodesic(Estimator):
             xtol=1e-12,
             ftol=1e-12,
         )
-        return Fit(point(found.x)[0], Objective(task.data), task.constraints)
+        return Fit(point(found.x)[0], task.problem)
 
 
 #: Places of a symmetric 4x4 matrix's ten entries, and how much each counts in its norm.

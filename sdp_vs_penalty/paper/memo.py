@@ -34,7 +34,6 @@ from sdp_vs_penalty.estimators.penalty_paper import (
 )
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.solvers.objective import Objective
 
 #: The variable that names the folder.
 VARIABLE = "SDP_VS_PENALTY_CACHE"
@@ -214,7 +213,7 @@ class Remembered(Estimator):
     def fit(self, task: Task) -> Fit:
         """Read the estimate from the disk, or compute it."""
         theta = np.array(_estimate(self.estimator, task)["fit_theta"])
-        return Fit(theta, Objective(task.data), task.constraints)
+        return Fit(theta, task.problem)
 
 
 def estimate_once(estimator: Estimator, task: Task) -> Result:

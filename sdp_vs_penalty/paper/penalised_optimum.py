@@ -36,7 +36,7 @@ total mass (Han, Mangasarian, Math. Programming 1979).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, ClassVar
@@ -52,8 +52,8 @@ from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, linear
+from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
 from sdp_vs_penalty.solvers.fit import Fit, repair
-from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.primal_dual import minimise
 from sdp_vs_penalty.solvers.small_cones import SmallCones
 
@@ -297,7 +297,9 @@ class PenalisedProblem:
         constraints = (*self.hard, *self.consistency, *self.soft, *self.between(limit))
         # Slacks cost xi times their prices; theta' costs nothing by itself.
         cost = np.append(np.zeros(self.p), weight * self.prices)
-        solved = solve_once(self.in_slacks, cost, constraints, start, bound)
+        demands = ConstraintSet(constraints)
+        problem = ConvexProblem(self.in_slacks, demands, bound, linear=cost)
+        solved = solve_once(problem, start)
         if solved is None:
             raise _not_inside()
         return self.optimum(self.theta(solved.theta), weight, max(solved.lower, 0.0))
@@ -388,10 +390,9 @@ class PenalisedProblem:
     def feasible(self) -> Fit:
         """The certified optimum of the loss subject to the demands themselves, without
         a penalty: the limit of infinite weight xi."""
-        constraints = (*self.hard, *self.consistency, *self.demands)
-        return solve_certified(
-            self.data, np.zeros(self.p), constraints, self.interior, self.bound
-        )
+        constraints = ConstraintSet((*self.hard, *self.consistency, *self.demands))
+        problem = ConvexProblem(self.data, constraints, self.bound)
+        return solve_certified(problem, self.interior)
 
     @property
     def exact_weight_by_theory(self) -> float:
@@ -404,8 +405,9 @@ class PenalisedProblem:
         fit = self.feasible
         largest = 0.0
         assert fit.multipliers is not None
-        multipliers = fit.constraints.entries.each(fit.multipliers)
-        for c, multiplier in zip(fit.constraints.convex, multipliers, strict=True):
+        constraints = fit.problem.constraints
+        multipliers = constraints.entries.each(fit.multipliers)
+        for c, multiplier in zip(constraints.convex, multipliers, strict=True):
             if c.cone == "psd":
                 largest = max(largest, float(np.trace(multiplier[:3, :3])))
             elif c.family == "total mass":
@@ -436,27 +438,12 @@ def _links_distance(task: Task) -> LeastSquares:
 
 
 def solve_certified(
-    data: LeastSquares,
-    cost: Array,
-    constraints: Iterable[Constraint],
-    start: Array,
-    bound: Array,
-    accuracy: float = 1e-10,
+    problem: ConvexProblem, start: Array, accuracy: float = 1e-10
 ) -> Fit:
-    """Minimise |R x - rho|^2 + residual_norm^2 + cost x subject to convex
-    constraints, with a certificate.
+    """Solve a convex problem without an entropic prior, with a certificate.
 
     The solver is our own interior-point method. Its dual multipliers prove a lower
     bound of the minimum.
-
-    Parameters
-    ----------
-    data : LeastSquares
-        R (r, k), rho (r,) and the residual norm.
-    cost : (k,) array
-        Linear cost of each variable.
-    bound : (k,) array
-        |x| <= bound for every feasible x.
 
     Returns
     -------
@@ -468,17 +455,14 @@ def solve_certified(
     InputError
         If the start is not strictly feasible.
     """
-    demands = ConstraintSet(tuple(constraints))
-    cones = SmallCones(None, demands, len(start))
-    cones.linear = cost
-    solved = minimise(cones, data, [start], accuracy)
+    cones = SmallCones(None, problem.constraints, len(start))
+    cones.linear = np.broadcast_to(problem.linear, start.shape)
+    solved = minimise(cones, problem.least_squares, [start], accuracy)
     if solved is None:
         raise _not_inside()
     multipliers, _ = cones.multipliers(solved.multipliers)
-    theta = repair(demands, solved.theta, start)
-    return Fit(
-        theta, Objective(data, linear=cost), demands, multipliers, None, start, bound
-    )
+    theta = repair(problem.constraints, solved.theta, start)
+    return Fit(theta, problem, multipliers, interior=start)
 
 
 def _not_inside() -> InputError:
@@ -497,13 +481,7 @@ class CertifiedPoint:
     lower: float
 
 
-def solve_once(
-    data: LeastSquares,
-    cost: Array,
-    constraints: Sequence[Constraint],
-    start: Array,
-    bound: Array,
-) -> CertifiedPoint | None:
+def solve_once(problem: ConvexProblem, start: Array) -> CertifiedPoint | None:
     """Return the result of :func:`solve_certified`, read from the disk if it is there.
 
     Returns
@@ -511,17 +489,18 @@ def solve_once(
     CertifiedPoint or None
         None if the start is not strictly feasible.
     """
-    posed = (data, cost, constraints, start, bound)
     plain = remembered(
-        "penalised", (source_version(), *posed), partial(_solved, *posed)
+        "penalised",
+        (source_version(), problem, start),
+        partial(_solved, problem, start),
     )
     return plain and CertifiedPoint(np.array(plain["theta"]), plain["lower"])
 
 
-def _solved(*posed: Any) -> dict[str, Any] | None:
+def _solved(problem: ConvexProblem, start: Array) -> dict[str, Any] | None:
     """Solve, and return theta and the certified bound as JSON; None if that fails."""
     try:
-        fit = solve_certified(*posed)
+        fit = solve_certified(problem, start)
     except InputError:
         return None
     return {"theta": fit.theta, "lower": fit.lower}

@@ -25,8 +25,8 @@ from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import ConstraintSet
+from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
 from sdp_vs_penalty.solvers.fit import Fit, dual_evidence
-from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof
 from sdp_vs_penalty.solvers.rigorous_bounds import lower_bound
 
@@ -193,7 +193,8 @@ class End:
         constraints = ConstraintSet((*allowed.constraints.convex, in_ball, claim))
         names = [q.name for q in allowed.task.model.parameters]
         flat = constraints.stack_multipliers(multipliers)
-        return infeasibility_proof(constraints, flat, allowed.bound, names)
+        nothing = ConvexProblem.without_data(constraints, allowed.bound)
+        return infeasibility_proof(nothing, flat, names)
 
 
 class EndSearch:
@@ -295,19 +296,11 @@ class EndSearch:
         root = np.sqrt(weight)
         data = LeastSquares(root * ball.A, root * ball.a, 0.0, 0.0, 0)
         multipliers, _ = allowed.cones.multipliers(point.multipliers)
-        objective = Objective(data, linear=g)
-        fit = Fit(
-            point.theta,
-            objective,
-            constraints=allowed.constraints,
-            multipliers=multipliers,
-            bound=allowed.bound,
-        )
-        entries = allowed.constraints.entries
+        problem = ConvexProblem(data, allowed.constraints, allowed.bound, linear=g)
+        fit = Fit(point.theta, problem, multipliers)
         lowest = -np.inf
         for polished in (False, True):
-            evidence = dual_evidence(fit, polished=polished)
-            least = lower_bound(objective, entries, evidence, allowed.bound)
+            least = lower_bound(problem, dual_evidence(fit, polished=polished))
             # What l limit and the difference may have lost by rounding is subtracted.
             rounding = 4.0 * np.finfo(float).eps * (abs(least) + weight * limit)
             lowest = max(lowest, least - weight * limit - rounding)

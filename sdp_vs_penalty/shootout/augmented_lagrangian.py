@@ -10,7 +10,7 @@ section 17.4), minimised by SciPy's L-BFGS-B, conditioned anew in each round.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -221,8 +221,8 @@ class Round:
         """
         penalty = self.penalty
         theta, factors = self.chart.theta(self.x + self.turn @ z)
-        value = self.instance.objective.value(theta) / penalty.loss_scale
-        slope = self.instance.objective.gradient(theta) / penalty.loss_scale
+        value = self.instance.problem.value(theta) / penalty.loss_scale
+        slope = self.instance.problem.gradient(theta) / penalty.loss_scale
         scaled = theta / penalty.theta_scale
         moved = penalty.shifted(scaled, self.shifts, self.weight)
         for part, shift, push in zip(penalty.parts, self.shifts, moved, strict=True):
@@ -257,7 +257,9 @@ def solve(instance: Instance, accuracy: float) -> Answer:
         return no_answer(instance, "no interior point to start from")
     # Matrix constraints hold by construction; the penalty imposes all others.
     others = ConstraintSet(tuple(c for c in instance.sent if c.cone != "psd"))
-    penalty = ShiftedPenalty(instance.task, instance.data, others, inside)
+    penalty = ShiftedPenalty(
+        instance.task, replace(instance.problem, constraints=others), inside
+    )
     chart = Chart(instance.sent, inside)
     x = chart.start
     shifts = [np.zeros_like(part.values(inside)) for part in penalty.parts]

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError, require_known
-from sdp_vs_penalty.estimators.estimator import Fit
 from sdp_vs_penalty.estimators.lmi_sdp import ATTEMPTS, LmiSdp, PosedSdp
 from sdp_vs_penalty.estimators.penalty import Penalty, fit_penalty
 from sdp_vs_penalty.shootout import augmented_lagrangian
@@ -48,7 +47,7 @@ def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answ
     import cvxpy as cp
 
     data = instance.data
-    entropy = instance.objective.entropy
+    entropy = instance.entropy
     theta = cp.Variable(data.R.shape[1])
 
     def matrix(c: Any) -> Any:
@@ -101,9 +100,7 @@ def solve_penalty(instance: Instance, accuracy: float) -> Answer:
         The penalty's shifts serve as dual multipliers.
     """
     try:
-        fit = fit_penalty(
-            instance.task, instance.data, instance.constraints, Penalty.starts, accuracy
-        )
+        fit = fit_penalty(instance.task, instance.problem, Penalty.starts, accuracy)
     except InputError as error:
         return no_answer(instance, error)
     runs = fit.details["runs"]
@@ -173,7 +170,7 @@ class Contestant:
         """Return why an instance cannot be posed to this contestant, None if it can."""
         if instance.formulation != "residual" and not self.takes_conic_form:
             return "we pose it R and rho, which this form does not hand out"
-        if instance.objective.entropy is not None and not self.entropy:
+        if instance.entropy is not None and not self.entropy:
             return "no cone for log det"
         return None
 
@@ -327,10 +324,7 @@ def _in_our_loop(
         With the multipliers, and the number of calls of the solver as attempts.
     """
     try:
-        posed = PosedSdp(
-            instance.task, instance.objective, instance.constraints, solver
-        )
-        fit: Fit = posed.fit(instance.objective, finest)
+        fit = PosedSdp(instance.task, instance.problem, solver).fit(finest)
         proved_gap = fit.gap
     except InputError as error:
         return no_answer(instance, error)

@@ -17,7 +17,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.build_problem import PoseOptions, build_problem
 from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, essential, interior_point
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, interior_point
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, open_box
 from sdp_vs_penalty.problem.published import measured_runs
@@ -27,6 +27,7 @@ from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.constraint import ConeGroup, Constraint, ConstraintSet
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.simulation.experiments import experiment
+from sdp_vs_penalty.solvers.convex_problem import ConvexProblem, Entropy
 from sdp_vs_penalty.solvers.identification import (
     SdpProblem,
     conic_problem,
@@ -34,19 +35,18 @@ from sdp_vs_penalty.solvers.identification import (
     plain_rows,
     scaled,
 )
-from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
 _CHAIN_SEED = 20191015
 
 
 @dataclass(frozen=True)
 class Instance:
-    """minimise objective(theta) over task.constraints.convex, |theta_k| <= task.bound."""
+    """The convex problem of a task, with a prior."""
 
     #: Data, constraints and bounds in the instance's own units; nothing nonconvex.
     task: Task
-    #: The function of theta that is minimised.
-    objective: Objective
+    #: The entropic prior; None without one.
+    entropy: Entropy | None = None
     #: "residual": R and rho, for conic solvers centred and scaled. "rows" and "gram" are
     #: conic forms without either, as users write them (:func:`unscaled_sdp`).
     formulation: str = "residual"
@@ -60,9 +60,12 @@ class Instance:
 
     def with_data(self, data: LeastSquares) -> Self:
         """Return the instance with other data of the objective."""
-        task = replace(self.task, data=data)
-        objective = replace(self.objective, least_squares=data)
-        return replace(self, task=task, objective=objective)
+        return replace(self, task=replace(self.task, data=data))
+
+    @cached_property
+    def problem(self) -> ConvexProblem:
+        """What is minimised, over which theta."""
+        return replace(self.task.problem, entropy=self.entropy)
 
     @property
     def constraints(self) -> ConstraintSet:
@@ -72,7 +75,7 @@ class Instance:
     @property
     def data(self) -> LeastSquares:
         """The least-squares part of the objective, |R theta - rho|^2."""
-        return self.objective.least_squares
+        return self.task.data
 
     @cached_property
     def interior(self) -> Array | None:
@@ -84,16 +87,12 @@ class Instance:
         except InputError:
             return None
 
-    @cached_property
-    def sent(self) -> list[Constraint]:
-        """The constraints that solvers get.
-
-        The formulation "residual" leaves out redundant ones; the other formulations,
-        which imitate what users write, keep all.
-        """
-        if self.formulation == "residual":
-            return essential(self.constraints, self.objective)
-        return list(self.constraints.convex)
+    @property
+    def sent(self) -> tuple[Constraint, ...]:
+        """The constraints that solvers get: without redundant ones in the formulation
+        "residual", all in the others, which imitate what users write."""
+        is_ours = self.formulation == "residual"
+        return self.problem.essential if is_ours else self.constraints.convex
 
     @cached_property
     def sdp(self) -> SdpProblem:
@@ -102,12 +101,7 @@ class Instance:
             return unscaled_sdp(self.data, self.sent, self.formulation)
         centre = self.inside
         return least_squares_sdp(
-            self.objective,
-            self.sent,
-            centre,
-            self.task.bound,
-            centre,
-            least_loss=self.least_loss,
+            self.problem, centre, centre, least_loss=self.least_loss
         )
 
     @property
@@ -144,7 +138,7 @@ class Instance:
         all linear algebra libraries share.
         """
         bound = self.task.bound
-        entropy = self.objective.entropy
+        entropy = self.entropy
         numbers = [self.data.tau_squared, float(bound.sum())]
         numbers += [self.least_loss, self.least_size]
         if entropy is not None:
@@ -347,12 +341,12 @@ def in_units(instance: Instance, mass: float, length: float) -> Instance:
         bound=task.bound * factor,
         nominal=task.nominal * factor,
     )
-    entropy = instance.objective.entropy
+    entropy = instance.entropy
     if entropy is not None:
         nominal = entropy.nominal * np.outer(units.corner, units.corner)
         weight = entropy.weight * torque**2
         entropy = Entropy(weight, moved.pseudo_inertias, nominal)
-    return replace(instance, task=moved, objective=Objective(changed, entropy))
+    return replace(instance, task=moved, entropy=entropy)
 
 
 def recorded(
@@ -405,7 +399,7 @@ def posed(task: Task, step: str, shape: str) -> Instance:
         weight = loss / max(data.rows, 1)
         nominal = inertia.pseudo_inertia(task.nominal[task.links])
         entropy = Entropy(weight, task.pseudo_inertias, nominal)
-    return Instance(replace(task, data=data), Objective(data, entropy))
+    return Instance(replace(task, data=data), entropy)
 
 
 def shape_cones(task: Task) -> list[Constraint]:

@@ -73,21 +73,17 @@ def proved(instance: Instance) -> tuple[str, Proof | None]:
     tuple of (str, Proof or None)
         "optimum proved", "proved infeasible" or "not proved", and the proof.
     """
-    task = instance.task
-    constraints = instance.constraints
-    names = [p.name for p in task.model.parameters]
+    names = [p.name for p in instance.task.model.parameters]
     with suppress(InputError, ValueError, np.linalg.LinAlgError):
         # Nothing in between: what the rational checker does not accept is not called
         # proved.
         try:
-            posed = PosedSdp(task, instance.objective, constraints, "clarabel")
-            fit = posed.fit(instance.objective, LmiSdp.accuracy)
+            posed = PosedSdp(instance.task, instance.problem, "clarabel")
+            fit = posed.fit(LmiSdp.accuracy)
             return "optimum proved", optimum_proof(fit, names)
         except Infeasible as error:
             if error.proof is not None:
-                return "proved infeasible", infeasibility_proof(
-                    *error.proof, task.bound, names
-                )
+                return "proved infeasible", infeasibility_proof(*error.proof, names)
     return "not proved", None
 
 
@@ -297,7 +293,7 @@ def _primal(
     )
     if reference.verdict != "feasible":
         return np.inf, violation
-    value = instance.objective.value(theta)
+    value = instance.problem.value(theta)
     if not np.isfinite(value):  # the entropy is not defined there
         value = instance.data.loss(theta)
     distance = max(value - reference.upper, reference.lower - value, 0.0)
@@ -317,14 +313,7 @@ def _dual(instance: Instance, answer: Answer) -> float:
     arrays = [x for x in (answer.theta, multipliers, slopes) if x is not None]
     if not all(np.all(np.isfinite(values)) for values in arrays):
         return -np.inf
-    fit = Fit(
-        answer.theta,
-        instance.objective,
-        instance.constraints,
-        multipliers,
-        slopes,
-        bound=instance.task.bound,
-    )
+    fit = Fit(answer.theta, instance.problem, multipliers, slopes)
     with suppress(np.linalg.LinAlgError):
         return float(np.nan_to_num(fit.lower, nan=-np.inf))
     return -np.inf

@@ -32,7 +32,7 @@ def make_solver(name: str) -> Solver:
 __getattr__ = lazy_exports(
     __name__,
     conic="Cone ConicProblem Solution",
-    objective="Entropy Objective",
+    convex_problem="ConvexProblem Entropy",
     identification="conic_problem least_squares_sdp scaled SdpProblem",
     fit="repair",
     clarabel="Clarabel",

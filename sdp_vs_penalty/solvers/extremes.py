@@ -17,6 +17,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import make_solver
+from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
 from sdp_vs_penalty.solvers.fit import Fit, dual_evidence, repair
 from sdp_vs_penalty.solvers.identification import (
     SdpProblem,
@@ -24,7 +25,6 @@ from sdp_vs_penalty.solvers.identification import (
     largest_margin,
     scaled,
 )
-from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.rigorous_bounds import lower_bound
 
 #: Decimals of a direction of length one in which directions are told apart.
@@ -160,19 +160,10 @@ class Slice:
         """
         problem = replace(self.sdp.conic, q=g)
         solution = self.solver.solve(problem, 1e-10)
-        objective = Objective.without_data(len(g), g)
         multipliers = self.reduced.stack_multipliers(self.sdp.multipliers(solution))
-        fit = Fit(
-            solution.x,
-            objective,
-            constraints=self.reduced,
-            multipliers=multipliers,
-            bound=self.limit,
-        )
-        evidence = dual_evidence(fit)
-        return solution.x, lower_bound(
-            objective, self.reduced.entries, evidence, self.limit
-        )
+        linear = ConvexProblem.without_data(self.reduced, self.limit, g)
+        evidence = dual_evidence(Fit(solution.x, linear, multipliers))
+        return solution.x, lower_bound(linear, evidence)
 
 
 def _interior(

@@ -21,11 +21,10 @@ import scipy
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import ConeGroup, ConstraintSet, project
-from sdp_vs_penalty.solvers import rigorous_bounds
+from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
 from sdp_vs_penalty.solvers.identification import unit_diagonal_factors
-from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.primal_dual import Iterate
-from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT, DualEvidence
+from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT, DualEvidence, lower_bound
 
 
 @dataclass(frozen=True)
@@ -35,18 +34,14 @@ class Fit:
 
     #: (p,) parameters.
     theta: Array
-    #: What was minimised.
-    objective: Objective
-    #: Constraints on theta.
-    constraints: ConstraintSet
+    #: What was minimised, over which theta.
+    problem: ConvexProblem
     #: (e,) multipliers of the constraints' entries, near their cones.
     multipliers: Array | None = None
     #: (links, 4, 4) the dual's own S for P(theta)^-1, where a solver gives it.
     entropy_slopes: Array | None = None
     #: (p,) a point strictly inside the convex constraints.
     interior: Array | None = None
-    #: (p,) with |theta_k| <= bound_k for every feasible theta.
-    bound: Array | None = None
     #: What else the method reports, plain JSON.
     details: dict[str, Any] = field(default_factory=dict)
     #: An iterate from which to start for similar data.
@@ -55,7 +50,7 @@ class Fit:
     @cached_property
     def upper(self) -> float:
         """Objective at theta, an upper bound of the optimum."""
-        return self.objective.value(self.theta)
+        return self.problem.value(self.theta)
 
     @cached_property
     def lower(self) -> float:
@@ -65,26 +60,18 @@ class Fit:
         to it exceeds half of TIGHT (the gap that counts as certified), a second bound
         with polished multipliers is computed, and the larger one returned.
         """
-        assert self.bound is not None
-        objective = self.objective
-        entries = self.constraints.entries
-        bound = self.bound
-        lower = rigorous_bounds.lower_bound(
-            objective, entries, dual_evidence(self, polished=False), bound
-        )
-        if objective.least_squares.gap(self.upper, lower, self.theta) <= 0.5 * TIGHT:
+        problem = self.problem
+        lower = lower_bound(problem, dual_evidence(self, polished=False))
+        if problem.least_squares.gap(self.upper, lower, self.theta) <= 0.5 * TIGHT:
             return lower
-        return max(
-            lower,
-            rigorous_bounds.lower_bound(objective, entries, dual_evidence(self), bound),
-        )
+        return max(lower, lower_bound(problem, dual_evidence(self)))
 
     @cached_property
     def gap(self) -> float:
         """Objective at theta minus the lower bound of the optimum, relative to the
         loss.
         """
-        return self.objective.least_squares.gap(self.upper, self.lower, self.theta)
+        return self.problem.least_squares.gap(self.upper, self.lower, self.theta)
 
 
 def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
@@ -103,19 +90,18 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
         (links, 4, 4), and the map from a dual slope (p,) to a shift of y (r,).
     """
     assert fit.multipliers is not None
-    assert fit.bound is not None
-    objective = fit.objective
+    problem = fit.problem
     theta = fit.theta
-    bound = fit.bound
-    data = objective.least_squares
+    bound = problem.bound
+    data = problem.least_squares
     slopes = fit.entropy_slopes
-    if objective.entropy is not None and (polished or slopes is None):
+    if problem.entropy is not None and (polished or slopes is None):
         if slopes is None:
-            slopes = np.zeros_like(objective.entropy.nominal)
+            slopes = np.zeros_like(problem.entropy.nominal)
         # P(theta)^-1 stands in for slopes that are not positive definite.
         is_definite = np.linalg.eigvalsh(slopes)[:, 0] > 0.0
         if not is_definite.all():
-            links = [link.value(theta) for link in objective.entropy.links]
+            links = [link.value(theta) for link in problem.entropy.links]
             inverse = np.linalg.inv(np.array(links))
             slopes = np.where(is_definite[:, None, None], slopes, inverse)
     # Cholesky factor of R^T R in units of the bounds; a ridge keeps it definite.
@@ -143,12 +129,10 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
     )
     if not polished:
         return evidence
-    return _polished(evidence, objective, fit.constraints, bound)
+    return _polished(evidence, problem)
 
 
-def _polished(
-    e: DualEvidence, objective: Objective, constraints: ConstraintSet, bound: Array
-) -> DualEvidence:
+def _polished(e: DualEvidence, problem: ConvexProblem) -> DualEvidence:
     """Return evidence whose multipliers leave less of the dual slope.
 
     The dual slope (p,) is the gradient of the Lagrangian by theta; what is left of it
@@ -161,12 +145,13 @@ def _polished(
     Rounds go on as long as one improves the lower bound by _WORTHWHILE of what the
     remaining slope costs.
     """
-    data = objective.least_squares
-    entries = constraints.entries
+    data = problem.least_squares
+    entries = problem.constraints.entries
+    bound = problem.bound
     p = len(bound)
     # Gradient (p,) of the objective's linear terms, the entropic prior included.
-    slope = objective.linear
-    entropy = objective.entropy
+    slope = problem.linear
+    entropy = problem.entropy
     if entropy is not None:
         pulls = entropy.weight * (entropy.nominal_terms[0] - e.entropy_slopes)
         slope = slope + entropy.entries.adjoint(pulls.ravel(), p)

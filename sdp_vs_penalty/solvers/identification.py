@@ -25,7 +25,7 @@ from sdp_vs_penalty.robot.constraint import (
     group_cones,
 )
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution, svec, unsvec
-from sdp_vs_penalty.solvers.objective import Entropy, Objective
+from sdp_vs_penalty.solvers.convex_problem import ConvexProblem, Entropy
 
 #: A unit of a scaled parameter that the data do not see moves no matrix farther than
 #: this, in the matrix's size: its bound alone (100 kg, metres) can make columns of a
@@ -140,24 +140,19 @@ class SdpProblem:
 
 
 def least_squares_sdp(
-    objective: Objective,
-    constraints: Sequence[Constraint],
+    problem: ConvexProblem,
     reference: Array,
-    bound: Array,
     centre: Array,
     fine: bool = False,
     least_loss: float = 0.0,
 ) -> SdpProblem:
     """Pose an identification as a conic problem, centred and scaled for a solver.
 
-    Minimises the objective subject to the constraints, with |theta_k| up to about
-    ``bound`` (p,). New variables z are the residual in units of the expected loss;
-    theta = centre + scale x.
+    Its constraints are the essential ones. New variables z are the residual in units of
+    the expected loss; theta = centre + scale x.
 
     Parameters
     ----------
-    objective : Objective
-        Sum of squares, with a linear and an entropic term.
     reference : (p,)
         A theta inside the constraints, at which each cone is scaled to its unit.
     centre : (p,)
@@ -173,8 +168,10 @@ def least_squares_sdp(
     SdpProblem
         Conic problem, and the way back to theta.
     """
-    data = objective.least_squares
-    entropy = objective.entropy
+    data = problem.least_squares
+    entropy = problem.entropy
+    constraints = problem.essential
+    bound = problem.bound
     p = len(bound)
     torque = float(np.sqrt(data.tau_squared)) or 1.0
     norms = np.linalg.norm(data.R, axis=0)

@@ -29,8 +29,8 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
 from sdp_vs_penalty.solvers import verify_proof
+from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
 from sdp_vs_penalty.solvers.fit import Fit, dual_evidence
-from sdp_vs_penalty.solvers.objective import Entropy, Objective
 from sdp_vs_penalty.solvers.rigorous_bounds import (
     CORRECTIONS,
     TIGHT,
@@ -60,11 +60,9 @@ def optimum_proof(
     ValueError
         If theta is not feasible, or the multipliers prove nothing.
     """
-    assert fit.bound is not None
     evidence = dual_evidence(fit)
-    problem = stated(fit.objective, fit.constraints.convex, fit.bound, parameters)
     proof: Proof = {
-        **_proof("optimum", problem, fit.constraints, evidence, fit.objective.entropy),
+        **_proof("optimum", fit.problem, evidence, parameters),
         "theta": [repr(float(x)) for x in fit.theta],
         "y": _texts(evidence.y),
         "lower": "0",
@@ -72,39 +70,25 @@ def optimum_proof(
         **(made_of or {}),
     }
     exact = verify_proof.typed(_signed(proof), verify_proof.OPTIMUM, {})
-    proof["y"] = [_text(x) for x in _polished(exact, evidence, fit.bound)]
+    proof["y"] = [_text(x) for x in _polished(exact, evidence, fit.problem.bound)]
     proof["lower"], proof["upper"] = _interval(exact)
     return _checked(proof)
 
 
 def infeasibility_proof(
-    constraints: ConstraintSet,
-    multipliers: Array,
-    bound: Array,
-    parameters: Sequence[str] = (),
+    nothing: ConvexProblem, multipliers: Array, parameters: Sequence[str] = ()
 ) -> Proof:
     """Build the proof (Farkas) that no |theta_k| <= bound_k satisfies all convex
-    constraints.
+    constraints of a problem without data, whose constraints contradict each other.
 
     Parameters
     ----------
-    constraints : ConstraintSet
-        Constraints that contradict each other.
     multipliers : (e,)
         Multipliers of the constraints' e entries.
     """
-    nothing = Objective.without_data(len(bound))
-    evidence = dual_evidence(
-        Fit(
-            np.zeros(len(bound)),
-            objective=nothing,
-            constraints=constraints,
-            multipliers=multipliers,
-            bound=bound,
-        )
-    )
-    problem = stated(nothing, constraints.convex, bound, parameters)
-    return _checked({**_proof("infeasible", problem, constraints, evidence), "y": []})
+    evidence = dual_evidence(Fit(np.zeros(len(nothing.bound)), nothing, multipliers))
+    proof = _proof("infeasible", nothing, evidence, parameters)
+    return _checked({**proof, "y": []})
 
 
 def write_proof(proof: Proof, path: str | Path) -> None:
@@ -118,19 +102,12 @@ def write_proof(proof: Proof, path: str | Path) -> None:
     write_text(path, json.dumps(proof, indent=0, sort_keys=True) + "\n")
 
 
-def stated(
-    objective: Objective,
-    constraints: Sequence[Constraint],
-    bound: Array,
-    parameters: Sequence[str] = (),
-) -> Proof:
+def stated(problem: ConvexProblem, parameters: Sequence[str] = ()) -> Proof:
     """Return the optimisation problem, with |theta_k| <= bound_k, in the form in which
     a proof states it.
 
     Parameters
     ----------
-    objective : Objective
-        Sum of squares with a prior.
     parameters : sequence of str
         Names of the parameters; default: x0, x1, ...
 
@@ -139,8 +116,9 @@ def stated(
     Proof
         All fields but multipliers, interval and hashes. Numbers are texts of fractions.
     """
-    data = objective.least_squares
-    entropy = objective.entropy
+    data = problem.least_squares
+    entropy = problem.entropy
+    bound = problem.bound
     weight = 0.0
     held = list[tuple[Constraint, Array, float]]()
     if entropy is not None:
@@ -170,7 +148,7 @@ def stated(
                     if link is c
                 ],
             }
-            for c in constraints
+            for c in problem.constraints.convex
         ],
     }
 
@@ -275,26 +253,25 @@ def _array(texts: Any) -> Array:
 
 
 def _proof(
-    kind: str,
-    problem: Proof,
-    constraints: ConstraintSet,
-    evidence: DualEvidence,
-    entropy: Entropy | None = None,
+    kind: str, problem: ConvexProblem, evidence: DualEvidence, parameters: Sequence[str]
 ) -> Proof:
-    """Return a stated problem together with the multipliers that prove its claim.
+    """Return a problem as stated, together with the multipliers that prove its claim.
 
     ``kind`` says what is proved: "optimum" (a lower bound) or "infeasible". Each
     constraint gets its multiplier ("dual"). With an entropic prior, each link's prior
     also gets the matrix that bounds its log det from above ("dual"), written as a sum
     of squares so that it is positive semidefinite by construction.
     """
+    statement = stated(problem, parameters)
+    constraints = problem.constraints
+    entropy = problem.entropy
     slopes = list[tuple[Constraint, Array]]()
     if entropy is not None:
         slopes = [*zip(entropy.links, evidence.entropy_slopes, strict=True)]
     proved = []
     duals = _duals(constraints, evidence)
     for constraint, entry, dual in zip(
-        constraints.convex, problem["constraints"], duals, strict=True
+        constraints.convex, statement["constraints"], duals, strict=True
     ):
         # The prior of this constraint's link, if it has one.
         roots = [
@@ -308,7 +285,7 @@ def _proof(
         ]
         proved.append({**entry, "dual": dual, "entropy": priors})
     header = {"format": verify_proof.FORMAT, "kind": kind, "model": "", "data": ""}
-    return {**header, **problem, "constraints": proved}
+    return {**header, **statement, "constraints": proved}
 
 
 def _duals(constraints: ConstraintSet, evidence: DualEvidence) -> list[Any]:

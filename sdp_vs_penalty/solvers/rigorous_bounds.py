@@ -30,7 +30,7 @@ from sdp_vs_penalty.robot.constraint import (
     group_cones,
 )
 from sdp_vs_penalty.solvers import verify_proof
-from sdp_vs_penalty.solvers.objective import Entropy, Objective
+from sdp_vs_penalty.solvers.convex_problem import ConvexProblem, Entropy
 
 #: Extended precision where the machine has it, plain doubles elsewhere; the error
 #: bounds follow.
@@ -204,12 +204,7 @@ class DualEvidence:
     push: Callable[[Array], Array] = lambda leftover: np.zeros(())
 
 
-def lower_bound(
-    objective: Objective,
-    constraints: StackedCones,
-    evidence: DualEvidence,
-    bound: Array,
-) -> float:
+def lower_bound(problem: ConvexProblem, evidence: DualEvidence) -> float:
     """Return a number that is certainly at most the smallest objective.
 
     The minimum is over the constraints and |theta_k| <= bound_k. For every y and all
@@ -220,8 +215,6 @@ def lower_bound(
 
     Parameters
     ----------
-    objective : Objective
-        Sum of squares with a linear and an entropic term.
     evidence : DualEvidence
         Multipliers near their cones, and y near the residual.
 
@@ -232,20 +225,22 @@ def lower_bound(
     """
     # 1. Slope (2, p) and constant (2,) of the affine function in theta: entry 0 is the
     # value, entry 1 the sum of absolute values, which bounds its rounding.
-    data = objective.least_squares
+    data = problem.least_squares
+    constraints = problem.constraints.entries
+    bound = problem.bound
     signs = np.array([-1, 1])
     dual, dual_sizes = in_cones(constraints, evidence.multipliers)
     slope, constant = _against(constraints, dual, dual_sizes, len(bound))
     slope = signs[:, None] * slope
     constant = signs * constant
-    linear = np.array([objective.linear, np.abs(objective.linear)])
+    linear = np.array([problem.linear, np.abs(problem.linear)])
     slope += linear.reshape(2, -1)
     operations = len(evidence.y) + len(constraints.constant)
-    if objective.entropy is not None:
-        operations += len(objective.entropy.entries.constant)
+    if problem.entropy is not None:
+        operations += len(problem.entropy.entries.constant)
         try:
             tangent = _entropy_tangent(
-                objective.entropy, evidence.entropy_slopes, len(bound)
+                problem.entropy, evidence.entropy_slopes, len(bound)
             )
         except np.linalg.LinAlgError:
             return -np.inf
@@ -288,11 +283,9 @@ TIGHT = 1e-8
 CORRECTIONS = 3
 
 
-def proves_infeasible(
-    constraints: ConstraintSet, multipliers: Array, bound: Array
-) -> bool:
+def proves_infeasible(nothing: ConvexProblem, multipliers: Array) -> bool:
     """Return whether multipliers prove that no |theta_k| <= bound_k satisfies all
-    constraints.
+    constraints of a problem without data.
 
     They do if the lower bound of the objective zero is positive (Farkas): no theta can
     have 0 <= sum <S_i, F_i(theta)> <= sum <S_i, F_i0> + |e|^T bound < 0.
@@ -307,10 +300,7 @@ def proves_infeasible(
     bool
         True if infeasibility is proved.
     """
-    evidence = DualEvidence(multipliers, np.zeros(0))
-    nothing = Objective.without_data(len(bound))
-    lowest = lower_bound(nothing, constraints.entries, evidence, bound)
-    return lowest > 0.0
+    return lower_bound(nothing, DualEvidence(multipliers, np.zeros(0))) > 0.0
 
 
 def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:

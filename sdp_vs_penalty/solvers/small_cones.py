@@ -20,7 +20,7 @@ from sdp_vs_penalty.robot.constraint import (
     StackedCones,
     group_cones,
 )
-from sdp_vs_penalty.solvers.objective import Entropy
+from sdp_vs_penalty.solvers.convex_problem import Entropy
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 
 #: Order of the largest matrix; smaller ones are padded with ones on the diagonal.

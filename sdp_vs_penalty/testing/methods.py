@@ -22,9 +22,9 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import ConstraintSet
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.solvers.conic import Solution
+from sdp_vs_penalty.solvers.convex_problem import ConvexProblem, Entropy
 from sdp_vs_penalty.solvers.fit import Fit, repair
 from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
-from sdp_vs_penalty.solvers.objective import Entropy, Objective
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 from sdp_vs_penalty.solvers.rigorous_bounds import certainly_feasible
 from sdp_vs_penalty.solvers.solver import EVERYTHING, Solver
@@ -73,14 +73,17 @@ def check_fit(estimator: Estimator) -> None:
     fit = first_fit(estimator)
     demand(fit.theta.shape == task.bound.shape, "theta has another length")
     demand(np.isfinite(fit.theta).all(), "theta is not finite")
-    demand(np.isfinite(fit.objective.value(fit.theta)), "its objective is not finite")
-    gradient = fit.objective.gradient(fit.theta)
+    demand(np.isfinite(fit.problem.value(fit.theta)), "its objective is not finite")
+    gradient = fit.problem.gradient(fit.theta)
     demand(gradient.shape == fit.theta.shape, "its gradient has another length")
     json.dumps(fit.details, allow_nan=False)
-    imposed = {c.family for c in fit.constraints.convex}
+    imposed = {c.family for c in fit.problem.constraints.convex}
     demand({"pseudo-inertia", "mass", "sign"} <= imposed, "it drops constraints")
     others = {c.family for c in task.constraints.nonconvex}
-    demand({c.family for c in fit.constraints.nonconvex} >= others, "it drops bounds")
+    demand(
+        {c.family for c in fit.problem.constraints.nonconvex} >= others,
+        "it drops bounds",
+    )
 
 
 def check_seed(estimator: Estimator) -> None:
@@ -95,10 +98,8 @@ class LinkProblem:
     """One link with a pseudo-inertia, a mass range and a centre of mass in a cone, from
     noisy data; with a log det of the pseudo-inertia if it is entropic."""
 
-    #: What is minimised.
-    objective: Objective
-    #: What the link has to fulfil.
-    constraints: ConstraintSet
+    #: What is minimised, and what the link has to fulfil.
+    problem: ConvexProblem
     #: (10,) a link inside the constraints.
     nominal: Array
 
@@ -127,34 +128,29 @@ class LinkProblem:
             entropy = Entropy(1e-3, (link,), inertia.pseudo_inertia(nominal)[None])
         data = LeastSquares(R, rho, 0.1, float(rho @ rho) + 0.01, 14)
         constraints = ConstraintSet((link, mass, cone, trace))
-        return cls(Objective(data, entropy), constraints, nominal)
+        bound = np.array([3.0, *[1.0] * 9])
+        return cls(ConvexProblem(data, constraints, bound, entropy), nominal)
 
     @property
     def sdp(self) -> SdpProblem:
         """The problem in a solver's form."""
-        bound = np.array([3.0, *[1.0] * 9])
-        convex = self.constraints.convex
-        return least_squares_sdp(
-            self.objective, convex, self.nominal, bound, self.nominal
-        )
+        return least_squares_sdp(self.problem, self.nominal, self.nominal)
 
     def certified_gap(self, solution: Solution) -> tuple[float, float]:
         """Return the certified relative gap of a solution after feasible repair, and its
         largest relative violation before."""
         sdp = self.sdp
         theta = sdp.theta(solution)
-        multipliers = self.constraints.stack_multipliers(sdp.multipliers(solution))
+        constraints = self.problem.constraints
+        multipliers = constraints.stack_multipliers(sdp.multipliers(solution))
         slopes = sdp.entropy_slopes(solution)
-        bound = np.array([3.0, *[1.0] * 9])
-        fit = Fit(
-            theta, self.objective, self.constraints, multipliers, slopes, bound=bound
-        )
-        point = repair(self.constraints, theta, self.nominal)
-        feasible = certainly_feasible(self.constraints.convex, point)
+        fit = Fit(theta, self.problem, multipliers, slopes)
+        point = repair(constraints, theta, self.nominal)
+        feasible = certainly_feasible(constraints.convex, point)
         demand(feasible, "no feasible point is near its solution")
-        scale = self.objective.least_squares.loss(point)
-        gap = (self.objective.value(point) - fit.lower) / scale
-        return gap, max(self.constraints.worst(theta).values())
+        scale = self.problem.least_squares.loss(point)
+        gap = (self.problem.value(point) - fit.lower) / scale
+        return gap, max(constraints.worst(theta).values())
 
 
 def check_declaration(solver: Solver) -> None:
@@ -213,17 +209,18 @@ def check_optimum(solver: Solver, largest_gap: float = 1e-4) -> None:
         x, P = solution.x, sdp.conic.P
         square = x @ (P @ x) - 0.5 * x @ (P.diagonal() * x)
         stated = sdp.offset + sdp.loss_scale**2 * (square + sdp.conic.q @ x)
-        value = problem.objective.value(sdp.theta(solution))
+        value = problem.problem.value(sdp.theta(solution))
         demand(np.isclose(stated, value, rtol=1e-3), "its x has another objective")
         demand(solution.iterations > 0, "it does not count iterations")
 
 
 def check_empty_set(solver: Solver) -> None:
     """An empty feasible set is never called solved."""
-    problem = LinkProblem.drawn()
+    drawn = LinkProblem.drawn()
     # m >= 4 where m <= 3
     heavy = build.linear("total mass", "robot", [0], [[1.0]], [-4.0])
-    empty = replace(problem, constraints=problem.constraints.plus([heavy]))
+    none = drawn.problem.constraints.plus([heavy])
+    empty = replace(drawn, problem=replace(drawn.problem, constraints=none))
     claims = solver.solve(empty.sdp.conic, 1e-7).claims
     solved = claims in ("optimal", "inaccurate", "unbounded")
     demand(not solved, f"it calls an empty set {claims}")

@@ -34,7 +34,6 @@ from sdp_vs_penalty.robot import inertia, random_trajectory
 from sdp_vs_penalty.signals import FilteredRuns, filtered
 from sdp_vs_penalty.simulation import Sensor
 from sdp_vs_penalty.simulation.experiments import simulate
-from sdp_vs_penalty.solvers import Objective
 from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
@@ -91,9 +90,8 @@ def test_a_draw_of_the_bootstrap_is_the_certified_fit_of_its_rows(two_link):
     rows = posed.regression.select(np.repeat(np.arange(count), drawn)).least_squares(
         task.weights
     )
-    objective, constraints = method.posed(task)
-    again = Objective(rows, objective.entropy)
-    best = PosedSdp(task, again, constraints).fit(again)
+    again = replace(method.posed(task), least_squares=rows)
+    best = PosedSdp(task, again).fit()
     base = task.base.rows
     assert_allclose(base @ theta[0], base @ best.theta, rtol=1e-4, atol=1e-4)
     with pytest.raises(InputError, match="not drawn anew"):

@@ -28,7 +28,6 @@ from sdp_vs_penalty.estimators import (
     LmiSdpThickness,
     LmiSdpTwoStep,
     PosedSdp,
-    essential,
     interior_point,
     make_estimator,
     make_task,
@@ -38,7 +37,7 @@ from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.shootout import Instance, in_units
 from sdp_vs_penalty.signals import FilteredRuns
-from sdp_vs_penalty.solvers import Clarabel, Objective
+from sdp_vs_penalty.solvers import Clarabel
 
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-thickness", "lmi-sdp-entropic")
 
@@ -79,17 +78,15 @@ def test_the_readable_model_has_the_same_optimum(method, toy_task, two_link):
     estimator = make_estimator(method)
     fit = estimator.fit(toy_task)
     row = toy_task.data.loss(toy_task.ols) / toy_task.data.rows
-    weight = 0.0 if fit.objective.entropy is None else fit.objective.entropy.weight
+    weight = 0.0 if fit.problem.entropy is None else fit.problem.entropy.weight
     assert weight == pytest.approx(estimator.entropy * row)
     assert (weight > 0.0) == (method in ("lmi-sdp", "lmi-sdp-entropic"))
     theta, certificate = certify(toy_task, fit)
-    found, value = cvxpy_optimum(two_link, toy_task, fit.objective, estimator)
-    loss = fit.objective.least_squares.loss(theta)
+    found, value = cvxpy_optimum(two_link, toy_task, fit.problem, estimator)
+    loss = fit.problem.least_squares.loss(theta)
     assert value == pytest.approx(certificate.upper, abs=1e-7 * loss)
-    assert fit.objective.value(found) == pytest.approx(
-        certificate.upper, abs=1e-7 * loss
-    )
-    assert fit.constraints.margin(found) > -1e-7
+    assert fit.problem.value(found) == pytest.approx(certificate.upper, abs=1e-7 * loss)
+    assert fit.problem.constraints.margin(found) > -1e-7
     assert certificate.gap < 1e-8
 
 
@@ -109,14 +106,14 @@ def test_the_default_objective_is_the_torque_and_three_priors(toy_task):
         for pair in zip(task.prior_links, x[task.links], strict=True)
     ]
     pull = np.sum(np.array(ratio) - np.log(ratio) - 1.0)
-    objective, constraints = LmiSdp().posed(task)
-    assert objective.value(x) == pytest.approx(
+    problem = LmiSdp().posed(task)
+    assert problem.value(x) == pytest.approx(
         task.data.loss(x) + v * (own + 3.0 * (mass + pull))
     )
     step = 1e-4 * x * np.random.default_rng(0).normal(size=len(x))
-    rise = objective.value(x + step) - objective.value(x - step)
-    assert rise == pytest.approx(2.0 * objective.gradient(x) @ step, rel=1e-5)
-    assert sum(c.family == "body" for c in constraints.convex) == 2
+    rise = problem.value(x + step) - problem.value(x - step)
+    assert rise == pytest.approx(2.0 * problem.gradient(x) @ step, rel=1e-5)
+    assert sum(c.family == "body" for c in problem.constraints.convex) == 2
 
 
 def relative_torque_error(problem, theta, truth):
@@ -201,7 +198,7 @@ def test_the_two_step_chain_is_what_it_says(toy_task):
     assert loss(chain["beta_star"]) <= loss(chain["beta_star_e"]) * (1 + 1e-6)
     assert loss(chain["beta_star"]) <= loss(chain["beta_prime"]) * (1 + 1e-6)
     assert fit.details["loss_beta_prime"] >= toy_task.data.loss(fit.theta) * (1 - 1e-6)
-    assert fit.constraints.margin(fit.theta) >= -1e-9
+    assert fit.problem.constraints.margin(fit.theta) >= -1e-9
 
 
 def test_a_joint_that_never_reverses_keeps_its_certificate(toy_task):
@@ -210,11 +207,7 @@ def test_a_joint_that_never_reverses_keeps_its_certificate(toy_task):
     R = toy_task.data.R.copy()
     R[:, names.index("f_c1")] = R[:, names.index("f_o1")]
     task = replace(toy_task, data=replace(toy_task.data, R=R))
-    kept = [
-        c.name
-        for c in essential(task.constraints, Objective(task.data))
-        if c.family == "range"
-    ]
+    kept = [c.name for c in task.problem.essential if c.family == "range"]
     assert "coulomb_friction f_c1" in kept
     assert "coulomb_friction f_c2" not in kept
     _, certificate = certify(task, LmiSdp().fit(task))
@@ -336,14 +329,11 @@ def test_no_method_gives_up_on_a_random_arm(seed, method, tmp_path):
     problem = load_problem(random_arm(tmp_path, seed))
     chosen = effects(np.random.default_rng(seed), problem.robot.n)
     task = posed_task(problem, random_run(problem, seed), chosen)
-    objective, constraints = make_estimator(method).posed(task)
-    convex = ConstraintSet(constraints.convex)
-    made = in_units(
-        Instance(replace(task, constraints=convex), objective), *UNITS[seed % 3]
-    )
-    fit = PosedSdp(made.task, made.objective, made.task.constraints, "clarabel").fit(
-        made.objective
-    )
+    posed = make_estimator(method).posed(task)
+    convex = ConstraintSet(posed.constraints.convex)
+    task = replace(task, constraints=convex, data=posed.least_squares)
+    made = in_units(Instance(task, posed.entropy), *UNITS[seed % 3])
+    fit = PosedSdp(made.task, made.problem, "clarabel").fit()
     _, certificate = certify(made.task, fit)
     assert certificate.worst == 0.0
     assert certificate.gap < 1e-6

@@ -93,7 +93,7 @@ def test_slopes_and_curvatures_are_those_of_the_penalty(name, request):
     task = task_named(name, request)
     demands = Penalty().demands(task)
     inside = interior_point(task, demands)
-    penalty = ShiftedPenalty(task, task.data, demands, inside)
+    penalty = ShiftedPenalty(task, replace(task.problem, constraints=demands), inside)
     rng = np.random.default_rng(1)
     weight = 0.7
     h = 1e-5

@@ -408,7 +408,7 @@ def test_the_forms_users_write_have_the_same_optimum(two_link):
         square = x @ (P @ x) - 0.5 * x @ (P.diagonal() * x)
         optimum = sdp.offset + sdp.loss_scale**2 * (square + sdp.conic.q @ x)
         assert optimum == pytest.approx(
-            posed.objective.value(sdp.theta(solution)), rel=1e-5
+            posed.problem.value(sdp.theta(solution)), rel=1e-5
         )
 
 

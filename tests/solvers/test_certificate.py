@@ -31,14 +31,14 @@ def task(two_link):
 
 def test_a_wrong_answer_shows_as_a_gap_and_one_outside_is_repaired_or_reported(task):
     fit = LmiSdpThickness().fit(task)
-    interior = interior_point(task, fit.constraints)
+    interior = interior_point(task, fit.problem.constraints)
     dual = fit.multipliers
     theta, right = certify(task, fit)
     assert right.gap == pytest.approx(
         (right.upper - right.lower) / right.loss, rel=1e-12
     )
     assert (right.gap < 1e-7, right.worst) == (True, 0.0)
-    assert "mass of link 2" in on_bounds(fit.constraints, theta)
+    assert "mass of link 2" in on_bounds(fit.problem.constraints, theta)
     assert inertia.thickness(theta[task.links]).min() == pytest.approx(
         LmiSdpThickness.thickness, 1e-3
     )
@@ -50,15 +50,17 @@ def test_a_wrong_answer_shows_as_a_gap_and_one_outside_is_repaired_or_reported(t
     for one in wrong:
         assert certify(task, one)[1].gap > 1e3 * max(right.gap, 1e-9)
     outside = fit.theta + 0.2 * (fit.theta - interior)
-    assert fit.constraints.margin(outside) < 0.0
+    assert fit.problem.constraints.margin(outside) < 0.0
     theta, repaired = certify(task, replace(fit, theta=outside))
     assert repaired.worst == 0.0
-    assert fit.constraints.margin(theta) >= -1e-15
+    assert fit.problem.constraints.margin(theta) >= -1e-15
     # Without multipliers it is left as the method gave it, and its violations are said.
-    theta, reported = certify(task, Fit(outside, fit.objective, fit.constraints))
+    theta, reported = certify(task, Fit(outside, fit.problem))
     np.testing.assert_array_equal(theta, outside)
     assert reported.gap is None
-    assert reported.worst == pytest.approx(max(fit.constraints.worst(outside).values()))
+    assert reported.worst == pytest.approx(
+        max(fit.problem.constraints.worst(outside).values())
+    )
     assert reported.worst > 0.0
 
 

@@ -25,9 +25,10 @@ from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation import certify, verify_proof_file
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.simulation import experiment
-from sdp_vs_penalty.solvers import Objective, proof, verify_proof
+from sdp_vs_penalty.solvers import ConvexProblem, proof, verify_proof
 
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-entropic", "penalty")
 
@@ -46,7 +47,7 @@ def proofs(two_link):
     for method in METHODS:
         fit = make_estimator(method).fit(task)
         theta, certificate = certify(task, fit)
-        made[method] = proof.optimum_proof(replace(fit, theta=theta, bound=task.bound))
+        made[method] = proof.optimum_proof(replace(fit, theta=theta))
         # The two bounds are found in different arithmetic from the same multipliers.
         assert float(made[method]["lower"]) == pytest.approx(
             certificate.lower, rel=1e-7
@@ -246,15 +247,17 @@ def test_another_triangle_of_the_same_loss_and_rounding_are_the_same_problem():
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     data = LeastSquares(rng.normal(size=(3, 2)), rng.normal(size=3), 0.5, 1.0, 9)
     turned = LeastSquares(turn @ data.R, turn @ data.rho, 0.5, 1.0, 9)
-    near = [build.linear("mass", "a", [0], [[-1.0, 1e-17]], [0.3, 1.0])]
-    same = [build.linear("mass", "a", [0], [[-1.0, 0.0]], [0.3 * (1 + 1e-12), 1.0])]
-    other = [build.linear("mass", "a", [1], [[-1.0, 0.0]], [0.3, 1.0])]
+    near = build.linear("mass", "a", [0], [[-1.0, 1e-17]], [0.3, 1.0])
+    same = build.linear("mass", "a", [0], [[-1.0, 0.0]], [0.3 * (1 + 1e-12), 1.0])
+    other = build.linear("mass", "a", [1], [[-1.0, 0.0]], [0.3, 1.0])
     bound = np.array([10.0, 20.0])
-    own = proof.stated(Objective(data), near, bound)
-    assert proof.difference(proof.stated(Objective(turned), same, bound), own) == ""
-    assert "mass of a, nonnegative in [1]" in proof.difference(
-        proof.stated(Objective(data), other, bound), own
-    )
+
+    def stated(data, convex):
+        return proof.stated(ConvexProblem(data, ConstraintSet((convex,)), bound))
+
+    own = stated(data, near)
+    assert proof.difference(stated(turned, same), own) == ""
+    assert "mass of a, nonnegative in [1]" in proof.difference(stated(data, other), own)
 
 
 def test_no_false_proof_is_accepted_and_no_genuine_one_refused(tmp_path):

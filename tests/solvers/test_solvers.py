@@ -268,9 +268,7 @@ METHODS = ["lmi-sdp", "lmi-sdp-thickness", "lmi-sdp-plain"]
 def both(task, method):
     """The default fit, and Clarabel's."""
     posed = make_estimator(method).posed(task)
-    own = PosedSdp(task, *posed, None)
-    other = PosedSdp(task, *posed, "clarabel")
-    return own.fit(posed[0]), other.fit(posed[0])
+    return PosedSdp(task, posed).fit(), PosedSdp(task, posed, "clarabel").fit()
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -285,9 +283,9 @@ def test_a_fit_is_proved_from_its_own_multipliers(method, links):
     assert fit.details["solver"] == "primal-dual"
     assert -1e-12 <= fit.gap <= 1e-8
     assert min(cone.margin(fit.theta) for cone in cones) < 1e-6
-    assert certainly_feasible(fit.constraints.convex, fit.theta)
+    assert certainly_feasible(fit.problem.constraints.convex, fit.theta)
     for one, other in ((fit, reference), (reference, fit)):
-        upper = other.objective.value(other.theta)
+        upper = other.problem.value(other.theta)
         assert one.lower <= upper + 1e-12 * abs(upper)
 
 
@@ -302,17 +300,16 @@ def test_a_long_chain_needs_no_second_solver():
 @pytest.mark.parametrize("method", METHODS)
 def test_similar_data_take_fewer_steps_from_the_last_fit(method):
     task = chain_task(7)
-    objective, constraints = make_estimator(method).posed(task)
-    posed = PosedSdp(task, objective, constraints)
-    first = posed.fit(objective)
-    data = objective.least_squares
+    posed = PosedSdp(task, make_estimator(method).posed(task))
+    first = posed.fit()
+    data = posed.problem.least_squares
     noise = 0.1 * np.linalg.norm(data.rho) / np.sqrt(len(data.rho) * data.rows)
     moved = replace(
         data, rho=data.rho + noise * np.random.default_rng(1).normal(size=len(data.rho))
     )
-    again = solvers.Objective(moved, objective.entropy)
-    cold = posed.fit(again)
-    warm = posed.fit(again, near=first)
+    again = replace(posed.problem, least_squares=moved)
+    cold = posed.with_problem(again).fit()
+    warm = posed.with_problem(again).fit(near=first)
 
     def steps(fit):
         return int(fit.details["solver_said"][0].rpartition("(")[2].rstrip(")"))

@@ -21,7 +21,7 @@ from sdp_vs_penalty.robot import (
 )
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.solvers import (
-    Objective,
+    ConvexProblem,
     optimum_proof,
     repair,
     rigorous_bounds,
@@ -221,9 +221,9 @@ class KnownSdp:
         floor = float(rng.integers(0, 3))
         rho = R @ self.theta - y
         self.data = LeastSquares(R, rho, floor, float(rho @ rho) + floor**2, p)
-        self.objective = Objective(self.data)
         self.optimum = sum((Fraction(x) ** 2 for x in y), Fraction(floor) ** 2)
-        self.bound = np.full(p, 8.0)
+        bound = np.full(p, 8.0)
+        self.problem = ConvexProblem(self.data, self.constraints, bound)
 
 
 @settings(max_examples=60, derandomize=False)
@@ -240,9 +240,7 @@ def test_lower_bound_never_exceeds_a_known_optimum(seed, exponent, noise):
         known.multipliers + noise * rng.normal(size=len(known.multipliers))
     )
     theta = known.theta + noise * rng.normal(size=3)
-    lower = Fit(
-        theta, known.objective, known.constraints, multipliers, bound=known.bound
-    ).lower
+    lower = Fit(theta, known.problem, multipliers).lower
     assert Fraction(lower) <= known.optimum
     if noise == 0.0:  # and it is not merely low
         assert known.optimum - Fraction(lower) <= Fraction(1, 10**12) * (
@@ -255,9 +253,7 @@ def test_multipliers_that_are_outside_by_rounding_make_a_proof_that_is_tight(see
     known = KnownSdp(seed, 1)
     rng = np.random.default_rng(seed)
     near = known.multipliers - 1e-9 * rng.random(len(known.multipliers))
-    made = optimum_proof(
-        Fit(known.theta, known.objective, known.constraints, near, bound=known.bound)
-    )
+    made = optimum_proof(Fit(known.theta, known.problem, near))
     lower, upper = verify_proof.check(made)
     assert lower <= known.optimum <= upper
     assert upper - lower <= Fraction(1, 10**6) * (1 + known.optimum)
@@ -289,16 +285,14 @@ def test_infeasibility_is_proved_only_where_it_is_true():
     p = 2
     above = build.linear("lower", "sum", [0, 1], [[1.0], [1.0]], [-3.0])  # a + b >= 3
     below = build.linear("upper", "each", [0, 1], -np.eye(2), [1.0, 1.0])  # a, b <= 1
-    bound = np.full(p, 10.0)
-    demands = ConstraintSet((above, below))
-    farkas = np.ones(3)
-    assert rigorous_bounds.proves_infeasible(demands, farkas, bound)
+
+    def proves(multipliers, *demands):
+        nothing = ConvexProblem.without_data(ConstraintSet(demands), np.full(p, 10.0))
+        return rigorous_bounds.proves_infeasible(nothing, np.array(multipliers))
+
+    assert proves([1.0, 1.0, 1.0], above, below)
     touching = build.linear(
         "lower", "sum", [0, 1], [[1.0], [1.0]], [-2.0]
     )  # met by (1, 1) only
-    assert not rigorous_bounds.proves_infeasible(
-        ConstraintSet((touching, below)), farkas, bound
-    )
-    assert not rigorous_bounds.proves_infeasible(
-        demands, np.array([1.0, 0.0, 0.0]), bound
-    )
+    assert not proves([1.0, 1.0, 1.0], touching, below)
+    assert not proves([1.0, 0.0, 0.0], above, below)

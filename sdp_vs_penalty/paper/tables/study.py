@@ -56,7 +56,6 @@ from sdp_vs_penalty.robot.constraint import ConstraintSet
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.simulation.experiments import Experiment, experiment
-from sdp_vs_penalty.solvers.objective import Objective
 
 Made = TypeVar("Made")
 
@@ -225,7 +224,7 @@ class Frozen(Estimator):
         links = task.model.rigid_indices
         theta[links] = self.links.ravel()
         theta[np.delete(np.arange(len(theta)), links)] = self.others
-        return Fit(refitted(task.data, theta), Objective(task.data), task.constraints)
+        return Fit(refitted(task.data, theta), task.problem)
 
 
 def refitted(data: LeastSquares, links_given: Array) -> Array:

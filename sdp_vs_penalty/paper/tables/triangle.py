@@ -9,7 +9,7 @@ J the inertia about the link's frame. A body's principal moments also obey D3 <=
 which the pseudo-inertia contains and this does not (Wensing et al. 2018).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -21,8 +21,8 @@ from sdp_vs_penalty.paper.penalised_optimum import PenalisedOptimum, PenalisedPr
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Row, StudyTable, notes, register_table
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, linear
-from sdp_vs_penalty.solvers.objective import Objective
+from sdp_vs_penalty.robot.constraint import Constraint, linear
+from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
 
 
 @dataclass(frozen=True)
@@ -36,15 +36,15 @@ class WithoutTriangle(LmiSdpPlain):
     table_place: ClassVar[int | None] = None
     solver: str | None = "clarabel"  # our own takes matrices of order four at most
 
-    def posed(self, task: Task) -> tuple[Objective, ConstraintSet]:
+    def posed(self, task: Task) -> ConvexProblem:
         """Return the torque loss, and the demands with the weaker matrix."""
-        objective, constraints = super().posed(task)
-        others = constraints.with_families(lambda family: family != "pseudo-inertia")
+        problem = super().posed(task)
+        others = problem.constraints.with_families(lambda x: x != "pseudo-inertia")
         weaker = [
             positive_inertia(f"link {k}", link)
             for k, link in enumerate(task.links, start=1)
         ]
-        return objective, others.plus(weaker)
+        return replace(problem, constraints=others.plus(weaker))
 
 
 def positive_inertia(name: str, link: NDArray[np.intp]) -> Constraint:

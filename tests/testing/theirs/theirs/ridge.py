@@ -6,7 +6,6 @@ from typing import ClassVar
 import numpy as np
 
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
-from sdp_vs_penalty.solvers.objective import Objective
 
 
 @dataclass(frozen=True)
@@ -26,4 +25,4 @@ class Ridge(Estimator):
         rows = np.vstack([data.R, np.diag(scale)])
         right = np.concatenate([data.rho, scale * task.nominal])
         theta = np.linalg.lstsq(rows, right, rcond=None)[0]
-        return Fit(theta, Objective(data), task.constraints)
+        return Fit(theta, task.problem)

@@ -1,4 +1,5 @@
-"""What an estimate minimises: the squared residual, and what pulls beside it."""
+"""The convex problem that estimates, bounds, ranges and proofs share: what is minimised
+over which theta."""
 
 from __future__ import annotations
 
@@ -9,7 +10,12 @@ import numpy as np
 
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import Constraint, StackedCones, group_cones
+from sdp_vs_penalty.robot.constraint import (
+    Constraint,
+    ConstraintSet,
+    StackedCones,
+    group_cones,
+)
 
 
 @dataclass(frozen=True)
@@ -80,11 +86,18 @@ class Entropy:
 
 
 @dataclass(frozen=True)
-class Objective:
-    """loss(theta) [+ entropy] [+ linear (p,) @ theta]: convex, with value and gradient."""
+class ConvexProblem:
+    """Minimise loss(theta) [+ entropy] [+ linear @ theta] over the convex constraints.
+
+    |theta_k| <= bound_k follows from them; nothing else is known of the set.
+    """
 
     #: The sum of squared (weighted) residuals.
     least_squares: LeastSquares
+    #: What theta has to fulfil; those that are not convex are only judged.
+    constraints: ConstraintSet
+    #: (p,) with |theta_k| <= bound_k for every feasible theta.
+    bound: Array
     #: The entropic prior; None without one.
     entropy: Entropy | None = None
     #: Slope (p,) of a linear term, of which bounds are proved (:mod:`extremes`);
@@ -92,28 +105,17 @@ class Objective:
     linear: Array | float = 0.0
 
     @classmethod
-    def without_data(cls, p: int, linear: Array | float = 0.0) -> Objective:
-        """Return the linear objective linear @ theta without data; zero is used to
+    def without_data(
+        cls, constraints: ConstraintSet, bound: Array, linear: Array | float = 0.0
+    ) -> ConvexProblem:
+        """Return the problem of linear @ theta without data; of zero, it is used to
         prove infeasibility."""
-        return cls(
-            LeastSquares(
-                np.zeros((0, p)),
-                rho=np.zeros(0),
-                residual_norm=0.0,
-                tau_squared=0.0,
-                rows=0,
-            ),
-            linear=linear,
-        )
+        nothing = LeastSquares(np.zeros((0, len(bound))), np.zeros(0), 0.0, 0.0, 0)
+        return cls(nothing, constraints, bound, linear=linear)
 
     def value(self, theta: Array) -> float:
-        """Return the objective: loss, prior and linear term.
-
-        Returns
-        -------
-        float
-            Infinite outside of the prior's domain.
-        """
+        """Return the objective at theta (p,): loss, prior and linear term; infinite
+        outside of the prior's domain."""
         prior = 0.0 if self.entropy is None else self.entropy.value(theta)
         linear = float(np.sum(self.linear * theta))
         return self.least_squares.loss(theta) + prior + linear
@@ -124,3 +126,28 @@ class Objective:
         if self.entropy is None:
             return gradient
         return gradient + self.entropy.gradient(theta)
+
+    @cached_property
+    def essential(self) -> tuple[Constraint, ...]:
+        """The convex constraints without those that others or the data imply.
+
+        The range of a parameter is implied if reaching its end makes more torque than
+        was measured, whatever the other parameters do. Redundant rows leave the dual
+        undetermined, which costs a solver digits; feasibility and certificate use all
+        constraints.
+        """
+        torque = self.least_squares.own_torque
+        largest = np.sqrt(self.least_squares.tau_squared)
+
+        def can_be_reached(c: Constraint) -> bool:
+            """Return whether the end of a range needs no more torque than was
+            measured."""
+            # From the rows themselves, so that it holds in any system of units.
+            reach = float(np.min(c.constant / np.abs(c.coefficients).max(axis=0)))
+            return bool(np.any(reach * torque[c.indices] <= largest))
+
+        return tuple(
+            c
+            for c in self.constraints.essential
+            if c.family != "range" or can_be_reached(c)
+        )
