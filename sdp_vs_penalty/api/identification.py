@@ -199,7 +199,7 @@ def identify_many(
     method : str or Estimator, default "lmi-sdp"
         A name or an Estimator, as :func:`identify` takes it.
     jobs : int
-        Number of processes.
+        Number of processes that share the logs.
     **options
         The other arguments of :func:`identify`.
 

@@ -346,7 +346,7 @@ class Effect(ABC):
         Parameters
         ----------
         joint
-            The joint from 0.
+            Number of the joint, counted from 0.
 
         Returns
         -------
@@ -572,7 +572,7 @@ class Effect(ABC):
         theta
             (k,) parameters of this effect.
         t
-            (N,) instants [s].
+            (N,) instants of the torque's rows [s].
         torque
             (N, n) what the channels read [N m, N].
 
@@ -599,9 +599,9 @@ class Effect(ABC):
         Parameters
         ----------
         robot
-            The robot.
+            The robot that the search is for.
         joint
-            The joint from 0.
+            Number of the joint, counted from 0.
 
         Returns
         -------
@@ -626,7 +626,7 @@ class Effect(ABC):
         Parameters
         ----------
         robot
-            The robot.
+            The robot that the search is for.
         joint
             The joint from 0; None stands for the whole robot.
         start
@@ -720,7 +720,7 @@ class Effect(ABC):
         Returns
         -------
         str
-            A sentence, or nothing.
+            A sentence for users; empty for none.
         """
         return ""
 
@@ -856,7 +856,7 @@ class JointEffect(Effect):
         motion
             The motion at N instants.
         joint
-            The joint from 0.
+            Number of the joint, counted from 0.
 
         Returns
         -------
@@ -882,7 +882,7 @@ class JointEffect(Effect):
         Returns
         -------
         list of Block
-            One block a joint.
+            One block for each joint of the effect.
         """
         blocks = list[Block]()
         first_parameter = 0

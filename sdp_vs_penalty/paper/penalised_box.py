@@ -319,7 +319,7 @@ class BoxedProblem:
         gap : float
             Relative gap at which the search ends.
         most_cells : int
-            Largest number of relaxations.
+            Largest number of relaxations that are solved.
 
         Returns
         -------

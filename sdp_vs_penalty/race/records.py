@@ -86,9 +86,9 @@ class Part:
         Parameters
         ----------
         runs : (M,) array of int
-            Run of each row.
+            Number of each row's run, from 0.
         t : (M,) array
-            Instants [s].
+            Instants of the rows [s].
         """
         is_of_run = np.ones(len(t), bool) if self.run is None else runs == self.run
         is_before = True if self.until is None else t <= self.until

@@ -121,7 +121,7 @@ def torque_band(
     motion : path, arrays, Measurements
         A run, with the torque that was measured.
     data : path, arrays, Measurements, optional
-        As :func:`~sdp_vs_penalty.ranges.table.find_ranges` takes them.
+        Measurements, as :func:`~sdp_vs_penalty.ranges.table.find_ranges` takes them.
 
     Returns
     -------

@@ -69,7 +69,7 @@ def ratios(
     Parameters
     ----------
     numerators, denominators : sequences of (p,) arrays
-        h and m.
+        Coefficients h and m of each ratio.
     masses : sequence of (End, End)
         Least and greatest value of each m.
     """

@@ -223,9 +223,9 @@ class _Direction:
     slacks: Array
     #: (k, rows + 16 blocks) of the multipliers.
     multipliers: Array
-    #: (k,) first-order change of the ball's slack, and the negative of its second-order
-    #: one, |A step|^2.
+    #: (k,) first-order change of the ball's slack.
     ball_slack: Array
+    #: (k,) the negative of its second-order change, |A step|^2.
     ball_bend: Array
     #: (k,) of the ball's multiplier.
     ball: Array
@@ -412,7 +412,7 @@ class InteriorPoint:
         start : Points, optional
             Of the same functions, perhaps in other balls; default: the centre.
         squared_radius : (k,) array
-            Of each function's ball.
+            Squared radius of each function's ball.
         first : float
             Local length of the first step away from the analytic centre.
         """

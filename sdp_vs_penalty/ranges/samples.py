@@ -110,7 +110,7 @@ def find_samples(
     model : Estimate, str or Path
         A model, or its file: effects, filters and constraints.
     n : int
-        Number of models.
+        Number of models that are drawn.
     data : path, arrays, Measurements, optional
         Default: those that the model was identified from, as long as the program runs.
     prior : {"flat", "entropic"}
@@ -124,7 +124,7 @@ def find_samples(
     Raises
     ------
     InputError
-        As :func:`~sdp_vs_penalty.ranges.table.find_ranges` does.
+        For the same input as :func:`~sdp_vs_penalty.ranges.table.find_ranges`.
     """
     estimate = as_estimate(model, "find_samples(model=...)")
     posed, floor = training_of(estimate, data)
@@ -139,14 +139,14 @@ def sample_models(
     Parameters
     ----------
     n : int
-        Number of models.
+        Number of models that are drawn.
     prior : str
-        "flat" or "entropic".
+        "flat" in the standard parameters, or "entropic".
 
     Returns
     -------
     Samples
-        Each within all constraints.
+        Models, each within all constraints.
 
     Raises
     ------
@@ -314,8 +314,9 @@ class _Move:
 
     #: (k, p) directions of theta.
     directions: Array
-    #: Rows and blocks of the cones that any of them moves.
+    #: Rows of the cones that any of them moves.
     rows: Indices
+    #: Blocks of the cones that any of them moves.
     mats: Indices
     #: (k, rows + 16 blocks) changes of their slacks.
     slacks: Array

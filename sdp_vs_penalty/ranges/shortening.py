@@ -75,7 +75,7 @@ def shortening_runs(
     Parameters
     ----------
     function : str
-        Such as "m4".
+        Name of a linear function, such as "m4".
     data : path, arrays, Measurements, optional
         Measurements so far; default: those that the model was identified from, as long
         as the program runs.
@@ -86,7 +86,7 @@ def shortening_runs(
     frequency : float
         Of the first harmonic [rad/s].
     candidates : int
-        Number of motions.
+        Number of motions that are compared.
     seed : int
         Seed of the first motion.
     progress : callable

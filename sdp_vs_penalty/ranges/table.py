@@ -376,7 +376,7 @@ def find_end(
     function : str
         Such as "m4"; a centre of mass or an inertia about it is not linear.
     side : {"least", "greatest"}
-        Which end.
+        Which of the two ends.
 
     Returns
     -------
@@ -452,7 +452,7 @@ def ranges_of(
     posed : EstimationProblem
         The identification problem of the data.
     theta : (p,) array
-        The model's parameters.
+        Parameters of the identified model.
     floor : (n,) array or None
         Noise floor of the data [N m, N].
     names : sequence of str

@@ -64,7 +64,7 @@ def what_to_measure(
     Parameters
     ----------
     function : str
-        Such as "m4".
+        Name of a linear function, such as "m4".
     """
     estimate = as_estimate(model, "what_to_measure(model=...)")
     posed, floor = training_of(estimate, data)

@@ -359,7 +359,7 @@ def _share(
     before : str
         Words before the number; "": the number is in brackets.
     more : sequence of str
-        Words to add.
+        Words to add behind the share.
     common : float
         Number of problems on which it is compared, said where it has run others.
     """

@@ -132,7 +132,7 @@ def row_of(
     Parameters
     ----------
     methods : mapping
-        Methods by row.
+        Names of methods by their row.
     judged : mapping
         Their cross-validations on the real run, if there are any.
     """
