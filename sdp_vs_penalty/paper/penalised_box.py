@@ -34,7 +34,8 @@ from sdp_vs_penalty.paper.penalised_optimum import (
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import Constraint, linear
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, linear
+from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
 
 #: Rows and columns of a symmetric 3x3 matrix's entries, in the order of an inertia.
 _ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
@@ -118,7 +119,8 @@ class BoxedProblem:
         largest_q = self.task.bound[self.links[:, 0]] * farthest**2
         bound = np.concatenate([self._bound(limit), np.repeat(largest_q, 6)])
         widened, cost = self._loss(weight)
-        fit = solve_once(widened, cost, constraints, start, bound)
+        demands = ConstraintSet(tuple(constraints))
+        fit = solve_once(ConvexProblem(widened, demands, bound, linear=cost), start)
         if fit is None:
             raise InputError(
                 "a cell of centres of mass has no point inside of it",
@@ -282,11 +284,12 @@ class BoxedProblem:
                 fold[places, link[0]] = share
         columns = np.flatnonzero(fold.any(axis=0))  # of the remaining variables
         fold = fold[:, columns]
-        constraints = [_fold(x, fold) for x in self._always(limit)]
+        constraints = ConstraintSet(tuple(_fold(x, fold) for x in self._always(limit)))
         folded = replace(data, R=data.R @ fold)
         start = self._start(c, c, limit)[columns]
         bound = self._bound(limit)[columns]
-        fit = solve_once(folded, cost[columns], constraints, start, bound)
+        problem = ConvexProblem(folded, constraints, bound, linear=cost[columns])
+        fit = solve_once(problem, start)
         if fit is None:
             return None
         theta = self.problem.theta(fold @ fit.theta)

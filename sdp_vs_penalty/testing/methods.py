@@ -180,7 +180,7 @@ def check_all_options_are_declared(solver: Solver) -> None:
         ):
             passed |= {k.arg for k in node.keywords if k.arg}
         elif isinstance(node, ast.Dict) and any(map(unpacks, node.values)):
-            passed |= {k.value for k in node.keys if isinstance(k, ast.Constant)}
+            passed |= {str(k.value) for k in node.keys if isinstance(k, ast.Constant)}
     hidden = ", ".join(sorted(passed - _SILENCE))
     demand(not hidden, f"run passes {hidden}: declare it in default_options")
 
