@@ -299,7 +299,7 @@ def _findings(
     if rises := errors_that_rise(shown):
         paragraph(rises)
     if words.shared_doubt:
-        paragraph(f"Every uncertain finding: {words.shared_doubt}")
+        paragraph(words.shared_doubt)
     for number, finding in enumerate(words.findings[: len(shown)], start=1):
         paragraph(
             f"{number}. {finding.title_with_doubt}: {finding.size_and_constants}."

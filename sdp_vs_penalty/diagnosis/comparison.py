@@ -23,6 +23,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.nominal import NOMINAL, as_model
 from sdp_vs_penalty.estimation.verdict import (
     ABOVE_NOISE,
+    MOSTLY_NEW,
     ErrorsBesideNoise,
     NoiseFloor,
     Verdict,
@@ -144,6 +145,7 @@ class Comparison(Record):
             floor=self.noise_floor,
             torque=self.torque_rms,
             units=self.estimate.torque_units,
+            kind=self.kind_of_error,
         )
 
     @fact("N m or N", name="error", column="error", per_joint=True)
@@ -222,6 +224,14 @@ class Comparison(Record):
         torques = np.bincount(stretch, np.sum(signals.measured**2, axis=1))
         return upper_relative_error(errors.astype(float), torques.astype(float))
 
+    @fact("")
+    def kind_of_error(self) -> str:
+        """What stands beside the errors where little of the judged motion is new: "on
+        training motion"; "" for unseen motion, and where that is not recorded."""
+        share = self.new_motion_share
+        is_new = share is None or share >= MOSTLY_NEW
+        return "" if is_new else "on training motion"
+
     @fact("Hz", name="band")
     def band(self) -> float:
         """The low-pass that measured and modelled torque passed."""
@@ -260,7 +270,7 @@ class Comparison(Record):
         thickness = self.estimate.certificate.smallest_thickness
         return None if thickness is None else 1e3 * thickness
 
-    @fact(digits=1, column="distance to best fit")
+    @fact(digits=1, column="fit may improve by")
     def distance_to_best_fit(self) -> float | None:
         """The certified gap: how far the loss can be above the best possible one, as a
         share of it."""

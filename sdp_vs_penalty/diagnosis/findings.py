@@ -362,11 +362,12 @@ class Finding(Rated):
             rival = f"{rival}:{self.joints[0]}"
         return f"{self.text},{rival}"
 
-    def remedy(self, number: int) -> Remedy:
-        """Return what would mend the model: adding this finding, by its number in the
-        list; the effects that fit as well are its rivals.
+    def remedy(self, diagnosis: Diagnosis) -> Remedy:
+        """Return what would mend the model: adding this finding of the diagnosis; the
+        effects that fit as well are its rivals.
         """
-        arguments = {"effects": [self.text], "findings": [number]}
+        arguments = {"effects": [self.text], "findings": [self.number]}
+        before, after = diagnosis.errors_of(self)
         rivals = tuple(
             Change("add", f"add {effect_in_words(text)}", {"effects": [text]})
             for text in self.rivals_without_curve
@@ -375,8 +376,8 @@ class Finding(Rated):
             self.title,
             *self.grade_and_why,
             Change("add", f"add {named_on_joints([self])}", arguments),
-            tuple(self.held_out_rmse_before.tolist()),
-            tuple(self.held_out_rmse_after.tolist()),
+            tuple(before.tolist()),
+            tuple(after.tolist()),
             rivals,
         )
 
@@ -431,10 +432,10 @@ class Finding(Rated):
         return max(0.0, 1.0 - float(after / before) ** 2)
 
     def gain_sentence(self, diagnosis: Diagnosis) -> str:
-        """Say how adding the finding changes its joint's RMS error on data left out.
+        """Say how adding the finding changes its joint's RMS error on data left out
+        (:meth:`Diagnosis.errors_of`).
 
-        The findings before it in the list are added already. If the noise is known,
-        errors are in multiples of it, with N m in brackets.
+        If the noise is known, errors are in multiples of it too.
 
         Parameters
         ----------
@@ -442,7 +443,7 @@ class Finding(Rated):
             The diagnosis of the finding, for the noise and units.
         """
         j = self.main_joint - 1
-        both = [self.held_out_rmse_before, self.held_out_rmse_after]
+        both = diagnosis.errors_of(self)
         is_lower = both[1][j] < both[0][j]
         errors = both if is_lower else both[:1]
         ratios = [over_noise(rmse, diagnosis.known_floor) for rmse in errors]
@@ -556,6 +557,9 @@ class Diagnosis(Record, JsonRecord):
     #: What the check calls likely of the log, with the repair; nothing is sure beside
     #: it. None where a finding states the same.
     log_faults: tuple[Remedy, ...] = ()
+    #: (n,) RMS errors on the test run of the model with all that is sure, which
+    #: ``compare`` says of that model [N m or N]; None where none was judged.
+    judged_rmse_with_sure: Array | None = None
 
     def __post_init__(self) -> None:
         """Number the findings."""
@@ -682,7 +686,7 @@ class Diagnosis(Record, JsonRecord):
         The search fits by least squares; `compare` and `add` fit by the model's own
         method, and print slightly different numbers. The search's errors stay for weak
         findings, and if the certain findings do not come first in the list, for all but
-        the first error.
+        the first error; what is said of a joint follows :meth:`errors_of`.
 
         Parameters
         ----------
@@ -694,12 +698,14 @@ class Diagnosis(Record, JsonRecord):
         Returns
         -------
         Diagnosis
-            With these errors; unchanged if it re-estimates constants of the model.
+            With these errors; those of single findings are unchanged if it re-estimates
+            constants of the model.
         """
+        judged = replace(self, held_out_rmse_before=before, judged_rmse_with_sure=after)
         if self.retuned:
-            return self
+            return judged
         if not self.effects and not self.curves:
-            return replace(self, held_out_rmse_before=before, held_out_rmse=before)
+            return replace(judged, held_out_rmse=before)
         findings = list(self.effects)
         if findings:
             findings[0] = replace(findings[0], held_out_rmse_before=before)
@@ -715,12 +721,24 @@ class Diagnosis(Record, JsonRecord):
                 findings[n_certain] = replace(first_weak, held_out_rmse_before=after)
             else:
                 error_with_all = after
-        return replace(
-            self,
-            effects=tuple(findings),
-            held_out_rmse_before=before,
-            held_out_rmse=error_with_all,
-        )
+        return replace(judged, effects=tuple(findings), held_out_rmse=error_with_all)
+
+    def errors_of(self, finding: Finding) -> tuple[Array, Array]:
+        """Return a finding's errors on data left out, (n,) before and after it [N m or N]:
+        the one figure of its joint that every place says.
+
+        That of the two models which were judged on the test run, the model and the one
+        with all that is sure, where the finding is the only sure one on its joint;
+        beside others, and for a weak one, that of the search, after those before it in
+        the list.
+        """
+        after = self.judged_rmse_with_sure
+        on_joint = [
+            f.text for f in self.sure if finding.main_joint in f.joints or not f.joints
+        ]
+        if after is None or on_joint != [finding.text]:
+            return finding.held_out_rmse_before, finding.held_out_rmse_after
+        return self.held_out_rmse_before, after
 
     @fact("", digits=9)
     def n_confident(self) -> int:
@@ -833,7 +851,7 @@ class Diagnosis(Record, JsonRecord):
     @property
     def remedies_by_finding(self) -> tuple[Remedy, ...]:
         """The remedy of each finding, in the order of the list."""
-        return tuple(f.remedy(k) for k, f in enumerate(self.effects, start=1))
+        return tuple(f.remedy(self) for f in self.effects)
 
     @property
     def _all_that_is_sure(self) -> Remedy:
@@ -856,7 +874,9 @@ class Diagnosis(Record, JsonRecord):
             words,
             {"effects": texts, "findings": "all" if takes_all else "confident"},
         )
-        before, after = self.held_out_rmse_before, self.held_out_rmse_with_all
+        before, after = self.held_out_rmse_before, self.judged_rmse_with_sure
+        if after is None or takes_all:
+            after = self.held_out_rmse_with_all
         return Remedy(
             self._missing,
             "certain" if all(f.rating == "confident" for f in self.sure) else "likely",
@@ -1018,11 +1038,12 @@ class Diagnosis(Record, JsonRecord):
         if above_noise:
             return (
                 "No effect of the library explains the torque beyond the noise on"
-                f" {formatting.joints(above_noise)}: joint {worst} errs by {error}."
+                f" {formatting.joints(above_noise)}: joint {worst} errs by {error}, on data"
+                " left out."
             )
         return (
             "Nothing is missing that these measurements could show: no joint errs by"
-            f" more than {error} (joint {worst})."
+            f" more than {error}, on data left out (joint {worst})."
         )
 
     @property

@@ -346,6 +346,9 @@ class ErrorsBesideNoise:
     torque: Array
     #: Unit of each joint's torque, such as "N*m".
     units: tuple[str, ...]
+    #: What stands beside an error that is not of unseen motion, such as "on training
+    #: motion"; "" for unseen motion.
+    kind: str = ""
 
     @property
     def over_noise(self) -> Array | None:
@@ -387,15 +390,26 @@ class ErrorsBesideNoise:
         return (np.flatnonzero(is_unusable) + 1).tolist()
 
     def words(self, joint: int) -> str:
-        """Return the error of a joint (from 1) in its unit, and in multiples of its
-        noise where that is known.
+        """Return the error of a joint (from 1) in its unit, in multiples of its noise
+        where that is known, and of what kind it is.
         """
         unit = formatting.plain_unit(self.units[joint - 1])
         error = float(self.rmse[joint - 1])
         over = self.over_noise
-        if over is None:
-            return f"{formatting.number(error)} {unit}"
-        return formatting.times_noise(float(over[joint - 1]), error, unit)
+        text = f"{formatting.number(error)} {unit}"
+        if over is not None:
+            text = formatting.times_noise(float(over[joint - 1]), error, unit)
+        return f"{text}, {self.kind}" if self.kind else text
+
+    def joint_errs(self, joint: int) -> str:
+        """Say by how much a joint (from 1) errs: as a share of its torque, in its unit,
+        and in multiples of its noise."""
+        share = float(self.beyond_noise[joint - 1])
+        beyond = "" if self.floor is None else " beyond the noise"
+        amount = f"{formatting.number(share)} % of its torque{beyond}"
+        if not np.isfinite(share):
+            amount = "a torque of which none was measured"
+        return f"Joint {joint} errs by {amount} ({self.words(joint)})"
 
     def within_noise_in_words(self, worst: int) -> str:
         """Say that no joint errs by more than joint ``worst`` (from 1), in multiples of
@@ -403,21 +417,17 @@ class ErrorsBesideNoise:
         unit = formatting.plain_unit(self.units[worst - 1])
         error = formatting.number(float(self.rmse[worst - 1]))
         ratio = formatting.number(float(np.asarray(self.over_noise)[worst - 1]))
+        kind = f", {self.kind}" if self.kind else ""
         return (
             f"No joint errs by more than {ratio} times its noise"
-            f" (joint {worst}: {error} {unit})"
+            f" (joint {worst}: {error} {unit}{kind})"
         )
 
     def share_in_words(self) -> str:
         """Say which joints are unusable, and by how much the worst one errs."""
         joints = self.unusable
         worst = max(joints, key=lambda joint: float(self.beyond_noise[joint - 1]))
-        share = float(self.beyond_noise[worst - 1])
-        beyond = "" if self.floor is None else " beyond the noise"
-        amount = f"{formatting.number(share)} % of its torque{beyond}"
-        if not np.isfinite(share):
-            amount = "a torque of which none was measured"
-        text = f"Joint {worst} errs by {amount} ({self.words(worst)})"
+        text = self.joint_errs(worst)
         others = [joint for joint in joints if joint != worst]
         if others:
             text += f", {formatting.joints(others)} by more than {NO_MODEL:g} %"
@@ -468,14 +478,14 @@ def _fit(errors: ErrorsBesideNoise, source: str, is_worse_than_constant: Mask) -
 
 
 def _worst_in_words(errors: ErrorsBesideNoise, over: Array) -> str:
-    """Return the joint that errs most, in multiples of its noise and in its unit.
+    """Say which joint errs most, and by how much.
 
     ``over`` (n,) is the ratio of error and noise of each joint.
     """
     worst = int(np.argmax(over)) + 1
     if over[worst - 1] <= ABOVE_NOISE:
         return errors.within_noise_in_words(worst)
-    return f"Joint {worst} errs by {errors.words(worst)}"
+    return errors.joint_errs(worst)
 
 
 def _prediction(

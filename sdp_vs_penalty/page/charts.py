@@ -116,9 +116,9 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
             plot.update_axes("y", row, range=span)
     kinds = "/".join(dict.fromkeys("m" if unit == "N" else "rad" for unit in units))
     titles = (
-        f"q [{kinds}]",
-        f"dq [{kinds}/s]",
-        f"tau [{'/'.join(dict.fromkeys(units))}]",
+        f"Position [{kinds}]",
+        f"Velocity [{kinds}/s]",
+        f"Torque [{'/'.join(dict.fromkeys(units))}]",
     )
     for row, title in enumerate(titles[: len(shown)]):
         plot.update_axes("y", row, title=title)

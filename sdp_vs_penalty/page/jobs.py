@@ -35,10 +35,12 @@ from sdp_vs_penalty.checks.report import list_remedies
 from sdp_vs_penalty.data.catalogue import DATASETS, dataset
 from sdp_vs_penalty.data.datasets import fetch as fetch_dataset
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
+from sdp_vs_penalty.data.hypotheses.proposals import layout_of_table
 from sdp_vs_penalty.data.hypotheses.report import ColumnReport, describe_columns
 from sdp_vs_penalty.data.measurements import Measurements, Runs, columns_of, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.data.plausibility import check_torque, find_idle_joints
+from sdp_vs_penalty.data.words.tokens import group_of
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare, predicted
 from sdp_vs_penalty.diagnosis.diagnose import diagnose as find_missing_effects
@@ -425,26 +427,21 @@ def _columns_of(
 
 def _guessed(report: ColumnReport, ours: Sequence[str]) -> dict[str, str]:
     """Return the file's column for each of our names: what is recognised, and the columns
-    of numbers that are left in their order, where these are as many as names are left
-    (perhaps without a clock, perhaps with velocities between positions and torques).
-    Where no name says anything, more columns may follow the torques: the order is the
-    one that the reader's sentence proposes.
-    """
+    of numbers that are left by their order, as the reader's sentence proposes it."""
     known = {name: report.rename.get(name, "") for name in ours}
-    taken = {row.name for row in report.rows if row.meaning}
-    free = [r.name for r in report.rows if r.name not in taken and r.kind == "number"]
-    left = [name for name in ours if not known[name]]
-    n = len(ours) // 2  # joints
-    says_nothing = not taken and n > 1 and len(free) > 3 * n
-    has_no_clock = says_nothing and len(free) % n == 0
-    if "t" in left and (has_no_clock or len(free) == len(left) - 1):
-        left.remove("t")
-    m = len(left)
-    follows = says_nothing and (len(free) - m) % n == 0
-    if follows or len(free) == m + n:  # velocities stand before the torques
-        free = free[: m - n] + free[m : m + n]
-    if len(free) == len(left):
-        known |= dict(zip(left, free, strict=True))
+    free = [r.name for r in report.rows if not r.meaning and r.kind == "number"]
+    if any(known[name] for name in ours if name != "t"):
+        layout = [name for name in ours if not known[name]]
+        layout = layout if len(layout) == len(free) else [x for x in layout if x != "t"]
+        is_of_robot = len(layout) == len(free)
+    else:
+        has_clock = False if known["t"] else None
+        layout = layout_of_table(len(free), len(ours) // 2, has_clock=has_clock)
+        named = {"t", *(name for name in layout if group_of(name) != "dq")}
+        is_of_robot = named == {*ours}
+    if is_of_robot:
+        named_columns = dict(zip(layout, free, strict=False))
+        known |= {x: name for x, name in named_columns.items() if x in known}
     return known
 
 

@@ -63,6 +63,12 @@ class ModelStep(JsonRecord):
         """The facts of the comparison with the judging runs."""
         return facts_from_json(self.comparison)
 
+    @property
+    def error(self) -> str:
+        """ "Error", with what stands beside it where it is not of unseen motion."""
+        kind = self.facts.get("kind_of_error")  # none in files of older versions
+        return f"Error {kind.text}".rstrip() if kind else "Error"
+
     @staticmethod
     def joint_number(j: int) -> int:
         """Return the number that people see of the joint with index j: it counts

@@ -57,7 +57,16 @@ KEPT = (
     "hidden",
 )
 #: What is chosen besides.
-CHOSEN = ("seed", "frozen", "options", "reading", "anyway", "names", "name")
+CHOSEN = (
+    "seed",
+    "frozen",
+    "options",
+    "reading",
+    "anyway",
+    "seen_issues",
+    "names",
+    "name",
+)
 #: Steps back that are kept.
 MOST_STEPS = 20
 #: Samples of all runs with which remedies are tried before anyone asks.
@@ -645,7 +654,7 @@ class Session:
                 mapping.setdefault("torques", {})
             return {**kept, "history": [steps[k] for k in kept["history"]]}
 
-        for name in CHOSEN:
+        for name in {*CHOSEN} & content.keys():  # an older version has fewer
             setattr(session, name, content[name])
         session.names = {here(path): name for path, name in session.names.items()}
         for name, value in read(content["now"]).items():
@@ -881,15 +890,15 @@ class Session:
         some for testing.
 
         A single run is split into both if it is long enough. If all runs are new
-        (``new``) and their names make all of them for testing, the first becomes
-        training.
+        (``new``) and their names make all of them for one use, the first is for training
+        and the last for testing: an error is one of unseen motion where there is any.
         """
         if len(self.runs) == 1:
             self.runs[0]["use"] = "split" if self.runs[0]["split"] else "train"
             return
         has_only_new = bool(new) and len(new) == len(self.runs)
-        if has_only_new and all(run["use"] == "test" for run in new):
-            new[0]["use"] = "train"
+        if has_only_new and len({run["use"] for run in new}) == 1:
+            new[0]["use"], new[-1]["use"] = "train", "test"
 
     def use(self, file: str, use: str) -> None:
         """Use a run for "train", "test" or "split", or remove it ("").
@@ -1059,6 +1068,7 @@ class Session:
     def see_issues(self) -> None:
         """Remember that the person was led to the issues of the check."""
         self.seen_issues = self.kinds_of_issue
+        self.save()
         self.changed()
 
     async def open_model(self, path: str, name: str) -> None:

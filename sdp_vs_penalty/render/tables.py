@@ -108,11 +108,11 @@ def failure_table(failures: Sequence[JointFailure]) -> Table:
 
 
 #: What determines a parameter: the data, or without them what else there is.
-_SOURCES = {
+SOURCES = {
     "data": "data",
     "given": "given",
-    "prior": "prior alone",
-    "bounds": "bounds alone",
+    "prior": "nominal robot",
+    "bounds": "limits",
 }
 
 
@@ -141,7 +141,7 @@ def link_table(
         "link": [f"{k} ({name})" for k, name in enumerate(names, start=1)],
         "mass [kg]": [number(x, 4) for x in links[:, 0]],
         "nominal": [number(x, 4) for x in nominal[:, 0]],
-        "from": [_SOURCES[estimate.sources[k]] for k in masses],
+        "from": [SOURCES[estimate.sources[k]] for k in masses],
         "can be [kg]": [
             (ranges or {}).get(estimate.model.parameters[k].name, "") for k in masses
         ],
@@ -179,7 +179,7 @@ def parameter_table(
         (
             name,
             entry.verdict,
-            entry.source,
+            SOURCES.get(entry.source, entry.source),
             *(
                 number(zero_if_rounding(x), 4)
                 for x in (entry.value, entry.lower, entry.upper, entry.nominal)

@@ -48,6 +48,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.gains import limited_drives, open_torques
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number, plain_unit
+from sdp_vs_penalty.render.tables import SOURCES
 from sdp_vs_penalty.results.remedy import Remedy
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.signals.noise import NOISE_UNKNOWN
@@ -148,8 +149,6 @@ def describe_finding(
     if any(other.effect == finding.effect for other in earlier):
         physics = ""  # it was said of the first one
     rivals = finding.rivals_in_words
-    is_certain = finding.torque_is_certain
-    shared = [] if is_certain else shared_doubts(diagnosis.effects)
     return FindingWords(
         title=finding.title,
         on_the_arm=finding.on_the_arm,
@@ -161,7 +160,7 @@ def describe_finding(
         physics=physics,
         rivals=f"Fits as well: {rivals}." if rivals else "",
         splits=finding.splits_sentence,
-        doubt=doubt_of(finding, shared),
+        doubt=doubt_of(finding, shared_doubts(diagnosis.effects)),
         test=finding.telling_run(model),
     )
 
@@ -178,23 +177,27 @@ def weak_title(n_weak: int, n_added: int = 0) -> str:
 
 #: Doubts about the size of a torque that is there, and of no other effect.
 _OF_SIZE = {Doubt("uncertain"), Doubt("insignificant")}
+#: Rating of a finding with these alone.
+SIZE_UNCERTAIN = "size uncertain"
 
 
 def _badge_of(rated: Finding | Retune) -> str:
     """Return how sure a finding is, in a word or two."""
     is_of_size = rated.torque_is_certain and {*rated.doubts} <= _OF_SIZE
     is_weak = rated.rating == "weak"
-    return "size uncertain" if is_weak and is_of_size else rated.rating
+    return SIZE_UNCERTAIN if is_weak and is_of_size else rated.rating
 
 
 def doubt_of(rated: Finding | Retune, shared: Collection[Doubt] = ()) -> str:
     """Say why a finding or a re-estimated constant is not confident; "" if it is.
 
-    Doubts that it shares with all others are left out, and that another effect fits as
-    well, where the effect is named.
+    What stands elsewhere is left out: doubts that it shares with others, that another
+    effect fits as well, where the effect is named, and the size's, which its badge says.
     """
     is_named = isinstance(rated, Finding) and bool(rated.rivals_in_words)
     left_out = {*shared, *([Doubt("rivals")] if is_named else [])}
+    if _badge_of(rated) == SIZE_UNCERTAIN:
+        left_out.add(Doubt("uncertain"))
     return _in_words([doubt for doubt in rated.doubts if doubt not in left_out])
 
 
@@ -204,12 +207,23 @@ def _in_words(doubts: Sequence[Doubt]) -> str:
     return f"{formatting.sentence(text)}." if text else ""
 
 
-def shared_doubts(findings: Sequence[Finding]) -> list[Doubt]:
-    """Return the doubts that all of several uncertain findings have."""
-    uncertain = [f.doubts for f in findings if not f.torque_is_certain]
-    if len(uncertain) < 2:
-        return []
-    return [doubt for doubt in uncertain[0] if all(doubt in x for x in uncertain)]
+def shared_doubts(findings: Sequence[Finding]) -> dict[Doubt, list[int]]:
+    """Return the doubts that several uncertain findings have, with their numbers; that
+    another effect fits as well is said of each, with the effect's name."""
+    numbers: dict[Doubt, list[int]] = {}
+    for finding in findings:
+        for doubt in () if finding.torque_is_certain else finding.doubts:
+            numbers.setdefault(doubt, []).append(finding.number)
+    numbers.pop(Doubt("rivals"), None)
+    return {doubt: those for doubt, those in numbers.items() if len(those) > 1}
+
+
+def _shared_doubt(findings: Sequence[Finding]) -> str:
+    """Say which doubts several uncertain findings share, each once; "" without any."""
+    return " ".join(
+        f"Findings {formatting.words(numbers)}, each: {doubt.sentence}."
+        for doubt, numbers in shared_doubts(findings).items()
+    )
 
 
 def describe_constant(constant: Retune) -> FindingWords:
@@ -235,7 +249,7 @@ class DiagnosisWords:
     advice: str
     #: Words of each finding.
     findings: tuple[FindingWords, ...]
-    #: What makes every uncertain finding uncertain, in a sentence; "" for nothing.
+    #: What makes several findings uncertain, a sentence each; "" for nothing.
     shared_doubt: str
     #: Words of each constant that was re-estimated.
     constants: tuple[FindingWords, ...]
@@ -273,7 +287,7 @@ def describe_diagnosis(
         verdict=diagnosis.headline,
         advice=diagnosis.advice,
         findings=tuple(findings),
-        shared_doubt=_in_words(shared_doubts(diagnosis.effects)),
+        shared_doubt=_shared_doubt(diagnosis.effects),
         constants=tuple(map(describe_constant, diagnosis.retuned)),
         curves=tuple(curve.sentence(units) for curve in diagnosis.curves),
         left=diagnosis.left_sentence,
@@ -482,7 +496,11 @@ def describe_outcome(
         return f"joint {j + 1}'s error does not fall on data left out."
     was, now = (formatting.number(x[j]) for x in (remedy.before, remedy.after))
     unit = f" {plain_unit(units[j])}" if units else ""
-    return f"joint {j + 1}'s error falls from {was} to {now}{unit} on data left out."
+    change = formatting.change_of(remedy.before[j], remedy.after[j])
+    return (
+        f"joint {j + 1}'s error falls from {was} to {now}{unit} ({change}) on data left"
+        " out."
+    )
 
 
 def describe_worse(before: Comparison, after: Comparison) -> str:
@@ -562,11 +580,13 @@ def picture_title(before: Comparison, after: Comparison, joint: int, cause: str)
     return f"{text}: {before.name} (before), {after.name} (after)."
 
 
+#: Heading of the certificate.
+PROOF = "Proof: the limits are kept, and no better fit exists"
 #: What the certificate says, and who computed it.
 CERTIFICATE = (
-    "Violations of every family of constraints, including those that a method did not"
-    " receive. The lower bound is computed here from dual multipliers, independently of"
-    " what a solver claims."
+    "How far each kind of limit is violated, also those that a method was not given, and"
+    " how far the fit can be from the best possible one. Both are computed here: nobody's"
+    " word is taken, nor a solver's."
 )
 
 
@@ -612,7 +632,7 @@ def caveats(estimate: Estimate) -> list[str]:
     others = [source for source in sources if source not in ("data", "given")]
     if others:  # of the prior or of bounds
         lines.append(
-            f"{len(others)} of {estimate.n_parameters} standard parameters are from the"
-            f" {others[0]}, not from the data: do not read them one by one."
+            f"{len(others)} of {estimate.n_parameters} parameters are from the"
+            f" {SOURCES[others[0]]}, not from the data: do not read them one by one."
         )
     return lines

@@ -192,7 +192,7 @@ def test_fit_is_that_of_the_models(story):
     screen, (before, after) = story.screen, story.judged
     screen.view.select(cause="position")
     torque, error = screen.charts("fit")
-    assert f"Joint 2: the error is {number(after.rmse[1])} N m" in screen.text("fit")
+    assert f"Error of joint 2: {number(after.rmse[1])} N m" in screen.text("fit")
     signals, (band,) = after.signals, error["layout"]["shapes"]
     assert (
         band["y1"]

@@ -183,6 +183,27 @@ def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
     return pairs
 
 
+def layout_of_table(
+    width: int, n_joints: int | None, *, has_clock: bool | None = None
+) -> list[str]:
+    """Return our names for the columns of a table without a header, by their order.
+
+    As :func:`layout_of`; where each of the robot's joints has more columns than three,
+    the first are q, dq and tau, and those behind them have no name.
+    """
+    n_clocks = width % (n_joints or width)
+    if _has_more_than_three(width, n_joints) and has_clock in (None, bool(n_clocks)):
+        width = n_clocks + len(_GROUPS[0]) * (n_joints or 0)
+        has_clock = bool(n_clocks)
+    return layout_of(width, n_joints, has_clock=has_clock)
+
+
+def _has_more_than_three(width: int, n_joints: int | None) -> bool:
+    """Whether so many columns are more than three a joint, perhaps with a clock."""
+    n_groups, n_clocks = divmod(width, n_joints or width)
+    return (n_joints or 0) > 1 and n_clocks <= 1 and n_groups > len(_GROUPS[0])
+
+
 def names_without_header(
     log: Log, n_joints: int | None, rate: float | None
 ) -> dict[str, str]:
@@ -195,11 +216,10 @@ def names_without_header(
     each of the robot's joints has more columns than three.
     """
     width = len(log.names)
-    layout = layout_of(width, n_joints)
+    layout = layout_of_table(width, n_joints)
     problem = "row 1 holds numbers instead of a header"
-    n_groups, n_clocks = divmod(width, n_joints or width)
-    if n_joints and n_joints > 1 and n_clocks <= 1 and n_groups > len(_GROUPS[0]):
-        layout = ["t"] * n_clocks + layout_of(3 * n_joints, n_joints, has_clock=False)
+    if _has_more_than_three(width, n_joints):
+        n_groups, n_clocks = divmod(width, n_joints or width)
         command = _naming_command(log, layout, rate)
         a_clock = "a clock and " if n_clocks else ""
         raise InputError(

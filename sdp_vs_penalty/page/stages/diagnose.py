@@ -46,12 +46,13 @@ def models(view: View) -> None:
     units = session.robot["units"]
     errors = [model.comparison["rmse"] for model in history]
     floor = history[-1].comparison["noise_floor"]
-    ui.html(bars(errors[0], errors[-1], floor, units), sanitize=False)
+    what = history[-1].error
+    ui.html(bars(errors[0], errors[-1], floor, units, what), sanitize=False)
     draw.judged(history)
     facts = {f"error {k}": model.facts for k, model in enumerate(history, start=1)}
     runs = ", ".join(history[-1].judged_on)
-    with draw.details(f"RMS errors on {runs} as a table", "history-table"):
-        draw.table(joint_table(facts, units), "RMS error of each joint, model by model")
+    with draw.details(f"{what} (RMS) in {runs}, as a table", "history-table"):
+        draw.table(joint_table(facts, units), f"{what} of each joint, model by model")
 
 
 @requires_model(
@@ -145,8 +146,11 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
                     draw.note(f"Its constants: {words.constants}.")
         if words.doubt:
             draw.note(words.doubt)
-        for warning in session.warnings_of(finding.main_joint):
-            draw.tag("p", f"The check warns of this joint: {warning}.", "finding")
+        earlier = {other.main_joint for other in diagnosis.effects[:k]}
+        if finding.main_joint not in earlier:  # it was said of the first one
+            for warning in session.warnings_of(finding.main_joint):
+                text = f"The check warns of this joint: {warning}."
+                draw.tag("p", text, "finding")
         change = diagnosis.remedies_by_finding[k].change.to_dict()
         _adding(session, finding.text, change, f"add-{k}", f"Add {words.title}")
 
@@ -263,7 +267,7 @@ def _others(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) -> No
     for remark in (*verdict, *words.remarks, words.left):
         draw.note(spoken(remark))
     if words.invisible:
-        with draw.details("Not identifiable from these runs", "invisible"):
+        with draw.details("What these runs cannot show", "invisible"):
             draw.note("The model's existing parameters absorb the torque of:")
             with draw.tag("ul"):
                 for text in words.invisible:

@@ -33,7 +33,7 @@ from sdp_vs_penalty.page.view import (
 from sdp_vs_penalty.render import pieces
 from sdp_vs_penalty.render.charts import Curves, friction_figure
 from sdp_vs_penalty.render.tables import joint_table
-from sdp_vs_penalty.render.words import CERTIFICATE, plain_name
+from sdp_vs_penalty.render.words import CERTIFICATE, PROOF, plain_name
 from sdp_vs_penalty.reports.demo import METHODS
 from sdp_vs_penalty.results.facts import columns_of
 from sdp_vs_penalty.results.table import Table
@@ -283,7 +283,8 @@ class _Fit:
         after = comparison["rmse"] if len(history) > 1 else None
         before = history[0].comparison["rmse"]
         floor = comparison["noise_floor"]
-        self.bars.content = pieces.bars(before, after, floor, units, chosen=j)
+        what = self.model.error
+        self.bars.content = pieces.bars(before, after, floor, units, what, chosen=j)
 
     def _draw_torques(
         self, j: int, units: Sequence[str], recordings: Sequence[Any]
@@ -340,7 +341,7 @@ def _words(model: ModelStep, j: int, unit: str) -> str:
     plain = formatting.plain_unit(unit)
     number = model.joint_number(j)
     error = facts["joint_error"].of_joint(number)
-    text = f"Joint {number}: the error is {error} {plain}"
+    text = f"{model.error} of joint {number}: {error} {plain}"
     if facts["error_over_noise"].value is not None:
         times = facts["error_over_noise"].of_joint(number)
         floor = facts["joint_noise"].of_joint(number)
@@ -392,7 +393,9 @@ def parameters(view: View) -> None:
         draw.table(Table.from_dict(answer["table"]), "Ranges of the masses")
         for note in answer["notes"]:
             draw.note(note)
-    box = draw.details("Links, friction, certificate and every parameter", "parameters")
+    box = draw.details(
+        "Links, friction, every parameter, and how the result was proved", "parameters"
+    )
 
     def fill() -> None:
         # Only once it is opened: a hidden chart slows every click like a visible one.
@@ -428,13 +431,13 @@ def _tables(view: View) -> None:
         )
         draw.note("Of the joint that is chosen above; shaded: 95 %.")
         view.followers["parameters"] = lambda: drawn.update_figure(options())
-    draw.tag("h4", "Certificate")
+    draw.tag("h4", PROOF, title="the certificate")
     draw.note(CERTIFICATE)
-    draw.table(Table.from_dict(about["certificate"]), "Certificate")
+    draw.table(Table.from_dict(about["certificate"]), PROOF)
     draw.tag("h4", "Every parameter")
     draw.note(
-        "Values with 95 % intervals beside the nominal ones. Those marked prior or"
-        " bounds are not measured: the data leave them open."
+        "Values with 95 % intervals beside the nominal ones. Only those"
+        " from data are measured: the data leave the others open."
     )
     with draw.tag("div", style="tall"):
         draw.table(Table.from_dict(about["parameters"]), "Parameters with intervals")
@@ -485,8 +488,8 @@ def methods(view: View) -> None:
             draw.tag("li", f"{name}: {spoken(reason)}")
     draw.note(
         "On the runs that the model is judged on. The thinnest link is zero or less"
-        " where it cannot exist; distance to best fit: how far the loss can be above"
-        " the best possible one, as a share of it."
+        " where it cannot exist; fit may improve by: how far the squared error can be"
+        " above the least possible one, as a share of it."
     )
 
 
