@@ -25,6 +25,7 @@ from sdp_vs_penalty import InputError
 from sdp_vs_penalty.diagnosis.findings import Invisible
 from sdp_vs_penalty.page import Sessions, WorkerPool, data_chart, guarded, jobs, worker
 from sdp_vs_penalty.page import sessions as tabs
+from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.results import Change
 
 #: Headers, and whether they may ask (null: a page may, a socket may not).
@@ -693,6 +694,25 @@ def test_a_wide_table_is_read_by_the_order_that_the_command_line_proposes(wide, 
     assert [run["name"] for run in wide.session.runs] == ["a_read.csv", "b_read.csv"]
     assert "tau1=#6,tau2=#7" in wide.session.commands()[0]
     assert "Read with these columns" not in wide.text("next")
+
+
+def test_issues_that_were_looked_at_stay_looked_at_after_a_restart(
+    here, hidden, tmp_path
+):
+    run = hidden.runs[0]
+    wrong = replace(run, tau=run.tau * [1.0, -1.0])
+    s = opened(here, "two_link", **saved(tmp_path, [wrong], "sign.csv"))
+    assert s.kinds_of_issue
+    s.see_issues()
+    again = Session.load(s.folder, s.pool, s.token)
+    assert again.seen_issues == s.kinds_of_issue == again.kinds_of_issue
+
+
+def test_of_several_runs_the_last_is_kept_for_testing(here, hidden, tmp_path):
+    """So that the errors that are shown are of motion that no model has seen."""
+    files = saved(tmp_path, hidden.runs[:3], "a.csv", "b.csv", "c.csv")
+    s = opened(here, "two_link", **files)
+    assert [run["use"] for run in s.runs] == ["train", "train", "test"]
 
 
 @pytest.mark.parametrize("button", ["next", "read-mapped-0"])
