@@ -99,13 +99,10 @@ def robot(kind, folder):
 
 #: Arms, and whether what they miss is searched for (in half a minute) or told.
 KINDS = [
-    *(
-        pytest.param(*case, marks=pytest.mark.long)
-        for case in (("folder", False), ("URDF named two_link", True))
-    ),
+    pytest.param("folder", False, marks=pytest.mark.long),
     *(
         pytest.param(kind, True, marks=pytest.mark.slow)
-        for kind in ("panda", "folder", "SCARA")
+        for kind in ("URDF named two_link", "panda", "folder", "SCARA")
     ),
 ]
 

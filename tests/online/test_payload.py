@@ -271,8 +271,18 @@ def test_slow_drift_on_other_motions_is_no_payload(arm, estimator, drift, k):
     assert play(estimator, drifting(arm, run, drift)) == []
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(("drift", "seed"), zip(DRIFTS, (5, 6, 7), strict=True))
+@pytest.mark.parametrize(
+    ("drift", "seed"),
+    [
+        pytest.param(drift, seed, marks=mark)
+        for drift, seed, mark in zip(
+            DRIFTS,
+            (5, 6, 7),
+            (pytest.mark.long, pytest.mark.slow, pytest.mark.slow),
+            strict=True,
+        )
+    ],
+)
 def test_slow_drift_of_other_arms_is_no_payload(drift, seed):
     """Twenty seconds on four motions of each arm, that of the noise among them."""
     arm = carried("ur10e", 3.0, seed)
@@ -485,9 +495,14 @@ def test_real_motion_without_a_load_raises_no_alarm(ur10e, ur10e_runs, name):
     assert play(ur10e(), ur10e_runs[name].window(0.0, 10.0)) == []
 
 
-@pytest.mark.long
 @pytest.mark.real_data
-@pytest.mark.parametrize("name", MOTIONS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if k else pytest.mark.long)
+        for k, name in enumerate(MOTIONS)
+    ],
+)
 def test_fifty_seconds_without_a_load_raise_no_alarm(ur10e, ur10e_runs, name):
     assert play(ur10e(), ur10e_runs[name]) == []
 

@@ -36,7 +36,7 @@ CASES = [
         for name, make in LONGER.items()
     ),
     *(
-        pytest.param(make, id=name, marks=[pytest.mark.long, pytest.mark.real_data])
+        pytest.param(make, id=name, marks=[pytest.mark.slow, pytest.mark.real_data])
         for name, make in REAL.items()
     ),
 ]

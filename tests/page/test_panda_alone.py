@@ -13,7 +13,7 @@ from sdp_vs_penalty import load_measurements
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.page.splits import CONFIRMED_SHARE, JUDGED_SHARE, N_SPLITS
 
-pytestmark = [pytest.mark.long, pytest.mark.real_data]
+pytestmark = [pytest.mark.slow, pytest.mark.real_data]
 
 
 @pytest.fixture(scope="module")
