@@ -33,7 +33,12 @@ from sdp_vs_penalty.estimation.verdict import (
 )
 from sdp_vs_penalty.formatting import number, plain_unit
 from sdp_vs_penalty.records import NOT_STORED, stored_as
-from sdp_vs_penalty.regression.evidence import jackknifed, student_95
+from sdp_vs_penalty.regression.evidence import (
+    jackknifed,
+    relative_error,
+    relative_errors_without,
+    student_95,
+)
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.robot.arrays import Array
@@ -426,15 +431,11 @@ def upper_relative_error(errors: Array, torques: Array) -> float | None:
     n = len(errors)
     if n < 3:
         return float("inf")
-    relative_error = 100.0 * np.sqrt(errors.sum() / torques.sum())
-    # (K,) sums without each stretch.
-    torques_left = torques.sum() - torques
-    errors_left = errors.sum() - errors
-    if not np.all(torques_left > 0.0):
+    if not np.all(torques.sum() - torques > 0.0):
         return float("inf")
-    without = 100.0 * np.sqrt(errors_left / torques_left)
-    _, deviation = jackknifed(without)
-    return float(relative_error + student_95(n) * deviation)
+    _, deviation = jackknifed(relative_errors_without(errors, torques))
+    whole = relative_error(errors.sum(), torques.sum())
+    return float(whole + student_95(n) * deviation)
 
 
 def new_motion(new_share: float | None) -> str:

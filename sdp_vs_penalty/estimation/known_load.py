@@ -599,10 +599,10 @@ def _factor_of_loads(
             ]
             for b in range(len(one.rows.blocks))
         ]
-        variance += _jackknife_variance(without_a_block)
+        variance += float(jackknifed(np.array(without_a_block))[1]) ** 2
     gains = _gains_without_a_block(problem, model, runs, loaded)
     fixed_gain = next(iter(model.known.values()))
-    variance += _jackknife_variance(gains) / fixed_gain**2
+    variance += (float(jackknifed(np.array(gains))[1]) / fixed_gain) ** 2
     return factor, max(std_of_noise, float(np.sqrt(variance)) / factor)
 
 
@@ -627,13 +627,3 @@ def _gains_without_a_block(
         factor, _ = _mean_factor(loaded, theta)
         gains.append(factor * float(theta[place]))
     return gains
-
-
-def _jackknife_variance(estimates: Sequence[float]) -> float:
-    """Return the variance of an estimate from its values without one block each; 0 for
-    a single block.
-    """
-    if len(estimates) < 2:
-        return 0.0
-    _, std = jackknifed(np.array(estimates))
-    return float(std**2)

@@ -55,6 +55,7 @@ from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.records import WritesJson, stored_as
+from sdp_vs_penalty.regression.evidence import relative_error
 from sdp_vs_penalty.regression.linalg import column_space
 from sdp_vs_penalty.regression.regression import (
     LeastSquares,
@@ -103,7 +104,7 @@ class Fold(WritesJson):
     @property
     def relative_error_percent(self) -> float:
         """Relative torque error 100 |tau - tau_hat| / |tau| over all joints [%]."""
-        return float(100.0 * np.sqrt(self.losses.sum() / self.torque_squared.sum()))
+        return float(relative_error(self.losses.sum(), self.torque_squared.sum()))
 
 
 @dataclass(frozen=True, repr=False)

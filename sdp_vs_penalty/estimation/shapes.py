@@ -36,6 +36,7 @@ from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.records import JsonRecord
+from sdp_vs_penalty.regression.evidence import student_95
 from sdp_vs_penalty.regression.linalg import (
     UNSEEN,
     column_space,
@@ -524,9 +525,8 @@ class _ShapeProfile:
         noise_variance = np.sum((gain_of_folds - changes) ** 2, axis=1)
         white_variance = 4.0 * changes.sum(axis=1)
         noise_variance = np.maximum(noise_variance, white_variance)
-        quantile = scipy.special.stdtrit(n_folds - 1, 0.975)
         gain[moved] = gain_of_folds.sum(axis=1)
-        needed[moved] = quantile * np.sqrt(noise_variance)
+        needed[moved] = student_95(n_folds) * np.sqrt(noise_variance)
         return gain, needed
 
     def _local_columns(self, estimates: Sequence[ShapeEstimate]) -> _LocalColumns:

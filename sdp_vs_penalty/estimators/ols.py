@@ -12,6 +12,7 @@ from sdp_vs_penalty.estimators.estimator import (
     Task,
     with_joint_prior,
 )
+from sdp_vs_penalty.regression.evidence import relative_error
 from sdp_vs_penalty.regression.linalg import column_space, deviations
 
 
@@ -103,10 +104,9 @@ class ReverseEngineering(Estimator):
         """Fit a black box's answers; return condition number and relative error [%] in
         the details.
         """
-        share = task.data.loss(task.ols) / task.data.tau_squared
-        error = 100.0 * float(np.sqrt(share))
+        error = relative_error(task.data.loss(task.ols), task.data.tau_squared)
         details = {
             "condition_number": condition_number(task),
-            "relative_error_percent": error,
+            "relative_error_percent": float(error),
         }
         return Fit(task.ols, task.problem, details=details)

@@ -87,9 +87,9 @@ class DataBall:
     #: Loss that the noise does not explain; 0 where noise is not known or explains all.
     structure: float
 
-    def c(self, w: Array, level: float) -> Array:
-        """Return c(w) (k,) of functions w (k, p) in the span of A; 0 for w = 0."""
-        z = np.sqrt(2.0) * scipy.special.erfinv(level)
+    def c(self, w: Array, z: float) -> Array:
+        """Return c(w) (k,) of functions w (k, p) in the span of A; 0 for w = 0. ``z`` is
+        the half-width of an interval, in standard deviations."""
         gram = np.linalg.norm(w @ self.directions, axis=1)
         is_seen = gram > 0.0
         out = np.zeros(len(w))
@@ -148,7 +148,12 @@ class AllowedSet:
     @cached_property
     def first_c(self) -> float:
         """Median c of the ball's own axes, where the search for each end starts."""
-        return float(np.median(self.ball.c(self.ball.A, self.level)))
+        return float(np.median(self.ball.c(self.ball.A, self.z)))
+
+    @property
+    def z(self) -> float:
+        """Half the width of an interval of this level, in standard deviations."""
+        return float(scipy.special.ndtri(0.5 + 0.5 * self.level))
 
     def optimiser(self, c: float) -> InteriorPoint:
         """Return the interior-point method on this set, in units in which the ball of c

@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.estimation.build_problem import filter_runs
@@ -163,7 +162,6 @@ def band_of(
     ball = allowed.ball
     V = ball.directions
     theta = V @ ball.a
-    z = np.sqrt(2.0) * scipy.special.erfinv(allowed.level)
     centre, half, wide = np.zeros((3, len(t), len(columns)))
     peaks = np.zeros((len(columns), 2))
     rows_of_peaks = []
@@ -171,7 +169,7 @@ def band_of(
         centre[:, j] = Y @ theta
         leverage = np.linalg.norm(Y @ V, axis=1)
         # c(y) |V^T y|^2 is the square of y's own half-width.
-        own = (z * np.nan_to_num(ball.spread(Y))) ** 2
+        own = (allowed.z * np.nan_to_num(ball.spread(Y))) ** 2
         half[:, j] = np.sqrt(allowed.cost * leverage**2 + own)
         more = allowed.cost + ball.structure
         wide[:, j] = np.sqrt(more * leverage**2 + own)

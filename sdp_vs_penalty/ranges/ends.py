@@ -282,7 +282,7 @@ class EndSearch:
         allowed = self.allowed
         ball = allowed.ball
         w = points.ball[:, None] * ((points.theta @ ball.A.T - ball.a) @ ball.A)
-        c = ball.c(w, allowed.level)
+        c = ball.c(w, allowed.z)
         return np.where(c > 0.0, c, allowed.first_c)
 
     def certified(self, point: Points, c: float) -> End:

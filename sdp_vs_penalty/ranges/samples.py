@@ -156,8 +156,7 @@ def sample_models(
     require_known("prior", prior, PRIORS)
     if n < 1:
         raise InputError(f"{n} samples", "ask for one at least")
-    z = np.sqrt(2.0) * scipy.special.erfinv(allowed.level)
-    std = np.sqrt(allowed.first_c) / z
+    std = np.sqrt(allowed.first_c) / allowed.z
     rng = np.random.default_rng(seed)
     chains = Chains(
         allowed.cones,

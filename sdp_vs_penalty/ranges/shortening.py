@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.data.measurements import Measurements
@@ -148,8 +147,7 @@ def with_rows(allowed: AllowedSet, rows: Array, c: float) -> AllowedSet:
     a[: len(ball.a)] = ball.a
     U, _ = column_space(A)
     residual = a - U @ (U.T @ a)
-    z = np.sqrt(2.0) * scipy.special.erfinv(allowed.level)
-    std = np.sqrt(c) / z
+    std = np.sqrt(c) / allowed.z
     both = replace(
         ball, A=U.T @ A, a=U.T @ a, loss_ls=ball.loss_ls + float(residual @ residual)
     )

@@ -154,7 +154,18 @@ def jackknifed(estimates: Array) -> tuple[Array, Array]:
         return np.mean(estimates, axis=0), spread
 
 
-def student_95(n_parts: int) -> float:
+def relative_error(errors: ArrayLike, torques: ArrayLike) -> Array:
+    """Return 100 |error| / |torque| [%] from sums of their squares."""
+    return np.asarray(100.0 * np.sqrt(np.divide(errors, torques)))
+
+
+def relative_errors_without(errors: Array, torques: Array) -> Array:
+    """Return the relative error (parts,) [%] of all parts but each, for the jackknife,
+    from the parts' sums of squared errors and torques (parts,)."""
+    return relative_error(errors.sum() - errors, torques.sum() - torques)
+
+
+def student_95(n_parts: float) -> float:
     """Return half the width of a 95 % interval, in standard deviations that are known
     from n_parts parts only, as :func:`jackknifed` ones are.
 

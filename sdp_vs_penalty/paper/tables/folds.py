@@ -14,9 +14,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from sdp_vs_penalty.estimation.resampling import CrossValidation
+from sdp_vs_penalty.regression.evidence import (
+    jackknifed,
+    relative_errors_without,
+    student_95,
+)
 from sdp_vs_penalty.robot.arrays import Array
 
 
@@ -71,27 +75,22 @@ def error_interval(
     FoldInterval
         [%], of a difference [percentage points].
     """
-    whole, without = _errors_without(result)
+    whole, without = result.relative_error_percent, _errors_without(result)
     if less is not None:
-        other, other_without = _errors_without(less)
-        whole -= other
-        without = without - other_without
-    k = len(without)
-    spread = math.sqrt((k - 1) / k * np.sum((without - without.mean()) ** 2))
-    return _interval(whole, spread, k)
+        whole -= less.relative_error_percent
+        without = without - _errors_without(less)
+    return _interval(whole, float(jackknifed(without)[1]), len(without))
 
 
-def _errors_without(result: CrossValidation) -> tuple[float, Array]:
-    """Return the error of all folds together, and of all but each (k,) [%]."""
-    lost = np.array([fold.losses.sum() for fold in result.folds])
-    torque = np.array([fold.torque_squared.sum() for fold in result.folds])
-    without = 100.0 * np.sqrt((lost.sum() - lost) / (torque.sum() - torque))
-    return result.relative_error_percent, without
+def _errors_without(result: CrossValidation) -> Array:
+    """Return the error of all folds but each (k,) [%]."""
+    lost = [fold.losses.sum() for fold in result.folds]
+    torque = [fold.torque_squared.sum() for fold in result.folds]
+    return relative_errors_without(np.array(lost), np.array(torque))
 
 
 def _interval(value: float, spread: float, k: int) -> FoldInterval:
     """Return value +- t spread with Student's t of k - 1 degrees of freedom, 95 %."""
-    # scipy.stats would take half a second to import.
-    half = float(scipy.special.stdtrit(k - 1, 0.975)) * spread
+    half = student_95(k) * spread
     t = value / spread if spread else 0.0
     return FoldInterval(value, lower=value - half, upper=value + half, t=t)

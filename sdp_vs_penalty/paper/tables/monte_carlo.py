@@ -39,6 +39,7 @@ from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Row, StudyTable, notes, register_table
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.evidence import relative_error
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
@@ -414,7 +415,7 @@ def _rows(study: Study, setting: Setting, draws: dict[str, Draws]) -> list[Row]:
                 ),
                 "bias_percent": _error(unseen, mean),
                 "spread_percent": float(
-                    100.0 * np.sqrt(np.mean(spread**2) / unseen.tau_squared)
+                    relative_error(np.mean(spread**2), unseen.tau_squared)
                 ),
                 "coverage_percent": 100.0
                 * float(np.mean([draw["covered"] for draw in of_method])),
@@ -459,7 +460,7 @@ def _errors(unseen: LeastSquares, draws: Draws) -> Array:
 
 def _error(unseen: LeastSquares, theta: Array) -> float:
     """Return 100 |tau - Y theta| / |tau| on the unseen motion, tau without noise."""
-    return float(100.0 * np.sqrt(unseen.loss(theta) / unseen.tau_squared))
+    return float(relative_error(unseen.loss(theta), unseen.tau_squared))
 
 
 def _headline(rows: Sequence[Row]) -> str:

@@ -45,6 +45,7 @@ from sdp_vs_penalty.problem.published import (
 )
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox
+from sdp_vs_penalty.regression.evidence import relative_error
 from sdp_vs_penalty.regression.regression import (
     LeastSquares,
     Regression,
@@ -647,7 +648,7 @@ def torque_errors(rows: Regression, theta: Array) -> tuple[Array, float]:
         all joints [%].
     """
     losses = rows.joint_losses(theta)
-    relative = 100.0 * np.sqrt(losses.sum() / rows.least_squares().tau_squared)
+    relative = relative_error(losses.sum(), rows.least_squares().tau_squared)
     return losses / rows.joint_rows(), float(relative)
 
 

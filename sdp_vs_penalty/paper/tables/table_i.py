@@ -30,6 +30,7 @@ from sdp_vs_penalty.paper.tables.table import (
 )
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.regression.evidence import student_95
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
@@ -185,9 +186,8 @@ def _with_intervals(
     std = (np.sqrt(variance * np.diagonal(inverse)) / norms)[-3 * n :].reshape(3, n).T
     slope, shift = np.exp(y[:n]), y[n:]
     phi = np.column_stack([amplitude, slope, shift])
-    # Student's t; scipy.stats would take half a second to import. Of phi_2, from its
-    # logarithm.
-    half = scipy.special.stdtrit(degrees, 0.975) * std
+    # Of phi_2, from its logarithm.
+    half = student_95(degrees + 1.0) * std
     half[:, 1] *= slope
     return SigmoidFit(x[:-n], phi, phi - half, phi + half, slope > 0.99 * STEEPEST)
 
