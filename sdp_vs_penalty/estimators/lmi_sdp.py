@@ -34,21 +34,20 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
 from sdp_vs_penalty.solvers import make_solver
 from sdp_vs_penalty.solvers.convex_problem import ConvexProblem, Entropy
-from sdp_vs_penalty.solvers.fit import repair
+from sdp_vs_penalty.solvers.fit import fit_by_small_cones, repair
 from sdp_vs_penalty.solvers.identification import (
     largest_margin,
     least_squares_sdp,
     moving_scale,
 )
-from sdp_vs_penalty.solvers.primal_dual import minimise
+from sdp_vs_penalty.solvers.primal_dual import Iterate
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT, proves_infeasible
 from sdp_vs_penalty.solvers.small_cones import SmallCones
 
-#: Whose answers every solver is judged beside, and our own method, which goes before it
-#: where it can.
+#: Whose answers every solver is judged beside; our own method goes before it where it
+#: can.
 REFERENCE = "clarabel"
-OWN = "primal-dual"
 #: A certified gap up to which an answer counts that its solver itself did not call one;
 #: above it no solver's rounding (below 1e-6) is the reason: it stopped short.
 FAR_GAP = 1e-3
@@ -301,27 +300,16 @@ class PosedSdp:
         InputError
             If no point near an optimum is found.
         """
-        data = self.problem.least_squares
-        solved = None
-        if self.cones is not None and near is not None and near.central is not None:
-            solved = minimise(self.cones, data, [near.central], accuracy)
-        if self.cones is not None and solved is None:
-            solved = minimise(
-                self.cones, data, [self._start(data), self.interior], accuracy
-            )
-        if self.cones is not None and solved is not None:
-            multipliers, slopes = self.cones.multipliers(solved.multipliers)
-            status = f"relative gap {solved.error:.1e} ({solved.iterations})"
-            fit = Fit(
-                theta=repair(self.problem.constraints, solved.theta, self.interior),
-                problem=self.problem,
-                multipliers=multipliers,
-                entropy_slopes=slopes,
-                interior=self.interior,
-                details={"solver": OWN, "solver_said": [status]},
-                central=solved.central,
-            )
-            if fit.gap <= TIGHT:
+        problem, interior = self.problem, self.interior
+        if self.cones is not None:
+            starts: list[Array | Iterate] = [
+                self._start(problem.least_squares),
+                interior,
+            ]
+            if near is not None and near.central is not None:
+                starts.insert(0, near.central)
+            fit = fit_by_small_cones(problem, self.cones, starts, interior, accuracy)
+            if fit is not None and fit.gap <= TIGHT:
                 return fit
         return _solved(self, accuracy)
 

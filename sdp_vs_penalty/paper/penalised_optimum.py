@@ -53,8 +53,7 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, linear
 from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
-from sdp_vs_penalty.solvers.fit import Fit, repair
-from sdp_vs_penalty.solvers.primal_dual import minimise
+from sdp_vs_penalty.solvers.fit import Fit, fit_by_small_cones
 from sdp_vs_penalty.solvers.small_cones import SmallCones
 
 
@@ -457,12 +456,10 @@ def solve_certified(
     """
     cones = SmallCones(None, problem.constraints, len(start))
     cones.linear = np.broadcast_to(problem.linear, start.shape)
-    solved = minimise(cones, problem.least_squares, [start], accuracy)
-    if solved is None:
+    fit = fit_by_small_cones(problem, cones, [start], start, accuracy)
+    if fit is None:
         raise _not_inside()
-    multipliers, _ = cones.multipliers(solved.multipliers)
-    theta = repair(problem.constraints, solved.theta, start)
-    return Fit(theta, problem, multipliers, interior=start)
+    return fit
 
 
 def _not_inside() -> InputError:

@@ -12,6 +12,7 @@ so that any multipliers, projected onto their cones, give a lower bound on the o
 good ones give a tight one. Nothing a solver says about itself enters.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -23,8 +24,9 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import ConeGroup, ConstraintSet, project
 from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
 from sdp_vs_penalty.solvers.identification import unit_diagonal_factors
-from sdp_vs_penalty.solvers.primal_dual import Iterate
+from sdp_vs_penalty.solvers.primal_dual import Iterate, minimise
 from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT, DualEvidence, lower_bound
+from sdp_vs_penalty.solvers.small_cones import SmallCones
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,39 @@ class Fit:
         loss.
         """
         return self.problem.least_squares.gap(self.upper, self.lower, self.theta)
+
+
+def fit_by_small_cones(
+    problem: ConvexProblem,
+    cones: SmallCones,
+    starts: Sequence[Array | Iterate],
+    interior: Array,
+    accuracy: float,
+) -> Fit | None:
+    """Solve a problem by our own interior-point method, from the first start that lies
+    inside of its cones; None if there is none.
+
+    Parameters
+    ----------
+    interior : (p,)
+        A point strictly inside the constraints, towards which theta is repaired.
+    accuracy : float
+        Largest cost of gap and dual residual, as a share of the loss.
+    """
+    solved = minimise(cones, problem.least_squares, starts, accuracy)
+    if solved is None:
+        return None
+    multipliers, slopes = cones.multipliers(solved.multipliers)
+    status = f"relative gap {solved.error:.1e} ({solved.iterations})"
+    return Fit(
+        repair(problem.constraints, solved.theta, interior),
+        problem,
+        multipliers,
+        slopes,
+        interior,
+        details={"solver": "primal-dual", "solver_said": [status]},
+        central=solved.central,
+    )
 
 
 def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:

@@ -70,7 +70,8 @@ def minimise(
 ) -> Optimum | None:
     """Minimise a sum of squares over small cones by an interior-point method.
 
-    Starts at the first of ``starts`` that lies strictly inside the cones.
+    Starts at the first of ``starts`` that lies strictly inside the cones and whose
+    system of equations can be factorised.
 
     Parameters
     ----------
@@ -82,12 +83,12 @@ def minimise(
     Returns
     -------
     Optimum or None
-        Best iterate, even if its accuracy is worse; None if the first system of
-        equations could not be factorised.
+        Best iterate, even if its accuracy is worse; None without such a start.
     """
     for start in starts:
         with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
-            return _InteriorPoint(cones, data, start).solve(accuracy)
+            if solved := _InteriorPoint(cones, data, start).solve(accuracy):
+                return solved
     return None
 
 
