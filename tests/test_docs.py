@@ -444,7 +444,10 @@ def test_the_table_equals_the_generated_one():
     results = (ROOT / "results" / "README.md").read_text(encoding="utf-8")
     assert TOOL["dated"](TOOL["with_results"](results, TOOL["all_routes"]())) == results
     headings = re.findall(r"^#+ (.*)$", README, re.MULTILINE)
-    anchors = [heading.lower().replace(" ", "-") for heading in headings]
+    anchors = [
+        re.sub(r"[^\w -]", "", heading).lower().replace(" ", "-")
+        for heading in headings
+    ]
     for link in re.findall(r"\]\(([^):]*)\)", README):
         path, _, anchor = link.partition("#")
         assert (ROOT / path).exists(), link

@@ -5,6 +5,7 @@
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them. From each split's
 training part a model is identified and diagnosed. Its error on the unseen part is
 measured three times: bare, with the confident findings added, and with all findings.
+Beside them stands the error by the robot's file alone, where the data hold one.
 Writes real_arms.csv and real_arms.md; naming arms makes their rows alone.
 """
 
@@ -47,6 +48,8 @@ class Split:
     problem: str
     train: Measurements
     unseen: Measurements
+    #: The maker's file among the measurements, as it states links and friction.
+    file: str = ""
 
 
 def stretches(run: Measurements, chosen: NDArray[np.bool_]) -> Measurements:
@@ -81,7 +84,8 @@ def ur10e_splits() -> Iterator[Split]:
     runs = measured_runs("ur10e")
     train, *others = [runs[f"ur-{name}"] for name in UR10E_RUNS]
     for name, unseen in zip(UR10E_RUNS[1:], others, strict=True):
-        yield Split(f"UR10e, judged on {name}", "ur10e", train, unseen)
+        split = f"UR10e, judged on {name}"
+        yield Split(split, "ur10e", train, unseen, "ur10e/ur10e.urdf")
 
 
 def tx40_splits() -> Iterator[Split]:
@@ -120,6 +124,7 @@ def rows_of(split: Split) -> Iterator[dict[str, object]]:
     for name, findings in (("confident", diagnosis.sure), ("all", diagnosis.effects)):
         model = add(bare, list(findings), split.train) if findings else bare
         errors[name] = joint_errors(model, split.unseen)
+    errors |= file_errors(split, bare)
     for joint in range(bare.robot.n):
         yield {
             "split": split.name,
@@ -128,6 +133,15 @@ def rows_of(split: Split) -> Iterator[dict[str, object]]:
             "n_confident": len(diagnosis.sure),
             "n_all": len(diagnosis.effects),
         }
+
+
+def file_errors(split: Split, bare: Estimate) -> dict[str, NDArray[np.float64]]:
+    """Return the errors by the robot's file, behind the filters of the bare model."""
+    if not split.file:
+        return {}
+    path = Path(os.environ["SDP_VS_PENALTY_DATA"]) / split.file
+    compared = compare(path, split.unseen, bare.preprocessing)
+    return {"file": np.asarray(compared[0].rmse)}
 
 
 def mean_ratio(rows: pandas.DataFrame, column: str) -> float:
@@ -163,6 +177,7 @@ def report(rows: pandas.DataFrame) -> str:
         [str(joint), *(f"{mean_ratio(of_joint, c):.2f}" for c in ("confident", "all"))]
         for joint, of_joint in panda.groupby("joint")
     ]
+    with_file = rows["split"][rows["file"].notna()].unique()
     text = [
         "# Findings on motion of real arms that nothing has seen",
         "",
@@ -174,8 +189,20 @@ def report(rows: pandas.DataFrame) -> str:
         "## The Panda's joints, over its folds",
         "",
         *markdown_lines(["joint", "confident", "all"], by_joint),
+        *(line for split in with_file for line in errors_by_joint(split, rows)),
     ]
     return "\n".join(text) + "\n"
+
+
+def errors_by_joint(split: str, rows: pandas.DataFrame) -> list[str]:
+    """Return the table of a split's errors: by the maker's file, and by ours."""
+    columns = ("file", "bare", "confident", "all")
+    cells = [
+        [str(row["joint"]), *(f"{row[c]:.3g}" for c in columns)]
+        for _, row in rows[rows["split"] == split].iterrows()
+    ]
+    header = ["joint", "maker's file", "identified", "with confident", "with all"]
+    return ["", f"## Errors, {split} [N m]", "", *markdown_lines(header, cells)]
 
 
 def with_kept(rows: pandas.DataFrame, path: Path) -> pandas.DataFrame:

@@ -374,21 +374,21 @@ PRIOR_ALONE = "the prior alone"
 #: The README's small table: a method's name there, in table_routes.csv and in
 #: table_monte_carlo.csv.
 HEADLINE_METHODS = (
-    ("**SDP with prior (default)**", "SDP, default (entropic prior)", DEFAULT),
-    ("SDP, no prior", "SDP", "SDP"),
-    ("penalty, ours, one-step", "penalty, one-step", "penalty, one-step"),
-    ("penalty, ours, two-step", "penalty, two-step", "penalty, two-step"),
+    ("**`lmi-sdp`**: SDP, prior", "SDP, default (entropic prior)", DEFAULT),
+    ("`lmi-sdp-thickness`: SDP, no prior", "SDP", "SDP"),
+    ("`penalty`: ours, one step", "penalty, one-step", "penalty, one-step"),
+    ("`penalty-two-step`: ours", "penalty, two-step", "penalty, two-step"),
     (
-        "penalty as published (Gaz et al. 2019, our code), one-step",
+        "`penalty-paper`: as published, one step",
         "penalty as published, one-step",
         "penalty as published, one-step",
     ),
     (
-        "penalty as published, two-step",
+        "`penalty-paper-two-step`: as published",
         "penalty as published, two-step",
         "penalty as published, two-step",
     ),
-    ("least squares", "least squares", "weighted least squares"),
+    ("`ols`: least squares", "least squares", "weighted least squares"),
 )
 
 
@@ -402,10 +402,10 @@ def penalty_in_simulation(method: str = "penalty, two-step") -> str:
     below = [x for x, (_, high) in zip(less, ends, strict=True) if float(high) < 0.0]
     above = [x for x, (low, _) in zip(less, ends, strict=True) if float(low) > 0.0]
     return (
-        f"In [{len(rows)} simulations](results/tables/table_monte_carlo.md) our"
-        f" {method.removeprefix('penalty, ')} penalty errs less than the default in"
-        f" {len(below)}, by {-min(below):.1g} points at most, and more"
-        f" in {len(above)}, by {max(above):.2g} at most."
+        f"In {len(below)} of [{len(rows)} settings](results/tables/table_monte_carlo.md) our"
+        f" {method.removeprefix('penalty, ')} penalty errs less than the default, by"
+        f" {-min(below):.1g} points at most; in {len(above)} more, by"
+        f" {max(above):.2g} at most."
     )
 
 
@@ -472,14 +472,17 @@ def headline() -> str:
         [
             markdown(heads, rows),
             (
-                "Real: the authors' log, five stretches of its motion left out in turn."
-                f" There {told_apart()} differs from the SDP's by more than chance."
-                f" Simulated: {most_draws} draws of an arm that moves little. Its prior is"
-                f" bad ({masses_of_the_prior()}"
-                f" {float(simulated[PRIOR_ALONE]['error_percent']):.3g} % error alone), and"
-                " still pays. Least squares are weighted there, and the SDP without"
-                f" prior knows no thickness. {penalty_in_simulation()}"
-                " As published is one run. All:"
+                "Errors are norms over that of the torque. *Real*: the authors' log, five"
+                " stretches of its motion left out in turn;"
+                f" {told_apart()} differs from the SDP's by more than chance."
+                f" *Simulated*: {most_draws} draws of an arm that moves little. The prior pays"
+                f" though it is bad ({masses_of_the_prior()}"
+                f" {float(simulated[PRIOR_ALONE]['error_percent']):.3g} % error alone)."
+                " There least squares weigh joints, and the SDP without prior is"
+                f" `lmi-sdp-plain`. {penalty_in_simulation()} One step fits torque, two"
+                " steps fit base parameters first, then links. On one problem SDP and our"
+                " penalty end at the same objective."
+                " As published: our code, one run. More:"
                 " [results](results/README.md#sdp-against-penalty)."
             ),
         ]
