@@ -20,7 +20,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import MAX_JOINT_HARM, MINOR, SURE_HELP, THIRDS
+from sdp_vs_penalty.diagnosis.constants import (
+    CLEAR_HELP,
+    MAX_JOINT_HARM,
+    MINOR,
+    SURE_HELP,
+    THIRDS,
+)
 from sdp_vs_penalty.diagnosis.white_rows import folds_of, model_columns, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
@@ -234,6 +240,9 @@ class HeldOut:
         stays if it lowers the error on the second data, folds of the training
         motion, by 1 %: one motion alone does not decide.
 
+        Least squares suffice for an effect that helps by far, or that has helped by
+        much (SURE_HELP) in a fit under all constraints and still does.
+
         Parameters
         ----------
         needed
@@ -250,9 +259,9 @@ class HeldOut:
         sure = set[int]()  # they helped by much in the last round
         while accepted:
             in_doubt = set(accepted) - confirmed
-            harms = self._harms(in_doubt - sure, accepted, needed)
+            harms = self._harms(in_doubt - sure, accepted, needed, -CLEAR_HELP)
             if max(harms.values(), default=-np.inf) < 0.0:
-                harms |= self._harms(in_doubt & sure, accepted, needed)
+                harms |= self._harms(in_doubt & sure, accepted, needed, -SURE_HELP)
             sure.update(k for k, x in harms.items() if x < -SURE_HELP)
             worst = max(harms, key=harms.__getitem__, default=None)
             if worst is None or harms[worst] < 0.0:
@@ -264,21 +273,40 @@ class HeldOut:
         return accepted
 
     def _harms(
-        self, judged: Set[int], accepted: Sequence[int], needed: Collection[int]
+        self,
+        judged: Set[int],
+        accepted: Sequence[int],
+        needed: Collection[int],
+        by_least_squares: float,
     ) -> dict[int, float]:
         """Return the harm of each of the ``judged`` effects beside all accepted ones,
         above what is allowed to it.
 
         It is the sum over joints of log(error with it / error without it), less MINOR,
-        or more MINOR for one that is ``needed``.
+        or more MINOR for one that is ``needed``. Errors are those of fits under all
+        constraints, but where the harm of least squares is below ``by_least_squares``.
         """
-        now = self.errors(accepted)
-        return {
-            k: harm(self.errors(_without(accepted, k)), now)
-            + (MINOR if k in needed else -MINOR)
-            for k in accepted
-            if k in judged
-        }
+        out = {}
+        for k in accepted:
+            if k not in judged:
+                continue
+            without = _without(accepted, k)
+            allowed = -MINOR if k in needed else MINOR
+            out[k] = self._harm_by(self.least_squares_errors, without, accepted)
+            out[k] -= allowed
+            if out[k] >= by_least_squares:
+                out[k] = self._harm_by(self.errors, without, accepted) - allowed
+        return out
+
+    @staticmethod
+    def _harm_by(
+        errors: Callable[[Sequence[int]], Array],
+        without: Sequence[int],
+        accepted: Sequence[int],
+    ) -> float:
+        """Return the harm of the effect that ``without`` lacks of those accepted, by
+        errors (n,) of such choices."""
+        return harm(errors(without), errors(accepted))
 
     def _helps_elsewhere(self, k: int, accepted: Sequence[int]) -> bool:
         """Return whether effect k lowers the error on the second data by 1 % (MINOR).
