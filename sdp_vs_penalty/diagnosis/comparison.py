@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from html import escape
@@ -46,6 +47,7 @@ from sdp_vs_penalty.signals.filtered import FilteredRuns, Rows
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import subsample_sentence, window_subsample
+from sdp_vs_penalty.signals.standstill import slides_throughout
 
 if TYPE_CHECKING:
     import pandas
@@ -152,6 +154,21 @@ class Comparison(Record):
             units=self.estimate.torque_units,
             kind=self.kind_of_error,
         )
+
+    @property
+    def errors_sliding(self) -> ErrorsBesideNoise:
+        """The errors in the rows in which each joint slides, beside noise and torque.
+
+        A joint that stands or turns round is held by any torque up to its dry friction,
+        which tells nothing of a model. NaN for a joint that never slides.
+        """
+        step = float(np.median(np.diff(self.signals.t)))
+        margin = math.ceil(0.5 / (self.band_hz * step))
+        slides = slides_throughout(self.signals.dq, margin)
+        squares = np.sum(self.signals.residual**2, axis=0, where=slides)
+        with np.errstate(invalid="ignore"):
+            rmse = np.sqrt(squares / slides.sum(axis=0))
+        return replace(self.errors, rmse=rmse)
 
     @fact("N m or N", name="error", column="error", per_joint=True)
     def joint_error(self) -> Array:

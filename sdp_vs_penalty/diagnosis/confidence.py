@@ -46,7 +46,7 @@ class Judged:
     errors: Array
     #: The measured curves that were accepted.
     curves: Sequence[Measured] = ()
-    #: Whether the rows in which its joints slide contradict its size.
+    #: Whether the rows in which its joints slide contradict its size, or do not show it.
     is_contradicted: bool = False
 
     @property
@@ -145,7 +145,7 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "rivals": lambda x: bool(x.term.rivals or x.effect.resembles),
     "uncertain": _is_uncertain,
     "insignificant": _is_insignificant,
-    "no_torque": lambda x: is_insignificant(*x.value_and_std),
+    "no_torque": lambda x: is_insignificant(x.size.torque.rms, x.size.torque.std),
     "small": lambda x: _is_small(x) and not _is_clear_elsewhere(x),
     "small_here": lambda x: _is_small(x) and _is_clear_elsewhere(x),
     "not_held_out": lambda x: not lowers(*x.errors[:, x.joints]),

@@ -19,10 +19,10 @@ REASONS: Mapping[str, str] = {
     "raises": "on data left out its joints' errors rise more than they fall with it",
     "alone": "beside what is sure it lowers no held-out error, or raises one",
     "held": "its joint hardly moves: dry friction that does not slide holds any torque",
-    "sticks": "where the joints slide its size is smaller: friction that sticks at"
-    " reversals makes the rest",
+    "sticks": "where the joints slide it has another size, or is not evident: friction"
+    " that sticks at reversals looks so",
     "looks_like": "another cause makes a similar torque",
-    "no_torque": "its torque is not told from zero, even if its constants are exact",
+    "no_torque": "its torque is not told from zero",
     "stand_in": "its law may stand in for another one, which other motion follows",
     "series": "three or more of its kind on one joint may be one curve without a name",
     "few_splits": "fewer than two thirds of this run's splits show it",
@@ -54,7 +54,6 @@ TORQUE_IS_OPEN = (
     "looks_like",
     "no_torque",
     "stand_in",
-    "curve",
     "log",
     "at_end",
 )

@@ -51,7 +51,8 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 @dataclass(frozen=True)
 class HeldOutSplit:
-    """Rows to fit to (train), and rows to judge on: one regression a recording (tests).
+    """Rows to fit to (train), and rows to judge on: one regression a recording (tests),
+    and those of them, and of the rows fitted to, in which the joints slide.
 
     Their columns are those of the model, then those of ``effects``; the target is the
     torque. If the model is held fixed (``frozen``), the columns are those of the
@@ -64,6 +65,8 @@ class HeldOutSplit:
     train: Regression
     #: The rows to judge on, one regression a recording.
     tests: tuple[Regression, ...]
+    #: The rows of each recording and, last, those fitted to, in which the joints slide.
+    sliding: tuple[Regression, ...]
     #: Whether the model is held fixed.
     frozen: bool
 
@@ -148,31 +151,36 @@ class HeldOut:
         The model with the chosen effects (their numbers) is fitted by the model's
         method, under its constraints. Each choice is computed once.
         """
-        squares = self._squares(chosen)[:, :-1].sum(axis=(0, 1))
-        n_rows = self._n_rows[:, :-1].sum(axis=(0, 1))
+        n_tests = len(self.splits[0].tests)
+        squares = self._squares(chosen)[:, :n_tests].sum(axis=(0, 1))
+        n_rows = self._n_rows[:, :n_tests].sum(axis=(0, 1))
         return np.asarray(np.sqrt(squares / np.maximum(n_rows, 1)))
 
     def errors_by_recording(self, chosen: Sequence[int]) -> Array:
         """Return the RMS errors (R + 1, n) [N m or N] of each of R recordings left out,
-        and of the rows fitted to.
+        and of the rows fitted to, where the joints slide.
 
-        The recordings are those of the test run or, without one, the searched ones, of
-        which all folds are taken together. ``chosen`` are the numbers of the effects.
+        A joint that stands or turns round is held by any torque up to its dry friction:
+        such rows tell no harm. The recordings are those of the test run or, without
+        one, the searched ones, of which all folds are taken together. ``chosen`` are
+        the numbers of the effects.
         """
-        squares = self._squares(chosen).sum(axis=0)
-        return np.asarray(np.sqrt(squares / np.maximum(self._n_rows.sum(axis=0), 1)))
+        n_tests = len(self.splits[0].tests)
+        squares = self._squares(chosen)[:, n_tests:].sum(axis=0)
+        n_rows = self._n_rows[:, n_tests:].sum(axis=0)
+        return np.asarray(np.sqrt(squares / np.maximum(n_rows, 1)))
 
     @cached_property
     def _n_rows(self) -> NDArray[np.int64]:
-        """(splits, R + 1, n) number of rows, joint by joint: of each split those of its
-        recordings in order, then those fitted to.
+        """(splits, 2 R + 1, n) number of rows, joint by joint: of each split those of
+        its recordings in order, then those where the joints slide.
         """
         return np.array(
-            [[x.joint_rows() for x in (*s.tests, s.train)] for s in self.splits]
+            [[x.joint_rows() for x in (*s.tests, *s.sliding)] for s in self.splits]
         )
 
     def _squares(self, chosen: Sequence[int]) -> Array:
-        """Return the sums (splits, R + 1, n) of squared errors [(N m)^2 or N^2] on these
+        """Return the sums (splits, 2 R + 1, n) of squared errors [(N m)^2 or N^2] on these
         rows.
 
         Each choice of effects (their numbers) is computed once.
@@ -183,11 +191,12 @@ class HeldOut:
         return self._known_squares[key]
 
     def _fitted_squares(self, chosen: Sequence[int]) -> Iterator[Array]:
-        """Yield the sums (R + 1, n) of squared errors of each split.
+        """Yield the sums (2 R + 1, n) of squared errors of each split.
 
         The model with the chosen effects (their numbers) is fitted to a split's
-        training rows, and judged on its test rows and on these. Splits with the same effects are
-        fitted together, so that constraints and columns are set up once.
+        training rows, and judged on its test rows, and where the joints slide. Splits
+        with the same effects are fitted together, so that constraints and columns are
+        set up once.
         """
 
         def identities(split: HeldOutSplit) -> list[int]:
@@ -203,7 +212,7 @@ class HeldOut:
             )
             for split, theta in zip(same_effects, fits, strict=True):
                 all_parameters = columns.with_zeros(theta)
-                rows = (*split.tests, split.train)
+                rows = (*split.tests, *split.sliding)
                 yield np.array([x.joint_losses(all_parameters) for x in rows])
 
     def least_squares_errors(self, chosen: Sequence[int]) -> Array:
@@ -323,8 +332,9 @@ class HeldOut:
     def drop_harmful_to_a_joint(
         self, accepted: Sequence[int], floor: Array
     ) -> list[int]:
-        """Drop effects that raise the error of one joint on one recording left out, or
-        on the rows fitted to, by more than 5 % (MAX_JOINT_HARM), until none has.
+        """Drop effects that raise the error of one joint, where it slides, on one
+        recording left out, or on the rows fitted to, by more than 5 % (MAX_JOINT_HARM),
+        until none has.
 
         The recordings are those of the test run or, without one, the searched ones, of
         which all folds are taken together. The effects are judged together, against the
@@ -519,6 +529,13 @@ class HeldOutData:
                 test.compressed(effects, rows_of_run)
                 for rows_of_run in rows_by_run(test.rows)
             ),
+            sliding=(
+                *(
+                    test.compressed(effects, rows_of_run & test.rows.slides)
+                    for rows_of_run in rows_by_run(test.rows)
+                ),
+                table.compressed(effects, rows.keep & rows.slides),
+            ),
             frozen=self.frozen,
         )
         return HeldOut(
@@ -559,6 +576,13 @@ class HeldOutData:
                 tests=tuple(
                     table.compressed(effects_of_fold, test_rows & its_rows)
                     for its_rows in rows_by_run(table.rows)
+                ),
+                sliding=tuple(
+                    table.compressed(effects_of_fold, its_rows & table.rows.slides)
+                    for its_rows in (
+                        *(test_rows & run for run in rows_by_run(table.rows)),
+                        train_rows,
+                    )
                 ),
                 frozen=self.frozen,
             )

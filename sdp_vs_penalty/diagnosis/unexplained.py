@@ -23,7 +23,6 @@ from sdp_vs_penalty.diagnosis.events import outliers
 from sdp_vs_penalty.diagnosis.linear_fit import WhiteFit
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.sliding import joints_slide
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, Noise
@@ -107,7 +106,7 @@ def remainder(
     white = (fit.residual * fit.level[:, None]).T  # (M, n)
     is_measured = rows.keep & (white != 0.0) & (noise.worth > 0.5)
     keep = is_measured & (rows.still <= STILL) & ~outlier_rows
-    slides = keep & joints_slide(rows)
+    slides = keep & rows.slides
     # (M, n) share of a row's noise that the fit has absorbed.
     leverage = fit.leverage.T
 

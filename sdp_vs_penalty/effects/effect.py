@@ -356,6 +356,12 @@ class Effect(ABC):
         return self.units[self.robot.joints[joint].kind == "prismatic"]
 
     @property
+    def is_dry_friction(self) -> bool:
+        """Whether it is a finer law of its joint's dry friction, which holds any torque
+        while the joint stands."""
+        return "coulomb_friction" in self.refines
+
+    @property
     def law_constants(self) -> dict[str, float]:
         """The shape constants, by name, that only take a few given values: which of its
         laws the effect has."""

@@ -37,6 +37,7 @@ from sdp_vs_penalty.signals.preprocessing import OVERSAMPLING, Preprocessing, Ru
 from sdp_vs_penalty.signals.repetition import Filtered, Repeat, find_repeats
 from sdp_vs_penalty.signals.runs import Stretch, split_at_gaps
 from sdp_vs_penalty.signals.standstill import (
+    SLOW,
     STILL,
     friction_laws,
     resolution,
@@ -238,6 +239,11 @@ class SegmentedRuns:
             is_slow = np.abs(s.motion.dq) <= SLIDES * usual
             shares.append(abs(s.low_pass) @ is_slow.astype(float))
         return np.concatenate(shares)
+
+    @cached_property
+    def slides(self) -> Mask:
+        """(M, n) rows in which a joint neither stands still nor turns round."""
+        return (self.still <= STILL) & (self.slow <= SLOW)
 
     @property
     def mean_inertias(self) -> Array:

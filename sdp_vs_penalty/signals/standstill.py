@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.effects.bristles import PRESLIDING_TRAVELS, dahl
 from sdp_vs_penalty.effects.motion import Legs, Motion
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, nonzero_or_one
+from sdp_vs_penalty.signals.constants import SLIDES
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.runs import Stretch
 
@@ -125,6 +126,14 @@ def sliding(extreme: np.ufunc, x: NDArray[Any], width: int) -> NDArray[Any]:
     if size == width:
         return x
     return extreme(x[:, : size - width], x[:, width - size :])
+
+
+def slides_throughout(velocity: Array, margin: int) -> Mask:
+    """Return the rows (M, n) of evenly sampled velocities in which a joint is as fast as
+    SLIDES times its root mean square, and is so ``margin`` rows before and after."""
+    slow = np.abs(velocity) <= SLIDES * np.sqrt(np.mean(velocity**2, axis=0))
+    near = np.pad(slow.T, ((0, 0), (margin, margin)), mode="edge")
+    return ~sliding(np.maximum, near, 2 * margin + 1).T
 
 
 def resolution(q: Array) -> Array:

@@ -16,6 +16,7 @@ from sdp_vs_penalty.diagnosis import (
     remainder,
 )
 from sdp_vs_penalty.diagnosis.conclude import _standstill
+from sdp_vs_penalty.diagnosis.sizes import TorqueMade
 from sdp_vs_penalty.signals import REPETITION
 
 FLOOR = np.array([0.2, 3.0])
@@ -38,7 +39,7 @@ def left(size: float, seed: int = 0) -> tuple[Any, Any, np.ndarray, np.ndarray]:
     keep = np.ones((M, 2), bool)
     none = np.zeros((M, 2))
     rows = SimpleNamespace(
-        keep=keep, still=none.copy(), slow=none.copy(), torque=10.0 * FLOOR * white
+        keep=keep, still=none, slides=keep.copy(), torque=10.0 * FLOOR * white
     )
     rows.steps = none.copy()
     noise = SimpleNamespace(
@@ -62,8 +63,8 @@ def test_what_is_beyond_the_noise_matters(size, change, matters):
     data, fit, residual, none = left(size)
     data.noise_is_known = change.get("known", True)
     data.noise.degrees[:] = change.get("degrees", 1000.0)
-    for name in ("still", "slow", "steps"):
-        getattr(data.rows, name)[:, 0] = change.get(name, 0.0)
+    data.rows.slides[:, 0] = change.get("slides", True)
+    data.rows.steps[:, 0] = change.get("steps", 0.0)
     found = remainder(data, fit, residual, none)
     assert found.joints_unexplained == matters
     assert (
@@ -202,7 +203,14 @@ def test_what_raises_its_joints_errors_more_than_it_lowers_them_is_doubtful(
 def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
     change, doubts, monkeypatch
 ):
-    usual = {"rivals": (), "std": 0.19, "J": 20.1, "after": 0.5, "known": True}
+    usual = {
+        "rivals": (),
+        "std": 0.19,
+        "torque_std": 0.49,
+        "J": 20.1,
+        "after": 0.5,
+        "known": True,
+    }
     usual |= {
         "elsewhere": 1.0,
         "beta": 1.9,
@@ -251,7 +259,10 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         "sdp_vs_penalty.diagnosis.confidence.size_of", lambda *_: (1.0, case.std)
     )
     size: Any = SimpleNamespace(
-        beta=np.array([beta]), covariance=None, covariance_given_constants=None
+        beta=np.array([beta]),
+        covariance=None,
+        covariance_given_constants=None,
+        torque=TorqueMade(0, 1.0, case.torque_std),
     )
     judged = Judged(search, own, size, errors, curves)
     assert {doubt.reason for doubt in reasons_for_doubt(judged)} == doubts

@@ -99,27 +99,25 @@ def verb(
     console.next_step(["report", model, out, "--data", *options])
 
 
-#: Relative rise of a joint's error above which findings are not added.
-_HARMFUL = 0.05
-
-
 def _refuse_harm(before: Any, after: Any, what: str) -> None:
-    """Raise InputError if findings raise the error (RMS) of a joint on some runs to
-    more than counts as noise.
+    """Raise InputError if findings raise the error (RMS) of a joint on some runs, where
+    it slides, to more than counts as noise, and no joint's error falls by more.
 
     before, after : comparisons of the models with the runs; what : the runs, in words.
     """
     import numpy as np
 
     from sdp_vs_penalty import formatting
+    from sdp_vs_penalty.diagnosis.constants import MAX_JOINT_HARM
 
-    exceeds = after.errors.exceeds_noise
-    rises = np.where(exceeds, after.rmse / before.rmse - 1.0, 0.0)
-    if rises.max() > _HARMFUL:
+    errors = after.errors_sliding
+    ratios = np.nan_to_num(errors.rmse / before.errors_sliding.rmse, nan=1.0)
+    rises = np.where(errors.exceeds_noise, ratios, 1.0)
+    if rises.max() > 1.0 + MAX_JOINT_HARM and rises.max() * ratios.min() > 1.0:
         joint = int(rises.argmax())
         raise InputError(
             f"not added: with these findings joint {joint + 1} errs by"
-            f" {formatting.percent(rises[joint], 2)} more on {what}",
+            f" {formatting.percent(rises[joint] - 1.0, 2)} more on {what} while it slides",
             "choose findings with --only, or name an effect yourself",
         )
 
