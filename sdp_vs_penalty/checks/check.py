@@ -4,7 +4,7 @@
 the order of the code.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.checks import residual
-from sdp_vs_penalty.checks.certainty import certain, likely, possible
+from sdp_vs_penalty.checks.certainty import certain
 from sdp_vs_penalty.checks.constants import NO_DYNAMICS, NO_ROWS, RUN
 from sdp_vs_penalty.checks.dynamics import judge_dynamics, with_issues
 from sdp_vs_penalty.checks.facts import channels, magnitude, mended, standing, stuck
@@ -21,6 +21,7 @@ from sdp_vs_penalty.checks.facts.repetition import find_overlaps
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import FACT, Issue, gravest_first, mended_for_certain
 from sdp_vs_penalty.checks.long_runs import issues_of_run, windows_of
+from sdp_vs_penalty.checks.position_units import unit_as_fact
 from sdp_vs_penalty.checks.report import Report
 from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
@@ -34,7 +35,7 @@ from sdp_vs_penalty.data.plausibility import (
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.results.remedy import Change
+from sdp_vs_penalty.race.kinds.position_unit import KINDS_OF_UNITS
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, joined
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -248,43 +249,50 @@ def judge_ranges(
         Whether its positions are known to be possible for this robot.
     """
     issues = [*report.issues]
-    explained = "encoder offset", *POSITION_UNITS
+    explained = "encoder offset", *KINDS_OF_UNITS
     has_rows = len(report.repaired_all.t) >= RUN
     if has_rows and not any(f.kind in explained for f in issues):
         standstill = problem.preprocessing.standstill
         glance = RunSummary(report.repaired_all, problem.robot, standstill)
         issues += [*channels.find_positions_outside_range(glance)]
-    if not is_plausible and not any(f.severity == "error" for f in issues):
-        issues = _with_range_error(problem, report, issues)
+    if not any(f.severity == "error" for f in issues):
+        issues = _with_range_error(problem, report, issues, is_plausible)
     return replace(report, issues=tuple(issues))
 
 
 def _with_range_error(
-    problem: Problem, report: Report, issues: Sequence[Issue]
+    problem: Problem, report: Report, issues: Sequence[Issue], is_plausible: bool
 ) -> list[Issue]:
-    """Return the issues, with an error where positions cannot be this robot's.
+    """Return the issues, with an error where positions cannot be this robot's, or where
+    torques say that they are in another unit: a model of such positions has no masses.
 
-    Where torques say that positions are in degrees, the range makes that a fact.
     Otherwise nothing that a model makes of impossible positions is worth saying.
     """
     run = report.original or report.repaired_all
+    impossible = None
     try:
-        check_plausible(problem.robot, run)
+        if not is_plausible:
+            check_plausible(problem.robot, run)
     except InputError as error:
-        if any(f.kind in POSITION_UNITS for f in issues):
-            percent = radians_per_percent(problem.robot, run.q)
-            return [
-                _as_fact(f, percent) if f.kind in POSITION_UNITS else f for f in issues
-            ]
-        far = far_outside(problem.robot, run.q)
-        certainty = certain("`identify` refuses it")
-        refused = Issue.of_refusal("position range", error, certainty, far)
-        repairs = _explanations_of_positions(problem, report, issues)
-        if repairs:
-            what = "the positions are not possible for this robot as they are logged."
-            refused = replace(refused, what=what, remedy=repairs[0].remedy)
-        return [*(f for f in issues if f.nature == FACT), refused, *repairs]
-    return [*issues]
+        impossible = error
+    if any(f.kind in KINDS_OF_UNITS for f in issues):
+        percent = radians_per_percent(problem.robot, run.q)
+        return [
+            unit_as_fact(f, impossible is not None, percent)
+            if f.kind in KINDS_OF_UNITS
+            else f
+            for f in issues
+        ]
+    if impossible is None:
+        return [*issues]
+    far = far_outside(problem.robot, run.q)
+    certainty = certain("`identify` refuses it")
+    refused = Issue.of_refusal("position range", impossible, certainty, far)
+    repairs = _explanations_of_positions(problem, report, issues)
+    if repairs:
+        what = "the positions are not possible for this robot as they are logged."
+        refused = replace(refused, what=what, remedy=repairs[0].remedy)
+    return [*(f for f in issues if f.nature == FACT), refused, *repairs]
 
 
 def _explanations_of_positions(
@@ -298,39 +306,6 @@ def _explanations_of_positions(
         return []
     of_positions = ("order:q", "order:joint", "sign:q", "sign:joint", "zero:q")
     return [f for f in issues if f.apply.startswith(of_positions)]
-
-
-def _as_fact(issue: Issue, percent: Mapping[int, tuple[float, float]] | None) -> Issue:
-    """Return the issue in which unit positions are as an error: the joints' ranges
-    confirm what the torques suggest.
-
-    percent : radians per cent of each joint's range and its middle, where positions may
-    be that; then degrees are not certain, and both commands are named.
-    """
-    is_percent = issue.kind == "positions in per cent"
-    unit = "per cent" if is_percent else "degrees"
-    why = f"outside what the joints can reach, and inside it as {unit}"
-    if percent is None:
-        certainty = certain(why)
-        return replace(issue, nature=FACT, severity="error", certainty=certainty)
-    factors = ":".join(f"{scale:.6g}" for scale, _ in percent.values())
-    other = "degrees" if is_percent else "per cent of each joint's range"
-    unit_of_q = "deg" if is_percent else factors
-    reading = Change("read", f"read q in {other}", {"scale": {"q": unit_of_q}})
-    told = likely(f"{why}; as {other} the torques are explained worse")
-    if issue.equivalents:
-        told = possible(f"{why}; as {other} the torques are explained as well")
-    return replace(
-        issue,
-        nature=FACT,
-        severity="error",
-        certainty=told,
-        changes=(*issue.changes, reading),
-    )
-
-
-#: Issues that say in which unit positions are.
-POSITION_UNITS = "positions in degrees", "positions in per cent", "position unit"
 
 
 def judge_excitation(

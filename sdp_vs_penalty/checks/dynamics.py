@@ -21,6 +21,7 @@ from sdp_vs_penalty.checks.explain import (
     repair_of,
 )
 from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.position_units import unit_asked_for
 from sdp_vs_penalty.checks.problem_units import problem_units
 from sdp_vs_penalty.checks.report import Report
 from sdp_vs_penalty.checks.residual import (
@@ -142,8 +143,14 @@ class LoggerJudge:
         elif any(report.lockstep is not None for report in reports):
             # Channels that move in proportion look the same.
             kinds = tuple(kind for kind in KINDS if kind is not order)
-        verdict = Race(logs, kinds, self.is_poor_motion).run()
+        race = Race(logs, kinds, self.is_poor_motion)
+        verdict = race.run()
         self._report(common, verdict)
+        for number in self.logs:
+            report = self.reports[number]
+            if command := report.repaired_all.unit_command:
+                asked = unit_asked_for(race.all, verdict.fit, command)
+                self.reports[number] = with_issues(report, asked)
         return self.reports
 
     def _report(self, common: Likelihood, verdict: RaceOutcome) -> None:

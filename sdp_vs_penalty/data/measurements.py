@@ -88,6 +88,9 @@ class Measurements(Shown):
     reading : str
         What the columns of another program's log were taken for, one sentence; "" where
         names were ours.
+    unit_command : str
+        The `convert` command that says the unit of q, with UNIT for it, of a log whose
+        names do not; "" where they do.
     file_rows : (N,) array of int, optional
         Number in its file of each sample's row; default: sample k, from 0, is row k + 2.
     """
@@ -104,6 +107,7 @@ class Measurements(Shown):
     joint_names: tuple[str, ...] = ()
     torque_unit: str = ""
     reading: str = ""
+    unit_command: str = ""
     file_rows: NDArray[np.int64] | None = None
     #: Recordings that these samples are windows of; none: they are a whole recording. A
     #: changed copy (``dataclasses.replace``) is a recording of its own.
@@ -208,6 +212,7 @@ class Measurements(Shown):
             other,
             joint_names=self.joint_names,
             reading=self.reading,
+            unit_command=self.unit_command,
             file_rows=self.file_rows,
         )
 
@@ -492,7 +497,10 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
         torque_unit=runs[0].torque_unit,
     )
     sentences = dict.fromkeys(run.reading for run in runs if run.reading)
-    together = replace(together, file_rows=rows, reading=" ".join(sentences))
+    asked = next((run.unit_command for run in runs if run.unit_command), "")
+    together = replace(
+        together, file_rows=rows, reading=" ".join(sentences), unit_command=asked
+    )
     if not any(part._cut_from for part in several):
         return together
     recordings = [whole for part in several for whole in part._cut_from or (part,)]

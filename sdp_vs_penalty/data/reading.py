@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.hypotheses.channels import (
+    BY_WORDS,
     Recognition,
     counted_from_zero,
     has_our_names,
@@ -108,7 +109,22 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
     }
     remark = ColumnsRemark(said, _rows_shown(run, found.rename), found.rename, others)
     warnings.warn(remark, stacklevel=2)
-    return replace(run, reading=f"{log.path.name}: {sentence}")
+    run = replace(run, reading=f"{log.path.name}: {sentence}")
+    if _says_unit_of_positions(found):
+        return run
+    asking = replace(choice, scale={**(choice.scale or {}), "q": "UNIT"})
+    return replace(run, unit_command=repeating_command(log, found, asking))
+
+
+def _says_unit_of_positions(found: Recognition) -> bool:
+    """Return whether names, metadata, values or the program that wrote a file say the unit
+    of positions."""
+    from sdp_vs_penalty.data.words.names import read_name
+
+    if found.logger != BY_WORDS or "q" in {*found.units, *map(group_of, found.scale)}:
+        return True
+    said = (read_name(y) for x, y in found.rename.items() if group_of(x) == "q")
+    return any(x is not None and x.unit for x in said)
 
 
 def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recognition]:

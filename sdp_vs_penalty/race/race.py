@@ -14,7 +14,7 @@ from scipy.special import log_ndtr
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
-from sdp_vs_penalty.race.kinds import KINDS, degrees, list_faults, propose_all
+from sdp_vs_penalty.race.kinds import KINDS, list_faults, position_unit, propose_all
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Further, Hypothesis, LogView
 from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
@@ -33,6 +33,8 @@ _MORE_ODDS = 100.0
 _ROUNDS_OF_COLUMNS = 3
 #: Positions that reach so many times a joint's range are in another unit.
 _BEYOND_RANGE = 2.0
+#: Units from which the race begins again.
+_UNITS_BEGUN_FROM = 3
 #: A step that looks for a size far off is not held back by its prior.
 _LOOSE = 10.0
 
@@ -169,8 +171,10 @@ class Race:
         if not self._is_beyond_range(verdict.view.chain):
             return verdict
         logged = self._incumbent(LogView(self.all.log.as_logged))
-        units = degrees.propose(self.all, logged)
-        begun = [self._begun_from(h, logged) for h in units]
+        units = [*position_unit.propose(self.all, logged)]
+        fits = self.all.fit_all([h.seen(logged.view) for h in units], logged.v)
+        likeliest = np.argsort([-x.value for x in fits])[:_UNITS_BEGUN_FROM]
+        begun = [self._begun_from(units[k], logged) for k in likeliest]
         found = [x for x in begun if x is not None]
         return max(found, key=lambda x: x.claims[0].log_odds, default=verdict)
 
@@ -195,7 +199,9 @@ class Race:
         limits = [(joint.lower, joint.upper) for joint in log.problem.robot.joints]
         reach = np.abs(np.array(limits, float)).max(axis=1)  # (n,) [rad, m]
         largest = np.abs(chain.positions(log.data.motion.q)).max(axis=0)
-        return degrees in self.kinds and bool(np.any(largest > _BEYOND_RANGE * reach))
+        return position_unit in self.kinds and bool(
+            np.any(largest > _BEYOND_RANGE * reach)
+        )
 
     def _begun_from(self, h: Hypothesis, logged: ViewFit) -> RaceOutcome | None:
         """Return the verdict of the race that begins from a unit of positions, beside the

@@ -197,6 +197,48 @@ def test_torques_tell_per_cent_of_the_ranges_from_degrees(simulated):
     np.testing.assert_allclose(report.repaired_all.q, run.q, atol=0.01)
 
 
+@pytest.mark.parametrize(
+    ("word", "scale", "middle"),
+    [
+        ("turns", 2.0 * np.pi, 0.0),
+        ("mrad", 1e-3, 0.0),
+        ("counts", 2.0 * np.pi / 4096, 0.0),
+        ("counts", 2.0 * np.pi / 4096, -np.pi),
+        ("counts", 2.0 * np.pi / 2**17, 0.0),
+        ("shares", 5.0, -2.5),
+    ],
+)
+def test_torques_tell_the_unit_of_positions(word, scale, middle, tmp_path):
+    """Such a log is refused with the repair that reads it, whether or not the positions
+    would be possible as radians."""
+    path = write_urdf(tmp_path / "arm.urdf", "arm", (TURN, SHOULDER, ELBOW))
+    problem = load_problem(path)
+    run = small_run(problem, seconds=10.0)
+    logged = replace(run, q=(run.q - middle) / scale, dq=None)
+    (report,) = check(problem, logged, thorough=False)
+    (issue,) = [f for f in report.issues if f.severity == "error"]
+    assert (issue.kind, issue.apply.split(":")[0]) == (f"positions in {word}", word)
+    (fixed,) = fix_runs(problem, [logged], [report], [issue.apply]).runs
+    np.testing.assert_allclose(fixed.q, run.q, atol=1e-9)
+    with pytest.raises(InputError, match=r"in (mill|turn|count|share)|far outside"):
+        identify(problem, logged)
+
+
+def test_a_unit_that_nothing_says_nor_the_arm_tells_is_asked_for(tmp_path):
+    """Two joints without gravity, which move little: any unit explains their torques.
+    What has our names is in radians, and asks nothing."""
+    problem = load_problem("two_link").with_gravity((0.0, 0.0, 0.0))
+    run = small_run(problem, seconds=10.0)
+    small = replace(run, q=0.01 * run.q, dq=None, tau=run.tau)
+    asks = replace(small, unit_command="convert pos.csv --scale q=UNIT --out run.csv")
+    kinds = [{f.kind for f in check(problem, x)[0].issues} for x in (small, asks)]
+    assert ["position unit not said" in x for x in kinds] == [False, True]
+    (issue,) = [f for f in check(problem, asks)[0].issues if "not said" in f.kind]
+    assert "convert pos.csv --scale q=rad --out run.csv" in issue.remedy
+    units = [change.arguments["scale"]["q"] for change in issue.changes]
+    assert units == ["rad", "turns"]
+
+
 @pytest.mark.parametrize("per_cent", [False, True])
 def test_where_torques_do_not_tell_degrees_from_per_cent_both_are_named(
     per_cent, tmp_path

@@ -192,3 +192,24 @@ def test_poses_that_are_seconds_apart_stay_seconds(clock, run, tmp_path):
     blocks = {clock: seconds, "pos": poses.q, "trq": poses.tau}
     got, _ = read(table(tmp_path / "run.csv", **blocks))
     np.testing.assert_allclose(got.t, seconds)
+
+
+@pytest.mark.parametrize(
+    ("name", "asks"), [("pos", True), ("theta", True), ("pos_rad", False), ("q", False)]
+)
+def test_a_log_whose_names_say_no_unit_brings_the_command_that_does(
+    name, asks, run, tmp_path
+):
+    columns = {f"{name}{k + 1}": run.q[:, k] for k in range(2)}
+    columns |= {f"tau{k + 1}": run.tau[:, k] for k in range(2)}
+    path = table(tmp_path / "run.csv", t=run.t, **columns)
+    with warnings.catch_warnings(action="ignore"):
+        got = read_run(path, 2)
+    assert ("--scale q=UNIT" in got.unit_command) == asks
+    if asks:
+        words = shlex.split(got.unit_command.replace("UNIT", "turns"))[1:]
+        words[-1] = str(tmp_path / "turns.csv")
+        assert run_cli(*words) == 0
+        np.testing.assert_allclose(
+            read_run(words[-1], 2).q, 2.0 * np.pi * run.q, rtol=1e-6
+        )

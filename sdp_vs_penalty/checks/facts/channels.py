@@ -24,6 +24,8 @@ from sdp_vs_penalty.signals.encoder import lattice_step, lattice_step_bound
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
+#: How far outside its range an encoder's zero may put a joint [rad, m].
+_ZERO = 0.2
 #: Velocities so many times the derivative of their position [rad/s] are in degrees a
 #: second: 57 times, or nearly 1; the geometric mean of the two.
 _IN_DEGREES_A_SECOND = 8.0
@@ -149,7 +151,7 @@ def _into_range(robot: Robot, q: Array) -> Array:
 def find_degrees(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error where most revolute positions are far outside their ranges, and
     all are inside if they are in degrees, and in nothing else: angles within 100 may be
-    per cent of the ranges, which the torques tell.
+    per cent of the ranges, and whole numbers counts, which the torques tell.
     """
     is_revolute = _revolute_joints(glance.robot)
     far = far_outside(glance.robot, glance.run.q)
@@ -157,8 +159,11 @@ def find_degrees(glance: RunSummary) -> Iterator[Issue]:
         return
     if radians_per_percent(glance.robot, glance.run.q) is not None:
         return
+    if glance.run.torque_logged and np.all(glance.run.q == np.round(glance.run.q)):
+        return
     q = np.where(is_revolute, np.radians(glance.run.q), glance.run.q)
-    is_explained = not far_outside(glance.robot, q)
+    low, high = np.transpose([(j.lower, j.upper) for j in glance.robot.joints])
+    is_explained = np.all((q > low - _ZERO) & (q < high + _ZERO))
     if is_explained and 2 * len(far) > is_revolute.sum():
         yield _degrees(glance, "", unwrap=False)
 

@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.data.hypotheses.weighing import ColumnHypothesis
 
 
+#: How columns were recognised where no known program wrote them.
+BY_WORDS = "by their words"
+
+
 @dataclass(frozen=True)
 class Recognition:
     """Which column of a log is which channel, in which unit and why."""
@@ -23,7 +27,7 @@ class Recognition:
     #: Factors to SI by our names, where they are not 1.
     scale: dict[str, float] = field(default_factory=dict)
     #: The program that writes such files, or how the columns were recognised, in words.
-    logger: str = "by their words"
+    logger: str = BY_WORDS
     #: Unit of channel groups, with the reason.
     units: Mapping[str, ColumnHypothesis] = field(default_factory=dict)
     #: Other sentences: of motors, of currents, of what is not used.

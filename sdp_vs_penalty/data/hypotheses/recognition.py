@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.hypotheses.channels import Recognition
+from sdp_vs_penalty.data.hypotheses.channels import BY_WORDS, Recognition
 from sdp_vs_penalty.data.hypotheses.renaming import by_group, rename_words
 from sdp_vs_penalty.data.hypotheses.sets import SetChoice, choose_sets
 from sdp_vs_penalty.data.hypotheses.weighing import (
@@ -159,7 +159,7 @@ def recognise(
         )
     found = Recognition(
         pairs,
-        logger=str(logger["name"]) if logger else "by their words",
+        logger=str(logger["name"]) if logger else BY_WORDS,
         torques={x.first_to_last: by_our_names("tau", x.columns) for x in torques},
         joints=joint_names,
         order=order,

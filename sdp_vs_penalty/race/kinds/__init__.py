@@ -13,7 +13,6 @@ from sdp_vs_penalty.race.fault import Fault
 from sdp_vs_penalty.race.kinds import (
     carried,
     clock_rate,
-    degrees,
     delay,
     effects,
     effort,
@@ -24,6 +23,7 @@ from sdp_vs_penalty.race.kinds import (
     mounting,
     of_one_part,
     order,
+    position_unit,
     saturation,
     sign,
     weight,
@@ -34,7 +34,7 @@ from sdp_vs_penalty.race.records import Hypothesis
 
 #: What is tried, in the order of the words.
 KINDS: tuple[ModuleType, ...] = (
-    degrees,
+    position_unit,
     clock_rate,
     sign,
     order,
@@ -53,7 +53,7 @@ KINDS: tuple[ModuleType, ...] = (
     friction,
 )
 #: What a motion shows whose directions are half as many as its joints.
-SHOWN_BY_A_POOR_MOTION = degrees, sign, mounting, events
+SHOWN_BY_A_POOR_MOTION = position_unit, sign, mounting, events
 
 
 def propose_all(

@@ -16,6 +16,7 @@ from sdp_vs_penalty.race.fault import (
     length_like_a_radian,
     prior_of_one_of,
 )
+from sdp_vs_penalty.race.kinds import position_unit
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis, Number
 
@@ -101,8 +102,11 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             in_words=_metres,
             is_repairable=False,
         )
-    for j in np.flatnonzero(chain.zero).tolist():
-        offset = chain.zero[j]  # [rad, m]; the zero is away by minus that
+    _, of_unit = position_unit.taken(log, chain)
+    middles = np.array([of_unit.get(j, (1.0, 0.0))[1] for j in range(log.n)])
+    offsets = np.array(chain.zero) - middles  # [rad, m]; the zero is away by minus that
+    for j in np.flatnonzero(offsets).tolist():
+        offset = float(offsets[j])
         in_words = _minus_degrees if j in log.revolute else _minus_metres
         unit = log.problem.robot.position_units[j]
         # The mounting about the first axis.
@@ -114,8 +118,8 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             what=f"the zero of joint {j + 1} is {in_words(offset)} away from the robot's"
             f" kinematics{base}.",
             remedy=f"add {offset:+.5g} {unit} to q{j + 1}",
-            without=chain.with_entries("zero", (j,), 0.0),
-            number=zero_number(log, j),
+            without=chain.with_entries("zero", (j,), float(middles[j])),
+            number=None if middles[j] else zero_number(log, j),
             in_words=in_words,
             number_told=operator.neg,
             figures={"shifts": [offset]},

@@ -1,0 +1,84 @@
+"""The unit of positions, as the check reports it: a fact where ranges or torques tell it, a
+question where neither does and no name says it."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from sdp_vs_penalty.checks.certainty import certain, likely, possible
+from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
+from sdp_vs_penalty.race.kinds.position_unit import as_likely_as_radians
+from sdp_vs_penalty.results.remedy import Change
+
+
+def unit_as_fact(
+    issue: Issue, is_impossible: bool, percent: Mapping[int, tuple[float, float]] | None
+) -> Issue:
+    """Return the issue in which unit positions are as an error: the joints' ranges
+    confirm what the torques suggest, or the torques alone tell it.
+
+    is_impossible : whether the positions are as logged; percent : radians per cent of each
+    joint's range and its middle, where they may be that; then degrees are not certain,
+    and both commands are named.
+    """
+    if not is_impossible:
+        is_sure = issue.certainty.grade != "possible"
+        nature, severity = (FACT, "error") if is_sure else (EXPLANATION, "warning")
+        return replace(issue, nature=nature, severity=severity)
+    is_percent = issue.kind == "positions in per cent"
+    is_degrees = issue.kind in ("positions in degrees", "position unit")
+    if not (is_percent or is_degrees):
+        return replace(issue, nature=FACT, severity="error")
+    unit = "per cent" if is_percent else "degrees"
+    why = f"outside what the joints can reach, and inside it as {unit}"
+    if percent is None:
+        certainty = certain(why)
+        return replace(issue, nature=FACT, severity="error", certainty=certainty)
+    factors = ":".join(f"{scale:.6g}" for scale, _ in percent.values())
+    other = "degrees" if is_percent else "per cent of each joint's range"
+    unit_of_q = "deg" if is_percent else factors
+    reading = Change("read", f"read q in {other}", {"scale": {"q": unit_of_q}})
+    told = likely(f"{why}; as {other} the torques are explained worse")
+    if issue.equivalents:
+        told = possible(f"{why}; as {other} the torques are explained as well")
+    return replace(
+        issue,
+        nature=FACT,
+        severity="error",
+        certainty=told,
+        changes=(*issue.changes, reading),
+    )
+
+
+def unit_asked_for(evidence: Evidence, fit: ViewFit, command: str) -> list[Issue]:
+    """Return an error that asks for the unit of positions where an arm explains the torques
+    as well in another one as in radians; none where it tells them.
+
+    command : the `convert` command that says it, with UNIT in the place of the unit.
+    """
+    units = as_likely_as_radians(evidence, fit)
+    if not units:
+        return []
+    largest = float(np.abs(evidence.log.data.motion.q).max())
+    others = " or ".join(unit.words for unit in units)
+    is_in_turns = any(unit.kind == "positions in turns" for unit in units)
+    word = "turns" if is_in_turns else "FACTOR"
+    by = command.replace("UNIT", "rad")
+    return [
+        Issue.from_fault(
+            kind="position unit not said",
+            severity="error",
+            joints=(),
+            what=f"nothing says in which unit q is, which reaches {largest:.3g}: radians,"
+            f" or {others}; the arm explains the torques as well either way.",
+            certainty=certain("no name says it, and the torques do not tell it"),
+            remedy=f"say it by `{by}`, or with q={word}",
+            where="columns q",
+            changes=[
+                Change("read", f"read q in {x}", {"scale": {"q": x}})
+                for x in ("rad", *(["turns"] if is_in_turns else []))
+            ],
+        )
+    ]

@@ -1,0 +1,217 @@
+"""The unit of positions: of all revolute joints, or degrees of one of them.
+
+Small units are tried where positions reach beyond a turn; turns and shares of the range,
+which look like radians of a small motion, and degrees of a smaller one, where the arm explains
+the torques poorly.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sdp_vs_penalty.data.plausibility import radians_per_percent
+from sdp_vs_penalty.data.words.units import LARGEST_PERCENT
+from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.evidence import Evidence, ViewFit
+from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.records import Hypothesis
+
+_RADIANS_PER_DEGREE = float(np.radians(1.0))
+_TURN = 2.0 * np.pi
+#: Natural logarithm of the odds that tell radians from another unit.
+LEAST_TO_TELL = 6.0
+#: A zero may put positions so far outside of their range [rad].
+_ZERO = 0.2
+
+
+@dataclass(frozen=True)
+class PositionUnit:
+    """A unit of revolute positions: radians are scale times them, plus middle."""
+
+    #: Kind of hypothesis and issue.
+    kind: str
+    #: What the positions are in, in words.
+    words: str
+    #: What to do, in words.
+    remedy: str
+    #: Radians of a unit and of its zero; of shares of a joint's range in per cent of it,
+    #: -100 to 100, and of half of it.
+    scale: float
+    middle: float = 0.0
+    is_share: bool = False
+
+    @property
+    def is_small(self) -> bool:
+        """Whether angles are larger numbers in it than in radians."""
+        return self.scale <= 1.0
+
+    def of_joints(self, log: Likelihood) -> Mapping[int, tuple[float, float]] | None:
+        """Return scale and middle [rad] of each revolute joint; None where one has no
+        range to share, or moves farther in this unit than it can."""
+        robot, q = log.problem.robot, log.data.motion.q
+        numbers = dict.fromkeys(log.revolute, (self.scale, self.middle))
+        if self.is_share:
+            percent = radians_per_percent(robot, 0.0 * q)
+            if percent is None:
+                return None
+            for j in log.revolute:
+                scale, middle = percent[j]
+                zero = middle + 100.0 * self.middle * scale
+                numbers[j] = self.scale * scale, zero
+                farthest = np.abs(self.scale * q[:, j] + 100.0 * self.middle).max()
+                if farthest > LARGEST_PERCENT:
+                    return None
+        for j, (scale, _) in numbers.items():
+            joint = robot.joints[j]
+            if scale * np.ptp(q[:, j]) > joint.upper - joint.lower + _ZERO:
+                return None
+        return numbers
+
+
+_TO_RADIANS = "multiply q (and dq) by {}"
+_OF_RANGE = "multiply q (and dq) by {} of the range"
+_DEGREES = PositionUnit(
+    "positions in degrees",
+    "degrees",
+    _TO_RADIANS.format("pi / 180"),
+    _RADIANS_PER_DEGREE,
+)
+UNITS = (
+    _DEGREES,
+    PositionUnit(
+        "positions in per cent",
+        "per cent of each joint's range, from -100 to 100, as LeRobot writes them",
+        _OF_RANGE.format("a hundredth of half"),
+        1.0,
+        is_share=True,
+    ),
+    PositionUnit(
+        "positions in mrad", "milliradians", _TO_RADIANS.format("0.001"), 1e-3
+    ),
+    *(
+        PositionUnit(
+            "positions in counts",
+            f"counts of an encoder with {2**bits} a turn{words}",
+            _TO_RADIANS.format(f"2 pi / {2**bits}"),
+            _TURN / 2**bits,
+            middle,
+        )
+        for bits, middle, words in (
+            (12, -np.pi, ", the middle at 2048"),
+            *((bits, 0.0, "") for bits in (10, 12, 13, 14, 16, 17, 18, 19, 20)),
+        )
+    ),
+    PositionUnit("positions in turns", "turns", _TO_RADIANS.format("2 pi"), _TURN),
+    PositionUnit(
+        "positions in shares",
+        "shares of each joint's range, from -1 to 1",
+        _OF_RANGE.format("half"),
+        100.0,
+        is_share=True,
+    ),
+    PositionUnit(
+        "positions in shares",
+        "shares of each joint's range, from 0 to 1",
+        _OF_RANGE.format("all"),
+        200.0,
+        -1.0,
+        is_share=True,
+    ),
+)
+#: Kinds of issue that say in which unit positions are.
+KINDS_OF_UNITS = (*dict.fromkeys(unit.kind for unit in UNITS), "position unit")
+
+
+def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
+    """Yield units of all revolute joints, and degrees of each single joint that moves
+    beyond a turn [rad]."""
+    log, now = evidence.log, fit.chain
+    largest = np.abs(now.positions(log.data.motion.q)).max(axis=0)  # (n,)
+    beyond_a_turn = [j for j in log.revolute if largest[j] > _TURN]
+    if not beyond_a_turn and not fit.is_poorly_explained.any():
+        return
+    is_in_radians = all(abs(now.scale[j]) == 1.0 for j in log.revolute)
+    for unit in UNITS if is_in_radians else ():
+        is_tried = (
+            unit.is_small if beyond_a_turn else not unit.is_small or unit is _DEGREES
+        )
+        numbers = unit.of_joints(log) if is_tried else None
+        if not numbers:
+            continue
+        yield Hypothesis(
+            unit.kind, tuple(numbers), prior_of_one_of(1), _in_radians(now, numbers)
+        )
+    for j in beyond_a_turn if log.n > 1 else ():  # else the only joint is all joints
+        chain = now.with_multiplied("scale", (j,), _DEGREES.scale)
+        yield Hypothesis("position unit", (j,), prior_of_one_of(log.n), chain)
+
+
+def _in_radians(
+    now: LogTransform, numbers: Mapping[int, tuple[float, float]]
+) -> LogTransform:
+    """Return the transform with other scales and middles of joints."""
+    for j, (scale, middle) in numbers.items():
+        now = now.with_multiplied("scale", (j,), scale)
+        now = now.with_entries("zero", (j,), now.zero[j] + middle)
+    return now
+
+
+def as_likely_as_radians(evidence: Evidence, fit: ViewFit) -> list[PositionUnit]:
+    """List the units that look like radians of a small motion, and under which an arm
+    explains the torques as well as it does in radians."""
+    now = fit.chain
+    alike = list[PositionUnit]()
+    for unit in UNITS if all(abs(x) == 1.0 for x in now.scale) else ():
+        numbers = None if unit.is_small else unit.of_joints(evidence.log)
+        if numbers:
+            view = replace(fit.view, chain=_in_radians(now, numbers))
+            other = evidence.fit(view, fit.v)
+            if fit.value - other.value < LEAST_TO_TELL:
+                alike.append(unit)
+    return alike
+
+
+def taken(
+    log: Likelihood, chain: LogTransform
+) -> tuple[PositionUnit, dict[int, tuple[float, float]]]:
+    """Return the unit that a transform undoes, with scale and middle of its joints; those
+    of degrees where it is of a part of the joints, no joints where positions are radians."""
+    sizes = np.abs(chain.scale)
+    joints = np.flatnonzero(~np.isclose(sizes, 1.0)).tolist()
+    best, least = _DEGREES, np.inf
+    numbers = dict.fromkeys(joints, (_DEGREES.scale, 0.0))
+    for unit in UNITS if joints and joints == log.revolute else ():
+        of_unit = unit.of_joints(log) or {}
+        scales = [scale for scale, _ in of_unit.values()]
+        if of_unit and np.allclose(sizes[list(of_unit)], scales, rtol=1e-6):
+            away = sum(abs(chain.zero[j] - x) for j, (_, x) in of_unit.items())
+            if away < least:
+                best, least, numbers = unit, away, dict(of_unit)
+    return best, numbers
+
+
+def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+    """Yield one fault about all joints, or about those in degrees."""
+    best, numbers = taken(log, chain)
+    joints = tuple(numbers)
+    if not joints:
+        return
+    without = chain
+    for j, (scale, middle) in numbers.items():
+        without = without.with_multiplied("scale", (j,), 1.0 / scale)
+        without = without.with_entries("zero", (j,), chain.zero[j] - middle)
+    largest = np.abs(log.data.motion.q[:, list(joints)]).max()
+    is_one = len(joints) == 1
+    channels = ", ".join(f"q{j + 1}" for j in joints)
+    yield Fault(
+        kind=best.kind if len(joints) == len(log.revolute) else "position unit",
+        joints=joints,
+        what=f"the position{'' if is_one else 's'} of {joints_text(joints)}"
+        f" {'is' if is_one else 'are'} in {best.words}: {'it reaches' if is_one else 'they reach'}"
+        f" {largest:.4g}.",
+        remedy=best.remedy.replace("q (and dq)", f"{channels} (and dq)"),
+        without=without,
+        place=channels,
+    )
