@@ -237,7 +237,9 @@ def in_copy(rehearsed, tmp_path, monkeypatch):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("page", ["how-to.md", "which-motion.md", "tool.md"])
+@pytest.mark.parametrize(
+    "page", ["how-to.md", "which-motion.md", "tool.md", "ranges.md"]
+)
 def test_answers_print_what_they_show(page, rehearsed, tmp_path, monkeypatch, capsys):
     """Every command of the page, in order, in the folder of the rehearsal."""
     in_copy(rehearsed, tmp_path, monkeypatch)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import Source, as_measurements, training_runs
+from sdp_vs_penalty.data.recorded import words_of_source
 from sdp_vs_penalty.diagnosis.adding import add as add_effects
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
@@ -66,10 +67,9 @@ def add(
         one that cannot act.
     """
     model = as_estimate(estimate, "add(estimate=...)")
+    source = training_runs(measurements)
     runs = as_measurements(
-        training_runs(measurements),
-        names=model.robot.joint_names,
-        what="add(measurements=...)",
+        source, names=model.robot.joint_names, what="add(measurements=...)"
     )
     extended = add_effects(
         model, effects, runs, frozen=frozen, seed=seed, progress=progress
@@ -78,5 +78,8 @@ def add(
         runs = beside_causes(runs, effects.passing)
     progress("comparing measured with modelled")
     judged = compare(extended, runs)[0]
-    extended.provenance["verdict"] = judged.verdict.to_dict()
+    words = words_of_source(source)
+    extended.provenance.update(
+        verdict=judged.verdict.to_dict(), data=words, judged_data=words
+    )
     return extended

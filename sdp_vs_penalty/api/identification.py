@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import Source, as_measurements, training_runs
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.recorded import words_of_source
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare_filtered
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
@@ -161,11 +162,12 @@ def identify(
     if noise_from is not None:
         names, what = robot.robot.joint_names, "identify(noise_from=...)"
         recorded = as_measurements(noise_from, names=names, what=what)
-    estimate, runs = _identify(
-        robot, training_runs(measurements), method, options, proof, check
-    )
+    source = training_runs(measurements)
+    estimate, runs = _identify(robot, source, method, options, proof, check)
     if isinstance(runs, BlackBox):
         return estimate
+    if words := words_of_source(source):
+        estimate.provenance.update(data=words, judged_data=words)
     is_window = recorded is not None and recorded is not runs.measurements
     if runs.are_long or is_window:
         # A model must not keep a long recording alive.

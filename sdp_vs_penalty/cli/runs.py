@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.files import load_measurements, run_files, windowed
-from sdp_vs_penalty.data.formats import FILE_SEPARATOR
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, time_windows
 from sdp_vs_penalty.data.plausibility import check_plausible, find_idle_joints
+from sdp_vs_penalty.data.recorded import recorded_runs
+from sdp_vs_penalty.data.recorded import run_words as run_words
 from sdp_vs_penalty.errors import InputError, MissingJoints, command_line
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
@@ -149,34 +150,6 @@ def model_from_options(
     if gain_uncertainty is not None:
         estimate = estimate.with_gain_uncertainty(gain_uncertainty)
     return estimate
-
-
-def run_words(data: Sequence[Path], window: str | None) -> list[str]:
-    """Return the runs as words of a command, as they stand after --data; a name that
-    begins with a dash is no option."""
-    names = [f"./{name}" if name.startswith("-") else name for name in map(str, data)]
-    return [*names, *([] if window is None else ["--window", window])]
-
-
-def recorded_runs(recorded: Sequence[str]) -> tuple[list[Path], str | None] | None:
-    """Return the runs, and their window, that a model.json names; the inverse of
-    :func:`run_words`.
-
-    None unless these are files that exist and a window, whatever the file says.
-    """
-    names, window = list(recorded), None
-    if names[-2:-1] == ["--window"]:
-        *names, _, window = names
-    try:
-        time_windows(window)
-    except InputError:
-        return None
-    parts = [part for name in names for part in name.split(FILE_SEPARATOR)]
-    are_files = all(
-        part.isprintable() and not part.startswith("-") and Path(part).exists()
-        for part in parts
-    )
-    return ([*map(Path, names)], window) if parts and are_files else None
 
 
 def judging_runs(

@@ -31,6 +31,7 @@ from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
+from sdp_vs_penalty.formatting import words
 from sdp_vs_penalty.ranges.allowed import AllowedSet, allowed_set
 from sdp_vs_penalty.ranges.interior_point import barrier_hessian, split
 from sdp_vs_penalty.ranges.table import training_of
@@ -46,6 +47,8 @@ _CHAINS = 8
 _WARM_UP, _BETWEEN = 20, 2
 #: Largest R^ of chains that have forgotten where they began.
 STATIONARY = 1.1
+#: Standard deviations of the distance from a bound, at most, of what piles up at it.
+_PILED_UP = 2.0
 #: Share of the way from the centre to the boundary at which chains start.
 _DISPERSION = 0.9
 #: Eigenvalues of the metric below this share of the largest are rounding.
@@ -71,6 +74,8 @@ class Samples:
     seed: int
     #: Steps of each chain, those of the warm-up included.
     steps: int = 0
+    #: Masses that pile up at their bound, which decides them: "m1 (below 100 kg)".
+    bounded: tuple[str, ...] = ()
 
     @property
     def is_stationary(self) -> bool:
@@ -82,13 +87,22 @@ class Samples:
         """What the samples are, and how good."""
         word = "stationary"
         if not self.is_stationary:
-            word = "not yet stationary: the slowest parameters' spread may be off"
-        return (
+            word = (
+                "not yet stationary: the slowest parameters' spread may be off; longer"
+                " chains mend it (longer=4; --longer 4)"
+            )
+        text = (
             f"{len(self.theta)} consistent models from likelihood and {self.prior} prior;"
             f" effective number {self.effective.min():.0f} to"
             f" {self.effective.max():.0f} by parameter, split R^ at most"
             f" {self.r_hat.max():.3f} ({word})"
         )
+        if self.bounded:
+            text += (
+                f". Bounds decide {words(self.bounded)}, not the data: only bounds that"
+                " you believe (--bounds) make these fit to randomise with"
+            )
+        return text
 
     def __str__(self) -> str:
         """Return the sentence."""
@@ -102,6 +116,7 @@ def find_samples(
     *,
     seed: int = 0,
     prior: str = "flat",
+    longer: int = 1,
 ) -> Samples:
     """Draw consistent models that fit, from a model and data.
 
@@ -112,9 +127,12 @@ def find_samples(
     n : int
         Number of models that are drawn.
     data : path, arrays, Measurements, optional
-        Default: those that the model was identified from, as long as the program runs.
+        Default: those that the model was identified from, where their files are still
+        there or the program holds them.
     prior : {"flat", "entropic"}
         "flat" in the standard parameters, or the pull of the default method.
+    longer : int
+        Chains run so many times as long, where the samples are not yet stationary.
 
     Returns
     -------
@@ -128,11 +146,12 @@ def find_samples(
     """
     estimate = as_estimate(model, "find_samples(model=...)")
     posed, floor = training_of(estimate, data)
-    return sample_models(allowed_set(posed, estimate.theta, floor), n, seed, prior)
+    allowed = allowed_set(posed, estimate.theta, floor)
+    return sample_models(allowed, n, seed, prior, longer)
 
 
 def sample_models(
-    allowed: AllowedSet, n: int, seed: int = 0, prior: str = "flat"
+    allowed: AllowedSet, n: int, seed: int = 0, prior: str = "flat", longer: int = 1
 ) -> Samples:
     """Draw consistent models that fit.
 
@@ -156,6 +175,8 @@ def sample_models(
     require_known("prior", prior, PRIORS)
     if n < 1:
         raise InputError(f"{n} samples", "ask for one at least")
+    if longer < 1:
+        raise InputError(f"chains {longer} times as long", "ask for one time at least")
     std = np.sqrt(allowed.first_c) / allowed.z
     rng = np.random.default_rng(seed)
     chains = Chains(
@@ -167,12 +188,36 @@ def sample_models(
         _divergence(allowed.task) if prior == "entropic" else None,
         allowed.unseen[:, allowed.unseen.any(axis=0)],
     )
-    drawn = chains.draw(max(-(-n // _CHAINS), 4))
+    drawn = chains.draw(max(-(-n // _CHAINS), 4), longer)
     flat = drawn.reshape(-1, drawn.shape[2])
     chosen = chains.rng.permutation(len(flat))[:n]
     r_hat, effective = diagnose_chains(drawn)
     share = n / len(flat)
-    return Samples(flat[chosen], prior, effective * share, r_hat, seed, chains.n_steps)
+    return Samples(
+        flat[chosen],
+        prior,
+        effective * share,
+        r_hat,
+        seed,
+        chains.n_steps,
+        masses_by_bounds(flat, allowed.task),
+    )
+
+
+def masses_by_bounds(theta: Array, task: Task) -> tuple[str, ...]:
+    """Return the masses of samples (n, p) that pile up at an upper bound.
+
+    Their distance from it is less than twice its own standard deviation in the mean, as
+    that of a uniform or exponential distribution that ends there; a normal distribution
+    that ends before has more.
+    """
+    found = []
+    for k, place in enumerate(task.links[:, 0].tolist(), start=1):
+        upper = float(task.box[k - 1, 0, 1])
+        room = upper - theta[:, place]
+        if np.isfinite(upper) and room.mean() < _PILED_UP * room.std():
+            found.append(f"m{k} (below {upper:g} kg)")
+    return tuple(found)
 
 
 def dispersed_starts(allowed: AllowedSet, rng: np.random.Generator) -> Array:
@@ -251,12 +296,13 @@ class Chains:
         self._refresh()
         self._aim()
 
-    def draw(self, count: int) -> Array:
-        """Return samples (count, chains, p) after a warm-up."""
+    def draw(self, count: int, longer: int = 1) -> Array:
+        """Return samples (count, chains, p) after a warm-up; chains run ``longer`` times
+        as long for them."""
         for _ in range(4):
-            self._run(_WARM_UP // 4)
+            self._run(longer * _WARM_UP // 4)
             self._aim()
-        return np.array([self._run(_BETWEEN) for _ in range(count)])
+        return np.array([self._run(longer * _BETWEEN) for _ in range(count)])
 
     def _aim(self) -> None:
         """Set the directions by the data, and by the barrier at the chains' mean: columns

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sdp_vs_penalty.arguments import checked_arguments, require_in_range
-from sdp_vs_penalty.data.files import Source, as_measurements
+from sdp_vs_penalty.data.files import Source, as_measurements, windowed
+from sdp_vs_penalty.data.parsing import time_windows
+from sdp_vs_penalty.data.recorded import recorded_runs
 from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.estimation.build_problem import EstimationProblem
 from sdp_vs_penalty.estimation.constants import LEVEL
@@ -407,20 +409,28 @@ def training_of(
     """Return the identification problem of a model and data, and the noise floor (n,)
     of the data, None where it is not known.
 
-    Raises InputError where neither data nor the program's memory have it.
+    The files that the model was identified from are read where no data are given and
+    the program's memory does not hold them. Raises InputError where they are not there.
     """
     training = estimate.training
     if data is None and training is not None:
         posed = training.posed
         if posed.task.model is estimate.model:
             return posed, _floor_of(estimate)
-    if data is None:
-        raise InputError(
-            "ranges need the measurements, which a model.json does not hold",
-            "name them (find_ranges(data=...), --data)",
-        )
     robot = estimate.robot
+    windows = time_windows(None)
+    if data is None:
+        recorded = recorded_runs(estimate.provenance.get("data") or ())
+        if recorded is None:
+            raise InputError(
+                "ranges need the measurements: the model names no files of them that"
+                " are still there",
+                "name them (data=..., --data)",
+            )
+        data, window = recorded
+        windows = time_windows(window)
     runs = as_measurements(data, robot.n, robot.joint_names, "find_ranges(data=...)")
+    runs = windowed(runs, windows)
     posed = posed_again(estimate, runs)
     if posed is None or posed.runs is None:
         what = "these data have no torque, and the model does not say what replaced it"

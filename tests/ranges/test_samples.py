@@ -5,16 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from small_runs import write_run
 
-from sdp_vs_penalty import InputError, identify, simulate
+from sdp_vs_penalty import InputError, identify, load_estimate, simulate
 from sdp_vs_penalty.ranges import (
     allowed_set,
+    find_ranges,
     find_samples,
     sample_models,
     torque_band,
     what_to_measure,
 )
-from sdp_vs_penalty.ranges.samples import Chains, diagnose_chains, dispersed_starts
+from sdp_vs_penalty.ranges.samples import (
+    Chains,
+    diagnose_chains,
+    dispersed_starts,
+    masses_by_bounds,
+)
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.constraint import ConstraintSet
@@ -113,3 +120,37 @@ def test_a_measurement_leaves_a_shorter_range(model):
         "the same motion with a known load",
     }
     assert all(x.length <= 1.0 + 1e-6 for x in worth)
+
+
+def test_longer_chains_forget_more_of_their_starts(model):
+    short, long = (find_samples(model, 8, longer=k) for k in (1, 8))
+    assert long.steps == 8 * short.steps
+    assert long.r_hat.max() < short.r_hat.max()
+    with pytest.raises(InputError, match="one time at least"):
+        find_samples(model, 8, longer=0)
+
+
+def test_masses_that_pile_up_at_their_bounds_are_named(hidden):
+    """A first link that turns about the vertical shows no mass: the bound decides it."""
+    model = identify("two_link", hidden.train[:1], check=False)
+    task = model.training.posed.task
+    place = task.links[0, 0]
+    upper = task.box[0, 0, 1]
+    theta = np.tile(model.theta, (200, 1))
+    assert masses_by_bounds(theta, task) == ()
+    theta[:, place] = np.linspace(0.0, upper, 200)
+    assert masses_by_bounds(theta, task) == (f"m1 (below {upper:g} kg)",)
+    theta[:, place] = 0.5 * upper + 0.05 * upper * np.sin(np.arange(200.0))
+    assert masses_by_bounds(theta, task) == ()
+
+
+def test_a_saved_model_finds_the_files_of_its_runs(two_link, tmp_path):
+    """Those that it was identified from, as long as they are there."""
+    path = write_run(tmp_path / "run.csv", two_link)
+    identify(two_link, [path], check=False).save(tmp_path / "model.json")
+    model = load_estimate(tmp_path / "model.json")
+    by_name = find_ranges(model, path, ["m2"])
+    assert find_ranges(model, functions=["m2"])["m2"] == by_name["m2"]
+    path.unlink()
+    with pytest.raises(InputError, match="no files of them that are still there"):
+        find_ranges(model, functions=["m2"])

@@ -20,6 +20,7 @@ def verb(
     force: bool = False,
     samples: int | None = None,
     prior: str = "flat",
+    longer: int = 1,
     seed: int = 0,
 ) -> None:
     """Export a model to a simulator or a controller; an impossible or implausible inertial is refused.
@@ -35,6 +36,7 @@ def verb(
     --force: Links whose mass lies outside of their bodies, too.
     --samples N: N consistent models that fit the runs, each a file: out.001.urdf, out.002.urdf, ...
     --prior: With --samples: flat (in the standard parameters, within all constraints) or entropic.
+    --longer >=1: With --samples: chains that run so many times as long, where they are not stationary.
     """
     from sdp_vs_penalty.data.parsing import numbers
     from sdp_vs_penalty.effects import effect_in_words
@@ -45,7 +47,8 @@ def verb(
     x, y, z = numbers("--flange", flange or "0,0,0", 3)
     if samples is not None:
         how = {"urdf": urdf, "force": force, "flange": (x, y, z)}
-        return _samples(estimate, out, samples, prior, seed, data, window, **how)
+        drawing = {"prior": prior, "seed": seed, "longer": longer}
+        return _samples(estimate, out, samples, drawing, data, window, **how)
     loses, judged = _judged_as_exported(estimate, out, data, window)
     verdict = None if judged is None else judged[0]
     left_out = write_model(
@@ -69,14 +72,13 @@ def _samples(
     estimate: Estimate,
     out: Path,
     n: int,
-    prior: str,
-    seed: int,
+    drawing: dict[str, Any],
     data: list[Path] | None,
     window: str | None,
     **how: Any,
 ) -> None:
-    """Write n consistent models that fit, each to a numbered file; ``how`` is passed to
-    the writer."""
+    """Write n consistent models that fit, each to a numbered file; ``drawing`` is passed
+    to who draws them, ``how`` to the writer."""
     from sdp_vs_penalty.cli.runs import judging_runs
     from sdp_vs_penalty.exporters.export import write_model
     from sdp_vs_penalty.ranges.samples import find_samples
@@ -84,7 +86,7 @@ def _samples(
     runs = judging_runs(estimate, data, window)
     measured = None if runs is None else runs.train
     with console.progress("sampling"):
-        found = find_samples(estimate, n, measured, seed=seed, prior=prior)
+        found = find_samples(estimate, n, measured, **drawing)
     for k, theta in enumerate(found.theta, start=1):
         path = out.with_name(f"{out.stem}.{k:03d}{out.suffix}")
         write_model(estimate.with_theta(theta), path, **how)
