@@ -367,7 +367,9 @@ class Finding(Rated):
         effects that fit as well are its rivals.
         """
         arguments = {"effects": [self.text], "findings": [self.number]}
-        before, after = diagnosis.errors_of(self)
+        before, after = self.held_out_rmse_before, self.held_out_rmse_after
+        if not diagnosis.is_beside_sure(self):
+            before, after = diagnosis.errors_of(self)
         rivals = tuple(
             Change("add", f"add {effect_in_words(text)}", {"effects": [text]})
             for text in self.rivals_without_curve
@@ -444,7 +446,8 @@ class Finding(Rated):
         """
         j = self.main_joint - 1
         both = diagnosis.errors_of(self)
-        is_lower = both[1][j] < both[0][j]
+        was, now = (formatting.number(float(rmse[j])) for rmse in both)
+        is_lower = both[1][j] < both[0][j] and was != now
         errors = both if is_lower else both[:1]
         ratios = [over_noise(rmse, diagnosis.known_floor) for rmse in errors]
         amount = formatting.errors_with_noise(
@@ -455,8 +458,12 @@ class Finding(Rated):
         )
         change = "cuts" if is_lower else "does not lower"
         link = " from" if is_lower else ":"
+        beside = ""
+        if diagnosis.is_beside_sure(self):
+            beside = f", with what else is sure on joint {j + 1},"
         return (
-            f"Adding it {change} joint {j + 1}'s error on data left out{link} {amount}."
+            f"Adding it{beside} {change} joint {j + 1}'s error on data left out{link}"
+            f" {amount}."
         )
 
     @property
@@ -727,18 +734,27 @@ class Diagnosis(Record, JsonRecord):
         """Return a finding's errors on data left out, (n,) before and after it [N m or N]:
         the one figure of its joint that every place says.
 
-        That of the two models which were judged on the test run, the model and the one
-        with all that is sure, where the finding is the only sure one on its joint;
-        beside others, and for a weak one, that of the search, after those before it in
-        the list.
+        For what is sure those of the two models that were judged on the test run: the
+        model, and the one with all that is sure. A weak finding changes the error of
+        the latter by the share that it changes that of the search by. Without a test
+        run those of the search, after the findings before it in the list.
         """
-        after = self.judged_rmse_with_sure
-        on_joint = [
-            f.text for f in self.sure if finding.main_joint in f.joints or not f.joints
-        ]
-        if after is None or on_joint != [finding.text]:
-            return finding.held_out_rmse_before, finding.held_out_rmse_after
-        return self.held_out_rmse_before, after
+        before, after = finding.held_out_rmse_before, finding.held_out_rmse_after
+        with_sure = self.judged_rmse_with_sure
+        if with_sure is None:
+            return before, after
+        if finding.torque_is_certain:
+            return self.held_out_rmse_before, with_sure
+        share = np.divide(after, before, out=np.ones_like(after), where=before > 0.0)
+        return with_sure, with_sure * share
+
+    def is_beside_sure(self, finding: Finding) -> bool:
+        """Whether a finding is sure, and something else on its main joint is too, so
+        that the judged errors are those of both."""
+        joint = finding.main_joint
+        on_joint = [f for f in self.sure if joint in f.joints or not f.joints]
+        is_judged = self.judged_rmse_with_sure is not None
+        return is_judged and finding.torque_is_certain and len(on_joint) > 1
 
     @fact("", digits=9)
     def n_confident(self) -> int:
@@ -943,9 +959,18 @@ class Diagnosis(Record, JsonRecord):
         return max(sure, key=lambda f: f.gain, default=None)
 
     @property
+    def has_only_weak(self) -> bool:
+        """Whether there are findings, none of them sure, and no torque without a name."""
+        is_open = bool(self.sure) or bool(self.unexplained_sentence)
+        return bool(self.effects) and not is_open
+
+    @property
     def cause(self) -> str:
         """The main cause in a few words, the joint first: "Joint 3 errs: joint spring"."""
         main = self.main_finding
+        if self.has_only_weak:
+            findings = "finding" if len(self.effects) == 1 else "findings"
+            return f"Nothing more is sure: {rating_counts(self.effects)} {findings}."
         if main is None:
             return self._missing
         likeness = "" if main.effect_is_certain else "something like "

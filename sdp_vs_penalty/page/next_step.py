@@ -120,7 +120,9 @@ def _of_model(view: View) -> NextStep:
             outcome = describe_outcome(remedy, session.robot["units"], joint)
             text = f"{cause} {formatting.sentence(outcome)}" if outcome else cause
             return NextStep(text, label, "diagnose", do, level=level)
-        text = cause if of_model is None else f"{of_model.word}. {cause}"
+        if of_model is not None and not diagnosis.has_only_weak:
+            text = f"{of_model.word}."  # the cause names the error
+        text = f"{text} {cause}"
     if "report.html" in session.taken:
         text = "The report is made. Test the model on a run that nothing has used yet."
         return NextStep(

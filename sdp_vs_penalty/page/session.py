@@ -874,11 +874,15 @@ class Session:
         run["name"] = name
 
     @property
+    def warnings(self) -> list[dict[str, Any]]:
+        """What the check found in the runs; notes do not count."""
+        issues = [issue for run in self.runs for issue in run["findings"]]
+        return [issue for issue in issues if issue["severity"] != "note"]
+
+    @property
     def kinds_of_issue(self) -> list[str]:
-        """Kinds of what the check found in the runs, each once; notes do not count."""
-        issues = [f for run in self.runs for f in run["findings"]]
-        kinds = [f["kind"] for f in issues if f["severity"] != "note"]
-        return sorted(set(kinds))
+        """Kinds of what the check found in the runs, each once."""
+        return sorted({issue["kind"] for issue in self.warnings})
 
     @property
     def robot_word(self) -> str:
@@ -935,16 +939,18 @@ class Session:
         ]
 
     def warnings_of(self, joint: int) -> list[str]:
-        """List what the data check warns of one joint (from 1) in the session's
-        runs.
+        """List what the data check warns of one joint (from 1) in the session's runs,
+        each once; what it says of all joints stands under Check alone.
         """
-        return [
-            f"{run['name']}: {issue['kind']} ({issue['where']})"
+        warnings = [
+            f"{issue['kind']} ({issue['where']})"
             for run in self.runs
             for issue in run["findings"]
             if issue["severity"] != "note"
-            and joint in issue.get("figures", {}).get("joints", ())
+            and joint in (joints := issue.get("figures", {}).get("joints", ()))
+            and len(joints) <= max(1, self.robot["n"] - 1)
         ]
+        return list(dict.fromkeys(warnings))
 
     async def mount(self, gravity: str) -> None:
         """Set gravity in the robot's base frame, "x,y,z" [m/s^2]."""

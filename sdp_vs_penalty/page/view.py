@@ -13,9 +13,11 @@ from nicegui.client import Client
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.causes import VELOCITY
+from sdp_vs_penalty.estimation.verdict import FIT, LOG
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
+from sdp_vs_penalty.signals.noise import said_before
 
 #: Options of the command line by the step that offers them.
 Forms = Mapping[str, Sequence[Action]]
@@ -163,12 +165,17 @@ def label_of(words: str) -> str:
 
 
 def checked(session: Session) -> StageVerdict:
-    """Return the verdict of the check: errors first, then warnings, else all is well."""
+    """Return the verdict of the check: errors first, then warnings, else all is well.
+
+    Of warnings the first is said, and how many other kinds there are.
+    """
     if session.meaningless:
         return StageVerdict("bad", session.meaningless[0], "Check failed")
-    if kinds := session.kinds_of_issue:
-        text = f"The check found: {formatting.words(kinds)}."
-        return StageVerdict("usable", text, "Check")
+    if warnings := session.warnings:
+        others = len(session.kinds_of_issue) - 1
+        more = f" And {formatting.count(others, 'more issue')}." if others else ""
+        first = formatting.sentence(spoken(warnings[0]["what"]))
+        return StageVerdict("usable", f"{first}{more}", "Check")
     runs = formatting.count(len(session.runs), "run")
     return StageVerdict("good", f"Nothing wrong in {runs}.", "Check")
 
@@ -184,9 +191,12 @@ def identified(session: Session) -> StageVerdict | None:
     verdict_of_model = session.model.comparison["verdict"]
     grade = verdict_of_model["grade"]
     level = "bad" if grade == "do not use" else grade
-    return StageVerdict(
-        level, spoken(verdict_of_model["lines"][0]["text"]), grade.capitalize()
-    )
+    texts = {line["about"]: line["text"] for line in verdict_of_model["lines"]}
+    about = verdict_of_model["lines"][0]["about"]
+    # Which joint errs comes before what is in doubt of the log.
+    shown = (FIT, LOG) if about == LOG else (about,)
+    text = said_before(" ".join(texts[one] for one in shown))
+    return StageVerdict(level, spoken(text), grade.capitalize())
 
 
 @dataclass(frozen=True)

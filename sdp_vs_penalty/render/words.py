@@ -220,9 +220,12 @@ def shared_doubts(findings: Sequence[Finding]) -> dict[Doubt, list[int]]:
 
 def _shared_doubt(findings: Sequence[Finding]) -> str:
     """Say which doubts several uncertain findings share, each once; "" without any."""
+    sentences: dict[tuple[int, ...], list[str]] = {}
+    for doubt, numbers in shared_doubts(findings).items():
+        sentences.setdefault((*numbers,), []).append(doubt.sentence)
     return " ".join(
-        f"Findings {formatting.words(numbers)}, each: {doubt.sentence}."
-        for doubt, numbers in shared_doubts(findings).items()
+        f"Findings {formatting.words(numbers)}, each: {'; '.join(texts)}."
+        for numbers, texts in sentences.items()
     )
 
 

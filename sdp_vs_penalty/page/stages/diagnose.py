@@ -126,7 +126,7 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
     done = " done" if finding.text in session.added else ""
     with draw.tag("li", style=f"card finding-card{done}"):
         with draw.tag("div", style="head"):
-            draw.tag("h4", words.title)
+            draw.tag("h4", f"{finding.number}. {words.title}")
             draw.tag("span", words.badge, f"badge {words.rating}")
         draw.tag("p", words.on_the_arm, "on-the-arm")
         _picture(session, finding)

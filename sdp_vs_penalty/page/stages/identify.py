@@ -343,6 +343,8 @@ def _words(model: ModelStep, j: int, unit: str) -> str:
     error = facts["joint_error"].of_joint(number)
     text = f"{model.error} of joint {number}: {error} {plain}"
     if facts["error_over_noise"].value is not None:
+        share = facts["error_beyond_noise"].of_joint(number)
+        text += f" ({share} % of its torque beyond the noise)"
         times = facts["error_over_noise"].of_joint(number)
         floor = facts["joint_noise"].of_joint(number)
         text += f", {times} times the noise floor of {floor} {plain}"
