@@ -135,9 +135,17 @@ class Verdict(JsonRecord):
         return self.lines[0].grade
 
     @property
+    def reason(self) -> str:
+        """The sentence of the weakest line; which joint errs comes before what is in
+        doubt of the log."""
+        weakest = self.lines[0]
+        fit = [line.text for line in self.lines if line.about == FIT]
+        return " ".join([*(fit if weakest.about == LOG else ()), weakest.text])
+
+    @property
     def headline(self) -> str:
-        """Grade and reason of the weakest line, as a sentence."""
-        return f"{self.grade[0].upper()}{self.grade[1:]}. {self.lines[0].text}"
+        """Grade and reason, as a sentence."""
+        return f"{self.grade[0].upper()}{self.grade[1:]}. {self.reason}"
 
     def __str__(self) -> str:
         """Return the headline, then each line with its grade."""

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -167,10 +167,6 @@ class JobRequest(dict[str, Any]):
             "progress": self.progress,
         }
         return {name: value for name, value in options.items() if value is not None}
-
-    def progress_of(self, name: str, text: str) -> None:
-        """Report the progress of one of several named tasks."""
-        self.progress(f"{name}: {text}")
 
     def number(self, name: str, default: float) -> float:
         """Return a numeric option by its name, or the default where its field is empty.
@@ -430,7 +426,7 @@ def _guessed(report: ColumnReport, ours: Sequence[str]) -> dict[str, str]:
     of numbers that are left by their order, as the reader's sentence proposes it."""
     known = {name: report.rename.get(name, "") for name in ours}
     free = [r.name for r in report.rows if not r.meaning and r.kind == "number"]
-    if any(known[name] for name in ours if name != "t"):
+    if any(known[name] for name in ours[1:]):  # more than the clock
         layout = [name for name in ours if not known[name]]
         layout = layout if len(layout) == len(free) else [x for x in layout if x != "t"]
         is_of_robot = len(layout) == len(free)
@@ -782,10 +778,6 @@ def _kept_meshes(job: JobRequest, problem: Problem) -> list[Answer]:
 def _limits_in_words(problem: Problem) -> str:
     """Say for how many of the links' parameters a lower or upper limit is set."""
     has_limit = np.isfinite(problem.box).any(axis=2)
-    if has_limit.all():
-        return "Limits are set for all links"
-    if not has_limit.any():
-        return "No limits are set for links"
     return (
         f"Limits are set for {has_limit.sum()} of {has_limit.size} parameters of links"
     )
@@ -965,7 +957,7 @@ def methods(job: JobRequest) -> Answer:
     reasons = dict[str, str]()
     for name in job["methods"]:
         effects = current.model.effects
-        progress = partial(job.progress_of, name)
+        progress = lambda text, name=name: job.progress(f"{name}: {text}")  # noqa: E731
         options = PoseOptions(effects=effects, seed=job["seed"], progress=progress)
         try:
             estimates_made = estimate_parameters(

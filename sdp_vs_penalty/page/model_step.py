@@ -68,10 +68,3 @@ class ModelStep(JsonRecord):
         """ "Error", with what stands beside it where it is not of unseen motion."""
         kind = self.facts.get("kind_of_error")  # none in files of older versions
         return f"Error {kind.text}".rstrip() if kind else "Error"
-
-    @staticmethod
-    def joint_number(j: int) -> int:
-        """Return the number that people see of the joint with index j: it counts
-        from 1.
-        """
-        return j + 1

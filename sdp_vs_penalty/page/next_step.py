@@ -100,8 +100,8 @@ def _of_model(view: View) -> NextStep:
     """
     session = view.session
     of_model = identified(session)
-    level = "" if of_model is None else of_model.level
-    text = "" if of_model is None else f"{of_model.word}. {of_model.text}"
+    assert of_model is not None  # there is a model
+    level, text = of_model.level, f"{of_model.word}. {of_model.text}"
     diagnosis = session.findings_of_current
     if diagnosis is None and not session.current.servo:
         do = partial(session.start, session.diagnose)
@@ -120,7 +120,7 @@ def _of_model(view: View) -> NextStep:
             outcome = describe_outcome(remedy, session.robot["units"], joint)
             text = f"{cause} {formatting.sentence(outcome)}" if outcome else cause
             return NextStep(text, label, "diagnose", do, level=level)
-        if of_model is not None and not diagnosis.has_only_weak:
+        if not diagnosis.has_only_weak:
             text = f"{of_model.word}."  # the cause names the error
         text = f"{text} {cause}"
     if "report.html" in session.taken:

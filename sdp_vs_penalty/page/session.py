@@ -938,20 +938,6 @@ class Session:
             for run in self.runs
         ]
 
-    def warnings_of(self, joint: int) -> list[str]:
-        """List what the data check warns of one joint (from 1) in the session's runs,
-        each once; what it says of all joints stands under Check alone.
-        """
-        warnings = [
-            f"{issue['kind']} ({issue['where']})"
-            for run in self.runs
-            for issue in run["findings"]
-            if issue["severity"] != "note"
-            and joint in (joints := issue.get("figures", {}).get("joints", ()))
-            and len(joints) <= max(1, self.robot["n"] - 1)
-        ]
-        return list(dict.fromkeys(warnings))
-
     async def mount(self, gravity: str) -> None:
         """Set gravity in the robot's base frame, "x,y,z" [m/s^2]."""
         vector = numbers("gravity", gravity, 3)

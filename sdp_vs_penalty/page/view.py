@@ -13,7 +13,7 @@ from nicegui.client import Client
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.causes import VELOCITY
-from sdp_vs_penalty.estimation.verdict import FIT, LOG
+from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
@@ -173,9 +173,9 @@ def checked(session: Session) -> StageVerdict:
         return StageVerdict("bad", session.meaningless[0], "Check failed")
     if warnings := session.warnings:
         others = len(session.kinds_of_issue) - 1
-        more = f" And {formatting.count(others, 'more issue')}." if others else ""
-        first = formatting.sentence(spoken(warnings[0]["what"]))
-        return StageVerdict("usable", f"{first}{more}", "Check")
+        text = formatting.sentence(spoken(warnings[0]["what"]))
+        text += f" And {others} more." if others else ""
+        return StageVerdict("usable", text, "Check")
     runs = formatting.count(len(session.runs), "run")
     return StageVerdict("good", f"Nothing wrong in {runs}.", "Check")
 
@@ -188,15 +188,10 @@ def identified(session: Session) -> StageVerdict | None:
     """
     if session.model is None:
         return None
-    verdict_of_model = session.model.comparison["verdict"]
-    grade = verdict_of_model["grade"]
-    level = "bad" if grade == "do not use" else grade
-    texts = {line["about"]: line["text"] for line in verdict_of_model["lines"]}
-    about = verdict_of_model["lines"][0]["about"]
-    # Which joint errs comes before what is in doubt of the log.
-    shown = (FIT, LOG) if about == LOG else (about,)
-    text = said_before(" ".join(texts[one] for one in shown))
-    return StageVerdict(level, spoken(text), grade.capitalize())
+    verdict = Verdict.from_dict(session.model.comparison["verdict"])
+    level = "bad" if verdict.grade == "do not use" else verdict.grade
+    text = spoken(said_before(verdict.reason))
+    return StageVerdict(level, text, verdict.grade.capitalize())
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,6 @@ from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
 
 
-def _is_ready(stage: Stage, session: Session) -> bool:
-    """Whether any part of a stage can be shown."""
-    return any(part.ready(session) for part in stage.parts)
-
-
 class Workbench:
     """The page of one tab, drawn from its view; :meth:`redraw` keeps it up to date."""
 
@@ -193,7 +188,7 @@ class Workbench:
         """Update a stage: its mark on the rail, and its verdict, unless it stands in
         view with the next step."""
         session = self.session
-        ready = _is_ready(stage, session)
+        ready = any(part.ready(session) for part in stage.parts)
         verdict = (stage.verdict(session) if ready else None) or StageVerdict("", "")
         link, mark, section, above = self._elements[stage.anchor]
         later = "" if ready else " later"  # the style of a stage that is not ready

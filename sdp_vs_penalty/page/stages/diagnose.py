@@ -146,11 +146,6 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
                     draw.note(f"Its constants: {words.constants}.")
         if words.doubt:
             draw.note(words.doubt)
-        earlier = {other.main_joint for other in diagnosis.effects[:k]}
-        if finding.main_joint not in earlier:  # it was said of the first one
-            for warning in session.warnings_of(finding.main_joint):
-                text = f"The check warns of this joint: {warning}."
-                draw.tag("p", text, "finding")
         change = diagnosis.remedies_by_finding[k].change.to_dict()
         _adding(session, finding.text, change, f"add-{k}", f"Add {words.title}")
 

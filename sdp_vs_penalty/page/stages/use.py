@@ -145,9 +145,7 @@ def _replay(view: View, answer: dict[str, Any]) -> None:
         follow()
 
     with draw.tag("div", style="fields pick"):
-        joints = [
-            (str(j), str(session.current.joint_number(j))) for j in range(len(units))
-        ]
+        joints = [(str(j), str(j + 1)) for j in range(len(units))]
         joint = str(view.joint or 0)
         draw.choice(
             "Joint", joints, joint, lambda j: view.select(joint=int(j)), "forward-joint"
