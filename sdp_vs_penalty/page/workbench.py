@@ -11,7 +11,7 @@ from nicegui import ui
 
 from sdp_vs_penalty.page.controls import button, note, tag
 from sdp_vs_penalty.page.next_step import NextStep, next_step
-from sdp_vs_penalty.page.session import Session, Working
+from sdp_vs_penalty.page.session import Working
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
 

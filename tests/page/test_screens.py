@@ -162,7 +162,8 @@ def test_a_model_is_diagnosed_before_it_is_used(
     """Also a good one; one of a log without torque cannot be."""
     first = story.session.history[0]
     nothing = replace(first.findings, effects=(), retuned=(), curves=())
-    verdict = json.loads(json.dumps(first.comparison["verdict"])) | {"grade": grade}
+    verdict = json.loads(json.dumps(first.comparison["verdict"]))
+    verdict["lines"][0]["grade"] = grade
     comparison = {**first.comparison, "verdict": verdict}
     findings = nothing if is_diagnosed else None
     step = replace(first, findings=findings, comparison=comparison, servo=servo)
