@@ -152,7 +152,9 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "raises": lambda x: harm(*x.errors[:, x.joints]) > 0.0,
     "held": _is_held,
     "sticks": lambda x: x.is_contradicted,
-    "looks_like": lambda x: bool(x.looks_like),
+    # What looks like a law of how friction turns round is such a law.
+    "looks_like": lambda x: bool(x.looks_like) and x.effect.at_rest != "turns",
+    "sharp": lambda x: bool(x.looks_like) and x.effect.at_rest == "turns",
     "stand_in": lambda x: x.effect.is_stand_in,
     "series": _is_of_a_series,
     "curve": lambda x: any(x.term in c.replaced for c in x.curves),
@@ -170,7 +172,7 @@ def reasons_for_doubt(x: Judged) -> tuple[Doubt, ...]:
     better.
     """
     return tuple(
-        Doubt(reason, cause=x.looks_like if reason == "looks_like" else "")
+        Doubt(reason, cause=x.looks_like if reason in ("looks_like", "sharp") else "")
         for reason, holds in DOUBTS.items()
         if holds(x)
     )

@@ -22,6 +22,7 @@ REASONS: Mapping[str, str] = {
     "sticks": "where the joints slide it has another size, or is not evident: friction"
     " that sticks at reversals looks so",
     "looks_like": "another cause makes a similar torque",
+    "sharp": "any sharp friction makes a similar torque",
     "no_torque": "its torque is not told from zero",
     "stand_in": "its law may stand in for another one, which other motion follows",
     "series": "three or more of its kind on one joint may be one curve without a name",
@@ -65,8 +66,8 @@ class Doubt(JsonRecord):
 
     #: Key of REASONS.
     reason: str
-    #: What would look like the finding, in words, if the reason is "looks_like" or
-    #: "explained".
+    #: What would look like the finding, in words, if the reason is "looks_like",
+    #: "sharp" or "explained".
     cause: str = ""
 
     @property

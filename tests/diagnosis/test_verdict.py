@@ -216,6 +216,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         "beta": 1.9,
         "plausible": None,
         "looks_like": "",
+        "at_rest": "",
         "travel": 1.0,
         "of_its_kind": 2,
         "stand_in": False,
@@ -231,6 +232,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
             resembles=(),
             law_constants={"law": law},
             is_stand_in=case.stand_in,
+            at_rest=case.at_rest,
             robot=SimpleNamespace(joints=[SimpleNamespace(kind="revolute")] * 2),
         )
         effect.plausible = (
