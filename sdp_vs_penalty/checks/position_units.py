@@ -63,8 +63,8 @@ def unit_asked_for(evidence: Evidence, fit: ViewFit, command: str) -> list[Issue
         return []
     largest = float(np.abs(evidence.log.data.motion.q).max())
     others = " or ".join(unit.words for unit in units)
-    is_in_turns = any(unit.kind == "positions in turns" for unit in units)
-    word = "turns" if is_in_turns else "FACTOR"
+    words = {"positions in turns": "turns", "positions in degrees": "deg"}
+    names = [words[unit.kind] for unit in units if unit.kind in words]
     by = command.replace("UNIT", "rad")
     return [
         Issue.from_fault(
@@ -74,11 +74,11 @@ def unit_asked_for(evidence: Evidence, fit: ViewFit, command: str) -> list[Issue
             what=f"nothing says in which unit q is, which reaches {largest:.3g}: radians,"
             f" or {others}; the arm explains the torques as well either way.",
             certainty=certain("no name says it, and the torques do not tell it"),
-            remedy=f"say it by `{by}`, or with q={word}",
+            remedy=f"say it by `{by}`, or with q={' or q='.join(names or ['FACTOR'])}",
             where="columns q",
             changes=[
                 Change("read", f"read q in {x}", {"scale": {"q": x}})
-                for x in ("rad", *(["turns"] if is_in_turns else []))
+                for x in ("rad", *names)
             ],
         )
     ]

@@ -21,7 +21,9 @@ from sdp_vs_penalty.race.records import Hypothesis
 _RADIANS_PER_DEGREE = float(np.radians(1.0))
 _TURN = 2.0 * np.pi
 #: Natural logarithm of the odds that tell radians from another unit.
-LEAST_TO_TELL = 6.0
+_LEAST_TO_TELL = 6.0
+#: Joints that are identified move farther than this [rad].
+_LITTLE = 0.5
 #: A zero may put positions so far outside of their range [rad].
 _ZERO = 0.2
 
@@ -159,16 +161,19 @@ def _in_radians(
 
 
 def as_likely_as_radians(evidence: Evidence, fit: ViewFit) -> list[PositionUnit]:
-    """List the units that look like radians of a small motion, and under which an arm
-    explains the torques as well as it does in radians."""
-    now = fit.chain
+    """List the units that such numbers may be in, and under which an arm explains the
+    torques as well as it does in radians: degrees where a joint moves over a turn, turns
+    and shares of the range where all move little."""
+    log, now = evidence.log, fit.chain
+    travel = float(np.ptp(log.data.motion.q[:, log.revolute], axis=0).max(initial=0.0))
+    if any(abs(x) != 1.0 for x in now.scale) or _LITTLE < travel < _TURN:
+        return []
+    units = [x for x in UNITS if not x.is_small] if travel < _TURN else [_DEGREES]
     alike = list[PositionUnit]()
-    for unit in UNITS if all(abs(x) == 1.0 for x in now.scale) else ():
-        numbers = None if unit.is_small else unit.of_joints(evidence.log)
-        if numbers:
+    for unit in units:
+        if numbers := unit.of_joints(log):
             view = replace(fit.view, chain=_in_radians(now, numbers))
-            other = evidence.fit(view, fit.v)
-            if fit.value - other.value < LEAST_TO_TELL:
+            if fit.value - evidence.fit(view, fit.v).value < _LEAST_TO_TELL:
                 alike.append(unit)
     return alike
 
