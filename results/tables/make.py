@@ -21,7 +21,7 @@ SINGLE = ("--budget", "single", "--jobs", "1")
 if __name__ == "__main__":
     make_folder(
         HERE,
-        program("tables", "III", "IV", "VIII", "IX", "--html", *OUT),
+        program("tables", "III", "IV", "VIII", "IX", *OUT),
         program("tables", *CHEAP, *OUT),
         program("tables", *SLOW, *OUT),
         program("tables", "opponent", *SINGLE, *OUT),

@@ -18,7 +18,6 @@ def verb(
     out: Path = Path("results"),
     jobs: int = 0,
     scheduler: str | None = None,
-    html: bool = False,
     quick: bool = False,
 ) -> None:
     """Regenerate the paper's comparison tables.
@@ -33,9 +32,8 @@ def verb(
     --budget: Effort: quick, single (annealing once as long as in the paper), or paper (ten runs).
     --jobs >=0: Parallel estimates on this computer; 0: one per core.
     --quick: As --budget quick, the default: monte_carlo draws 20 times and leaves slow methods out.
-    --html: A page too, index.html, that shows the tables with the links drawn.
     """
-    from sdp_vs_penalty.paper.tables import PAGE, make_tables, makers
+    from sdp_vs_penalty.paper.tables import make_tables, makers
     from sdp_vs_penalty.parallel import Workers
 
     if quick:
@@ -66,10 +64,7 @@ def verb(
             progress,
             workers=workers,
             report=report,
-            html=html,
         )
-    if html:
-        console.written((outside[0].parent if outside else out) / PAGE)
     if outside:
         console.paragraph(
             f"{out} holds measured tables, and no real run is at hand (name its folder"

@@ -13,11 +13,11 @@ from sdp_vs_penalty.paper.figures.style import (
     legend_below,
     new_figure,
 )
-from sdp_vs_penalty.paper.links_page import outline
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.wrenches import COMPONENTS, wrench_study
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 
 PROBLEM = "two_link"
@@ -174,10 +174,19 @@ def _section(axis: Any, problem: Problem, link: int, plane: tuple[int, int]) -> 
 
 def _ellipse(link: Array, plane: tuple[int, int]) -> Array:
     """Return the outline (2, 100) [m] of a link's uniform ellipsoid, seen along the third
-    axis; ``plane`` holds the indices of the two axes that are seen."""
-    centre, axes, _ = outline(link, np.eye(3)[list(plane)])
+    axis; ``plane`` holds the indices of the two axes that are seen.
+
+    If no body of positive density has these parameters, the moments' absolute values
+    are drawn.
+    """
+    moments, directions = np.linalg.eigh(inertia.second_moment(link))
+    # A uniform ellipsoid with half axes a has second moments a^2 / 5.
+    shape = (directions * 5.0 * np.abs(moments)) @ directions.T
+    sizes, axes = np.linalg.eigh(shape[np.ix_(plane, plane)])
+    centre = link[1:4] / link[0] if link[0] != 0.0 else np.zeros(3)
     angle = np.linspace(0.0, 2.0 * np.pi, 100)
-    return centre[:, None] + axes @ np.stack([np.cos(angle), np.sin(angle)])
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    return centre[list(plane), None] + axes * np.sqrt(np.maximum(sizes, 0.0)) @ circle
 
 
 def figure_9(study: Study) -> Any:

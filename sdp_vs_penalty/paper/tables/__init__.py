@@ -9,7 +9,6 @@ import pandas
 
 from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import StudyTable, TableSpec
 from sdp_vs_penalty.parallel import ALONE, Workers
@@ -17,8 +16,6 @@ from sdp_vs_penalty.plugins import by_word, modules
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 
-#: The page's name in the tables' folder.
-PAGE = "index.html"
 #: What `tables` without names makes.
 DEFAULT_TABLES = ("III", "IV", "VIII", "IX")
 
@@ -87,7 +84,6 @@ def make_tables(
     progress: Progress = no_progress,
     workers: Workers = ALONE,
     report: Callable[[StudyTable, list[Path]], None] = _written_nowhere,
-    html: bool = False,
 ) -> list[tuple[StudyTable, list[Path]]]:
     """Build tables and write each, as soon as it is made, as CSV, Markdown and LaTeX.
 
@@ -111,9 +107,6 @@ def make_tables(
         Processes that estimate at the same time, one method on one data set each.
     report : callable
         Called with each table and its paths when they are written.
-    html : bool
-        Whether to write also a page, index.html beside the first table, that shows the
-        tables of one problem with the links drawn.
 
     Returns
     -------
@@ -140,22 +133,7 @@ def make_tables(
         paths = table.write(_folder(table, Path(out)))
         report(table, paths)
         tables_made.append((table, paths))
-    if html:
-        first = plan[0][1]
-        shown = zip(plan, tables_made, strict=True)
-        _write_page([made for (_, study), made in shown if study is first], first)
     return tables_made
-
-
-def _write_page(
-    tables_and_paths: Sequence[tuple[StudyTable, list[Path]]], study: Study
-) -> None:
-    """Write the HTML page that shows a problem's tables with the links drawn."""
-    from sdp_vs_penalty.paper.links_page import links_page
-
-    _, paths = tables_and_paths[0]
-    page = links_page([table for table, _ in tables_and_paths], study)
-    write_text(paths[0].with_name(PAGE), page)
 
 
 def _folder(table: StudyTable, out: Path) -> Path:
