@@ -22,6 +22,7 @@ from small_runs import write_run
 
 import sdp_vs_penalty
 from sdp_vs_penalty import load_estimate, load_problem
+from sdp_vs_penalty.api.registration import REGISTRIES
 from sdp_vs_penalty.cli.main import VERBS, import_verb
 from sdp_vs_penalty.cli.options import Parser
 from sdp_vs_penalty.data import save
@@ -248,6 +249,56 @@ def test_answers_print_what_they_show(page, rehearsed, tmp_path, monkeypatch, ca
     assert "verify" not in said or "accepted" in said["verify"]
     made = Path("endeffector-config.json")
     assert page != "tool.md" or "mass" in made.read_text()
+
+
+def run_page(page, capsys):
+    """Run the Python and the commands of a page in order; return what they said."""
+    said = ""
+    text = (DOCS / page).read_text(encoding="utf-8")
+    names = {}
+    for language, code in re.findall(
+        r"^```(python|console)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL
+    ):
+        if language == "python":
+            exec(code, names)  # our own page
+            said += capsys.readouterr().out
+        else:
+            said += run_all(code.splitlines(), capsys)[""]
+    return said
+
+
+@pytest.mark.long
+def test_a_plugin_of_one_file_is_used_and_judged(
+    rehearsed, tmp_path, monkeypatch, capsys
+):
+    """The page's own file: listed, diagnosed beside ours, added, and put to contracts."""
+    in_copy(rehearsed, tmp_path, monkeypatch)
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    for registry in REGISTRIES:
+        monkeypatch.setattr(registry, "_registered", [])
+    text = (DOCS / "contracts.md").read_text(encoding="utf-8")
+    Path("my_effects.py").write_text(blocks(text, "python")[0])
+    try:
+        said = run_page("contracts.md", capsys)
+    finally:
+        sys.modules.pop("my_effects", None)
+        for registry in REGISTRIES:
+            registry.forget()
+    check_printed("contracts.md", said)
+    assert said.count("kept:") > 5
+
+
+@pytest.mark.slow
+@pytest.mark.real_data
+@pytest.mark.parametrize(
+    ("page", "data"),
+    [("only-currents.md", ("ur10e", "emps")), ("benchmarks.md", ("emps",))],
+)
+def test_pages_of_real_logs_run(page, data, data_folder, tmp_path, monkeypatch, capsys):
+    for name in data:
+        shutil.copytree(data_folder / name, tmp_path / "data" / name)
+    monkeypatch.chdir(tmp_path)
+    check_printed(page, run_page(page, capsys))
 
 
 @pytest.mark.long
