@@ -657,9 +657,7 @@ def dated(readme: str) -> str:
     def row(found: re.Match[str]) -> str:
         note = (ROOT / "results" / found[2] / "machine.txt").read_text()
         days = sorted(re.findall(r"^(\d{4}-\d\d-\d\d)[ ,]", note, re.MULTILINE))
-        noted = re.findall(
-            r"(\bafter )?\bcommit ([0-9a-f]{7,9})( with changes)?", note
-        )
+        noted = re.findall(r"(\bafter )?\bcommit ([0-9a-f]{7,9})( with changes)?", note)
         commits = dict.fromkeys(
             f"{clock}{name}{'+' * bool(more)}" for clock, name, more in noted
         )
