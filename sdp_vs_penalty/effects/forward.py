@@ -173,7 +173,7 @@ class Plant:
         Array
             (N, k) states in [-1, 1], the stateful effects one after the other.
         """
-        motion = replace(motion, sign_width=self.model.sign_width)
+        motion = motion.with_sign_width(self.model.sign_width)
         states = [bristles.along(motion) for bristles in self.bristles]
         return np.hstack([np.zeros((len(motion.t), 0)), *states])
 

@@ -256,7 +256,7 @@ class Model:
             Blocks by the place of their effect in the model.
         """
         if motion.sign_width != self.sign_width:
-            motion = replace(motion, sign_width=self.sign_width)
+            motion = motion.with_sign_width(self.sign_width)
         blocks = self._independent_blocks(motion, known, smooth)
         dependent = {k: e for k, e in enumerate(self.effects) if depends(e)}
         needs_current_model = bool(dependent) and motion.current is None
@@ -457,7 +457,7 @@ class Model:
                 [c.columns @ theta[c.indices] for c in self.columns(motion)]
             )
         if motion.sign_width != self.sign_width:
-            motion = replace(motion, sign_width=self.sign_width)
+            motion = motion.with_sign_width(self.sign_width)
         total = np.zeros_like(motion.q)
         for effect, indices in self.parts:
             total = total + effect.torque(theta[indices], motion)
@@ -503,7 +503,7 @@ def turning(motion: Motion, effect: Effect) -> Motion:
     width = effect.shape["v_s"]
     n = motion.dq.shape[1]
     widths = tuple(width if j in effect.joints else motion.width(j) for j in range(n))
-    return replace(motion, sign_width=widths)
+    return motion.with_sign_width(widths)
 
 
 def depends(effect: Effect) -> bool:

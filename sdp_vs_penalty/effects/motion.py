@@ -3,6 +3,7 @@ needed."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -297,8 +298,32 @@ class Motion:
         Motion
             A copy with that torque.
         """
-        out = replace(self, torque=torque)
-        for name in ("link_torque", "_derivatives", "_signs", "_legs"):
+        kept = ("link_torque", "_derivatives", "_signs", "_legs")
+        return self._copy_keeping(kept, torque=torque)
+
+    def with_sign_width(self, width: float | tuple[float, ...]) -> Motion:
+        """Return the motion with other velocities over which signs are smoothed.
+
+        What does not follow from signs is kept.
+
+        Parameters
+        ----------
+        width
+            One velocity [rad/s, m/s] for all joints, or one a joint.
+
+        Returns
+        -------
+        Motion
+            A copy with these widths.
+        """
+        kept = ("link_torque", "_derivatives", "_legs")
+        return self._copy_keeping(kept, sign_width=width)
+
+    def _copy_keeping(self, computed: Sequence[str], **changes: Any) -> Motion:
+        """Return a copy with changed fields, and with the named quantities where they
+        have been computed, since they do not follow from these fields."""
+        out = replace(self, **changes)
+        for name in computed:
             if name in self.__dict__:
                 out.__dict__[name] = self.__dict__[name]
         return out

@@ -68,15 +68,35 @@ class Decimator:
         """Return the low-passed rows (M, ...) of signals x (N, ...)."""
         shape = x.shape[1:]
         flat = x.reshape(len(x), int(np.prod(shape)))
-        if flat.shape[1] == 1 and self._n_even > 1:
-            return self._one_column(flat[:, 0]).reshape(len(self.at), *shape)
-        parts = [block @ flat[samples] for samples, block in self.blocks]
-        rows = np.concatenate([flat[:0], *parts])
-        return rows.reshape(len(self.at), *shape)
+        parts = [flat[:0]]
+        if self.blocks:
+            parts.append(self._even_rows(flat))
+        parts += [
+            block @ flat[samples] for samples, block in self.blocks[self._n_even :]
+        ]
+        return np.concatenate(parts).reshape(len(self.at), *shape)
+
+    def _even_rows(self, flat: Array) -> Array:
+        """Return the low-passed rows of signals (N, k) by the first blocks, which are one
+        matrix, in one product with all pieces of the signals."""
+        first, block = self.blocks[0]
+        shift = self.blocks[1][0].start - first.start if len(self.blocks) > 1 else 0
+        assert self.blocks[self._n_even - 1][0].stop <= len(flat)
+        along_rows, along_columns = flat.strides
+        pieces = np.lib.stride_tricks.as_strided(
+            flat[first.start :],
+            (self._n_even, block.shape[1], flat.shape[1]),
+            (shift * along_rows, along_rows, along_columns),
+            writeable=False,
+        )
+        rows = block @ pieces
+        return np.asarray(rows.reshape(self._n_even * len(block), flat.shape[1]))
 
     @cached_property
     def _n_even(self) -> int:
         """The number of first blocks that are one matrix, evenly shifted."""
+        if not self.blocks:
+            return 0
         first, block = self.blocks[0]
         shift = self.blocks[1][0].start - first.start if len(self.blocks) > 1 else 0
         n = 0
@@ -85,20 +105,6 @@ class Decimator:
                 break
             n += 1
         return n
-
-    def _one_column(self, x: Array) -> Array:
-        """Return the low-passed rows (M,) of one signal x (N,).
-
-        Evenly spaced rows are one product of their common block with all pieces of the
-        signal, side by side.
-        """
-        samples, block = self.blocks[0]
-        shift = self.blocks[1][0].start - samples.start
-        pieces = np.lib.stride_tricks.sliding_window_view(x, block.shape[1])
-        begins = samples.start + shift * np.arange(self._n_even)
-        even = (pieces[begins] @ block.T).ravel()
-        others = [b @ x[s] for s, b in self.blocks[self._n_even :]]
-        return np.concatenate([even, *others])
 
     def part(self, start: int, stop: int) -> tuple[Decimator, slice]:
         """Return the decimator of a slice of the rows, for a chunk of the samples.
