@@ -691,9 +691,10 @@ class Diagnosis(Record, JsonRecord):
         models.
 
         The search fits by least squares; `compare` and `add` fit by the model's own
-        method, and print slightly different numbers. The search's errors stay for weak
-        findings, and if the certain findings do not come first in the list, for all but
-        the first error; what is said of a joint follows :meth:`errors_of`.
+        method, and print slightly different numbers. A weak finding changes the judged
+        errors by the share that the search says. If the certain findings do not come
+        first in the list, the search's errors stay for all but the first; what is said
+        of a joint follows :meth:`errors_of`.
 
         Parameters
         ----------
@@ -714,20 +715,31 @@ class Diagnosis(Record, JsonRecord):
         if not self.effects and not self.curves:
             return replace(judged, held_out_rmse=before)
         findings = list(self.effects)
-        if findings:
-            findings[0] = replace(findings[0], held_out_rmse_before=before)
         error_with_all = self.held_out_rmse
         n_certain = len([f for f in findings if f.torque_is_certain])
         are_first = all(f.torque_is_certain for f in findings[:n_certain])
-        if n_certain and are_first and not self.curves:
-            # The error after the last certain finding is also that before the next one.
-            last_certain = findings[n_certain - 1]
-            findings[n_certain - 1] = replace(last_certain, held_out_rmse_after=after)
-            if n_certain < len(findings):
-                first_weak = findings[n_certain]
-                findings[n_certain] = replace(first_weak, held_out_rmse_before=after)
-            else:
-                error_with_all = after
+        if are_first and not self.curves:
+            # What follows changes the judged error by the share that the search says.
+            searched = findings[0].held_out_rmse_before
+            if n_certain:
+                last_certain = findings[n_certain - 1]
+                searched = last_certain.held_out_rmse_after
+                findings[n_certain - 1] = replace(
+                    last_certain, held_out_rmse_after=after
+                )
+            scale = _ratio(after, searched)
+            findings[n_certain:] = [
+                replace(
+                    weak,
+                    held_out_rmse_before=scale * weak.held_out_rmse_before,
+                    held_out_rmse_after=scale * weak.held_out_rmse_after,
+                )
+                for weak in findings[n_certain:]
+            ]
+            is_complete = n_certain == len(findings)
+            error_with_all = after if is_complete else scale * self.held_out_rmse
+        if findings:
+            findings[0] = replace(findings[0], held_out_rmse_before=before)
         return replace(judged, effects=tuple(findings), held_out_rmse=error_with_all)
 
     def errors_of(self, finding: Finding) -> tuple[Array, Array]:
@@ -745,8 +757,7 @@ class Diagnosis(Record, JsonRecord):
             return before, after
         if finding.torque_is_certain:
             return self.held_out_rmse_before, with_sure
-        share = np.divide(after, before, out=np.ones_like(after), where=before > 0.0)
-        return with_sure, with_sure * share
+        return with_sure, with_sure * _ratio(after, before)
 
     def is_beside_sure(self, finding: Finding) -> bool:
         """Whether a finding is sure, and something else on its main joint is too, so
@@ -959,25 +970,28 @@ class Diagnosis(Record, JsonRecord):
         return max(sure, key=lambda f: f.gain, default=None)
 
     @property
-    def has_only_weak(self) -> bool:
-        """Whether there are findings, none of them sure, and no torque without a name."""
-        is_open = bool(self.sure) or bool(self.unexplained_sentence)
-        return bool(self.effects) and not is_open
+    def is_open(self) -> bool:
+        """Whether something is left of which nothing is sure: weak findings, or torque
+        without a name."""
+        return not self.sure and bool(self.effects or self.unexplained_sentence)
 
     @property
     def cause(self) -> str:
-        """The main cause in a few words, the joint first: "Joint 3 errs: joint spring"."""
+        """The main cause in a few words, the joint first: "Joint 3 errs: joint spring
+        (confident)"."""
         main = self.main_finding
-        if self.has_only_weak:
+        if main is not None:
+            likeness = "" if main.effect_is_certain else "something like "
+            text = f"Joint {main.main_joint} errs: {likeness}{effect_name(main.effect)}"
+            text += f" ({main.rating})" if main.rating != "weak" else ""
+            others = len(self.sure) - 1
+            return f"{text}, and {others} more." if others else f"{text}."
+        if unexplained := self.unexplained_sentence:
+            return f"Left: {unexplained}."
+        if self.is_open:
             findings = "finding" if len(self.effects) == 1 else "findings"
             return f"Nothing more is sure: {rating_counts(self.effects)} {findings}."
-        if main is None:
-            return self._missing
-        likeness = "" if main.effect_is_certain else "something like "
-        text = f"Joint {main.main_joint} errs: {likeness}{effect_name(main.effect)}"
-        if len(self.sure) > 1:
-            text += f", and {len(self.sure) - 1} more"
-        return f"{text}."
+        return self._missing
 
     @property
     def events_without_cause(self) -> list[Event]:
@@ -1240,6 +1254,11 @@ class Diagnosis(Record, JsonRecord):
     def format(self) -> int:
         """Format of findings.json."""
         return FINDINGS_FORMAT
+
+
+def _ratio(after: Array, before: Array) -> Array:
+    """Return the ratio of errors (n,); 1 where there was none before."""
+    return np.divide(after, before, out=np.ones(len(after)), where=before > 0.0)
 
 
 def _hum_in_words(diagnosis: Diagnosis, hum: Event) -> str:

@@ -120,7 +120,7 @@ def _of_model(view: View) -> NextStep:
             outcome = describe_outcome(remedy, session.robot["units"], joint)
             text = f"{cause} {formatting.sentence(outcome)}" if outcome else cause
             return NextStep(text, label, "diagnose", do, level=level)
-        if not diagnosis.has_only_weak:
+        if not diagnosis.is_open:
             text = f"{of_model.word}."  # the cause names the error
         text = f"{text} {cause}"
     if "report.html" in session.taken:

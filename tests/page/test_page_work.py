@@ -22,10 +22,13 @@ pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 from starlette.requests import ClientDisconnect
 
 from sdp_vs_penalty import InputError
+from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.findings import Invisible
+from sdp_vs_penalty.formatting import sentence
 from sdp_vs_penalty.page import Sessions, WorkerPool, data_chart, guarded, jobs, worker
 from sdp_vs_penalty.page import sessions as tabs
 from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.render.words import describe_diagnosis, describe_outcome
 from sdp_vs_penalty.results import Change
 
 #: Headers, and whether they may ask (null: a page may, a socket may not).
@@ -185,6 +188,50 @@ def test_what_was_hidden_and_added_is_found(here, two_link):
     s.history = [SimpleNamespace(findings=nothing, added=("backlash:2@band=4",))]
     s.hidden = "backlash:2"
     assert s.hidden_and_found.endswith(": found, and in the model.")
+
+
+def test_a_joint_has_one_pair_of_errors_on_every_card_and_on_the_button(two_link):
+    """Those of the two models that were judged on the test run; a weak finding changes
+    the later one by the share that the search says."""
+    found = told(
+        two_link, ["joint_spring:1", "backlash:1", "backlash:2", "joint_spring:2"]
+    )
+    doubt = {"confidence": "weak", "doubts": (Doubt("small"),)}
+    searched = {"held_out_rmse_after": np.array([1.0, 0.5])}
+    *sure, weak = found.effects
+    effects = (*sure, replace(weak, **doubt, **searched))
+    before, after = np.array([4.2, 3.1]), np.array([0.7, 1.6])
+    judged = replace(found, effects=effects).with_judged_errors(before, after)
+    units = ("N*m", "N*m")
+    said = [f.gain_sentence(judged) for f in judged.effects]
+    assert said[0] == said[1]
+    assert "with what else is sure on joint 1, cuts" in said[0]
+    assert "error on data left out from 4.2 to 0.7 N" in said[0]
+    assert (
+        "Adding it cuts joint 2's error on data left out from 3.1 to 1.6 N" in said[2]
+    )
+    assert "from 1.6 to 0.8 N" in said[3]
+    outcome = describe_outcome(judged.remedies[0], units, 1)
+    assert outcome == (
+        "joint 1's error falls from 4.2 to 0.7 N m (-83 %) on data left out."
+    )
+
+
+def test_a_doubt_that_several_findings_share_is_said_once(two_link):
+    found = told(two_link, ["joint_spring:1", "backlash:1", "backlash:2"])
+    shared = Doubt("small"), Doubt("not_held_out")
+    effects = [replace(f, confidence="weak", doubts=shared) for f in found.effects]
+    effects[2] = replace(effects[2], doubts=(*shared, Doubt("at_end")))
+    words = describe_diagnosis(replace(found, effects=tuple(effects)), ("N*m", "N*m"))
+    assert words.shared_doubt.startswith(
+        "Findings 1, 2 and 3, each: its gain is small; "
+    )
+    assert [f.doubt for f in words.findings] == ["", "", f"{_sentence('at_end')}."]
+
+
+def _sentence(reason):
+    """A reason for doubt, as a sentence begins."""
+    return sentence(Doubt(reason).sentence)
 
 
 def test_another_set_of_torques_is_taken_by_a_button(here, hidden, tmp_path):
