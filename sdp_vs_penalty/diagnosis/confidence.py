@@ -98,6 +98,20 @@ def _is_insignificant(x: Judged) -> bool:
     return is_insignificant(*size_of(x.effect, x.size.beta, x.size.covariance))
 
 
+def _makes_no_torque(x: Judged) -> bool:
+    """Return whether nothing tells the torque from zero: neither its own interval, nor
+    that of the size if the shape constants were exact.
+
+    A law of friction shares its torque with the model's own law, so that its interval
+    alone is wide. A size that follows its constants may be anything, and its torque is
+    known.
+    """
+    torque = x.size.torque
+    return is_insignificant(torque.rms, torque.std) and is_insignificant(
+        *x.value_and_std
+    )
+
+
 def _is_small(x: Judged) -> bool:
     """Return whether a finding's evidence J is at most twice that to be added."""
     return not x.term.evidence > 2.0 * EVIDENCE_TO_ADD  # "not ... >": True for NaN
@@ -145,7 +159,7 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "rivals": lambda x: bool(x.term.rivals or x.effect.resembles),
     "uncertain": _is_uncertain,
     "insignificant": _is_insignificant,
-    "no_torque": lambda x: is_insignificant(x.size.torque.rms, x.size.torque.std),
+    "no_torque": _makes_no_torque,
     "small": lambda x: _is_small(x) and not _is_clear_elsewhere(x),
     "small_here": lambda x: _is_small(x) and _is_clear_elsewhere(x),
     "not_held_out": lambda x: not lowers(*x.errors[:, x.joints]),

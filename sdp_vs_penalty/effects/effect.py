@@ -357,8 +357,8 @@ class Effect(ABC):
 
     @property
     def is_dry_friction(self) -> bool:
-        """Whether it is a finer law of its joint's dry friction, which holds any torque
-        while the joint stands."""
+        """Whether it is a law of dry friction, which holds any torque while a joint
+        stands: by default a finer one of the joint's own."""
         return "coulomb_friction" in self.refines
 
     @property

@@ -43,6 +43,11 @@ class JointCoupling(WithPartner):
         "form": ShapeConstant(1.0, choices=(1.0, 2.0, 3.0, 4.0)),
     }
 
+    @property
+    def is_dry_friction(self) -> bool:
+        """Whether its form is one of dry friction."""
+        return self.shape["form"] != 1.0
+
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         """List the shape constants with which a search begins: both neighbours, in all
@@ -255,6 +260,11 @@ class TransmissionFriction(StatefulEffect):
         """Name of the friction law (or "inertia"), by the number that saved models
         hold."""
         return LAWS[int(self.shape["law"]) - 1]
+
+    @property
+    def is_dry_friction(self) -> bool:
+        """Whether its law is one of dry friction."""
+        return self.law not in ("viscous", "inertia")
 
     @property
     def ratios(self) -> Array:
