@@ -21,6 +21,16 @@ from sdp_vs_penalty.robot.robot import Robot
 #: What a curve can run over, in the order of the numbers that saved models have for it;
 #: "none" as the second of a pair is no second variable.
 WORDS = ("q", "dq", "ddq", "tau", "t", "sign(dq)", "abs(ddq)", "temp", "none")
+_IN_WORDS = {
+    "q": "position",
+    "dq": "velocity",
+    "ddq": "acceleration",
+    "tau": "modelled torque",
+    "t": "time",
+    "sign(dq)": "direction",
+    "abs(ddq)": "size of the acceleration",
+    "temp": "temperature",
+}
 
 
 @dataclass(frozen=True)
@@ -75,6 +85,19 @@ class Variable:
         size = f"{abs(self.ratio):.6g}"
         factor = "" if size == "1" else size
         return f"{name_on_joint}{sign}{factor}{self.word}{self.other + 1}"
+
+    def __str__(self) -> str:
+        """Return what the variable is, for people.
+
+        >>> [str(Variable("sign(dq)", 3)), str(Variable("t")), str(Variable("q", 4, 5))]
+        ['direction of joint 4', 'time', 'position of joints (q5+q6)']
+        """
+        quantity = _IN_WORDS[self.word]
+        if self.word == "t":
+            return quantity
+        if self.other >= 0:
+            return f"{quantity} of joints ({self.name})"
+        return f"{quantity} of joint {self.joint + 1}"
 
     @classmethod
     def parse(cls, text: str) -> Variable:

@@ -101,12 +101,13 @@ class Curve(JsonRecord):
             Unit of the torque of each joint, such as "N m".
         """
         unit = plain_unit(torque_units[self.joint - 1])
-        units = [Variable.parse(v).unit(torque_units) for v in self.of]
+        variables = list(map(Variable.parse, self.of))
+        units = [v.unit(torque_units) for v in variables]
         low = self.points.min(axis=0)
         high = self.points.max(axis=0)
         ranges = " and ".join(
             f"{v} from {a:.3g} to {b:.3g}{'' if u == '-' else ' ' + u}"
-            for v, a, b, u in zip(self.of, low, high, units, strict=True)
+            for v, a, b, u in zip(variables, low, high, units, strict=True)
         )
         words = (
             f" Within the band: {self.formula}."
