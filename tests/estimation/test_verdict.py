@@ -86,6 +86,24 @@ def test_one_joint_that_errs_by_half_its_torque_makes_the_arm_unusable():
     assert verdict(shares=np.array([0.5, 14.0]), floor=RMSE / 20.0).grade == "usable"
 
 
+def test_an_error_on_training_motion_says_so():
+    errors = ErrorsBesideNoise(
+        RMSE, RMSE / 4.0, 10.0 * RMSE, ("N*m", "N*m"), "on training motion"
+    )
+    assert errors.joint_errs(2) == (
+        "Joint 2 errs by 9.68 % of its torque beyond the noise (0.2 N m, 4 times its"
+        " noise, on training motion)"
+    )
+    assert "4 times its noise, on training motion" in verdict(errors=errors).headline
+
+
+def test_which_joint_errs_comes_before_what_is_in_doubt_of_the_log():
+    doubted = verdict(floor=RMSE / 4.0, doubt="In doubt: torque sign.")
+    assert doubted.lines[0].about == "the log"
+    assert doubted.headline.startswith("Usable. Joint 1 errs by ")
+    assert doubted.headline.endswith(". In doubt: torque sign.")
+
+
 def test_links_that_cannot_be_are_not_to_be_used():
     broken = verdict(Certificate({"pseudo-inertia": 0.04}, 1.0))
     assert broken.grade == "do not use"
