@@ -3,6 +3,7 @@ its links lead somewhere, its figures are those of results/.
 """
 
 import ast
+import importlib
 import importlib.util
 import os
 import re
@@ -30,6 +31,8 @@ from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.reports.demo import HIDDEN
 from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
+from sdp_vs_penalty.solvers import SOLVERS
+from sdp_vs_penalty.testing import contracts
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -286,6 +289,24 @@ def test_a_plugin_of_one_file_is_used_and_judged(
             registry.forget()
     check_printed("contracts.md", said)
     assert said.count("kept:") > 5
+
+
+@pytest.mark.nightly
+def test_the_gallerys_own_solver_keeps_the_contracts(tmp_path, monkeypatch):
+    """It calls no empty set optimal, and what it calls optimal is."""
+    text = (DOCS / "gallery" / "students_day.py").read_text(encoding="utf-8")
+    imports = text[text.index("from dataclasses") : text.index("urdf = ")]
+    first, last = "@register\nclass Splitting", 'for solver in ("clarabel"'
+    code = text[text.index(first) : text.index(last)]
+    (tmp_path / "splitting_of_the_day.py").write_text(f"{imports}\n\n{code}")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(SOLVERS, "_registered", [])
+    try:
+        solver = importlib.import_module("splitting_of_the_day").Splitting
+        for judge in contracts(solver).values():
+            judge()
+    finally:
+        SOLVERS.forget()
 
 
 @pytest.mark.slow
