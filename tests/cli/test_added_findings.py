@@ -168,22 +168,25 @@ def test_all_tables_show_one_error_a_joint(run, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("floor", "refused"),
+    ("floor", "first", "refused"),
     [
-        (None, True),
-        (0.3, True),
-        (0.7, False),  # 1.13 times its noise: still noise
+        (None, 0.7, True),
+        (0.3, 0.7, True),
+        (0.7, 0.7, False),  # 1.13 times its noise: still noise
+        (None, 0.4, False),  # joint 1 gains more than joint 2 loses
     ],
 )
-def test_findings_that_raise_a_joints_error_beyond_noise_are_not_added(floor, refused):
-    """Joint 2 errs by 58 % more, joint 1 by less."""
+def test_findings_that_raise_a_joints_error_beyond_noise_are_not_added(
+    floor, first, refused
+):
+    """Joint 2 errs by 58 % more while it slides, joint 1 by less."""
 
     def compared(*rmse):
         noise = None if floor is None else np.full(2, floor)
         errors = ErrorsBesideNoise(np.array(rmse), noise, np.ones(2), ("N*m", "N*m"))
-        return SimpleNamespace(rmse=errors.rmse, errors=errors)
+        return SimpleNamespace(errors_sliding=errors)
 
-    before, after = compared(1.0, 0.5), compared(0.4, 0.79)
+    before, after = compared(1.0, 0.5), compared(first, 0.79)
     refuse = import_module("sdp_vs_penalty.cli.verbs.add")._refuse_harm
     refuse(before, before, "test.csv")
     if not refused:
