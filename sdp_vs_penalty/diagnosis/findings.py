@@ -892,10 +892,8 @@ class Diagnosis(Record, JsonRecord):
             words = f"add {named_on_joints(self.sure)}"
         elif texts:
             words = f"add the {len(texts)} that are sure"
-            near_ties = sum(f.rating != "confident" for f in self.sure)
-            if near_ties:
-                ties = formatting.count(near_ties, "near-tie")
-                words = f"add the {len(texts)} whose torque is sure ({ties})"
+            if any(f.rating != "confident" for f in self.sure):
+                words = f"add the {len(texts)} whose torque is sure"
         change = Change(
             "add",
             words,
@@ -1123,7 +1121,9 @@ class Diagnosis(Record, JsonRecord):
         """A sentence with the RMS error of each joint on data left out, with all
         findings added.
         """
+        has_weak = not all(f.torque_is_certain for f in self.effects)
         start = "Error on data left out, with everything found"
+        start += ", weak or not" if has_weak else ""
         facts = self.facts()
         errors = [
             f"{error} {self.torque_unit(joint)}"

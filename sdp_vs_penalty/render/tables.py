@@ -111,8 +111,8 @@ def failure_table(failures: Sequence[JointFailure]) -> Table:
 SOURCES = {
     "data": "data",
     "given": "given",
-    "prior": "nominal robot",
-    "bounds": "limits",
+    "prior": "assumed near nominal",
+    "bounds": "set by limits",
 }
 
 

@@ -635,7 +635,7 @@ def caveats(estimate: Estimate) -> list[str]:
     others = [source for source in sources if source not in ("data", "given")]
     if others:  # of the prior or of bounds
         lines.append(
-            f"{len(others)} of {estimate.n_parameters} parameters are from the"
+            f"{len(others)} of {estimate.n_parameters} parameters are"
             f" {SOURCES[others[0]]}, not from the data: do not read them one by one."
         )
     return lines

@@ -137,7 +137,7 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
             draw.tag("p", words.rivals, "rivals")
         if words.splits:
             draw.note(words.splits)
-        if words.test:
+        if words.test and not done:
             _telling(view, finding, words.test, f"tell-{k}")
         if words.physics or words.constants:
             with draw.details("What this effect is", f"physics-{k}"):

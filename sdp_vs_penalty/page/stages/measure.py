@@ -3,6 +3,7 @@ the check says."""
 
 import re
 import tomllib
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,14 @@ from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import SUFFIXES
 from sdp_vs_penalty.page.spoken import spoken
-from sdp_vs_penalty.page.view import PagePart, Stage, View, checked, label_of
+from sdp_vs_penalty.page.view import (
+    PagePart,
+    Stage,
+    StageVerdict,
+    View,
+    checked,
+    label_of,
+)
 from sdp_vs_penalty.render.words import plain_name
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, MAKERS
 
@@ -205,13 +213,10 @@ def _mapping(session: Session, mapping: dict[str, Any]) -> None:
     """
     columns = mapping["columns"]
     k = session.mappings.index(mapping)
-    is_filled_in = any(mapping["chosen"].values())
-    filled_in = "Filled in with what is recognised, or by their order: look at it."
-    not_filled_in = "Nothing was recognised."
-    draw.note(
-        f"{filled_in if is_filled_in else not_filled_in} Drag a column to its place, or"
-        " choose it there."
-    )
+    begin = "Nothing was recognised."
+    if any(mapping["chosen"].values()):
+        begin = "Filled in with what is recognised, or by their order: look at it."
+    draw.note(f"{begin} Drag a column to its place, or choose it there.")
     with draw.tag("div", style="row"):
         for name in columns:
             draw.tag("span", name, "of-file", draggable="true")
@@ -489,4 +494,10 @@ def _issues_with_runs(
     return list(groups.values())
 
 
-CHECK = Stage("check", "Check", "Add measurements first.", (check,), checked)
+def _checked(session: Session) -> StageVerdict:
+    """Return the stage's verdict; what the check found is not said twice."""
+    verdict = checked(session)
+    return replace(verdict, text="") if session.warnings else verdict
+
+
+CHECK = Stage("check", "Check", "Add measurements first.", (check,), _checked)
