@@ -82,7 +82,8 @@ def explain(
     if constants or refers_to_model or delays_torque(refitted):
         refitted = refer_once(refitted)
     judged = refitted.with_terms(refitted.terms)
-    judged.terms = judged.beside_each_other()
+    # What the fit absorbs with the constants of now is no finding any more.
+    judged.terms = [t for t in judged.beside_each_other() if t.evidence > -np.inf]
     return Explanation(first, tuple(constants), judged)
 
 
