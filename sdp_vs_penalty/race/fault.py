@@ -68,6 +68,7 @@ APPLY = {
     "position unit": ("degrees", "q"),
     "positions in per cent": ("percent", "q"),
     "positions in mrad": ("mrad", "q"),
+    "positions in mdeg": ("mdeg", "q"),
     "positions in counts": ("counts", "q"),
     "positions in turns": ("turns", "q"),
     "positions in shares": ("shares", "q"),

@@ -202,6 +202,7 @@ def test_torques_tell_per_cent_of_the_ranges_from_degrees(simulated):
     [
         ("turns", 2.0 * np.pi, 0.0),
         ("mrad", 1e-3, 0.0),
+        ("mdeg", np.pi / 180000.0, 0.0),
         ("counts", 2.0 * np.pi / 4096, 0.0),
         ("counts", 2.0 * np.pi / 4096, -np.pi),
         ("counts", 2.0 * np.pi / 2**17, 0.0),

@@ -92,6 +92,12 @@ UNITS = (
     PositionUnit(
         "positions in mrad", "milliradians", _TO_RADIANS.format("0.001"), 1e-3
     ),
+    PositionUnit(
+        "positions in mdeg",
+        "millidegrees",
+        _TO_RADIANS.format("pi / 180000"),
+        1e-3 * _RADIANS_PER_DEGREE,
+    ),
     *(
         PositionUnit(
             "positions in counts",
