@@ -106,6 +106,11 @@ def sentence(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def joint_number(j: int) -> int:
+    """Return the number by which users know joint j (from 0): they count from 1."""
+    return j + 1
+
+
 def joints(numbers: Sequence[int]) -> str:
     """Name joints by number.
 

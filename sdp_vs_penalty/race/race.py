@@ -194,14 +194,13 @@ class Race:
         return RaceOutcome(tuple(taken), view, fit)
 
     def _is_beyond_range(self, chain: LogTransform) -> bool:
-        """Whether a transform leaves positions far beyond a joint's range."""
+        """Whether a transform leaves positions far beyond a revolute joint's range."""
         log = self.all.log
         limits = [(joint.lower, joint.upper) for joint in log.problem.robot.joints]
         reach = np.abs(np.array(limits, float)).max(axis=1)  # (n,) [rad, m]
         largest = np.abs(chain.positions(log.data.motion.q)).max(axis=0)
-        return position_unit in self.kinds and bool(
-            np.any(largest > _BEYOND_RANGE * reach)
-        )
+        beyond = (largest > _BEYOND_RANGE * reach)[log.revolute]
+        return position_unit in self.kinds and bool(beyond.any())
 
     def _begun_from(self, h: Hypothesis, logged: ViewFit) -> RaceOutcome | None:
         """Return the verdict of the race that begins from a unit of positions, beside the

@@ -760,7 +760,7 @@ def test_the_printed_unit_is_one_of_the_quantity():
     pairs = {
         ("tau", 1e-3): "mnm",
         ("t", 1e-3): "ms",
-        ("q", 1e-3): "mm",
+        ("q", 1e-3): "mrad",
         ("tau", 0.3): None,
     }
     assert {x: unit_of_factor(x[1], x[0]) for x in pairs} == pairs

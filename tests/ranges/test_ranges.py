@@ -142,7 +142,7 @@ def test_names(model, name, words):
 def test_a_model_from_a_file_needs_data(model, hidden, tmp_path):
     model.save(tmp_path / "model.json")
     saved = load_estimate(tmp_path / "model.json")
-    with pytest.raises(InputError, match="does not hold"):
+    with pytest.raises(InputError, match="names no files of them"):
         saved.range("m2")
     again = saved.range("m2", data=hidden.train)
     assert again.least.value == pytest.approx(

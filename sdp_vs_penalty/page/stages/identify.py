@@ -339,7 +339,7 @@ def _words(model: ModelStep, j: int, unit: str) -> str:
     """
     facts = model.facts
     plain = formatting.plain_unit(unit)
-    number = j + 1
+    number = formatting.joint_number(j)
     error = facts["joint_error"].of_joint(number)
     text = f"{model.error} of joint {number}: {error} {plain}"
     if facts["error_over_noise"].value is not None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.effects import standard_effect
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.page import controls as draw
@@ -145,7 +146,7 @@ def _replay(view: View, answer: dict[str, Any]) -> None:
         follow()
 
     with draw.tag("div", style="fields pick"):
-        joints = [(str(j), str(j + 1)) for j in range(len(units))]
+        joints = [(str(j), str(formatting.joint_number(j))) for j in range(len(units))]
         joint = str(view.joint or 0)
         draw.choice(
             "Joint", joints, joint, lambda j: view.select(joint=int(j)), "forward-joint"
