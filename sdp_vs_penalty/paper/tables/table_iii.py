@@ -250,7 +250,11 @@ def _estimates(
             values[_CONDITION] = condition_number(unweighted)
             pi, std = standard_deviations(task, data.regression.oversampling)
             percent = 100.0 * std / np.abs(pi)
-            columns[f"sigma_pct_ols_{data.label}"] = dict(
-                zip(row_names, percent, strict=True)
-            )
+            # A row that other effects share with the links has no deviation of its own.
+            leading = (task.base.parameters[k] for k in task.base.leading)
+            columns[f"sigma_pct_ols_{data.label}"] = {
+                row: percent_of_row
+                for row, percent_of_row in zip(leading, percent, strict=True)
+                if row in row_names
+            }
     return columns
