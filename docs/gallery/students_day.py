@@ -178,7 +178,7 @@ class Splitting(Solver):
 
 
 for solver in ("clarabel", "splitting"):
-    method = LmiSdp(solver=solver, entropy=0.0)
+    method = LmiSdp(solver=solver, entropy=0.0, accuracy=1e-6)
     fit = identify(urdf, runs.train, method, effects=effects)
     print(f"{solver:12s} gap {fit.certificate.gap:.1e}")
 
