@@ -63,8 +63,7 @@ def unit_asked_for(evidence: Evidence, fit: ViewFit, command: str) -> list[Issue
         return []
     largest = float(np.abs(evidence.log.data.motion.q).max())
     others = " or ".join(unit.words for unit in units)
-    words = {"positions in turns": "turns", "positions in degrees": "deg"}
-    names = [words[unit.kind] for unit in units if unit.kind in words]
+    names = [unit.name for unit in units if unit.name]
     by = command.replace("UNIT", "rad")
     return [
         Issue.from_fault(

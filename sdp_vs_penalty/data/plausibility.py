@@ -24,7 +24,7 @@ from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
 #: How far outside its range an encoder's zero may put a joint [rad, m].
-_ZERO = 0.2
+ENCODER_ZERO = 0.2
 #: Geometric mean of 180 / pi, of degrees, and 60, of a clock in minutes.
 _BETWEEN_DEGREES_AND_MINUTES = math.sqrt(60.0 * 180.0 / math.pi)
 #: What else large angles may be.
@@ -217,12 +217,12 @@ def _check_side(robot: Robot, run: Measurements) -> None:
     """Raise InputError where the positions are those of the motors: outside of the
     joints' ranges, but inside once the robot's transmission is applied."""
     transmission = robot.transmission
-    is_inside = np.all(_beyond(robot, run.q) <= _ZERO)
+    is_inside = is_in_ranges(robot, run.q)
     if transmission is None or is_inside or beside_range(robot, run.q):
         return
     # Taken as motor positions q_m = A q + b, they give the joint positions q.
     q = np.linalg.solve(transmission.matrix, (run.q - transmission.offset).T).T
-    if np.all(_beyond(robot, q) <= _ZERO):
+    if is_in_ranges(robot, q):
         what = (
             "the positions are those of the motors: through the transmission they are"
             " in the ranges"
@@ -230,6 +230,12 @@ def _check_side(robot: Robot, run: Measurements) -> None:
         raise InputError(
             what, "convert the log with `convert --motor-side`", run.names[0]
         )
+
+
+def is_in_ranges(robot: Robot, q: np.ndarray) -> bool:
+    """Whether positions (N, n) [rad, m] lie in the joints' ranges, but for an encoder's
+    zero."""
+    return bool(np.all(_beyond(robot, q) <= ENCODER_ZERO))
 
 
 def _beyond(robot: Robot, q: np.ndarray) -> np.ndarray:
@@ -291,10 +297,10 @@ def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
     tuple[int, ...]
         Places of the joints, from 0.
     """
-    outside = np.flatnonzero(_beyond(robot, q) > _ZERO)
+    outside = np.flatnonzero(_beyond(robot, q) > ENCODER_ZERO)
     lengths = [joint.upper - joint.lower for joint in robot.joints]
     smallest, largest = column_range(q)
-    fits = largest - smallest <= np.add(lengths, _ZERO)
+    fits = largest - smallest <= np.add(lengths, ENCODER_ZERO)
     are_few = len(outside) <= max(1, robot.n // 2)
     return tuple(outside.tolist()) if are_few and np.all(fits) else ()
 

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -167,6 +167,10 @@ class JobRequest(dict[str, Any]):
             "progress": self.progress,
         }
         return {name: value for name, value in options.items() if value is not None}
+
+    def progress_of(self, name: str, text: str) -> None:
+        """Report the progress of one of several named tasks."""
+        self.progress(f"{name}: {text}")
 
     def number(self, name: str, default: float) -> float:
         """Return a numeric option by its name, or the default where its field is empty.
@@ -957,7 +961,7 @@ def methods(job: JobRequest) -> Answer:
     reasons = dict[str, str]()
     for name in job["methods"]:
         effects = current.model.effects
-        progress = lambda text, name=name: job.progress(f"{name}: {text}")  # noqa: E731
+        progress = partial(job.progress_of, name)
         options = PoseOptions(effects=effects, seed=job["seed"], progress=progress)
         try:
             estimates_made = estimate_parameters(

@@ -14,6 +14,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import (
     beside_range,
     far_outside,
+    is_in_ranges,
     radians_per_percent,
 )
 from sdp_vs_penalty.effects.effect import Motion
@@ -24,8 +25,6 @@ from sdp_vs_penalty.signals.encoder import lattice_step, lattice_step_bound
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
-#: How far outside its range an encoder's zero may put a joint [rad, m].
-_ZERO = 0.2
 #: Velocities so many times the derivative of their position [rad/s] are in degrees a
 #: second: 57 times, or nearly 1; the geometric mean of the two.
 _IN_DEGREES_A_SECOND = 8.0
@@ -162,8 +161,7 @@ def find_degrees(glance: RunSummary) -> Iterator[Issue]:
     if glance.run.torque_logged and np.all(glance.run.q == np.round(glance.run.q)):
         return
     q = np.where(is_revolute, np.radians(glance.run.q), glance.run.q)
-    low, high = np.transpose([(j.lower, j.upper) for j in glance.robot.joints])
-    is_explained = np.all((q > low - _ZERO) & (q < high + _ZERO))
+    is_explained = is_in_ranges(glance.robot, q)
     if is_explained and 2 * len(far) > is_revolute.sum():
         yield _degrees(glance, "", unwrap=False)
 

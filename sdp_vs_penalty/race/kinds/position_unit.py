@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sdp_vs_penalty.data.plausibility import radians_per_percent
+from sdp_vs_penalty.data.plausibility import ENCODER_ZERO, radians_per_percent
 from sdp_vs_penalty.data.words.units import LARGEST_PERCENT
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
@@ -24,8 +24,6 @@ _TURN = 2.0 * np.pi
 _LEAST_TO_TELL = 6.0
 #: Joints that are identified move farther than this [rad].
 _LITTLE = 0.5
-#: A zero may put positions so far outside of their range [rad].
-_ZERO = 0.2
 
 
 @dataclass(frozen=True)
@@ -43,6 +41,8 @@ class PositionUnit:
     scale: float
     middle: float = 0.0
     is_share: bool = False
+    #: Its name where a command says the unit; "" of one that is said by its factors.
+    name: str = ""
 
     @property
     def is_small(self) -> bool:
@@ -67,7 +67,7 @@ class PositionUnit:
                     return None
         for j, (scale, _) in numbers.items():
             joint = robot.joints[j]
-            if scale * np.ptp(q[:, j]) > joint.upper - joint.lower + _ZERO:
+            if scale * np.ptp(q[:, j]) > joint.upper - joint.lower + ENCODER_ZERO:
                 return None
         return numbers
 
@@ -79,6 +79,7 @@ _DEGREES = PositionUnit(
     "degrees",
     _TO_RADIANS.format("pi / 180"),
     _RADIANS_PER_DEGREE,
+    name="deg",
 )
 UNITS = (
     _DEGREES,
@@ -90,13 +91,18 @@ UNITS = (
         is_share=True,
     ),
     PositionUnit(
-        "positions in mrad", "milliradians", _TO_RADIANS.format("0.001"), 1e-3
+        "positions in mrad",
+        "milliradians",
+        _TO_RADIANS.format("0.001"),
+        1e-3,
+        name="mrad",
     ),
     PositionUnit(
         "positions in mdeg",
         "millidegrees",
         _TO_RADIANS.format("pi / 180000"),
         1e-3 * _RADIANS_PER_DEGREE,
+        name="mdeg",
     ),
     *(
         PositionUnit(
@@ -111,7 +117,9 @@ UNITS = (
             *((bits, 0.0, "") for bits in (10, 12, 13, 14, 16, 17, 18, 19, 20)),
         )
     ),
-    PositionUnit("positions in turns", "turns", _TO_RADIANS.format("2 pi"), _TURN),
+    PositionUnit(
+        "positions in turns", "turns", _TO_RADIANS.format("2 pi"), _TURN, name="turns"
+    ),
     PositionUnit(
         "positions in shares",
         "shares of each joint's range, from -1 to 1",
@@ -184,7 +192,7 @@ def as_likely_as_radians(evidence: Evidence, fit: ViewFit) -> list[PositionUnit]
     return alike
 
 
-def taken(
+def undone_unit(
     log: Likelihood, chain: LogTransform
 ) -> tuple[PositionUnit, dict[int, tuple[float, float]]]:
     """Return the unit that a transform undoes, with scale and middle of its joints; those
@@ -205,7 +213,7 @@ def taken(
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     """Yield one fault about all joints, or about those in degrees."""
-    best, numbers = taken(log, chain)
+    best, numbers = undone_unit(log, chain)
     joints = tuple(numbers)
     if not joints:
         return
@@ -214,14 +222,15 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         without = without.with_multiplied("scale", (j,), 1.0 / scale)
         without = without.with_entries("zero", (j,), chain.zero[j] - middle)
     largest = np.abs(log.data.motion.q[:, list(joints)]).max()
-    is_one = len(joints) == 1
+    places, are, they_reach = "positions", "are", "they reach"
+    if len(joints) == 1:
+        places, are, they_reach = "position", "is", "it reaches"
     channels = ", ".join(f"q{j + 1}" for j in joints)
     yield Fault(
         kind=best.kind if len(joints) == len(log.revolute) else "position unit",
         joints=joints,
-        what=f"the position{'' if is_one else 's'} of {joints_text(joints)}"
-        f" {'is' if is_one else 'are'} in {best.words}: {'it reaches' if is_one else 'they reach'}"
-        f" {largest:.4g}.",
+        what=f"the {places} of {joints_text(joints)} {are} in {best.words}:"
+        f" {they_reach} {largest:.4g}.",
         remedy=best.remedy.replace("q (and dq)", f"{channels} (and dq)"),
         without=without,
         place=channels,

@@ -102,7 +102,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             in_words=_metres,
             is_repairable=False,
         )
-    _, of_unit = position_unit.taken(log, chain)
+    _, of_unit = position_unit.undone_unit(log, chain)
     middles = np.array([of_unit.get(j, (1.0, 0.0))[1] for j in range(log.n)])
     offsets = np.array(chain.zero) - middles  # [rad, m]; the zero is away by minus that
     for j in np.flatnonzero(offsets).tolist():
