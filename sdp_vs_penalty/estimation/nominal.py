@@ -10,12 +10,11 @@ from sdp_vs_penalty.estimation.link_figures import certificate_without_data
 from sdp_vs_penalty.estimation.uncertainty import Interval, Uncertainty
 from sdp_vs_penalty.problem.load import load_problem, problem_names
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.model_files import ROBOT_FILE_ENDINGS
 from sdp_vs_penalty.version import __version__
 
 #: The method of such a model: nothing was estimated.
 NOMINAL = "nominal"
-#: How files of robots end.
-_ROBOT_FILES = (".urdf", ".xacro", ".sdf", ".xml", ".mjcf")
 
 
 def nominal_model(problem: Problem) -> Estimate:
@@ -73,7 +72,7 @@ def load_model(source: str | Path) -> Estimate:
     """
     path = Path(source)
     is_robot = (
-        path.suffix.lower() in _ROBOT_FILES
+        path.suffix.lower() in ROBOT_FILE_ENDINGS
         or (path / "problem.toml").is_file()
         or (str(source) in problem_names() and not os.path.isfile(path))
     )

@@ -18,6 +18,7 @@ from sdp_vs_penalty.files import lives
 from sdp_vs_penalty.page.session import STATE_FILE, Session, read_state
 from sdp_vs_penalty.page.view import Project
 from sdp_vs_penalty.page.worker import LEAST, WorkerPool
+from sdp_vs_penalty.robot.model_files import ROBOT_FILE_ENDINGS
 
 #: Bytes of all files of a session: those that a job's memory holds at least.
 LARGEST = LEAST
@@ -27,11 +28,7 @@ LARGEST = LEAST
 SILENCE = 30.0
 
 #: By what is dropped.
-SUFFIXES = {
-    "runs": suffixes(),
-    "robot": (".urdf", ".xml", ".sdf", ".xacro"),
-    "model": (".json",),
-}
+SUFFIXES = {"runs": suffixes(), "robot": ROBOT_FILE_ENDINGS, "model": (".json",)}
 
 
 def shown_name(name_given: str) -> str:

@@ -26,12 +26,12 @@ from sdp_vs_penalty.race.constants import COULOMB_WIDTHS, ROWS, TRAVELS
 from sdp_vs_penalty.regression.base_parameters import structure
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.constants import SLIDES
 from sdp_vs_penalty.signals.filtered import joined
 from sdp_vs_penalty.signals.kernels import Decimator
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints, split_at_gaps
 from sdp_vs_penalty.signals.splines import CubicSpline
+from sdp_vs_penalty.signals.standstill import is_sliding
 
 #: Time between the end of a log and the next one's begin, put together as one log.
 _SECONDS_BETWEEN_LOGS = 1.0
@@ -228,8 +228,7 @@ class RegressionData:
         motion = joined([states for states, _ in pieces])
         # A joint whose torque channel is dead counts as one that does not move.
         moving = moving_joints(run) & (np.ptp(run.tau, axis=0) > 0.0)
-        speeds = np.sqrt(np.mean(motion.dq**2, axis=0))
-        slides = np.abs(motion.dq) > SLIDES * speeds
+        slides = is_sliding(motion.dq)
         # Rows at which no joint slides say nothing.
         rows = np.flatnonzero(np.any(slides[:, moving], axis=1))
         if not len(rows):

@@ -29,7 +29,6 @@ from sdp_vs_penalty.effects.model import depends, turning
 from sdp_vs_penalty.memory import LONG_RECORDING
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.coloured_noise import Pieces
-from sdp_vs_penalty.signals.constants import SLIDES
 from sdp_vs_penalty.signals.encoder import read_again
 from sdp_vs_penalty.signals.filtered import FilteredRun, low_passed
 from sdp_vs_penalty.signals.kernels import Decimator
@@ -40,6 +39,7 @@ from sdp_vs_penalty.signals.standstill import (
     SLOW,
     STILL,
     friction_laws,
+    is_sliding,
     resolution,
     standstill_leakage,
     unexplained_standstill_torque,
@@ -229,15 +229,16 @@ class SegmentedRuns:
 
     @cached_property
     def slow(self) -> Array:
-        """(M, n) share of each row that comes from instants at which a joint was slow:
-        below SLIDES times its root mean square velocity.
-        """
-        velocities = np.concatenate([s.motion.dq for s in self.segments])
-        usual = np.sqrt(np.mean(velocities**2, axis=0))
-        shares = []
-        for s in self.segments:
-            is_slow = np.abs(s.motion.dq) <= SLIDES * usual
-            shares.append(abs(s.low_pass) @ is_slow.astype(float))
+        """(M, n) share of each row that comes from instants at which a joint did not
+        slide."""
+        is_slow = ~is_sliding(np.concatenate([s.motion.dq for s in self.segments]))
+        ends = np.cumsum([len(s.motion.dq) for s in self.segments])
+        shares = [
+            abs(s.low_pass) @ is_slow_in_segment.astype(float)
+            for s, is_slow_in_segment in zip(
+                self.segments, np.split(is_slow, ends[:-1]), strict=True
+            )
+        ]
         return np.concatenate(shares)
 
     @cached_property

@@ -128,12 +128,17 @@ def sliding(extreme: np.ufunc, x: NDArray[Any], width: int) -> NDArray[Any]:
     return extreme(x[:, : size - width], x[:, width - size :])
 
 
+def is_sliding(velocity: Array) -> Mask:
+    """Return the rows (M, n) of velocities in which a joint slides: is faster than
+    SLIDES times its root mean square."""
+    return np.abs(velocity) > SLIDES * np.sqrt(np.mean(velocity**2, axis=0))
+
+
 def slides_throughout(velocity: Array, margin: int) -> Mask:
-    """Return the rows (M, n) of evenly sampled velocities in which a joint is as fast as
-    SLIDES times its root mean square, and is so ``margin`` rows before and after."""
-    slow = np.abs(velocity) <= SLIDES * np.sqrt(np.mean(velocity**2, axis=0))
-    near = np.pad(slow.T, ((0, 0), (margin, margin)), mode="edge")
-    return ~sliding(np.maximum, near, 2 * margin + 1).T
+    """Return the rows (M, n) of evenly sampled velocities in which a joint slides, and
+    slid ``margin`` rows before and will ``margin`` rows after."""
+    slides = np.pad(is_sliding(velocity).T, ((0, 0), (margin, margin)), mode="edge")
+    return sliding(np.minimum, slides, 2 * margin + 1).T
 
 
 def resolution(q: Array) -> Array:
