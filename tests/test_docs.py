@@ -342,6 +342,7 @@ def test_the_model_in_controllers(rehearsed, tmp_path, monkeypatch, capsys):
     np.testing.assert_allclose(by_c, names["arm"].torque, atol=1e-5)
     by_mujoco = names["data"].qfrc_inverse
     np.testing.assert_allclose(by_mujoco, names["arm"].torque, atol=1e-5)
+    np.testing.assert_allclose(names["M"], names["mass_matrix"], atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -19,9 +19,9 @@ print(model.certificate)
 # %% [markdown]
 # ## What the runs decide
 #
-# The certificate says that no better fit exists. The intervals say how well the data
-# know each parameter. Grey bars are parameters that the runs do not tell: the prior
-# chose them, near the URDF.
+# The certificate says that the estimate is optimal for its objective. The intervals say
+# how well the data know each parameter. Grey bars are parameters that the runs do not
+# tell: the prior chose them, near the URDF.
 
 # %%
 model.plot()

@@ -584,7 +584,7 @@ def picture_title(before: Comparison, after: Comparison, joint: int, cause: str)
 
 
 #: Heading of the certificate.
-PROOF = "Proof: the limits are kept, and no better fit exists"
+PROOF = "Proof: the limits are kept, and the estimate is optimal for its objective"
 #: What the certificate says, and who computed it.
 CERTIFICATE = (
     "How far each kind of limit is violated, also those that a method was not given, and"

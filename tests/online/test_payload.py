@@ -553,7 +553,7 @@ def play_ros(monkeypatch):
         monkeypatch.setitem(sys.modules, name, module)
 
 
-def test_the_node_of_the_page_publishes_the_payload(tmp_path, monkeypatch):
+def test_the_node_of_the_page_publishes_the_payload(tmp_path, monkeypatch, capsys):
     """ROS's modules are played by ours."""
     play_ros(monkeypatch)
     monkeypatch.chdir(tmp_path)
@@ -561,7 +561,9 @@ def test_the_node_of_the_page_publishes_the_payload(tmp_path, monkeypatch):
     arm.estimate.save("model.json")
     save(arm.calibration, "without_load.csv")
     text = PAGE.read_text(encoding="utf-8")
-    (code,) = re.findall(r"```python\n(import numpy.*?)```", text, re.DOTALL)
+    (code,) = re.findall(
+        r"```python\n(import numpy as np\nimport rclpy.*?)```", text, re.DOTALL
+    )
     assert len([line for line in code.splitlines() if line]) <= 35
     names = {"__name__": "node"}
     exec(compile(code, "online.md", "exec"), names)
@@ -582,3 +584,11 @@ def test_the_node_of_the_page_publishes_the_payload(tmp_path, monkeypatch):
     last = node.messages[-1].inertia
     assert last.m == pytest.approx(arm.mass, rel=0.1)
     assert last.ixx > 0.0
+    save(run, "stream.csv")
+    (loop,) = re.findall(
+        r"```python\n(import numpy as np\n\nfrom.*?)```", text, re.DOTALL
+    )
+    exec(compile(loop, "online.md", "exec"), {})
+    picked, up, mass, *_ = capsys.readouterr().out.split()
+    assert (picked, up) == ("picked", "up")
+    assert float(mass) == pytest.approx(arm.mass, rel=0.1)
