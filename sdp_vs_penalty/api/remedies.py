@@ -160,7 +160,7 @@ def _read(change: Change, state: State) -> State:
         )
     if not all(scale.values()):
         column = next(name for name, word in scale.items() if not word)
-        remedy = "a unit (mNm, Ncm, kgfm, lbfin), a factor, or one a joint: 10:10.7:8.5"
+        remedy = "a unit (mNm, Ncm, kgfm, lbfin), or a factor for each joint"
         raise InputError(f"{column}: no unit is named", f"name {remedy}")
     return replace(state, runs=tuple(scaled(run, scale) for run in state.runs))
 

@@ -207,11 +207,10 @@ class Comparison(Record):
     @fact("", digits=9)
     def worst_joint(self) -> int:
         """The joint (from 1) whose error is the most times its noise; without a noise
-        floor the one with the largest error."""
-        over = self.error_over_noise
-        return int(np.argmax(self.rmse if over is None else over)) + 1
+        floor the one that errs by the largest share of its torque."""
+        return self.errors.worst_of(range(1, len(self.rmse) + 1))
 
-    @fact("%", column="error [%]")
+    @fact("%", column="error of the whole arm [% of torque]")
     def relative_error(self) -> float:
         """100 |tau - tau_hat| / |tau| over all joints, behind the low-pass."""
         return self.errors.relative
@@ -219,7 +218,7 @@ class Comparison(Record):
     @fact(column="largest error / noise")
     def largest_error(self) -> str:
         """The largest error over noise, and that error with its joint; without a noise
-        floor the largest error alone."""
+        floor the error of the joint that errs most."""
         joint = self.worst_joint
         unit = plain_unit(self.estimate.torque_units[joint - 1])
         error = f"{number(float(self.rmse[joint - 1]))} {unit}, joint {joint}"
@@ -292,7 +291,7 @@ class Comparison(Record):
         thickness = self.estimate.certificate.smallest_thickness
         return None if thickness is None else 1e3 * thickness
 
-    @fact(digits=1, column="fit may improve by")
+    @fact(digits=1, column="optimality gap")
     def distance_to_best_fit(self) -> float | None:
         """The certified gap: how far the loss can be above the best possible one, as a
         share of it."""

@@ -23,6 +23,7 @@ from sdp_vs_penalty.effects import (
     effect_types,
     on_the_arm,
 )
+from sdp_vs_penalty.effects.plain_words import SIZE_DIGITS
 from sdp_vs_penalty.errors import InputError, command_line
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
@@ -142,8 +143,11 @@ def format_size(size: float, std: float, unit: str) -> str:
 
 
 def _amount(size: float, std: float, unit: str) -> str:
-    """Write a size with half its 95 % interval, "3.123 ± 0.49 N m"."""
-    return formatting.amount(size, NORMAL_95 * std, plain_unit(unit), digits=4)
+    """Write a size with half its 95 % interval, "3.123 ± 0.49 N m"; a pure number in per
+    cent, as sentences do."""
+    scale, unit = (1.0, plain_unit(unit)) if plain_unit(unit) else (100.0, "%")
+    half = scale * NORMAL_95 * std
+    return formatting.amount(scale * size, half, unit, digits=SIZE_DIGITS)
 
 
 @dataclass(frozen=True)
@@ -945,6 +949,14 @@ class Diagnosis(Record, JsonRecord):
             most = max((f.gain for f in self.effects), default=0.0)
             is_main = max(cause.evidence for cause in self.passing) > most
             sentences.insert(0 if is_main else 1, passing)
+        return " ".join([*sentences, *self.besides])
+
+    @property
+    def besides(self) -> tuple[str, ...]:
+        """What is said besides the cause, a sentence each: what the model has taken in,
+        hums, how well the noise is known, and the number of isolated disturbances.
+        """
+        sentences = []
         if self.notices:
             noticed = "; ".join(notice.sentence for notice in self.notices)
             sentences.append(f"Taken in by the model: {noticed}.")
@@ -958,7 +970,7 @@ class Diagnosis(Record, JsonRecord):
             where = formatting.joints(sorted({e.joint for e in disturbances}))
             count = formatting.count(len(disturbances), "isolated disturbance")
             sentences.append(f"Also {count} on {where}.")
-        return " ".join(sentences)
+        return tuple(sentences)
 
     @property
     def main_finding(self) -> Finding | None:

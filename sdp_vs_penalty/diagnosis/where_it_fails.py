@@ -321,14 +321,14 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
 
 def _refit_sentences(failure: JointFailure) -> list[str]:
     """Say which share of an error other values of the model's own parameters would
-    remove, where it is half or more: then more motion may help before any effect does.
+    remove, where it is half or more.
     """
     if not failure.goes_with_a_refit:
         return []
     return [
         f"Other values of the model's parameters would remove"
-        f" {100.0 * failure.refit_share:.0f} % of the error: `identify` from these runs"
-        " as well."
+        f" {100.0 * failure.refit_share:.0f} % of the error: `diagnose` says whether it"
+        " is they, or an effect that is missing."
     ]
 
 

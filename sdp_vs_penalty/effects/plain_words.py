@@ -13,6 +13,8 @@ from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
 #: How a sentence of :func:`on_the_arm` begins.
 ON_THE_ARM = "On the arm: "
+#: Significant digits of a size, in the sentence and beside its interval.
+SIZE_DIGITS = 4
 #: Joints and constants of an effect as it is written for a command.
 _WRITTEN = re.compile(r"(?P<name>\w+)(?::(?P<joints>[\d+]+))?(?:@(?P<constants>.*))?")
 #: Parameters of a joint's misplacement.
@@ -171,7 +173,7 @@ def _fields(fitted: FittedEffect) -> dict[str, object]:
     """
     size = abs(fitted.size)
     unit = formatting.plain_unit(fitted.unit)
-    text = f"{formatting.number(size, 2)} {unit}".rstrip()
+    text = f"{formatting.number(size, SIZE_DIGITS)} {unit}".rstrip()
     is_slide = _is_slide(fitted.unit)
     # The joint (from 1) whose motion acts on this one; 0 for the neighbour.
     source = fitted.shape.get("i", 0.0)
@@ -179,10 +181,10 @@ def _fields(fitted: FittedEffect) -> dict[str, object]:
         "joint": formatting.joints(fitted.joints) if fitted.joints else "the arm",
         "other": f"joint {source:.0f}" if source else "the joint beside it",
         "size": text,
-        "twice": f"{formatting.number(2.0 * size, 2)} {unit}".rstrip(),
-        "signed": f"{formatting.number(fitted.size, 2)} {unit}".rstrip(),
+        "twice": f"{formatting.number(2.0 * size, SIZE_DIGITS)} {unit}".rstrip(),
+        "signed": f"{formatting.number(fitted.size, SIZE_DIGITS)} {unit}".rstrip(),
         "sign": _Sign(fitted.size),
-        "share": formatting.percent(size, 2),
+        "share": formatting.percent(size, SIZE_DIGITS),
         "time": formatting.milli(size, "s", 2),
         "length": length_or_angle(size, is_slide),
         "torque": "N" if is_slide else "N m",

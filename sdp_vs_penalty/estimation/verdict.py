@@ -98,8 +98,9 @@ class Line(JsonRecord):
     text: str
 
     def __str__(self) -> str:
-        """Return the line as "subject: sentence"."""
-        return f"{self.about}: {self.text}"
+        """Return the line as "subject: sentence"; a sentence on what is missing says its
+        subject itself."""
+        return self.text if self.about == MISSING else f"{self.about}: {self.text}"
 
 
 @dataclass(frozen=True)
@@ -390,6 +391,14 @@ class ErrorsBesideNoise:
         torques [%]."""
         return _percent_of_all(self.beyond_noise / 100.0 * self.torque, self.torque)
 
+    def worst_of(self, joints: Sequence[int]) -> int:
+        """Return which of these joints (from 1) errs most: by the most times its noise,
+        or, without a noise floor, by the largest share of its torque. Every text names
+        that one."""
+        over = self.over_noise
+        errors = self.beyond_noise if over is None else over
+        return max(joints, key=lambda joint: float(errors[joint - 1]))
+
     @property
     def unusable(self) -> list[int]:
         """The joints (from 1) whose error beyond the noise is over NO_MODEL of their
@@ -410,14 +419,15 @@ class ErrorsBesideNoise:
         return f"{text}, {self.kind}" if self.kind else text
 
     def joint_errs(self, joint: int) -> str:
-        """Say by how much a joint (from 1) errs: as a share of its torque, in its unit,
-        and in multiples of its noise."""
+        """Say by how much a joint (from 1) errs: in its unit, in multiples of its noise,
+        and as a share of its torque."""
         share = float(self.beyond_noise[joint - 1])
         beyond = "" if self.floor is None else " beyond the noise"
         amount = f"{formatting.number(share)} % of its torque{beyond}"
         if not np.isfinite(share):
-            amount = "a torque of which none was measured"
-        return f"Joint {joint} errs by {amount} ({self.words(joint)})"
+            amount = "of its torque none was measured"
+        most = " most," if len(self.rmse) > 1 else ""
+        return f"Joint {joint} errs{most} by {self.words(joint)} ({amount})"
 
     def within_noise_in_words(self, worst: int) -> str:
         """Say that no joint errs by more than joint ``worst`` (from 1), in multiples of
@@ -434,7 +444,7 @@ class ErrorsBesideNoise:
     def share_in_words(self) -> str:
         """Say which joints are unusable, and by how much the worst one errs."""
         joints = self.unusable
-        worst = max(joints, key=lambda joint: float(self.beyond_noise[joint - 1]))
+        worst = self.worst_of(joints)
         text = self.joint_errs(worst)
         others = [joint for joint in joints if joint != worst]
         if others:
@@ -467,7 +477,7 @@ def _fit(errors: ErrorsBesideNoise, source: str, is_worse_than_constant: Mask) -
     if unusable:
         sentence = errors.share_in_words()
     elif over is None:
-        sentence = f"{errors.relative:.3g} % error"
+        sentence = f"The whole arm errs by {errors.relative:.3g} % of its torque"
     else:
         sentence = _worst_in_words(errors, over)
         if np.all(over <= ABOVE_NOISE):
@@ -490,7 +500,7 @@ def _worst_in_words(errors: ErrorsBesideNoise, over: Array) -> str:
 
     ``over`` (n,) is the ratio of error and noise of each joint.
     """
-    worst = int(np.argmax(over)) + 1
+    worst = errors.worst_of(range(1, len(over) + 1))
     if over[worst - 1] <= ABOVE_NOISE:
         return errors.within_noise_in_words(worst)
     return errors.joint_errs(worst)
@@ -537,20 +547,20 @@ def _prediction(
     # Case 2: new motion. "good" needs a small error and enough motion to know it.
     length = "" if seconds is None else f": {seconds:.3g} s"
     sentence = (
-        f"{errors.relative:.3g} % error on motion not used for fitting{length}, {percent} of it"
-        " new"
+        f"the whole arm errs by {errors.relative:.3g} % of its torque on motion not used"
+        f" for fitting{length}, {percent} of it new"
     )
     if unusable:
         sentence = f"{errors.share_in_words()}; {sentence}"
     limit = 100.0 * CHANGES
     if not unusable and errors.beyond_noise_of_all <= limit and not far:
         if highest is not None and highest > limit:
-            sentence = f"Too short to tell: {sentence}"
+            sentence = f"too short to tell: {sentence}"
             if np.isfinite(highest):
                 sentence += f"; so little does not rule out {highest:.2g} %"
         else:
             grade = "good"
-    return Line(PREDICTION, grade, sentence + end)
+    return Line(PREDICTION, grade, formatting.sentence(sentence + end))
 
 
 def _missing_by_errors(fit: Line, over: Array | None) -> str:

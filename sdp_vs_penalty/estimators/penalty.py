@@ -519,9 +519,7 @@ class Penalty(Estimator):
 
     name = "penalty"
     table_place: ClassVar[int | None] = 2
-    description = (
-        "one-step torque loss with an exact penalty, multi-start (the strongest)"
-    )
+    description = "one-step torque loss with an exact penalty, from many starts"
 
     #: Whether each link's mass must lie inside of its body, as for ``lmi-sdp``.
     body: bool = True

@@ -10,7 +10,7 @@ from typing import Any
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.view import View, checked, identified, label_of, spoken
+from sdp_vs_penalty.page.view import View, checked, graded, identified, label_of, spoken
 from sdp_vs_penalty.records import from_json
 from sdp_vs_penalty.render.words import describe_outcome
 from sdp_vs_penalty.results.remedy import Remedy
@@ -71,7 +71,7 @@ def _of_runs(session: Session) -> NextStep:
         do = partial(session.start, session.apply, change.to_dict())
         label = label_of(change.words)
         level = "bad" if session.meaningless else "usable"
-        text = formatting.sentence(spoken(remedy.problem))
+        text = graded(remedy.problem, remedy.certainty)
         effect = session.outcome_of(change.to_dict())
         return NextStep(f"{text} {effect}".strip(), label, "check", do, level=level)
     of_check = checked(session)
@@ -95,17 +95,18 @@ def _of_runs(session: Session) -> NextStep:
 def _of_model(view: View) -> NextStep:
     """Return the verdict on the model, and to diagnose, add, or use it.
 
-    A model that was not diagnosed is diagnosed before it is used, whatever its grade;
-    one of a log without torque cannot be.
+    The first model is diagnosed before it is used, whatever its grade, and so is one
+    that is still not good with what was added; one of a log without torque cannot be.
     """
     session = view.session
     of_model = identified(session)
     assert of_model is not None  # there is a model
     level, text = of_model.level, f"{of_model.word}. {of_model.text}"
     diagnosis = session.findings_of_current
-    if diagnosis is None and not session.current.servo:
+    is_first = len(session.history) == 1
+    is_done = session.current.servo or (level == "good" and not is_first)
+    if diagnosis is None and not is_done:
         do = partial(session.start, session.diagnose)
-        is_first = len(session.history) == 1
         label = "Diagnose: what is missing?" if is_first else "Diagnose again"
         return NextStep(text, label, "diagnose", do, level=level)
     if diagnosis is not None:

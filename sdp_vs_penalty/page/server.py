@@ -220,7 +220,8 @@ def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
             return RedirectResponse("/")
         client = ui.context.client
         ui.add_head_html(_LOOK)
-        view = View(session, folder, client, forms, sessions.saved())
+        projects = sessions.saved()
+        view = View(session, folder, client, forms, projects, sessions.delete)
         bench = Workbench(view)
         client.on_delete(lambda: session.left(bench))
         client.on_exception(lambda error: session.say(sentence(error)))

@@ -27,7 +27,7 @@ from sdp_vs_penalty.effects import (
     effects_in_words,
 )
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.verdict import Verdict, changes
+from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.files import require_format, write_text
 from sdp_vs_penalty.page.commands import commands_of, option_words
@@ -304,24 +304,6 @@ class Session:
         return {
             text for model in self.history[self.found_for :] for text in model.added
         }
-
-    @property
-    def change(self) -> str:
-        """Sentence on how each joint's error changed from the first model to the
-        current one.
-        """
-        first = self.history[0].comparison
-        last = self.current.comparison
-        floor = last["noise_floor"]
-        known = None if floor is None else np.array(floor)
-        sentence = changes(
-            np.array(first["rmse"]),
-            np.array(last["rmse"]),
-            known,
-            self.robot["units"],
-            is_brief=True,
-        )
-        return spoken(sentence) or "no joint's error changed by more than 5 %."
 
     @property
     def hidden_and_found(self) -> str:
@@ -624,8 +606,11 @@ class Session:
             "future": [[label, written(kept)] for label, kept in self.future],
             "steps": steps,
         }
+        file, text = self.folder / STATE_FILE, json.dumps(to_json(content))
         with suppress(OSError):  # a full disk: the work goes on without
-            write_text(self.folder / STATE_FILE, json.dumps(to_json(content)))
+            # Its time is that of the last work, not of the server's end.
+            if not file.exists() or file.read_text("utf-8") != text:
+                write_text(file, text)
 
     @classmethod
     def load(cls, folder: Path, pool: WorkerPool, token: str) -> Self:
@@ -914,6 +899,7 @@ class Session:
             self.say("Wait until the job is done, or cancel it.", error=False)
             return
         chosen = next(run for run in self.runs if run["file"] == file)
+        dropped = " with the models made from it" if self.history else ""
         self._step_from_here(f"use of {chosen['name']}" if use else "a run removed")
         runs = [
             {**run, "use": use} if run["file"] == file else run for run in self.runs
@@ -923,7 +909,8 @@ class Session:
         if use:
             self.changed()
         else:
-            self.say(f"{chosen['name']} is removed: Undo brings it back.", error=False)
+            text = f"{chosen['name']} is removed{dropped}: Undo brings all back."
+            self.say(text, error=False)
 
     async def split(self, file: str, percent: int) -> None:
         """Split a run anew: ``percent`` of its motion are for training, the others
@@ -1056,6 +1043,17 @@ class Session:
         except InputError as error:
             self.impossible = sentence(error)
             raise
+
+    def keep_fixed(self, frozen: bool) -> None:
+        """Choose whether the model is kept when effects are looked for and added."""
+        self.frozen = frozen
+        self.changed()
+
+    def rename(self, name: str) -> None:
+        """Give the project a name of the person's own."""
+        self.name = name.strip()[:80]
+        self.save()
+        self.changed()
 
     def see_issues(self) -> None:
         """Remember that the person was led to the issues of the check."""

@@ -4,12 +4,14 @@ what people drop there, kept under names of our own in a session's private folde
 import asyncio
 import contextlib
 import os
+import re
 import secrets
 import shutil
 import tempfile
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from pathlib import Path, PureWindowsPath
+from typing import Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats import suffixes
@@ -214,15 +216,21 @@ class Sessions:
                 robot = content["now"]["robot"]
                 if not robot:
                     continue
-                runs = formatting.count(len(content["now"]["runs"]), "run")
-                models = formatting.count(len(content["now"]["history"]), "model")
-                at = time.strftime(
-                    "%d %b %Y, %H:%M", time.localtime(file.stat().st_mtime)
-                )
-                name = content["name"] or robot["file"] or robot["name"]
-                text = f"{runs}, {models}, {at}"
+                name = content["name"] or name_of_robot(robot)
+                at = time.localtime(file.stat().st_mtime)
+                text = f"{_runs_and_verdict(content)}, {time.strftime('%d %b %Y, %H:%M', at)}"
                 listed.append(Project(content["token"], name, text, file.parent))
         return listed
+
+    def delete(self, token: str) -> None:
+        """Delete a project with its folder, unless a tab shows it."""
+        known = self._all.get(token)
+        if known is not None and known.watchers:
+            return
+        self._all.pop(token, None)
+        for project in self.saved():
+            if project.token == token:
+                shutil.rmtree(project.folder, ignore_errors=True)
 
     def get(self, token: str) -> Session | None:
         """Return the session with this token, opened from its folder if need be; None if
@@ -254,8 +262,35 @@ class Sessions:
         shutil.rmtree(self.root, ignore_errors=True)
 
 
-#: Projects that the first screen lists.
+#: Projects that the first screen lists, and runs of each.
 _MOST_LISTED = 30
+_MOST_RUNS = 2
+
+
+def name_in_title(title: str) -> str:
+    """Return the name that a robot's title begins with.
+
+    >>> name_in_title("Universal Robots UR10e, 6 joints, torque from motor currents")
+    'Universal Robots UR10e'
+    """
+    return re.split(r", | \(", title)[0]
+
+
+def name_of_robot(robot: Mapping[str, Any]) -> str:
+    """Return what the page calls a robot: its file, or the name in its title."""
+    return str(robot["file"] or name_in_title(robot["title"]))
+
+
+def _runs_and_verdict(content: Mapping[str, Any]) -> str:
+    """Return a saved project's runs, and the grade of its model, in words."""
+    names = [run["name"] for run in content["now"]["runs"]]
+    more = len(names) - _MOST_RUNS
+    shown = names[:_MOST_RUNS] + ([f"{more} more"] if more > 0 else [])
+    models = content["now"]["history"]
+    grade = "no model yet"
+    if models:
+        grade = content["steps"][models[-1]]["comparison"]["verdict"]["grade"]
+    return f"{formatting.words(shown) if shown else 'no runs'}: {grade}"
 
 
 def _open(session: Session) -> bool:

@@ -1,6 +1,7 @@
 """What one tab looks at (joint, run, methods), and what its stages and their parts are
 made of."""
 
+import re
 from argparse import Action
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -33,8 +34,8 @@ class Project:
     token: str
     #: Its name.
     name: str
-    #: When it was saved last, in words.
-    changed: str
+    #: Its runs, the verdict on its model, and when it was worked on last.
+    about: str
     #: Folder of its files.
     folder: Path
 
@@ -53,6 +54,8 @@ class View:
     forms: Forms
     #: Projects that can be opened, the last one first.
     projects: Sequence[Project] = ()
+    #: Deletes a project by its token.
+    delete: Callable[[str], None] = lambda token: None
     #: Index of the joint that every part shows, from 0; None before one is chosen.
     joint: int | None = None
     #: File of the model whose worst joint was selected.
@@ -161,7 +164,16 @@ class StageVerdict:
 
 def label_of(words: str) -> str:
     """Return the words of a change as the label of its button."""
-    return formatting.sentence(spoken(words)).rstrip(".")
+    words = re.sub(r"\btau(\d+)\b", r"joint \1's torque", spoken(words))
+    words = re.sub(r"\bq(\d+)\b", r"joint \1's position", words)
+    return formatting.sentence(words).rstrip(".")
+
+
+def graded(text: str, grade: str) -> str:
+    """Return what the check says as a sentence, with how sure it is unless it is
+    certain."""
+    text = spoken(text)
+    return formatting.sentence(text if grade == "certain" else f"{grade}: {text}")
 
 
 def checked(session: Session) -> StageVerdict:
@@ -173,7 +185,8 @@ def checked(session: Session) -> StageVerdict:
         return StageVerdict("bad", session.meaningless[0], "Check failed")
     if warnings := session.warnings:
         others = len(session.kinds_of_issue) - 1
-        text = formatting.sentence(spoken(warnings[0]["what"]))
+        grade = warnings[0]["certainty"].partition(":")[0]
+        text = graded(warnings[0]["what"], grade)
         text += f" And {others} more." if others else ""
         return StageVerdict("usable", text, "Check")
     runs = formatting.count(len(session.runs), "run")

@@ -23,6 +23,7 @@ const workbench = {
       if (link.dataset.to === stage) link.setAttribute("aria-current", "step");
       else link.removeAttribute("aria-current");
     }
+    measure();
     const first = document.querySelector(`[data-stage="${stage}"] [data-part]:not(.hidden)`);
     const to = part && document.querySelector(`[data-part="${part}"]`);
     if (to && to !== first) to.scrollIntoView({ block: "start" });
@@ -44,6 +45,17 @@ const workbench = {
   places: {},
 };
 addEventListener("resize", () => workbench.center()); // a change of the stage is one too
+// Tables that are wider than the page say so; what stays in view says how high it is.
+const measure = () => {
+  for (const box of document.querySelectorAll(".wide")) box.classList.toggle("cut", box.scrollWidth > box.clientWidth + 1);
+  const [bar, rail] = [".bar", "nav.stages"].map((name) => document.querySelector(name)?.offsetHeight ?? 0);
+  document.documentElement.style.setProperty("--bar", `${innerWidth > 900 ? bar : bar + rail}px`);
+};
+let due = 0;
+const measureSoon = () => (due ||= requestAnimationFrame(() => (due = 0, measure())));
+addEventListener("resize", measureSoon);
+// A chart that is out of sight learns its width when it is seen: no fault.
+addEventListener("unhandledrejection", (event) => /displayed plot div/.test(event.reason?.message) && event.preventDefault());
 
 document.addEventListener("change", (event) => {
   const kind = event.target.dataset?.send;
@@ -124,6 +136,7 @@ addEventListener("DOMContentLoaded", () => {
   const popup = document.querySelector("#popup"); // NiceGUI's, which has no button
   if (popup) new MutationObserver(() => lost(popup.ariaHidden === "false")).observe(popup, { attributes: true });
   new MutationObserver(() => {
+    measureSoon();
     if (document.activeElement !== document.body || workbench.key === null) return;
     document.querySelector(`[data-key="${CSS.escape(workbench.key)}"]`)?.focus({ preventScroll: true });
   }).observe(document.body, { childList: true, subtree: true });

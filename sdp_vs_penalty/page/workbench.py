@@ -12,6 +12,7 @@ from nicegui import ui
 from sdp_vs_penalty.page.controls import button, note, tag
 from sdp_vs_penalty.page.next_step import NextStep, next_step
 from sdp_vs_penalty.page.session import Working
+from sdp_vs_penalty.page.sessions import name_of_robot
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
 
@@ -40,7 +41,15 @@ class Workbench:
         skip = tag("a", "Skip to content", "skip")
         with tag("header", style="top"), tag("div", style="inner"):
             tag("span", "sdp-vs-penalty", "brand")
-            self._project = tag("span", "", "soft")
+            self._project = tag(
+                "input",
+                style="project-name",
+                aria_label="Name of the project",
+                data_key="project-name",
+            )
+            rename = lambda e: self.session.rename(str(e.args))  # noqa: E731
+            take = "(e) => emit(e.target.value)"
+            self._project.on("change", rename, js_handler=take)
             tag("span", style="gap")
             self._steps = tag("div", style="row steps-back")
             new = {"href": "/new", "data_key": "new-project"}
@@ -62,8 +71,7 @@ class Workbench:
                     )
                     tag(
                         "p",
-                        "Everything is computed on this computer, and no data"
-                        " leave it.",
+                        "Everything is computed on this computer: your data stay here.",
                         "lead",
                     )
                 for link, stage in zip(links, STAGES, strict=True):
@@ -139,6 +147,8 @@ class Workbench:
         The mark is a hidden text that reads the stage's verdict to screen readers.
         """
         with tag("a", href="#", data_key=f"nav-{k}", data_to=stage.anchor) as link:
+            if stage.anchor == "check":  # what it found is seen there
+                link.on("click", lambda _: self.session.see_issues(), args=[])
             tag("span", str(k), "step", aria_hidden="true")
             tag("span", stage.title)
             return link, tag("span", style="unseen")
@@ -240,7 +250,10 @@ class Workbench:
         self._fill(self._next, [state, depends], draw_next)
         labels = [[label for label, _ in x] for x in (session.past, session.future)]
         self._fill(self._steps, labels, draw_steps)
-        self._project.text = session.name or "workbench"
+        self._project.set_visibility(bool(session.robot))
+        if session.robot:
+            name = session.name or name_of_robot(session.robot)
+            self._project.props.update({"value": name, "size": str(len(name) + 2)})
 
     def _redraw_dock(self) -> None:
         """Update the status dock: what the running job does, and the notices."""

@@ -242,6 +242,10 @@ def describe_constant(constant: Retune) -> FindingWords:
     )
 
 
+#: What no run shows that the model was identified from.
+LOAD_IN_ALL_RUNS = "a load that all runs carry, which is part of the last link"
+
+
 @dataclass(frozen=True)
 class DiagnosisWords:
     """What is said of a diagnosis."""
@@ -301,7 +305,8 @@ def describe_diagnosis(
             if joints
             else effect_name(effect)
             for effect, joints in invisible.items()
-        ),
+        )
+        + (() if diagnosis.frozen else (LOAD_IN_ALL_RUNS,)),
         remarks=diagnosis.remarks,
     )
 
@@ -426,19 +431,21 @@ def noise_unknown(compared: Comparison) -> str:
     return f"In these runs {NOISE_UNKNOWN}."
 
 
-def describe_worst(compared: Comparison, cause: str) -> str:
+def describe_worst(compared: Comparison, cause: str, is_past: bool = False) -> str:
     """Say which joint has the largest error, how large it is, and when it occurs.
 
-    ``cause`` is what the error depends on (:func:`shown_cause`).
+    ``cause`` is what the error depends on (:func:`shown_cause`); ``is_past``: a later
+    model has another error.
     """
+    errs = "erred" if is_past else "errs"
     joint = compared.worst_joint
     error = compared.errors.words(joint)
     if compared.error_over_noise is None:
-        size = f"Joint {joint} errs by {error}, the most of all"
+        size = f"Joint {joint} {errs} by {error}, the largest share of a joint's torque"
     elif compared.is_within_noise:
         return f"{compared.errors.within_noise_in_words(joint)}."
     else:
-        size = f"Joint {joint} errs by {error}"
+        size = f"Joint {joint} {errs} by {error}"
     when = _WHEN.get(cause)
     return f"{size}, {when}." if when else f"{size}."
 
@@ -469,7 +476,7 @@ def describe_addition(before: Comparison, after: Comparison) -> str:
         return ""
     joint = before.worst_joint
     error = after.errors.words(joint)
-    change = f"With {effects_in_words(new)}, joint {joint} errs by {error}."
+    change = f"Now, with {effects_in_words(new)}, joint {joint} errs by {error}."
     return f"{change} {describe_worse(before, after)}".rstrip()
 
 

@@ -217,7 +217,7 @@ def verdict(data: ReportData) -> Context:
     return {
         "grade": record.grade.replace(" ", "-"),
         "headline": record.headline,
-        "story": words.describe_worst(first, cause),
+        "story": words.describe_worst(first, cause, is_past=not is_alone),
         "change": change,
         "on_the_arm": words.on_the_arm_of(data.sized_diagnosis),
         "picture": pieces.figure(
@@ -228,7 +228,7 @@ def verdict(data: ReportData) -> Context:
         "bars": pieces.bars(
             first.rmse, None if is_alone else last.rmse, last.noise_floor, data.units
         ),
-        "lines": record.lines[1:],  # the first one is the headline
+        "lines": [*map(str, record.lines[1:])],  # the first one is the headline
         "remark": record.remark,
         "models": pieces.framed(tables.model_table(rows)),
         "robot": data.last.robot.name,

@@ -197,6 +197,13 @@ class Following(Record, JsonRecord):
         )
 
     @property
+    def _shown_free_run(self) -> FreeRun | None:
+        """The first run, which stands for all free runs; None where it was stopped before
+        its end, so that no two places show free runs of other lengths."""
+        free = self.free[0]
+        return None if free.cut else free
+
+    @property
     def _stays(self) -> str:
         """Phrase on how close the free run with the largest error stays to the
         measured motion.
@@ -236,26 +243,27 @@ class Following(Record, JsonRecord):
         Columns: velocity after one step; position at the horizon with its 5 % and 95 %
         quantiles, and for a constant velocity; the free run with its 95 % band.
         """
-        # The first run stands for all free runs.
-        free, ahead = self.free[0], self.ahead
+        free, ahead = self._shown_free_run, self.ahead
         columns = {
             "velocity after 1 step [/s]": self.one_step.rms,
             f"after {ahead.seconds:.3g} s": ahead.rms,
             "5 %": ahead.band[0],
             "95 %": ahead.band[1],
             "constant velocity": ahead.naive,
-            "free run": free.rms,
         }
-        if free.spread is not None:
-            columns["95 % band"] = free.spread
+        if free is not None:
+            columns["free run"] = free.rms
+            if free.spread is not None:
+                columns["95 % band"] = free.spread
+        loop = None if free is None else free.loop
         rows = []
         for j, unit in enumerate(self.units):
             numbers = [f"{1e3 * x[j]:.3g}" for x in columns.values()]
             row = [f"{j + 1}", f"m{unit}", *numbers]
-            if free.loop is not None:
-                row.append(f"{free.loop[j]:.3g} {'N' if unit == 'm' else 'N m'}")
+            if loop is not None:
+                row.append(f"{loop[j]:.3g} {'N' if unit == 'm' else 'N m'}")
             rows.append(row)
-        heads = ["joint", "unit", *columns, *["loop"] * (free.loop is not None)]
+        heads = ["joint", "unit", *columns, *["loop"] * (loop is not None)]
         return Table(heads, rows, words=(0, 1))
 
     _table = table
@@ -281,13 +289,15 @@ class Following(Record, JsonRecord):
     def explained(self) -> str:
         """Sentence that explains the columns of :meth:`table`: what each error is, in
         which unit, over which time."""
-        free = self.free[0]
+        free = self._shown_free_run
         text = (
             "RMS errors in thousandths of the unit: of the velocity after one step, of"
             f" the position after {self.ahead.seconds:.3g} s of simulation (5 % and 95 %"
-            " of the errors' sizes; the same of going on at constant velocity), and of"
-            f" the free run of {free.seconds:.3g} s"
+            " of the errors' sizes; the same of going on at constant velocity)"
         )
+        if free is None:
+            return f"{text}."
+        text += f", and of the free run of {free.seconds:.3g} s"
         if free.spread is not None:
             text += " (half the 95 % band that the parameters' intervals make of it)"
         if free.loop is not None:

@@ -800,7 +800,7 @@ def test_a_project_is_there_after_the_server_has_ended(kept, hidden, tmp_path, s
     assert s.folder.is_dir()
     later = Sessions(Here(), kept.projects)
     (project,) = later.saved()
-    assert (project.name, project.token) == ("two_link", s.token)
+    assert (project.name, project.token) == ("Spatial 2R toy robot", s.token)
     again = later.get(s.token)
     assert again is not s
     assert again.runs == s.runs

@@ -2,6 +2,7 @@
 with a click."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -9,6 +10,7 @@ from nicegui import ui
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
+from sdp_vs_penalty.effects import effect_types, standard_effect
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import finding_chart, missing_chart
 from sdp_vs_penalty.page.session import Session
@@ -17,6 +19,7 @@ from sdp_vs_penalty.page.view import (
     Stage,
     StageVerdict,
     View,
+    identified,
     label_of,
     requires_model,
     spoken,
@@ -27,6 +30,7 @@ from sdp_vs_penalty.render.words import (
     DiagnosisWords,
     FindingWords,
     describe_diagnosis,
+    plain_name,
     weak_title,
 )
 from sdp_vs_penalty.results.remedy import Change
@@ -81,8 +85,17 @@ def findings(view: View) -> None:
         again = "Diagnose" if diagnosis is None else "Diagnose again"
         diagnose = partial(session.start, session.diagnose)
         draw.button(again, diagnose, "diagnose")
-        label = "Keep the model fixed (needed for payloads)"
-        draw.check(label, session.frozen, partial(setattr, session, "frozen"), "frozen")
+        label = (
+            "Keep the model fixed: find a load that the runs of the model did not carry"
+        )
+        draw.check(label, session.frozen, session.keep_fixed, "frozen")
+    if session.frozen and not session.history[0].opened:
+        draw.note(
+            "This model is from these runs: a load in them is part of its last link."
+            " Open a model from runs without the load."
+        )
+        to = {"data_to": "identify", "data_opens": "drop-model"}
+        draw.button("Open a model", lambda: None, "open-unloaded", **to)
     _by_hand(view)
 
 
@@ -104,6 +117,8 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     with draw.tag("ol", style="findings"):
         for card in sure:
             card()
+    if any(finding.rating == "near-tie" for finding in diagnosis.effects):
+        draw.note("Near-tie: the torque is there; what makes it is open.")
     if not others:
         return
     title = weak_title(len(others))
@@ -220,32 +235,39 @@ def _curves(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
 
 
 def _by_hand(view: View) -> None:
-    """Draw a field to add any effect by its name.
+    """Draw lists to choose any effect and its joint from, and the button that adds it.
 
     This is needed for a payload of a fixed model, or for what the diagnosis did not
     name.
     """
-    with draw.details("Add an effect by its name", "by-hand"):
-        hint = "name[:joints][@shape=value], such as payload with the model kept fixed"
-        written = [""]
-        draw.text_field(
-            hint,
-            "",
-            partial(written.__setitem__, 0),
-            "add-text",
-            "payload",
-            style="field wide-field",
-        )
-        draw.button(
-            "Add it",
-            partial(view.session.start, view.session.add, written),
-            "add-by-hand",
-        )
+    session = view.session
+    kinds = effect_types()
+    joints = [
+        (str(k), f"{k} {name}") for k, name in enumerate(session.robot["joints"], 1)
+    ]
+    chosen = {"effect": standard_effect("payload").name, "joint": ""}
+
+    def add() -> None:
+        kind = kinds[chosen["effect"]]
+        place = "" if kind.whole_robot else chosen["joint"]
+        session.frozen = session.frozen or kind.frozen_only
+        session.start(session.add, [":".join(filter(None, (kind.name, place)))])
+
+    with draw.details("Add another effect", "by-hand"):
+        with draw.tag("div", style="fields"):
+            put = partial(partial, chosen.__setitem__)
+            effects = [(name, plain_name(name)) for name in kinds]
+            draw.choice(
+                "Effect", effects, chosen["effect"], put("effect"), "add-effect"
+            )
+            places = [("", "each joint"), *joints]
+            draw.choice("On", places, "", put("joint"), "add-joint")
+        draw.button("Add it", add, "add-by-hand")
 
 
 def _others(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
-    """Draw disturbances at single instants, each with a button that leaves it out, the
-    error that is left, effects that these runs cannot show, and remarks.
+    """Draw disturbances at single instants, each with a button that leaves it out,
+    effects that these runs cannot show, and remarks.
     """
     for line in words.events:
         draw.tag("p", f"{formatting.sentence(line)}.", "finding")
@@ -258,8 +280,7 @@ def _others(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) -> No
         with draw.details("Every event", "events"), draw.tag("ul"):
             for line in words.all_events:
                 draw.tag("li", f"{formatting.sentence(line)}.")
-    verdict = () if session.added else (words.verdict,)
-    for remark in (*verdict, *words.remarks, words.left):
+    for remark in (*diagnosis.besides, *words.remarks):
         draw.note(spoken(remark))
     if words.invisible:
         with draw.details("What these runs cannot show", "invisible"):
@@ -270,11 +291,10 @@ def _others(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) -> No
 
 
 def _diagnosed(session: Session) -> StageVerdict | None:
-    """Return the stage's sentence: how the errors changed since the first model; None
-    for one model alone. What comes next stands on the next step's button."""
-    if len(session.history) == 1:
-        return None
-    return StageVerdict("", formatting.sentence(session.change))
+    """Return the mark of a diagnosed model, which is that of its verdict; what was found
+    stands in view, and what it did in the bars."""
+    verdict = identified(session)
+    return verdict and replace(verdict, text="") if session.findings else None
 
 
 DIAGNOSE = Stage(

@@ -8,14 +8,10 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES, SHARES, Failures
-from sdp_vs_penalty.effects import (
-    DEFAULT_EFFECTS,
-    EXAMPLES,
-    effect_types,
-    standard_effect,
-)
+from sdp_vs_penalty.effects import DEFAULT_EFFECTS, effect_types, standard_effect
+from sdp_vs_penalty.estimation.verdict import Line
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.page import charts
 from sdp_vs_penalty.page import controls as draw
@@ -33,7 +29,7 @@ from sdp_vs_penalty.page.view import (
 from sdp_vs_penalty.render import pieces
 from sdp_vs_penalty.render.charts import Curves, friction_figure
 from sdp_vs_penalty.render.tables import joint_table
-from sdp_vs_penalty.render.words import CERTIFICATE, PROOF, plain_name
+from sdp_vs_penalty.render.words import CERTIFICATE, PROOF, plain_name, shown_finding
 from sdp_vs_penalty.reports.demo import METHODS
 from sdp_vs_penalty.results.facts import columns_of
 from sdp_vs_penalty.results.table import Table
@@ -155,27 +151,16 @@ def _form(view: View) -> None:
 
 
 def _options(view: View) -> None:
-    """Draw a field for the effects as text, and one for each option of `identify`."""
+    """Draw a field for each option of `identify`."""
     session = view.session
-
-    def write(text: str) -> None:
-        session.effects = [word.strip() for word in text.split(",") if word.strip()]
-        session.changed()
-
     chosen = len(session.options)
-    with draw.details(
-        f"More options{f' ({chosen} set)' * bool(chosen)}", "more-options"
+    with (
+        draw.details(
+            f"More options{f' ({chosen} set)' * bool(chosen)}", "more-options"
+        ),
+        draw.tag("div", style="fields"),
     ):
-        hint = f"Effects as text: name[:joints][@shape=value], such as {EXAMPLES[0]}"
-        draw.text_field(
-            hint,
-            ",".join(session.effects),
-            write,
-            "effects-text",
-            style="field wide-field",
-        )
-        with draw.tag("div", style="fields"):
-            draw.draw_form(view.forms["identify"], session.options)
+        draw.draw_form(view.forms["identify"], session.options)
 
 
 def _effect_name(effect: str) -> str:
@@ -272,7 +257,8 @@ class _Fit:
         drawn = charts.cause_chart(session, model, reads, j, view.cause)
         self.against.update_figure(drawn)
         self.cause.props["value"] = view.cause
-        self.words.text = _words(model, j, units[j])
+        finding = shown_finding(session.findings_of_current, formatting.joint_number(j))
+        self.words.text = _words(model, j, units[j], finding)
         last = recordings[-1]
         self.move(view.run, last, charts.torque_errors(model, last))
 
@@ -329,13 +315,14 @@ def _figures(model: ModelStep) -> None:
         f" {scope}; checked and identified in {model.seconds:.2g} s."
     )
     for line in model.comparison["verdict"]["lines"][1:]:
-        text = f"{line['about'].capitalize()}: {spoken(line['text'])}"
-        draw.tag("p", text, "line")
+        text = formatting.sentence(str(Line.from_dict(line)))
+        draw.tag("p", spoken(text), "line")
 
 
-def _words(model: ModelStep, j: int, unit: str) -> str:
+def _words(model: ModelStep, j: int, unit: str, finding: Finding | None) -> str:
     """Return the sentences on the error of joint j (from 0): its size in N m or N
-    (``unit``), over the noise if that is known, and what it depends on.
+    (``unit``), over the noise if that is known, and its cause: the ``finding`` where
+    there is one, else what it depends on.
     """
     facts = model.facts
     plain = formatting.plain_unit(unit)
@@ -349,6 +336,8 @@ def _words(model: ModelStep, j: int, unit: str) -> str:
         floor = facts["joint_noise"].of_joint(number)
         text += f", {times} times the noise floor of {floor} {plain}"
     sentences = model.failures[j]["sentences"] if model.failures else ()
+    if finding is not None:
+        sentences = [f"Diagnose found: {finding.title}."]
     return " ".join([f"{text}.", *map(spoken, sentences)])
 
 
@@ -490,8 +479,8 @@ def methods(view: View) -> None:
             draw.tag("li", f"{name}: {spoken(reason)}")
     draw.note(
         "On the runs that the model is judged on. The thinnest link is zero or less"
-        " where it cannot exist; fit may improve by: how far the squared error can be"
-        " above the least possible one, as a share of it."
+        " where it cannot exist; optimality gap: how far the squared error can be above"
+        " the least possible one, as a share of it."
     )
 
 

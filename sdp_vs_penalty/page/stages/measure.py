@@ -1,7 +1,6 @@
 """Measure: which robot, and which measurements. Check: what they look like, and what
 the check says."""
 
-import re
 import tomllib
 from dataclasses import replace
 from functools import partial
@@ -15,14 +14,16 @@ from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import ArmScene, chart_and_arm
 from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.sessions import SUFFIXES
+from sdp_vs_penalty.page.sessions import SUFFIXES, name_in_title
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.page.view import (
     PagePart,
+    Project,
     Stage,
     StageVerdict,
     View,
     checked,
+    graded,
     label_of,
 )
 from sdp_vs_penalty.render.words import plain_name
@@ -59,8 +60,8 @@ def _chosen(view: View) -> None:
     """Draw what is known of the chosen robot, its gravity and joints that are held."""
     session = view.session
     robot = view.session.robot
-    file = f"{robot['file']}: " if robot["file"] else ""
-    draw.tag("p", f"{file}{robot['name']}, {robot['title']}", "chosen")
+    file = f"{robot['file']}: {robot['name']}, " if robot["file"] else ""
+    draw.tag("p", f"{file}{robot['title']}", "chosen")
     units = ", ".join(dict.fromkeys(robot["units"]))
     draw.note(f"Joints in order: {', '.join(robot['joints'])}. Torques in {units}.")
     gravity, hold = view.forms["robot"]
@@ -103,8 +104,8 @@ def _choose(view: View) -> None:
     there: dict[str, tuple[str, str, str | None]] = {}
     for file in sorted(problems_folder().glob("*/problem.toml")):
         title = tomllib.loads(file.read_text("utf-8"))["title"]
-        name = re.split(r", | \(", title)[0]
-        description = title.removeprefix(name).lstrip(", ")
+        name = name_in_title(title)
+        description = formatting.sentence(title.removeprefix(name).strip(" ,()"))
         there[file.parent.name] = name, description, None
     for folder in view.folder_problems():
         there[str(folder)] = (
@@ -132,15 +133,28 @@ def _choose(view: View) -> None:
 
 def _projects(view: View) -> None:
     """Draw the projects that can be opened again, the last one first."""
+
+    def delete(project: Project, row: Any) -> None:
+        view.delete(project.token)
+        row.delete()
+
     with draw.tag("ul", style="projects"):
         for project in view.projects:
-            with draw.tag("li"):
-                at = {
-                    "href": f"/s/{project.token}",
-                    "data_key": f"open-{project.token}",
-                }
-                draw.tag("a", project.name, **at)
-                draw.tag("span", f" {project.changed}", "soft")
+            with draw.tag("li") as row:
+                open_it = f"open-{project.token}"
+                draw.tag(
+                    "a", project.name, href=f"/s/{project.token}", data_key=open_it
+                )
+                draw.tag("span", project.about, "soft")
+                label = f"Delete {project.name}"
+                draw.tag(
+                    "button", "Delete", "action quiet", type="button", aria_label=label
+                ).on(
+                    "click",
+                    partial(lambda p, r, _: delete(p, r), project, row),
+                    js_handler="(e) => confirm('Delete this project and its files?')"
+                    " && emit()",
+                )
 
 
 _USES = (
@@ -391,7 +405,15 @@ def _split_bar(session: Session, run: dict[str, Any], k: int) -> None:
         )
 
 
-MEASURE = Stage("measure", "Measure", "", (robot, runs))
+def _measured(session: Session) -> StageVerdict | None:
+    """Return the stage's mark: files that wait for their columns, or runs that are
+    there."""
+    if session.refused:
+        return StageVerdict("usable", "", "Columns are open")
+    return StageVerdict("good", "", "Done") if session.runs else None
+
+
+MEASURE = Stage("measure", "Measure", "", (robot, runs), _measured)
 
 
 @partial(
@@ -421,9 +443,9 @@ def check(view: View) -> None:
             draw.choice("Run", [(n, n) for n in views], first, look, "checked-run")
     caption = "Positions, velocities and torques of all joints over time"
     drawn, move = chart_and_arm(view, caption, session.robot["drawn"], "nominal links")
-    crosses = "Crosses: corrected values. "
+    thick = "Thick: corrected values. "
     mended = any(x["change"]["verb"] == "transform" for x in session.remedies)
-    draw.note(f"{crosses if mended else ''}Drag to look closer; Play moves the arm.")
+    draw.note(f"{thick if mended else ''}Drag to look closer; Play moves the arm.")
     look(first)
 
 
@@ -443,9 +465,12 @@ def _findings(view: View) -> None:
     for k, (issue, runs) in enumerate(_issues_with_runs(session)):
         names = formatting.words([run["name"] for run in runs])
         with draw.tag("div", style=f"finding {issue['severity']}"):
+            grade, _, why = issue["certainty"].partition(": ")
             draw.tag("strong", f"{names}: {issue['kind']}. ")
-            draw.tag("span", formatting.sentence(spoken(issue["what"])))
-            draw.tag("p", spoken(f"How sure: {issue['certainty']}."), "soft")
+            draw.tag("span", graded(issue["what"], grade))
+            changes = [remedy["change"] for remedy in issue["remedies"]]
+            if why and not any(map(session.outcome_of, changes)):  # it says more
+                draw.note(formatting.sentence(spoken(why)))
             if not issue["remedies"]:
                 draw.tag("p", formatting.sentence(spoken(issue["remedy"])))
             with draw.tag("div", style="row"):
@@ -464,18 +489,47 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
         make = partial(session.start, session.make_motion, change, view.download)
         draw.button(label, make, key)
     elif asked:
-        scale = dict.fromkeys(asked, "")
+        scale = {asked[0]: ""}
         filled = {**change, "arguments": {"scale": scale}}
-        hint = (
-            f"Unit of {asked[0]} (mNm, Ncm, kgfm), or N m per A, one a joint: 10:10.7"
-        )
-        put = partial(scale.__setitem__, asked[0])
-        draw.text_field(hint, "", put, f"{key}-unit", "mNm")
+        _unit_fields(session, scale, key)
         draw.button(label, partial(session.start, session.apply, filled), key)
     else:
         draw.button(label, partial(session.start, session.apply, change), key)
     if outcome := session.outcome_of(change):
         draw.note(outcome)
+
+
+#: Units of torque to choose from, by the name that `convert` has.
+_UNITS = {"mNm": "mN m", "Ncm": "N cm", "kgfm": "kgf m", "lbfin": "lbf in"}
+
+
+def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:
+    """Draw a choice of units for a torque channel, and a field for each joint's drive
+    gain, filled in where it is published; ``scale`` is kept up to date.
+
+    scale : how the channel is read, by its name, as `convert --scale` takes it.
+    """
+    (channel,) = scale
+    robot = session.robot
+    joints = [j for j, _ in enumerate(robot["joints"], start=1)]
+    data = robot["data"] or {"drive_gains": ()}
+    published = dict(zip(joints, data["drive_gains"], strict=False))
+    read = [j for j in joints if channel in ("tau", f"tau{j}")]
+    gains = {j: f"{published[j]:g}" if j in published else "" for j in read}
+    unit = [""]
+
+    def put(values: Any, place: int, text: str) -> None:
+        values[place] = text.strip()
+        is_known = all(gains.values())
+        scale[channel] = unit[0] or (":".join(gains.values()) if is_known else "")
+
+    put(unit, 0, "")
+    options = [("", "by its drive gains"), *_UNITS.items()]
+    draw.choice("Read the torque", options, "", partial(put, unit, 0), f"{key}-unit")
+    with draw.tag("div", style="fields"):
+        for j in gains:
+            label = f"Joint {j} [N m per A or count]"
+            draw.text_field(label, gains[j], partial(put, gains, j), f"{key}-gain-{j}")
 
 
 def _issues_with_runs(

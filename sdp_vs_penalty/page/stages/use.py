@@ -1,7 +1,6 @@
 """Use: the model's files, its runs, the commands that make the same, and the model run
 forward."""
 
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -11,14 +10,7 @@ from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import chart_and_arm
 from sdp_vs_penalty.page.charts import torque_chart
-from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.view import (
-    Stage,
-    StageVerdict,
-    View,
-    identified,
-    requires_model,
-)
+from sdp_vs_penalty.page.view import Stage, View, identified, requires_model
 from sdp_vs_penalty.render.charts import Curves
 from sdp_vs_penalty.results.table import Table
 
@@ -114,6 +106,7 @@ def forward(view: View) -> None:
             " model of torques can be good without it."
         )
         return
+    draw.tag("p", answer["verdict"], "words")
     draw.table(Table.from_dict(answer["table"]), "Errors of the simulated motion")
     draw.note(answer["explained"])
     if answer["left_out"]:
@@ -161,14 +154,4 @@ def _replay(view: View, answer: dict[str, Any]) -> None:
     follow()
 
 
-def _used(session: Session) -> StageVerdict | None:
-    """Return the verdict on the current model, with that on its simulation once it was
-    run forward."""
-    verdict = identified(session)
-    answer = session.answer("forward")
-    if verdict is None or answer is None:
-        return verdict
-    return replace(verdict, text=f"{verdict.text} Run forward: {answer['verdict']}")
-
-
-USE = Stage("use", "Use", "Identify a model first.", (take_away, forward), _used)
+USE = Stage("use", "Use", "Identify a model first.", (take_away, forward), identified)
