@@ -185,7 +185,8 @@ class Posterior:
         self._drift_diagonal += 1.0
         scipy.linalg.lapack.dpotrf(self._drift, lower=1, clean=0, overwrite_a=1)
         np.multiply(matrix[WIDTH:, :WIDTH], weight, out=self._cross)
-        scipy.linalg.lapack.dtrtrs(self._drift, self._cross, lower=1, overwrite_b=1)
+        # Not LAPACK's dtrtrs: OpenBLAS wakes all its threads for it, however small.
+        scipy.linalg.blas.dtrsm(1.0, self._drift, self._cross, lower=1, overwrite_b=1)
         np.dot(self._cross.T, self._cross, out=self._explained)
 
     def solve(self) -> float:
