@@ -578,8 +578,8 @@ def all_routes() -> str:
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 FIGURES = "<!-- figures by results/tables/update_readme.py\n"
-#: What stands between such a comment and the one before it, and its lines.
-BLOCK = re.compile(rf"(.*?){re.escape(FIGURES)}((?:[^\n]+\n)+?)-->", re.DOTALL)
+#: Such a comment, and its lines.
+BLOCK = re.compile(rf"{re.escape(FIGURES)}((?:[^\n]+\n)+?)-->")
 
 
 def marked_pages() -> list[Path]:
@@ -613,24 +613,24 @@ def cell(file: str, words: str, column: str) -> str:
 
 def refreshed(text: str) -> str:
     """A page with every such figure as its cell has it, with as many digits as it had."""
-
-    def anew(found: re.Match[str]) -> str:
-        above, comment = found.groups()
+    # What stands above the first comment, its lines, what stands above the next, ...
+    *pairs, rest = BLOCK.split(text)
+    anew = ""
+    for above, comment in zip(pairs[::2], pairs[1::2], strict=True):
         lines, done = [], ""
         for line in comment.splitlines():
             said, source = line.split(" = ", 1)
             file, words, column, *place = (part.strip() for part in source.split("::"))
             *before, figure = said.split()
             now = as_said(figure, cell(file, words, column), *map(int, place))
-            text = r"\s+".join(map(re.escape, said.split()))
-            found_at = re.search(rf"(?<![\d.]){text}(?!\.?\d)", above)
+            shown_as = r"\s+".join(map(re.escape, said.split()))
+            found_at = re.search(rf"(?<![\d.]){shown_as}(?!\.?\d)", above)
             assert found_at, f"{line}: no {said} above, or not in this order"
             done += above[: found_at.end() - len(figure)] + now
             above = above[found_at.end() :]
             lines.append(f"{' '.join([*before, now])} = {source}\n")
-        return f"{done}{above}{FIGURES}{''.join(lines)}-->"
-
-    return BLOCK.sub(anew, text)
+        anew += f"{done}{above}{FIGURES}{''.join(lines)}-->"
+    return anew + rest
 
 
 def as_said(said: str, cell: str, place: int = 1) -> str:
