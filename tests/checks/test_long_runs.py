@@ -45,12 +45,14 @@ def test_a_long_run_has_one_report(two_link, long_run):
     assert report.repaired_all.samples == long_run.samples
 
 
+@pytest.mark.long
 def test_long_and_short_runs_have_a_report_each(two_link, long_run):
     short = replace(small_run(two_link, 20.0, seed=1), names=("short",))
     reports = check(two_link, concatenate([short, long_run]), thorough=False)
     assert [r.run for r in reports] == ["short", "long"]
 
 
+@pytest.mark.long
 def test_an_issue_of_all_windows_is_listed_once(flipped_report):
     (issue,) = (i for i in flipped_report.issues if i.kind == "torque sign")
     assert issue.what.startswith(

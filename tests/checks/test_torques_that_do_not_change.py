@@ -116,6 +116,7 @@ def test_a_limit_in_place_of_a_command_is_the_torque_of_the_drive(pendulum):
     assert f"at a limit of {LIMIT:g}" in issue.what
 
 
+@pytest.mark.long
 def test_torques_of_another_joint_are_no_command_beyond_the_limit():
     """The last three joints' limits are a seventh of the others'."""
     panda = load_problem("panda")

@@ -123,7 +123,8 @@ def test_two_joints_some_quarter_turns_off_are_both_named(second, fourth, panda)
     assert told == away
 
 
-@pytest.mark.parametrize("level", [0.2, pytest.param(0.25, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("level", [0.2, 0.25])
 def test_a_quarter_turn_in_a_noisy_log_is_exactly_one(level):
     """Whose best value lies a tenth of its interval beside 90 degrees."""
     problem = load_problem("panda")

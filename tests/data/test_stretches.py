@@ -68,7 +68,7 @@ def test_nothing_is_as_large_as_the_span_of_the_stamps(
     assert peak < 200e6
 
 
-@pytest.mark.parametrize("jump", [60.0, -60.0])
+@pytest.mark.parametrize("jump", [60.0, pytest.param(-60.0, marks=pytest.mark.long)])
 def test_every_verb_takes_a_file_whose_clock_was_set(
     run: Measurements,
     tmp_path,

@@ -80,10 +80,10 @@ def assert_spans(cause: PassingCause, *spans: tuple[float, float]) -> None:
 @pytest.mark.parametrize(
     "spans",
     [
-        pytest.param([(12.0, 16.5)], id="a while", marks=pytest.mark.long),
+        pytest.param([(12.0, 16.5)], id="a while"),
         pytest.param([(8.0, 23.0)], id="half of the run", marks=pytest.mark.long),
         pytest.param([(17.0, 29.5)], id="to the end", marks=pytest.mark.long),
-        pytest.param([(6.0, 10.0), (19.0, 24.0)], id="twice"),
+        pytest.param([(6.0, 10.0), (19.0, 24.0)], id="twice", marks=pytest.mark.long),
     ],
 )
 def test_a_load_that_is_carried_for_a_time_is_weighed(problem, spans):
@@ -199,7 +199,8 @@ def test_what_one_joint_has_for_a_time_is_on_it(problem, kind, size, words, push
     assert_spans(cause, (12.0, 18.0))
 
 
-@pytest.mark.parametrize("period", [20.0, pytest.param(35.0, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("period", [20.0, 35.0])
 def test_a_torque_that_wanders_with_time_does_not_act_for_a_part_of_it(problem, period):
     def wander(t: Array, q: Array, dq: Array) -> Array:
         return [0.0, 1.5, 0.0] * np.sin(2 * np.pi * t[:, None] / period + 1.0)

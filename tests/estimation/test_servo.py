@@ -116,6 +116,7 @@ def test_what_is_no_scale_is_refused(arm, effects, known, words):
     refusal(lambda: sdp.identify(arm, log(), **asked), *words)
 
 
+@pytest.mark.long
 def test_a_motor_constant_sets_the_scale(arm):
     run = log(torque=True)
     groups = {"q": run.q, "qcmd": run.commanded["qcmd"], "current": run.tau / 2.5}
@@ -251,10 +252,8 @@ def test_beside_a_torque_the_loop_is_told_and_the_load_does_not_feel_it(arm, cap
     )
 
 
-@pytest.mark.parametrize(
-    "scale",
-    ["mass", *(pytest.param(x, marks=pytest.mark.long) for x in ("load", "torque"))],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("scale", ["mass", "load", "torque"])
 def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
     """The law, its delay and the instruments are found again from what was asked."""
     path = tmp_path / "proof.json"

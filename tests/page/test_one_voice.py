@@ -20,20 +20,28 @@ from sdp_vs_penalty.estimation import changes
 from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.results import Change, fact, facts
 
-STORIES = {"spring": stories.spring, "bad data": stories.bad_data}
+#: One effect is added.
+STORIES = {"spring": stories.spring}
+#: Nothing can be identified, something only passes, nothing lacks to a robot of the
+#: user's own, no torque was logged.
 LONGER = {
+    "bad data": stories.bad_data,
     "hum": stories.hum,
     "own arm": stories.own_arm,
-    "curve": stories.curve,
-    "payload": stories.payload,
     "servo log": stories.servo_log,
 }
+#: What is found is of another kind, and is said in the same places.
+LONGEST = {"curve": stories.curve, "payload": stories.payload}
 REAL = {"UR10e": stories.ur10e}
 CASES = [
     *(pytest.param(make, id=name) for name, make in STORIES.items()),
     *(
         pytest.param(make, id=name, marks=pytest.mark.long)
         for name, make in LONGER.items()
+    ),
+    *(
+        pytest.param(make, id=name, marks=pytest.mark.slow)
+        for name, make in LONGEST.items()
     ),
     *(
         pytest.param(make, id=name, marks=[pytest.mark.slow, pytest.mark.real_data])

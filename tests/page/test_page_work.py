@@ -101,6 +101,7 @@ def test_a_run_is_repaired_where_it_is_certain(here, hidden, tmp_path):
     assert s.runs == [before]
 
 
+@pytest.mark.long
 def test_what_a_repair_does_is_known_before_the_click(
     here, hidden, tmp_path, monkeypatch
 ):
@@ -117,6 +118,7 @@ def test_what_a_repair_does_is_known_before_the_click(
     assert s.notice.texts == (outcome,)
 
 
+@pytest.mark.long
 def test_a_repair_that_is_being_tried_is_waited_for(here, hidden, tmp_path):
     run = hidden.runs[0]
     wrong = replace(run, tau=run.tau * [1.0, -1.0])
@@ -143,6 +145,7 @@ def test_a_repair_that_is_being_tried_is_waited_for(here, hidden, tmp_path):
     assert begun.count("change") == 1
 
 
+@pytest.mark.long
 def test_after_repairs_that_fail_a_way_on_is_left(here, hidden, tmp_path):
     run = hidden.runs[0]
     tau = run.tau.copy()
@@ -234,6 +237,7 @@ def _sentence(reason):
     return sentence(Doubt(reason).sentence)
 
 
+@pytest.mark.long
 def test_another_set_of_torques_is_taken_by_a_button(here, hidden, tmp_path):
     """And the commands do the same: `convert` with these columns."""
     run = hidden.runs[0]
@@ -743,6 +747,7 @@ def test_a_wide_table_is_read_by_the_order_that_the_command_line_proposes(wide, 
     assert "Read with these columns" not in wide.text("next")
 
 
+@pytest.mark.long
 def test_issues_that_were_looked_at_stay_looked_at_after_a_restart(
     here, hidden, tmp_path
 ):
@@ -854,6 +859,7 @@ def test_the_split_of_a_run_can_be_dragged(here, hidden, tmp_path):
     assert after["bar"] != before["bar"]
 
 
+@pytest.mark.long
 def test_at_least_a_fifth_of_a_single_run_is_kept_for_testing(here, hidden, tmp_path):
     s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:1], "run.csv"))
     split = s.runs[0]["split"]

@@ -31,6 +31,7 @@ def task(two_link):
     return posed_task(two_link, experiment(two_link).training_run(seed=1))
 
 
+@pytest.mark.long
 def test_p_hat_lies_220_percent_above_its_own_optimum(panda):
     """The objective needs no run: targets and links are published."""
     (table,) = build_tables(["p_hat"], SimulatedStudy(panda))

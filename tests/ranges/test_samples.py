@@ -38,6 +38,7 @@ def model(hidden):
     return identify("two_link", hidden.train[:1], check=False)
 
 
+@pytest.mark.long
 def test_a_flat_link_has_the_moments_of_its_cone():
     """Uniform on {P >= 0, tr P <= 1}: tr P has the density 10 x^9, and E P = 10/44 1."""
     link = np.arange(10)
@@ -122,6 +123,7 @@ def test_a_measurement_leaves_a_shorter_range(model):
     assert all(x.length <= 1.0 + 1e-6 for x in worth)
 
 
+@pytest.mark.long
 def test_longer_chains_forget_more_of_their_starts(model):
     short, long = (find_samples(model, 8, longer=k) for k in (1, 8))
     assert long.steps == 8 * short.steps
