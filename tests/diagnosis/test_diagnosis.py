@@ -260,7 +260,7 @@ def late(two_link: Problem) -> HiddenRuns:
     """Bristles on both joints, behind a delay of all that is logged."""
     bristles = [("presliding_hysteresis", [j]) for j in (0, 1)]
     effects = [*bristles, ("global_delay", [])]
-    return thinned(hidden_runs(two_link, effects, "medium", seed=1), step=4)
+    return thinned(hidden_runs(two_link, effects, "medium", seed=1), step=2)
 
 
 def assert_bristles_are_found(made: HiddenRuns, result: Diagnosis) -> None:
