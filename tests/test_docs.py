@@ -554,3 +554,59 @@ def test_no_comment_splits_a_cell_of_a_table(page):
     """A pipe ends a cell even inside a comment."""
     comments = re.findall(r"<!--.*?-->", page.read_text(), re.DOTALL)
     assert not [comment for comment in comments if "|" in comment]
+
+
+# --- every block of code is run, or says why not -------------------------------------
+
+#: Blocks that no test runs, by page and language, and why.
+NOT_RUN = {
+    ("README.md", "console", 0): ".ci/run installs; the demo is run",
+    ("README.md", "console", 2): ".ci/run is what it says",
+    ("CONTRIBUTING.md", "console", 0): ".ci/run is what it says",
+    ("docs/README.md", "sh", 0): ".ci/run installs; the demo is run",
+    ("docs/benchmarks.md", "sh", 0): "output error takes many minutes",
+    ("docs/contracts.md", "toml", 0): "tests/testing/theirs is such a package",
+    ("docs/demo.md", "console", 1): "it only parses: files of the demo, which is run",
+    ("docs/demo.md", "console", 2): "tests/page opens the page",
+    (
+        "docs/parallelogram.md",
+        "xml",
+        0,
+    ): "tests/robot/test_mechanism.py has such joints",
+}
+#: Pages whose other blocks are run, by the tests of this file or of that one.
+RUN_BY = {
+    "README.md": (test_your_robot_in_five_commands, test_the_python_runs),
+    "docs/benchmarks.md": (test_pages_of_real_logs_run,),
+    "docs/commands.md": (test_every_command_runs_in_order,),
+    "docs/contracts.md": (test_a_plugin_of_one_file_is_used_and_judged,),
+    "docs/controller.md": (test_the_model_in_controllers,),
+    "docs/coupled-wrist.md": (test_all_commands_of_a_page_print_what_it_shows,),
+    "docs/demo.md": (test_the_demo_tells_the_whole_story,),
+    "docs/hobby-arm.md": (test_the_hobby_arm,),
+    "docs/how-to.md": (test_answers_print_what_they_show,),
+    "docs/online.md": ("online/test_payload.py",),
+    "docs/only-currents.md": (test_pages_of_real_logs_run,),
+    "docs/performance.md": (test_the_recipe_of_a_control_loop_renews_a_certified_fit,),
+    "docs/ranges.md": (test_answers_print_what_they_show,),
+    "docs/tool.md": (test_answers_print_what_they_show,),
+    "docs/tutorial.md": (test_all_commands_of_a_page_print_what_it_shows,),
+    "docs/which-motion.md": (test_answers_print_what_they_show,),
+    "docs/your-robot.md": (test_all_commands_of_a_page_print_what_it_shows,),
+}
+
+
+def test_every_block_of_code_is_run_or_says_why_not():
+    left, reasons = [], dict(NOT_RUN)
+    for path in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *PAGES):
+        page, counts = path.relative_to(ROOT).as_posix(), {}
+        text = path.read_text(encoding="utf-8")
+        for language in re.findall(r"^```([a-z]+)$", text, re.MULTILINE):
+            k = counts[language] = counts.get(language, -1) + 1
+            has_reason = reasons.pop((page, language, k), None)
+            if language not in ("output", "text") and not has_reason:
+                left += [] if page in RUN_BY else [(page, language, k)]
+    assert not left, "add a test, or a reason"
+    assert not reasons, "no such blocks"
+    for test in (test for tests in RUN_BY.values() for test in tests):
+        assert callable(test) or (ROOT / "tests" / test).is_file()
