@@ -101,7 +101,8 @@ def main() -> None:
             run = replace(inputs.run, tau=change(inputs.run.tau))
             said = [
                 f"{issue.kind}, {issue.where}; {issue.remedy}"
-                for issue in check(inputs.problem, run).issues
+                for report in check(inputs.problem, run)
+                for issue in report.issues
                 if issue.severity != "note"
             ]
             ours = "; ".join(said) or "no problem"
