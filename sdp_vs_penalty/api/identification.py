@@ -171,13 +171,13 @@ def identify(
     is_window = recorded is not None and recorded is not runs.measurements
     if runs.are_long or is_window:
         # A model must not keep a long recording alive.
-        _judge(estimate, runs, recorded)
+        estimate.provenance.update(_judge(estimate, runs, recorded)[1])
         return estimate
     provenance = Provenance(estimate.provenance)
     # A copy is judged: the model's own provenance would hold the model.
     judged = replace(estimate)
     provenance.work_out_later(
-        ("verdict", "noise"), partial(_judgement, judged, runs, recorded)
+        ("verdict", "noise"), lambda: _judge(judged, runs, recorded)[1]
     )
     return replace(estimate, provenance=provenance)
 
@@ -284,7 +284,9 @@ def identify_and_judge(
     estimate, runs = _identify(robot, measurements, method, options, proof, check)
     if isinstance(runs, BlackBox):
         return estimate, None
-    return estimate, _judge(estimate, runs, noise_from)
+    comparison, judgement = _judge(estimate, runs, noise_from)
+    estimate.provenance.update(judgement)
+    return estimate, comparison
 
 
 def _identify(
@@ -318,11 +320,10 @@ def _identify(
             are_plausible=True,
         )
         give_back_memory(data.samples)
-    runs = (
-        data
-        if isinstance(data, BlackBox)
-        else filter_runs(problem, data, options.preprocessing)
-    )
+    if isinstance(data, BlackBox):
+        runs: FilteredRuns | BlackBox = data
+    else:
+        runs = filter_runs(problem, data, options.preprocessing)
     estimate = estimate_parameters(problem, runs, method, options, proof=proof)
     estimate.provenance.update(checked=bool(check), checks=issues)
     return estimate, runs
@@ -330,9 +331,9 @@ def _identify(
 
 def _judge(
     estimate: Estimate, runs: FilteredRuns, noise_from: Measurements | None
-) -> Comparison:
-    """Compare a model with the runs that it was identified from; write its verdict and
-    their noise into its provenance."""
+) -> tuple[Comparison, dict[str, Any]]:
+    """Compare a model with the runs that it was identified from; return the comparison,
+    and its verdict and their noise as entries of the model's provenance."""
     judged = runs
     if runs.settings != estimate.preprocessing:
         judged = filter_runs(
@@ -341,18 +342,8 @@ def _judge(
     comparison = compare_filtered({estimate.method: estimate}, judged, noise_from)[0]
     recording = (noise_from or runs.measurements).recording
     noise = NoiseFloor(*comparison.noise, recording.data_hash)
-    estimate.provenance.update(
-        verdict=comparison.verdict.to_dict(), noise=noise.to_dict()
-    )
-    return comparison
-
-
-def _judgement(
-    estimate: Estimate, runs: FilteredRuns, noise_from: Measurements | None
-) -> dict[str, Any]:
-    """Return verdict and noise of a model, entries of its provenance, by name."""
-    _judge(estimate, runs, noise_from)
-    return {name: estimate.provenance[name] for name in ("verdict", "noise")}
+    verdict = comparison.verdict.to_dict()
+    return comparison, {"verdict": verdict, "noise": noise.to_dict()}
 
 
 def gate_of(check: bool | Gate, problem: Problem, source: Any, stacklevel: int) -> Gate:

@@ -126,6 +126,15 @@ class PoseOptions:
     #: Receives a line of text at each stage.
     progress: Progress = no_progress
 
+    def __post_init__(self) -> None:
+        """Refuse instruments and known values that are none."""
+        require_known("instruments", self.instruments or "none", ("command", "none"))
+        for name, value in self.known.items():
+            if not (isinstance(value, Real) and math.isfinite(value)):
+                raise InputError(f"--known {name}={value} is no value", "give a number")
+        known = {name: float(value) for name, value in self.known.items()}
+        object.__setattr__(self, "known", known)
+
     @classmethod
     def from_texts(cls, **texts: Any) -> PoseOptions:
         """Return the options that a command line or a form states, by their fields'
@@ -272,20 +281,32 @@ def pose_filtered(
     InputError
         For input that cannot be used.
     """
-    require_known("instruments", options.instruments or "none", ("command", "none"))
     if isinstance(data, BlackBox):
         return _pose_black_box(problem, data, options)
     model = problem.model(options.effects)
     if options.effects is not None:
         options = replace(options, effects=model.effects)
     if data.measurements.torque_logged:
-        posed = _pose_torque_log(problem, model, data, options)
-    else:
-        posed = _pose_servo_log(problem, model, data, options)
-    problem = posed.problem
-    compressed = partial(in_columns, posed.runs, workers=options.workers)
+        return _pose_torque_log(problem, model, data, options)
+    return _pose_servo_log(problem, model, data, options)
+
+
+def _pose_linear(
+    problem: Problem,
+    model: Model,
+    runs: FilteredRuns,
+    options: PoseOptions,
+    gain_errors: Array,
+    details: dict[str, Any],
+) -> EstimationProblem:
+    """Compress and weight the rows of a model in which all parameters are linear.
+
+    runs : the filtered log, with instruments where they are used; gain_errors and
+    details : fields of the EstimationProblem.
+    """
+    compressed = partial(in_columns, runs, workers=options.workers)
     model = with_reference(
-        problem, posed.model, compressed, options.weighting, options.progress
+        problem, model, compressed, options.weighting, options.progress
     )
     options.progress("compressing the measurements")
     regression = compressed(model)
@@ -294,30 +315,14 @@ def pose_filtered(
     )
     return EstimationProblem(
         problem=problem,
-        measurements=posed.runs.measurements,
-        runs=posed.runs,
+        measurements=runs.measurements,
+        runs=runs,
         regression=regression,
         task=task,
         weighting=options.weighting,
-        gain_errors=posed.gain_errors,
-        details=posed.details,
+        gain_errors=gain_errors,
+        details=details,
     )
-
-
-@dataclass(frozen=True)
-class _PosedLog:
-    """A log whose shape constants, gains and servos are known."""
-
-    #: The problem, with the gains that known loads determined.
-    problem: Problem
-    #: The model in which all remaining parameters are linear.
-    model: Model
-    #: The filtered log, with instruments where they are used.
-    runs: FilteredRuns
-    #: (n, e) factor of the covariance of the gains' relative errors.
-    gain_errors: Array
-    #: Shapes, gains, servo and recipe, as plain JSON.
-    details: dict[str, Any]
 
 
 def _pose_black_box(
@@ -355,12 +360,11 @@ def _pose_black_box(
 
 def _pose_torque_log(
     problem: Problem, model: Model, runs: FilteredRuns, options: PoseOptions
-) -> _PosedLog:
-    """Prepare a log with torque: everything but the linear parameters is fixed here.
+) -> EstimationProblem:
+    """Pose a log with torque: first everything but the linear parameters is fixed.
 
     These are: gains of the servo loops, shape constants of friction, the choice of the
-    motion's signal, and the gains of the torque channels from known loads. The result
-    holds the model in which all remaining parameters are linear.
+    motion's signal, and the gains of the torque channels from known loads.
     """
     log = runs.measurements
     gain_errors = independent_gains(options.gain_uncertainty, problem.robot.n)
@@ -391,13 +395,14 @@ def _pose_torque_log(
         model = replace(model, gains=problem.gains)
         std = gain * np.linalg.norm(gain_errors, axis=1)
         details["gains"] = {"gain": gain.tolist(), "std": std.tolist()}
-    return _PosedLog(problem, model, runs, gain_errors=gain_errors, details=details)
+    # 5. What remains is linear.
+    return _pose_linear(problem, model, runs, options, gain_errors, details)
 
 
 def _pose_servo_log(
     problem: Problem, model: Model, data: FilteredRuns, options: PoseOptions
-) -> _PosedLog:
-    """Prepare a log without torque: the servos' control law replaces the torque.
+) -> EstimationProblem:
+    """Pose a log without torque: the servos' control law replaces the torque.
 
     The law (torque = gain times control error) leaves one common scale of all
     parameters open. A known parameter, motor constant or load sets it. Its relative
@@ -415,20 +420,15 @@ def _pose_servo_log(
         instruments=options.instruments != "none",
         chosen=options.effects is not None,
     )
-    known = {**known_by_bounds, **_checked_values(options.known)}
+    known = {**known_by_bounds, **options.known}
     model, scale = with_scale(problem, model, data, known, options.known_loads)
     if options.known_loads:
         # Loads are other runs: the recipe says what they made of the scale instead.
         options = replace(options, known=scale["known"])
     common = np.full(problem.robot.n, scale["scale_error"])
+    gain_errors = np.column_stack([errors, common])
     details = {"servo": {**servo, **scale}, "recipe": options.recipe()}
-    return _PosedLog(
-        problem,
-        model,
-        runs,
-        gain_errors=np.column_stack([errors, common]),
-        details=details,
-    )
+    return _pose_linear(problem, model, runs, options, gain_errors, details)
 
 
 def with_known(model: Model, known: Mapping[str, float]) -> Model:
@@ -447,20 +447,11 @@ def with_known(model: Model, known: Mapping[str, float]) -> Model:
     Raises
     ------
     InputError
-        For a parameter that the model does not have, and for a value that is no finite
-        number.
+        For a parameter that the model does not have.
     """
-    out = replace(model, known={**model.known, **_checked_values(known)})
+    out = replace(model, known={**model.known, **known})
     out.require_known("--known")
     return out
-
-
-def _checked_values(known: Mapping[str, float]) -> dict[str, float]:
-    """Return known values as floats; InputError for one that is no finite number."""
-    for name, value in known.items():
-        if not (isinstance(value, Real) and math.isfinite(value)):
-            raise InputError(f"--known {name}={value} is no value", "give a number")
-    return {name: float(x) for name, x in known.items()}
 
 
 def in_columns(

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.regression.regression import Regression
-from sdp_vs_penalty.robot.arrays import nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 #: Half-width of the 95 % interval over the size from which a drive's torque is open.
 OPEN_TORQUE = 0.2
@@ -126,29 +127,32 @@ def drive_gains(estimate: Estimate) -> Iterator[GainInterval]:
         yield GainInterval(parameter.name, float(value), half_width, parameter.unit)
 
 
-def with_torque_error(estimate: Estimate, regression: Regression) -> Estimate:
-    """Add to an estimate how well its servo gains determine the drives' torque.
+def drive_torque_errors(
+    model: Model, theta: Array, covariance: Array, regression: Regression
+) -> list[float | None]:
+    """Return how well the servo gains of a model without logged torque determine the
+    drives' torque.
 
     A servo's torque is a small difference of large terms (kp times the control error
     less kd times the velocity), so that gains within some per cent may leave it open.
 
     Parameters
     ----------
-    estimate : Estimate
-        Estimate from runs without torque, with the covariance of its gains.
+    theta, covariance : (p,), (p, p) arrays
+        The model's parameters, and what the runs say of their errors.
+    regression : Regression
+        The training runs.
 
     Returns
     -------
-    Estimate
-        With ``details["servo"]["torque_error"]``: of each joint, the standard
-        deviation of the drive's torque over that torque, root mean squares along the
-        training motion; None if the gains have no covariance.
+    list of float or None
+        Of each joint, the standard deviation of the drive's torque over that torque,
+        root mean squares along the training motion; None if the gains have no
+        covariance.
     """
-    is_drive = estimate.model.drives
-    covariance = estimate.uncertainty.covariance
+    is_drive = model.drives
     # A gain that is given as exact has no deviation.
-    names = [parameter.name for parameter in estimate.model.parameters]
-    is_given = np.array([name in estimate.model.known for name in names])
+    is_given = np.array([p.name in model.known for p in model.parameters])
     errors: list[float | None] = []
     for factor in regression.per_joint:
         triangle = factor.triangle[:, :-1]
@@ -158,12 +162,11 @@ def with_torque_error(estimate: Estimate, regression: Regression) -> Estimate:
         columns = triangle[:, open_gains]
         variance = np.trace(columns @ covariance[np.ix_(gains, gains)] @ columns.T)
         loads = factor.indices[~of_drive]
-        torque = triangle[:, ~of_drive] @ estimate.theta[loads]  # what the drive moves
+        torque = triangle[:, ~of_drive] @ theta[loads]  # what the drive moves
         size = float(nonzero_or_one(np.linalg.norm(torque)))
         std = float(np.sqrt(max(variance, 0.0)))
         errors.append(std / size if np.isfinite(std) else None)
-    servo = {**estimate.details["servo"], "torque_error": errors}
-    return replace(estimate, details={**estimate.details, "servo": servo})
+    return errors
 
 
 def limited_drives(estimate: Estimate) -> tuple[int, ...]:

@@ -20,7 +20,7 @@ from sdp_vs_penalty.estimation.build_problem import (
 )
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.estimate import Estimate, Training
-from sdp_vs_penalty.estimation.gains import with_torque_error
+from sdp_vs_penalty.estimation.gains import drive_torque_errors
 from sdp_vs_penalty.estimation.link_figures import link_figures
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
 from sdp_vs_penalty.estimation.proofs import proved
@@ -35,7 +35,6 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.base_parameters import BaseParameters
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import ConstraintSet
@@ -71,29 +70,30 @@ def build_estimate(
     runs = posed.runs
     theta, certificate = certify(task, fit)
     certificate = replace(certificate, **link_figures(problem, theta[task.links]))
-    base = task.base
-    is_feasible = certificate.worst == 0.0
     sources = parameter_sources(
         task,
         theta,
-        base,
+        task.base,
         estimator.undetermined_by,
         nominal=problem.nominal(task.model),
     )
-    torque_unit = getattr(measurements, "torque_unit", "")
-    uncertainty_of = partial(
-        _uncertainty, posed, base, theta, is_feasible, sources, torque_unit
-    )
+    is_feasible = certificate.worst == 0.0
+    uncertainty_of = partial(_uncertainty, posed, theta, is_feasible, sources)
     # A model must not keep a long recording alive.
-    if runs is not None and runs.are_long:
-        uncertainty = uncertainty_of(workers)
-    else:
-        uncertainty = LateUncertainty(uncertainty_of)
+    is_long = runs is not None and runs.are_long
+    uncertainty = (
+        uncertainty_of(workers) if is_long else LateUncertainty(uncertainty_of)
+    )
     bounds = (
         [] if fit.multipliers is None else on_bounds(fit.problem.constraints, theta)
     )
     settings = {**asdict(estimator), "weighting": posed.weighting}  # type: ignore[call-overload]
-    details = {**fit.details, "on_bounds": bounds, **sources}
+    details = {**fit.details, "on_bounds": bounds, **sources, **posed.details}
+    if "servo" in details:
+        errors = drive_torque_errors(
+            task.model, theta, uncertainty.covariance, posed.regression
+        )
+        details["servo"] = {**details["servo"], "torque_error": errors}
     provenance = {
         "seed": task.seed,
         "data_hash": measurements.data_hash,
@@ -101,10 +101,9 @@ def build_estimate(
         "samples": measurements.samples,
         "versions": versions(),
     }
-    if torque_unit:
-        provenance["torque_unit"] = torque_unit
-    if read_as := getattr(measurements, "reading", ""):
-        provenance["reading"] = read_as
+    for name in ("torque_unit", "reading"):  # which a black box does not have
+        if stated := getattr(measurements, name, ""):
+            provenance[name] = stated
     return Estimate(
         problem=problem,
         model=task.model,
@@ -117,25 +116,22 @@ def build_estimate(
         details=details,
         provenance=provenance,
         training_motion=None if runs is None else record_motion(runs),
-        # A model must not keep a long recording alive.
-        training=None if runs is None or runs.are_long else Training(posed),
+        training=None if runs is None or is_long else Training(posed),
     )
 
 
 def _uncertainty(
     posed: EstimationProblem,
-    base: BaseParameters,
     theta: Array,
     is_feasible: bool,
     sources: Mapping[str, Any],
-    torque_unit: str,
     workers: Workers = ALONE,
 ) -> Uncertainty:
     """Return the intervals and the covariance of an estimate theta (p,).
 
-    base : its base parameters; is_feasible : whether theta satisfies all constraints,
-    as its intervals do then; sources : what determines each parameter; torque_unit : ""
-    for N m, N; workers : compress the columns of the shape constants.
+    is_feasible : whether theta satisfies all constraints, as its intervals do then;
+    sources : what determines each parameter; workers : compress the columns of the
+    shape constants.
     """
     task = posed.task
     wide = None
@@ -146,14 +142,14 @@ def _uncertainty(
         regression_uncertainty(
             task,
             posed.regression,
-            base,
+            task.base,
             theta,
             wide=wide,
             constrained=is_feasible,
             gain_errors=posed.gain_errors,
         )
         .named_by_sources(sources)
-        .in_unit(torque_unit)
+        .in_unit(getattr(posed.measurements, "torque_unit", ""))
     )
 
 
@@ -191,19 +187,19 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
     """
     theta = fit.theta
     constraints = fit.problem.constraints
-    if fit.multipliers is not None and fit.interior is not None:
+    can_repair = fit.multipliers is not None and fit.interior is not None
+    if can_repair:
         theta = repair(constraints, theta, fit.interior)
     # A solver holds what is known to its own accuracy, which nothing else depends on.
     theta = task.model.with_known(theta)
     certificate = Certificate(violations(constraints, theta), task.data.loss(theta))
-    if fit.multipliers is not None and fit.interior is not None:
-        # The bounds of an unchanged fit are computed already (cached properties).
-        is_unchanged = np.array_equal(theta, fit.theta)
-        certified = fit if is_unchanged else replace(fit, theta=theta)
-        certificate = replace(
-            certificate, upper=certified.upper, lower=certified.lower, gap=certified.gap
-        )
-    return theta, certificate
+    if not can_repair:
+        return theta, certificate
+    # The bounds of an unchanged fit are computed already (cached properties).
+    is_unchanged = np.array_equal(theta, fit.theta)
+    certified = fit if is_unchanged else replace(fit, theta=theta)
+    bounds = {name: getattr(certified, name) for name in ("upper", "lower", "gap")}
+    return theta, replace(certificate, **bounds)
 
 
 def certify_beside(
@@ -302,9 +298,6 @@ def estimate_parameters(
     if by_simulation:
         linear, fit = refine(estimate, posed, estimator)
         estimate = replace(build_estimate(linear, estimator, fit), method=OUTPUT_ERROR)
-    estimate = replace(estimate, details={**estimate.details, **posed.details})
-    if "servo" in posed.details:
-        estimate = with_torque_error(estimate, posed.regression)
     if proof is not None:
         options.progress("proving the optimum")
         made_of = {"model": estimate.identity, "data": estimate.provenance["data_hash"]}
@@ -322,8 +315,7 @@ def estimate_posed(posed: EstimationProblem, method: str | Estimator) -> Estimat
     estimator = make_estimator(method)
     # A copy of the task: the original may hold cached results of another method.
     posed = replace(posed, task=replace(posed.task))
-    estimate = build_estimate(posed, estimator, estimator.fit(posed.task))
-    return replace(estimate, details={**estimate.details, **posed.details})
+    return build_estimate(posed, estimator, estimator.fit(posed.task))
 
 
 def _require_suitable(
