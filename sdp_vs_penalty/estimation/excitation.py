@@ -262,11 +262,7 @@ def excite(
     *,
     limits: Limits | None = None,
     start: FourierTrajectory | None = None,
-    effects: str | None = None,
-    harmonics: int = 5,
-    frequency: float = 0.15 * np.pi,
     duration: float = 21.0,
-    blend: float = 0.5,
     iterations: int = 60,
     seed: int = 0,
     progress: Progress = no_progress,
@@ -283,18 +279,10 @@ def excite(
     limits : Limits, optional
         Limits of positions, velocities and accelerations; default: the robot's.
     start : FourierTrajectory, optional
-        Start of the search; its frequency, duration and blend are kept. Default: a
-        random trajectory with the five settings below.
-    effects : str, optional
-        Effects whose columns count; default: the problem's.
-    harmonics : int
-        Number of harmonics of the random start.
-    frequency : float
-        Frequency of its first harmonic [rad/s].
+        Start of the search; its frequency, duration, harmonics and blend are kept.
+        Default: a random trajectory.
     duration : float
-        Its duration, both blends included [s].
-    blend : float
-        Its time from rest to the periodic motion, and back to rest [s].
+        Duration of the random start, from rest to rest [s].
     iterations : int
         Largest number of steps of the search.
     seed : int
@@ -314,19 +302,14 @@ def excite(
     """
     problem = as_problem(problem, "excite(problem=...)")
     for name, value, low, high in (
-        ("harmonics", harmonics, 1, 100),
-        ("frequency", frequency, 1e-3, 1e3),
         ("duration", duration, 0.1, 1e4),
-        ("blend", blend, 0.0, 1e3),
         ("iterations", iterations, 0, 10_000),
     ):
         require_in_range(f"excite({name})", value, low, high)
     bounds = Limits.from_robot(problem.robot) if limits is None else limits
     if start is None:
-        start = random_trajectory(
-            problem.robot, seed, duration, harmonics, frequency, blend
-        )
-    regressor = Regressor.from_problem(problem, effects)
+        start = random_trajectory(problem.robot, seed, duration)
+    regressor = Regressor.from_problem(problem)
     return optimised(
         regressor, bounds, start, condition_bound, iterations, progress=progress
     )

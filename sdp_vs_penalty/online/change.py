@@ -58,7 +58,6 @@ class ChangeDetector:
         n_drifts: int,
         correlation: float,
         period: float,
-        forgetting: float,
         delay: float,
     ) -> None:
         """Allocate a ring buffer of snapshots of the data, CHANGE_STEP seconds apart.
@@ -69,8 +68,8 @@ class ChangeDetector:
 
         ``prior`` is of a payload, and d = ``n_drifts`` offsets and shares of friction
         may drift. The residual torque agrees with itself for ``correlation`` [s], the
-        control loop has the period ``period`` [s], data count exp(-1) after
-        ``forgetting`` [s], and the filters delay by ``delay`` [s].
+        control loop has the period ``period`` [s], and the filters delay by ``delay``
+        [s]. Data count exp(-1) after FORGETTING [s].
         """
         self.is_carrying = False
         #: Information of the current stretch, fading: (11 + d, 11 + d), its seconds.
@@ -80,7 +79,7 @@ class ChangeDetector:
         # happened.
         self._stride = max(1, round(c.CHANGE_STEP / period))  # calls a snapshot
         step = self._stride * period  # s between two snapshots
-        self._fade = float(np.exp(-c.CHANGE_STEPS_PER_FADE * step / forgetting))
+        self._fade = float(np.exp(-c.CHANGE_STEPS_PER_FADE * step / c.FORGETTING))
         self._steps_to_fade = c.CHANGE_STEPS_PER_FADE
         self._half_step = 0.5 * step
         self._n_slots = max(4, round(c.CHANGE_REACH / step))

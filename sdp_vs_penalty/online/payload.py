@@ -118,8 +118,6 @@ class PayloadEstimator:
         Of the filters [s], at most 0.05: results speak of that long ago.
     prior : PayloadPrior, optional
         Of the payload, before it is measured.
-    forgetting : float
-        After this time data of a payload count exp(-1) [s].
     drift : float
         Over this time offsets and friction change by DRIFT_SHARE of friction [s]; 0
         where they are held. Torques of that size are no payload, and intervals of
@@ -144,7 +142,6 @@ class PayloadEstimator:
         *,
         delay: float = c.MAX_DELAY,
         prior: PayloadPrior | None = None,
-        forgetting: float = c.FORGETTING,
         drift: float = c.DRIFT,
     ) -> None:
         """Check the parameters of the class and allocate the arrays of :meth:`update`.
@@ -168,7 +165,7 @@ class PayloadEstimator:
         self._filter = SmoothingFilter(2 * n, self.period, delay)
         self.delay = self._filter.delay
         self._detector = ChangeDetector(
-            self._prior, 2 * n, noise.correlation, self.period, forgetting, self.delay
+            self._prior, 2 * n, noise.correlation, self.period, self.delay
         )
         self._posterior = Posterior(self._prior, 2 * n)
         self._projection = ConeProjection()
@@ -230,7 +227,6 @@ class PayloadEstimator:
         *,
         delay: float = c.MAX_DELAY,
         prior: PayloadPrior | None = None,
-        forgetting: float = c.FORGETTING,
         drift: float = c.DRIFT,
     ) -> Self:
         """Return an estimator whose noise is measured on runs without a payload.
@@ -247,8 +243,6 @@ class PayloadEstimator:
             Delay of the filters [s].
         prior : PayloadPrior, optional
             What is known of a payload before it is measured.
-        forgetting : float
-            Time after which data of a payload count exp(-1) [s].
         drift : float
             Time over which offsets and friction change [s]; 0: they stay.
 
@@ -274,15 +268,7 @@ class PayloadEstimator:
         )
         prior = PayloadPrior() if prior is None else prior
         noise = ResidualNoise.measure(arm_estimate, runs, delay, prior)
-        return cls(
-            arm_estimate,
-            noise,
-            rate,
-            delay=delay,
-            prior=prior,
-            forgetting=forgetting,
-            drift=drift,
-        )
+        return cls(arm_estimate, noise, rate, delay=delay, prior=prior, drift=drift)
 
     @property
     def is_carrying(self) -> bool:

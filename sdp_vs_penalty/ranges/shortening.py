@@ -62,8 +62,6 @@ def shortening_runs(
     data: Source | None = None,
     *,
     duration: float = 21.0,
-    harmonics: int = 5,
-    frequency: float = 0.15 * np.pi,
     candidates: int = CANDIDATES,
     seed: int = 0,
     progress: Progress = no_progress,
@@ -80,10 +78,6 @@ def shortening_runs(
         as the program runs.
     duration : float
         Length of each motion [s].
-    harmonics : int
-        Harmonics of each joint's Fourier series.
-    frequency : float
-        Of the first harmonic [rad/s].
     candidates : int
         Number of motions that are compared.
     seed : int
@@ -104,10 +98,7 @@ def shortening_runs(
         what = f"{function} is not linear in the parameters"
         raise InputError(what, "name a standard parameter, such as m4 or mx4")
     motions = [
-        random_trajectory(
-            estimate.robot, seed + k, duration, harmonics, frequency, blend=0.5
-        )
-        for k in range(candidates)
+        random_trajectory(estimate.robot, seed + k, duration) for k in range(candidates)
     ]
     allowed = allowed_set(posed, estimate.theta, floor)
     return compare_motions(allowed, posed, chosen.g, motions, progress)

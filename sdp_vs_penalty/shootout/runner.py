@@ -395,8 +395,8 @@ class Shootout:
         if not self.accuracies or any(not 1e-14 < a < 1.0 for a in self.accuracies):
             what = "--accuracy takes numbers between 1e-14 and 1"
             raise InputError(what, "separate them by commas: 1e-4,1e-8")
-        if not self.time_limit > 0.0 or not self.memory > 0.0:
-            raise InputError("--time-limit or --memory is not above 0", "correct it")
+        if not self.time_limit > 0.0:
+            raise InputError("--time-limit is not above 0", "correct it")
         if self.repeats < 1:
             raise InputError("--repeats is below 1", "correct it")
         if not hasattr(os, "fork"):

@@ -3,20 +3,19 @@ from pathlib import Path
 from sdp_vs_penalty.cli import console
 
 
-def verb(out: Path = Path("demo"), seed: int = 7) -> None:
+def verb(out: Path = Path("demo")) -> None:
     """Show the main job on a simulated 7-joint arm in which one effect is hidden.
 
     Example: sdp-vs-penalty demo --out demo
 
     --out DIR: Folder for runs, models and report.
-    --seed: Seed of the simulated arm.
     """
     from sdp_vs_penalty.cli import printing
     from sdp_vs_penalty.render.tables import model_table
     from sdp_vs_penalty.reports.demo import ARM, RUNS, demo
 
     with console.progress("simulating") as progress:
-        demonstration = demo(out, seed, progress)
+        demonstration = demo(out, progress=progress)
     before = demonstration.compared[-1]
     units = demonstration.model.torque_units
     console.say(

@@ -8,8 +8,6 @@ def verb(
     problem: str,
     out: Path,
     duration: float | None = None,
-    harmonics: int = 5,
-    frequency: float = 0.4712389,
     iterations: int | None = None,
     separate: str | None = None,
     level: float = 1.0,
@@ -32,8 +30,6 @@ def verb(
         --payload or --for: a model.
     --out trajectory.csv: File to write: t, q, dq, ddq at 1 kHz.
     --duration: Duration of the motion, in seconds; default: 21, with --payload 2.
-    --harmonics >=1: Harmonics of the Fourier series.
-    --frequency: Frequency of the first harmonic, in rad/s.
     --iterations >=1: Maximum iterations; default: 60, with --separate 200.
     --separate A,B: Two effects that the run is to tell apart, as `add` takes them; one: from nothing.
     --level: With --separate: RMS of each effect over the noise, on the default excitation.
@@ -55,13 +51,11 @@ def verb(
     if payload:
         return _payload(Path(problem), joints, out, **how)
     if for_ is not None:
-        how = {"duration": how["duration"], "seed": seed}
-        how |= {"harmonics": harmonics, "frequency": frequency}
+        del how["iterations"]  # motions are drawn and compared
         return _shorten(Path(problem), for_, data, out, **how)
     from sdp_vs_penalty.cli.runs import problem_from_options
     from sdp_vs_penalty.estimation.excitation import excite
 
-    how |= {"harmonics": harmonics, "frequency": frequency}
     with console.progress("excitation") as progress:
         robot = problem_from_options(problem, hold=hold) if hold else problem
         excitation = excite(robot, progress=progress, **how)

@@ -12,7 +12,6 @@ def verb(
     problems: str | None = None,
     accuracy: str | None = None,
     time_limit: float | None = None,
-    memory: float = 4.0,
     repeats: int | None = None,
     quick: bool = False,
     out: Path = Path("results/shootout"),
@@ -34,7 +33,6 @@ def verb(
         tx40+measured; default: the declared sets.
     --accuracy 1e-4,1e-8: Accuracies to ask for; default: 1e-4,1e-6,1e-8.
     --time-limit SECONDS: Processor time of each run; default: 5, quick 0.5.
-    --memory GB: Memory of each run.
     --repeats >=1: Repetitions of each run, fewer once they took a second; default: 5, quick 1.
     --quick: A few instances, one accuracy.
     --out: Folder; runs that it holds are not repeated.
@@ -70,11 +68,10 @@ def verb(
         _words(problems),
         accuracies,
         time_limit,
-        memory,
-        quick,
-        scheduler,
-        jobs,
-        repeats or (1 if quick else default.repeats),
+        quick=quick,
+        scheduler=scheduler,
+        jobs=jobs,
+        repeats=repeats or (1 if quick else default.repeats),
     )
     absent = dict[str, str]()
     left_out = list[tuple[str, str, str]]()
