@@ -2,7 +2,7 @@
 
 import ast
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps
 from math import isnan
 from numbers import Integral, Real
@@ -89,25 +89,33 @@ def _is_of(kind: ast.expr, value: Any) -> bool:
             return _is_of(left, value) or _is_of(right, value)
         case ast.Constant(value=None):
             return value is None
-        case ast.Subscript(value=outer, slice=inner) if _name(outer) == "Sequence":
-            is_list = isinstance(value, Iterable) and not isinstance(
-                value, str | bytes | Mapping
-            )
-            return is_list and all(_is_of(inner, x) for x in value)
-        case ast.Subscript(value=outer, slice=ast.Tuple(elts=[key, item])) if (
-            _name(outer) == "Mapping"
-        ):
-            return isinstance(value, Mapping) and all(
-                _is_of(key, k) and _is_of(item, x) for k, x in value.items()
-            )
-        case ast.Subscript(value=outer, slice=ast.Tuple(elts=items)) if (
-            _name(outer) == "tuple"
-        ):
-            is_tuple = isinstance(value, tuple | list) and len(value) == len(items)
-            return is_tuple and all(map(_is_of, items, value))
-        case ast.Subscript():  # a callable
-            return True
-    name = _name(kind)
+        case ast.Subscript(value=outer, slice=ast.Tuple(elts=inner)):
+            return _is_container_of(_name(outer), inner, value)
+        case ast.Subscript(value=outer, slice=inner):
+            return _is_container_of(_name(outer), [inner], value)
+    return _is_single(_name(kind), value)
+
+
+def _is_container_of(name: str, inner: Sequence[ast.expr], value: Any) -> bool:
+    """Return whether a value is a Sequence, Mapping or tuple whose items are of the inner
+    types; a callable is taken as it is."""
+    if name == "Sequence":
+        is_text = isinstance(value, str | bytes | Mapping)
+        is_list = isinstance(value, Iterable) and not is_text
+        return is_list and all(_is_of(inner[0], x) for x in value)
+    if name == "Mapping":
+        key, item = inner
+        return isinstance(value, Mapping) and all(
+            _is_of(key, k) and _is_of(item, x) for k, x in value.items()
+        )
+    if name == "tuple":
+        is_tuple = isinstance(value, tuple | list) and len(value) == len(inner)
+        return is_tuple and all(map(_is_of, inner, value))
+    return True
+
+
+def _is_single(name: str, value: Any) -> bool:
+    """Return whether a value is of a type without items, given by its name."""
     if name == "Drive":  # texts
         return isinstance(value, str)
     if name == "Array":

@@ -10,7 +10,7 @@ from __future__ import annotations
 import collections.abc
 import re
 import types
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from typing import (
@@ -240,33 +240,42 @@ def _with_defaults(kind: Any, value: Any) -> Any:
         if value is None or len(arms) > 1:
             return value
         (kind,) = arms
-    origin = get_origin(kind)
-    args = get_args(kind)
-    if is_dataclass(kind) and isinstance(value, Mapping):
-        return _fields_with_defaults(kind, value)
-    if hasattr(kind, "_fields") and isinstance(value, Mapping):  # a NamedTuple
-        if missing := [name for name in kind._fields if name not in value]:
-            what = f"the field {missing[0]!r} is missing"
-            raise InputError(what, "write the file anew")
-        types_of_fields = _kinds(kind)
-        return [
-            _with_defaults(types_of_fields[name], value[name]) for name in kind._fields
-        ]
-    if origin in (tuple, list, collections.abc.Sequence) and isinstance(
-        value, list | tuple
-    ):
-        items = args[:1] * len(value)
-        if origin is tuple and args[-1] is not Ellipsis:  # tuple[int, float]
-            items = args
-        if len(items) != len(value):
-            return value
-        return [
-            float("nan") if x is None and item is float else _with_defaults(item, x)
-            for item, x in zip(items, value, strict=True)
-        ]
-    if origin in (collections.abc.Mapping, dict) and isinstance(value, Mapping):
-        return {name: _with_defaults(args[1], x) for name, x in value.items()}
+    if isinstance(value, Mapping):
+        if is_dataclass(kind):
+            return _fields_with_defaults(kind, value)
+        if hasattr(kind, "_fields"):
+            return _named_tuple_with_defaults(kind, value)
+        if get_origin(kind) in (collections.abc.Mapping, dict):
+            kind_of_values = get_args(kind)[1]
+            return {k: _with_defaults(kind_of_values, x) for k, x in value.items()}
+    is_list = get_origin(kind) in (tuple, list, collections.abc.Sequence)
+    if is_list and isinstance(value, list | tuple):
+        return _items_with_defaults(kind, value)
     return value
+
+
+def _items_with_defaults(kind: Any, value: Sequence[Any]) -> Sequence[Any]:
+    """Return the items of a list or a tuple as :func:`_with_defaults` says; those of a
+    tuple of another length as they are."""
+    kinds = get_args(kind)
+    is_fixed = get_origin(kind) is tuple and kinds[-1] is not Ellipsis
+    if not is_fixed:
+        kinds = kinds[:1] * len(value)
+    elif len(kinds) != len(value):
+        return value
+    return [
+        float("nan") if x is None and item is float else _with_defaults(item, x)
+        for item, x in zip(kinds, value, strict=True)
+    ]
+
+
+def _named_tuple_with_defaults(kind: Any, data: Mapping[str, Any]) -> list[Any]:
+    """Return the fields of a NamedTuple in order, as :func:`_with_defaults` says."""
+    if missing := [name for name in kind._fields if name not in data]:
+        what = f"the field {missing[0]!r} is missing"
+        raise InputError(what, "write the file anew")
+    kinds = _kinds(kind)
+    return [_with_defaults(kinds[name], data[name]) for name in kind._fields]
 
 
 def _fields_with_defaults(kind: Any, data: Mapping[str, Any]) -> dict[str, Any]:

@@ -285,16 +285,11 @@ class Model:
         ``smooth`` is another motion for smooth effects, ``left_out`` are places of
         effects to skip.
         """
-        blocks = dict[int, list[Block]]()
-        for k, effect in enumerate(self.effects):
-            if depends(effect) or k in left_out:
-                continue
-            has_other_motion = smooth is not None and effect.smooth
-            if smooth is not None and has_other_motion:
-                blocks[k] = effect.blocks(smooth)
-            else:
-                blocks[k] = effect.blocks(motion)
-        return blocks
+        return {
+            k: effect.blocks(smooth if smooth is not None and effect.smooth else motion)
+            for k, effect in enumerate(self.effects)
+            if not depends(effect) and k not in left_out
+        }
 
     def joined(
         self, blocks: Mapping[int, list[Block]], count: int

@@ -104,19 +104,18 @@ def gains_from_loads(
     InputError
         For a mass that is not positive and finite.
     """
-    payload = standard_effect("payload")(model.robot)
-    # What is known is in true units, the channels' torques are not.
+    # 1. The rows of all runs, each with its load's mass. What is known is in true units,
+    # the channels' torques are not.
     bare = replace(model.reference_free, gains=None, known={})
+    payload = standard_effect("payload")(model.robot)
     with_load = replace(bare, effects=(*bare.effects, payload))
-    loaded = _loaded(loads, model.robot)
     parts = [(compress(runs, bare), 0.0)]
-    parts += [
-        (compress(FilteredRuns.filtering(x, runs.settings), with_load), mass)
-        for x, mass in loaded
-    ]
+    for run, mass in _loaded(loads, model.robot):
+        loaded = FilteredRuns.filtering(run, runs.settings)
+        parts.append((compress(loaded, with_load), mass))
     p = len(bare.parameters)
     n = model.robot.n
-    # Prior standard deviations of the unknowns x (s,): infinite for the robot's
+    # 2. Prior standard deviations of the unknowns x (s,): infinite for the robot's
     # parameters; of each load's three first moments [kg m] and six moments of inertia
     # [kg m^2]; of the logarithms ln g of the gains.
     reaches = [c.LOAD_REACH] * 3 + [c.LOAD_REACH**2] * 6
@@ -124,6 +123,7 @@ def gains_from_loads(
     prior_std = np.concatenate(
         [np.full(p, np.inf), std_of_loads, np.full(n, prior or c.GAIN_PRIOR)]
     )
+    # 3. Gauss-Newton steps.
     log_gain = np.zeros(n)
     weights = np.ones(n)
     x = np.zeros(len(prior_std))

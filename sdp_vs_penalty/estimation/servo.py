@@ -512,6 +512,7 @@ def servo_log(
         raise InputError(
             what, "log tau1..taun or qcmd1..qcmdn", runs.measurements.names[0]
         )
+    # 1. What the drives move, and by which law.
     drives = [e for e in effects if e.forward == "drive"]
     load = _load_of(problem, effects, has_law=bool(drives), chosen=chosen)
     if not load:
@@ -528,32 +529,33 @@ def servo_log(
     lead = lead_of_friction(load)
     if law.has_lead and not chosen and lead is not None:
         load.append(lead)
+    # 2. Gains at the law's delay.
     progress("balancing the gains")
-    effects_of_law = drives or [effect(problem.robot) for effect in LAWS[law.name]]
-    moves_delay = given_delay is None and law.delay > 0.0
     loop = _Loop(
         problem,
         runs,
         weighting,
         load=tuple(load),
-        drives=effects_of_law,
-        open_delay=moves_delay,
+        drives=drives or [effect(problem.robot) for effect in LAWS[law.name]],
+        open_delay=given_delay is None and law.delay > 0.0,
     )
-    # Estimate the load's shape constants with the gains fixed: gain times control error
-    # is then the torque.
     model, theta = loop.fitted_at_delay(law.delay)
+    # 3. The load's shape constants with the gains fixed: gain times control error is
+    # then the torque.
     gains = {model.parameters[k].name: float(theta[k]) for k in model.error_gains}
     shapes = estimate_shapes(
         replace(model, known=gains), runs, weighting, widest=c.TURNS[-1]
     )
+    # 4. All again with these constants, on a motion free of noise.
     loop = replace(loop, load=with_shapes(load, shapes))
     model, _ = loop.fitted_at_delay(law.delay)
     model, rows, distance = _refined(loop, model, instruments, progress)
-    _, theta = loop.fitted_at_delay(model.effects[-1].shape["T"])
+    delay = model.effects[-1].shape["T"]
+    _, theta = loop.fitted_at_delay(delay)
     details = {
         "limited": find_limited_drives(model, theta, runs),
         "law": "as given" if drives else law.name,
-        "delay": model.effects[-1].shape["T"],
+        "delay": delay,
         "held_out": law.held_out,
         "shapes": [s.to_dict() for s in shapes],
         "motion": distance.tolist(),

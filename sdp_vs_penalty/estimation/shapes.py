@@ -404,26 +404,30 @@ class _ShapeProfile:
         """
         self.folds = folds
         self.banks = banks
+        # 1. Weigh the joints' rows by their noise, in all columns.
         data = folds.least_squares()
         self.weights = np.ones(folds.joints)
         if weighting == "noise":
             fit = scipy.linalg.lstsq(data.R, data.rho, 1e-10, lapack_driver="gelsy")
             self.weights = joint_weights(folds, fit[0])
             data = folds.least_squares(self.weights)
+        # 2. Project the other columns out.
         banks_and_torque = np.column_stack([data.R[:, len(base) :], data.rho])
-        shown, self.shown = column_space(data.R[:, base])
-        projection = shown @ (shown.T @ banks_and_torque)
-        remaining = triangular([banks_and_torque - projection])
+        base_columns, self.shown = column_space(data.R[:, base])
+        explained = base_columns @ (base_columns.T @ banks_and_torque)
+        remaining = triangular([banks_and_torque - explained])
         self.torque = remaining[:, -1]
         self.count = remaining.shape[1] - 1
-        U = span(remaining[:, :-1])
-        residual = self.torque - U @ (U.T @ self.torque)
+        # 3. The variance of what all values of all banks together leave.
+        all_banks = span(remaining[:, :-1])
+        residual = self.torque - all_banks @ (all_banks.T @ self.torque)
         error = float(np.sum(residual**2)) + data.residual_norm**2
         # Exact data have no variance; their constants still have a best value.
         error = max(error, 1e-12 * data.tau_squared) or 1.0
-        n_columns = U.shape[1] + shown.shape[1]
+        n_columns = all_banks.shape[1] + base_columns.shape[1]
         free = max(data.rows - folds.oversampling * n_columns, 1.0)
         self.variance = folds.oversampling * error / free
+        # 4. Each bank by itself.
         self.parts = [
             np.ascontiguousarray(remaining.T[b.columns - len(base)]) for b in banks
         ]

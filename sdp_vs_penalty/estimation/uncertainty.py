@@ -185,11 +185,29 @@ class Sandwich:
             prior = np.sum((w @ self.prior) * w, axis=1)
             variance = self.white * (np.sum(w * w, axis=1) - prior)
             return variance, np.full(len(w), np.inf)
+        information, trace, trace_of_square = self._kernel_traces(w)
+        h = w @ self.scores.T  # (c, B) scores of each function
+        estimates = np.maximum(np.sum(h * (self.kernel @ h.T).T, axis=1), 0.0)
+        # Where rounding leaves nothing of the traces the pooled variance stands alone.
+        is_usable = (trace > 1e-6 * information) & (trace_of_square > 0.0)
+        safe_trace = np.where(is_usable, trace, 1.0)
+        safe_square = np.where(is_usable, trace_of_square, 1.0)
+        freedom = np.where(is_usable, safe_trace**2 / safe_square, 0.0)
+        of_data = freedom * estimates / safe_trace
+        moderated = (POOLED * self.pooled + of_data) / (POOLED + freedom)
+        return moderated * information, freedom + POOLED
+
+    def _kernel_traces(self, w: Array) -> tuple[Array, Array, Array]:
+        """Return w' A w summed over the blocks, tr(K G) and tr(K G K G), each (c,), of
+        functions w (c, r).
+
+        A is a block's Gram matrix. G, the covariance of a function's block scores for
+        white noise, has the block's information w' A w on its diagonal, less the (A w)'
+        (A w) of the fit.
+        """
         K = self.kernel
         n_blocks, r = self.scores.shape
-        # A w of each function and block, A the block's Gram matrix: (c, B, r).
-        Aw = np.moveaxis(self.grams @ w.T, 2, 0)
-        h = w @ self.scores.T  # (c, B) scores of each function
+        Aw = np.moveaxis(self.grams @ w.T, 2, 0)  # (c, B, r)
         information_of_block = np.maximum(np.einsum("cbr,cr->cb", Aw, w), 0.0)
         by_block = np.moveaxis(Aw, 1, 0).reshape(n_blocks, -1)
         KAw = (K @ by_block).reshape(n_blocks, len(w), r)
@@ -199,22 +217,13 @@ class Sandwich:
         transposed = np.swapaxes(Aw, 1, 2)
         M = transposed @ KAw if r < n_blocks else KAw @ transposed
         information = information_of_block.sum(axis=1)
-        # tr(K G), then tr(K G K G), each (c,).
         trace = information - np.trace(M, axis1=1, axis2=2)
         squared_kernel = K.power(2) @ information_of_block.T
         trace_of_square = np.sum(information_of_block * squared_kernel.T, axis=1)
         trace_of_square += np.sum(M * M.swapaxes(1, 2), axis=(1, 2))
         mixed = information_of_block * np.sum(KAw**2, axis=2)
         trace_of_square -= 2.0 * np.sum(mixed, axis=1)
-        estimates = np.maximum(np.sum(h * (K @ h.T).T, axis=1), 0.0)
-        # Where rounding leaves nothing of the traces the pooled variance stands alone.
-        is_usable = (trace > 1e-6 * information) & (trace_of_square > 0.0)
-        safe_trace = np.where(is_usable, trace, 1.0)
-        safe_square = np.where(is_usable, trace_of_square, 1.0)
-        freedom = np.where(is_usable, safe_trace**2 / safe_square, 0.0)
-        of_data = freedom * estimates / safe_trace
-        moderated = (POOLED * self.pooled + of_data) / (POOLED + freedom)
-        return moderated * information, freedom + POOLED
+        return information, trace, trace_of_square
 
     @cached_property
     def factor(self) -> Array:

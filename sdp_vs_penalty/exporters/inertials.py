@@ -108,13 +108,7 @@ class LinkCheck(WritesJson):
         repairs: list[Repair] = []
         is_clear = False
         if not impossible:
-            misfit = written.misfit(written.barycentric())
-            if misfit:
-                repairs = find_repairs(written)[0]
-            elif repairs := find_exchanges(written):
-                misfit = (
-                    "turned: its moments fit its shapes far better about other axes"
-                )
+            misfit, repairs = _misfit_of_possible(written)
         elif inertial.mass > 0.0:
             about_com = inertia.nearest_inertia(inertial.about_com, inertial.mass)
             nearest = replace(inertial, about_com=about_com)
@@ -281,6 +275,18 @@ def _written(
     texts |= {k: "0" if tensor is None else tensor.get(k, "0") for k in MOMENTS}
     texts = {name: text.strip() for name, text in texts.items()}
     return WrittenInertial(texts, pose_of(element)[:3, :3], reach, shape)
+
+
+def _misfit_of_possible(written: WrittenInertial) -> tuple[str, list[Repair]]:
+    """Return how an inertial that can exist does not fit its link, "" where it does, and
+    the mistakes that explain it."""
+    misfit = written.misfit(written.barycentric())
+    if misfit:
+        return misfit, find_repairs(written)[0]
+    exchanges = find_exchanges(written)
+    if exchanges:
+        misfit = "turned: its moments fit its shapes far better about other axes"
+    return misfit, exchanges
 
 
 def _contradictions(link: Any) -> tuple[str, ...]:

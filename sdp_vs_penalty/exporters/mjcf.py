@@ -71,23 +71,8 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     # bodies[k + 1] is the body that joint k carries; bodies[0] is the world.
     for i, part in enumerate(link_parts(robot, content.links)):
         joint = part.joint
-        place = part.joint.placement
-        quat = scipy.spatial.transform.Rotation.from_matrix(place[:3, :3]).as_quat(
-            scalar_first=True
-        )
-        body = element(
-            bodies[joint.parent + 1],
-            "body",
-            name=part.name,
-            pos=place[:3, 3],
-            quat=quat,
-        )
+        body = _add_body(bodies[joint.parent + 1], part)
         bodies.append(body)
-        solid = part.inertial
-        _require_loadable(part)
-        # Ixx, Iyy, Izz, Ixy, Ixz, Iyz.
-        full = solid.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-        element(body, "inertial", pos=solid.com, mass=solid.mass, fullinertia=full)
         kind = "hinge" if joint.kind == "revolute" else "slide"
         attributes: dict[str, Any] = {
             "name": joint.name,
@@ -122,6 +107,20 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
         root.append(equality)
     root.append(actuators)
     return xml_text(root, declaration=False)
+
+
+def _add_body(parent: Any, part: LinkPart) -> Any:
+    """Add the body of a link to its parent's, with its pose and its inertial."""
+    _require_loadable(part)
+    placement = part.joint.placement
+    rotation = scipy.spatial.transform.Rotation.from_matrix(placement[:3, :3])
+    quat = rotation.as_quat(scalar_first=True)
+    body = element(parent, "body", name=part.name, pos=placement[:3, 3], quat=quat)
+    solid = part.inertial
+    # Ixx, Iyy, Izz, Ixy, Ixz, Iyz.
+    full = solid.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    element(body, "inertial", pos=solid.com, mass=solid.mass, fullinertia=full)
+    return body
 
 
 def _require_loadable(part: LinkPart) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 
 from sdp_vs_penalty.ranges.allowed import FAR, AllowedSet
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.solvers.rigorous_bounds import certainly_feasible
 
@@ -60,28 +60,41 @@ def is_ray(allowed: AllowedSet, g: Array, d: Array, c: float) -> bool:
 
 
 def _candidates(allowed: AllowedSet, g: Array) -> Iterator[Array]:
-    """Yield directions (p,): mass at a point of one link that stands still, where the
-    function falls most, and where it does inside of the link's bodies."""
+    """Yield directions (p,) of mass at a point of one link that stands still in every
+    pose: the point at which the function falls most, then points within the link's
+    bodies.
+
+    Mass at a point with homogeneous coordinates u is the pseudo-inertia u u^T, and a
+    linear function of it is u^T G u: the largest eigenvalue has the best u.
+    """
     task = allowed.task
-    spaces = still_points(task.model.robot)
-    for indices, K in zip(task.links, spaces, strict=True):
+    still = still_points(task.model.robot)
+    for indices, K in zip(task.links, still, strict=True):
         if not K.size or not np.any(g[indices]):
             continue
         falls = K.T @ _matrix(-g[indices]) @ K
-        inside = np.zeros_like(falls)
-        for x in allowed.constraints.convex:
-            is_body = x.cone == "nonnegative" and np.array_equal(x.indices, indices)
-            if is_body and x.family != FAR and not np.any(x.constant):
-                for row in x.coefficients.T:
-                    inside += K.T @ _matrix(row / np.linalg.norm(row)) @ K
-        for weight in _BODY_WEIGHTS:
-            u = K @ np.linalg.eigh(falls + weight * inside)[1][:, -1]
+        inside = K.T @ _inside_of_bodies(allowed, indices) @ K
+        has_bodies = bool(np.any(inside))
+        for weight in _BODY_WEIGHTS if has_bodies else _BODY_WEIGHTS[:1]:
+            eigenvectors = np.linalg.eigh(falls + weight * inside)[1]
+            u = K @ eigenvectors[:, -1]
             u = np.where(np.abs(u) > _STILL * np.abs(u).max(), u, 0.0)
-            d = np.zeros(len(g))
-            d[indices] = inertia.from_pseudo_inertia(np.outer(u, u))
-            yield d
-            if not np.any(inside):
-                break
+            direction = np.zeros(len(g))
+            direction[indices] = inertia.from_pseudo_inertia(np.outer(u, u))
+            yield direction
+
+
+def _inside_of_bodies(allowed: AllowedSet, indices: Indices) -> Array:
+    """Return G (4, 4) of which u^T G u is large for points inside of the bodies of a
+    link, whose parameters stand at indices (10,)."""
+    G = np.zeros((4, 4))
+    for constraint in allowed.constraints.convex:
+        is_of_link = np.array_equal(constraint.indices, indices)
+        is_limit = constraint.family == FAR or np.any(constraint.constant)
+        if constraint.cone == "nonnegative" and is_of_link and not is_limit:
+            for row in constraint.coefficients.T:
+                G += _matrix(row / np.linalg.norm(row))
+    return G
 
 
 def _matrix(row: Array) -> Array:

@@ -515,45 +515,49 @@ def _values(ends: tuple[End | NonlinearEnd, End | NonlinearEnd]) -> tuple[float,
 def _ends(
     allowed: AllowedSet, chosen: Sequence[Function], more: float = 0.0
 ) -> list[tuple[End | NonlinearEnd, End | NonlinearEnd]]:
-    """Return least and greatest end of each function over a set."""
+    """Return least and greatest end of each function over a set.
+
+    A coordinate of a centre of mass (m c / m) needs the range of the link's mass; an
+    inertia about the centre of mass needs the ranges of all three coordinates.
+    """
     search = EndSearch(allowed, more)
-    parameters = allowed.task.model.parameters
-    unit = np.eye(len(parameters))
-    links = sorted({f.place[0] for f in chosen if f.place is not None})
-    mass_by_link = {k: parameters[allowed.task.links[k, 0]].name for k in links}
-    # Centres of mass and inertias about them need the masses' own ranges.
-    needed = {f.name: f.g for f in chosen if f.g is not None}
-    for link, name in mass_by_link.items():
-        needed.setdefault(name, unit[allowed.task.links[link, 0]])
-    ends = search.both(list(needed.values()))
-    out: dict[str, tuple[End | NonlinearEnd, End | NonlinearEnd]]
-    out = dict(zip(needed, ends, strict=True))
-    mass_ends = dict(zip(needed, ends, strict=True))
-    wanted = {
-        link: {f.name: f.place[1] for f in chosen if f.place and f.place[0] == link}
-        for link in links
+    model = allowed.task.model
+    indices = allowed.task.links  # (links, 10) places of the links' parameters
+    unit = np.eye(len(model.parameters))
+    places = [f.place for f in chosen if f.place is not None]  # (link, entry)
+    entries = {
+        link: [entry for k, entry in places if k == link] for link, _ in sorted(places)
     }
-    # Inertias about the centre of mass need all three of its coordinates.
-    places = [
+    # 1. Linear functions, the masses of those links among them.
+    linear = {f.name: f.g for f in chosen if f.g is not None}
+    mass_name = {link: model.parameters[indices[link, 0]].name for link in entries}
+    for link, name in mass_name.items():
+        linear.setdefault(name, unit[indices[link, 0]])
+    ends_by_name = dict(zip(linear, search.both(list(linear.values())), strict=True))
+    # 2. Coordinates of centres of mass (entries 1 to 3).
+    coordinates = [
         (link, axis)
-        for link, names in wanted.items()
+        for link in entries
         for axis in (1, 2, 3)
-        if axis in names.values() or max(names.values()) >= 4
+        if axis in entries[link] or max(entries[link]) >= 4
     ]
-    mass = [mass_ends[mass_by_link[link]] for link, _ in places]
-    numerators = [unit[allowed.task.links[link, axis]] for link, axis in places]
-    denominators = [unit[allowed.task.links[link, 0]] for link, _ in places]
-    centres = ratios(search, numerators, mass, denominators)
-    for link, names in wanted.items():
-        by_entry = {
-            axis: centre
-            for (of, axis), centre in zip(places, centres, strict=True)
-            if of == link
-        }
-        moments = [entry for entry in names.values() if entry >= 4]
+    found = ratios(
+        search,
+        numerators=[unit[indices[place]] for place in coordinates],
+        masses=[ends_by_name[mass_name[link]] for link, _ in coordinates],
+        denominators=[unit[indices[link, 0]] for link, _ in coordinates],
+    )
+    ends_by_place: dict[tuple[int, int], tuple[End | NonlinearEnd, End | NonlinearEnd]]
+    ends_by_place = dict(zip(coordinates, found, strict=True))
+    # 3. Inertias about the centres of mass (entries from 4).
+    for link, entries_of_link in entries.items():
+        moments = [entry for entry in entries_of_link if entry >= 4]
         if moments:
-            centre = [by_entry[axis] for axis in (1, 2, 3)]
-            found = inertias(search, allowed.task.links[link], moments, centre)
-            by_entry |= dict(zip(moments, found, strict=True))
-        out |= {name: by_entry[entry] for name, entry in names.items()}
-    return [out[f.name] for f in chosen]
+            centre = [ends_by_place[link, axis] for axis in (1, 2, 3)]
+            found = inertias(search, indices[link], moments, centre)
+            moment_places = [(link, entry) for entry in moments]
+            ends_by_place |= dict(zip(moment_places, found, strict=True))
+    return [
+        ends_by_name[f.name] if f.place is None else ends_by_place[f.place]
+        for f in chosen
+    ]

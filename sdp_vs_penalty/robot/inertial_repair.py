@@ -272,34 +272,38 @@ def _second(barycentric: Array) -> Array:
 
 def _hypotheses(written: WrittenInertial) -> Iterator[tuple[str, dict[str, str], int]]:
     """Yield each mistake's sentence, the texts that it changes, and its characters."""
-    texts = written.texts
     for name in ("mass", *CENTRE, *MOMENTS):
         yield from _of_one_number(written, name)
-    for group in (CENTRE, MOMENTS):
-        for a, b in combinations(group, 2):
-            if float(texts[a]) != float(texts[b]):
-                swapped = {a: texts[b], b: texts[a]}
-                yield f"{a} and {b} are exchanged{_now(swapped)}", swapped, _CONVENTION
+    for sentence, changed in _of_conventions(written.texts):
+        yield f"{sentence}{_now(changed)}", changed, _CONVENTION
+    diagonal = {name: written.texts[name] for name in ("ixx", "iyy", "izz")}
+    changed = {k: _negated(text) for k, text in diagonal.items() if float(text) < 0.0}
+    if len(changed) > 1:
+        yield f"moments have the wrong sign{_now(changed)}", changed, len(changed)
+    yield _about_origin(written)
+
+
+def _of_conventions(texts: Mapping[str, str]) -> Iterator[tuple[str, dict[str, str]]]:
+    """Yield mistakes of whoever follows another convention, and the texts that each
+    changes: numbers exchanged, or in another order, sign or unit."""
+    for a, b in (*combinations(CENTRE, 2), *combinations(MOMENTS, 2)):
+        if float(texts[a]) != float(texts[b]):
+            yield f"{a} and {b} are exchanged", {a: texts[b], b: texts[a]}
+    moments = [texts[name] for name in MOMENTS]
     for order in _ORDERS:
-        values = [texts[name] for name in MOMENTS]
-        changed = dict(zip(order, values, strict=True))
-        names = " ".join(order)
-        sentence = f"the six numbers are in the order {names}{_now(changed)}"
-        yield sentence, changed, _CONVENTION
+        changed = dict(zip(order, moments, strict=True))
+        yield f"the six numbers are in the order {' '.join(order)}", changed
     signs = {name: _negated(texts[name]) for name in PRODUCTS}
-    sentence = "the products of inertia have the other sign, as CAD programs write them"
-    yield f"{sentence}{_now(signs)}", signs, _CONVENTION
+    yield (
+        "the products of inertia have the other sign, as CAD programs write them",
+        signs,
+    )
     for k, unit in _INERTIA_UNITS.items():
         changed = {name: _shifted(texts[name], -k)[0] for name in MOMENTS}
-        yield f"the inertia is in {unit}{_now(changed)}", changed, _CONVENTION
+        yield f"the inertia is in {unit}", changed
     for k, unit in _CENTRE_UNITS.items():
         changed = {name: _shifted(texts[name], -k)[0] for name in CENTRE}
-        yield f"the centre of mass is in {unit}{_now(changed)}", changed, _CONVENTION
-    negative = [n for n in ("ixx", "iyy", "izz") if float(texts[n]) < 0.0]
-    if len(negative) > 1:
-        changed = {name: _negated(texts[name]) for name in negative}
-        yield f"moments have the wrong sign{_now(changed)}", changed, len(negative)
-    yield _about_origin(written)
+        yield f"the centre of mass is in {unit}", changed
 
 
 def _of_one_number(

@@ -7,7 +7,7 @@ MuJoCo parses in a process of its own: a broken file ends that process.
 
 import os
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -320,12 +320,8 @@ def _drop_shapes(spec: Any) -> None:
     """
     import mujoco
 
-    if (
-        spec.compiler.inertiafromgeom
-        == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-    ):
-        return
-    if len(spec.tendons):
+    takes_shapes = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    if spec.compiler.inertiafromgeom == takes_shapes or len(spec.tendons):
         return
     for element in (*spec.sensors, *spec.pairs, *spec.skins, *spec.keys):
         spec.delete(element)
@@ -333,21 +329,18 @@ def _drop_shapes(spec: Any) -> None:
         if body.explicitinertial or body.name == "world":
             for geom in list(body.geoms):
                 spec.delete(geom)
-    needed = {geom.meshname for geom in spec.geoms}
-    for mesh in list(spec.meshes):
-        if mesh.name not in needed:
-            spec.delete(mesh)
-    for material in list(spec.materials):
-        if all(geom.material != material.name for geom in spec.geoms):
-            spec.delete(material)
-    fields = {geom.hfieldname for geom in spec.geoms}
-    for field in list(spec.hfields):
-        if field.name not in fields:
-            spec.delete(field)
-    used = {name for material in spec.materials for name in material.textures}
-    for texture in list(spec.textures):
-        if texture.name not in used:
-            spec.delete(texture)
+    _keep(spec, spec.meshes, {geom.meshname for geom in spec.geoms})
+    _keep(spec, spec.materials, {geom.material for geom in spec.geoms})
+    _keep(spec, spec.hfields, {geom.hfieldname for geom in spec.geoms})
+    textures = {name for material in spec.materials for name in material.textures}
+    _keep(spec, spec.textures, textures)
+
+
+def _keep(spec: Any, elements: Iterable[Any], names: Collection[str]) -> None:
+    """Remove from MuJoCo's specification those elements that have none of the names."""
+    for element in list(elements):
+        if element.name not in names:
+            spec.delete(element)
 
 
 def _name_of_model(model: object) -> str:

@@ -307,21 +307,14 @@ def declared_sets() -> tuple[dict[str, str], frozenset[str]]:
     those count whose names have the least hash; quick are the first of the drawn ones
     that are small and need no measurements.
     """
+    n_quick, most_links = _QUICK
     by_hash = sorted(
         everything(), key=lambda e: hashlib.sha256(e.name.encode()).digest()
     )
-    posed = [e for e in by_hash if e.families[-1] not in FORMS]
-    strata = [[e for e in posed if e.robot == robot] for robot in ROBOTS]
-    arms = [e for e in posed if e.robot not in ROBOTS]
-    for most in _DRAWN_ARMS:
-        strata.append([e for e in arms if e.links <= most])
-        arms = [e for e in arms if e.links > most]
-    n_quick, most_links = _QUICK
-    forms = [e for e in by_hash if e not in posed][:_DRAWN_FORMS]
+    forms = [e for e in by_hash if e.families[-1] in FORMS][:_DRAWN_FORMS]
     sets = {e.name: "conic form" for e in forms}
     quick = [e.name for e in forms[:n_quick]]
-    counts = [*_DRAWN.values(), *_DRAWN_ARMS.values()]
-    for stratum, (n_drawn, n_untouched) in zip(strata, counts, strict=True):
+    for stratum, n_drawn, n_untouched in _strata(by_hash):
         fresh = [e for e in stratum if not re.fullmatch(_TUNED_ON, e.name)]
         untouched = fresh[:n_untouched]
         drawn = [e for e in stratum if e not in untouched][:n_drawn]
@@ -330,6 +323,18 @@ def declared_sets() -> tuple[dict[str, str], frozenset[str]]:
         small = [e for e in drawn if e.links <= most_links and not e.measured]
         quick += [e.name for e in small[:n_quick]]
     return sets, frozenset(quick)
+
+
+def _strata(entries: Sequence[Entry]) -> Iterator[tuple[list[Entry], int, int]]:
+    """Yield the instances of each robot, and of random arms by size, that are posed as a
+    user poses them; with each how many are drawn, and how many stay untouched."""
+    posed = [e for e in entries if e.families[-1] not in FORMS]
+    for robot, (n_drawn, n_untouched) in _DRAWN.items():
+        yield [e for e in posed if e.robot == robot], n_drawn, n_untouched
+    arms = [e for e in posed if e.robot not in ROBOTS]
+    for most_links, (n_drawn, n_untouched) in _DRAWN_ARMS.items():
+        yield [e for e in arms if e.links <= most_links], n_drawn, n_untouched
+        arms = [e for e in arms if e.links > most_links]
 
 
 def _robots() -> Iterator[Entry]:

@@ -22,7 +22,7 @@ from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.constraint import Constraint, cone_margin
 from sdp_vs_penalty.shootout.instances import Instance
-from sdp_vs_penalty.solvers.conic import Solution, unsvec
+from sdp_vs_penalty.solvers.conic import Cone, Solution, unsvec
 from sdp_vs_penalty.solvers.fit import Fit
 from sdp_vs_penalty.solvers.identification import unit_diagonal_factors
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_proof
@@ -238,23 +238,36 @@ def dimacs_errors(instance: Instance, solution: Solution | None) -> tuple[float,
     square = float(x @ (P @ x))
     primal = 0.5 * square + float(problem.q @ x)
     dual = -0.5 * square - float(problem.b @ z)
-    first, violations = 0, [0.0, 0.0]
-    for cone in problem.cones:
-        rows = slice(first, first + cone.rows)
-        first = rows.stop
-        for k, value in enumerate((s[rows], z[rows])):
-            if cone.kind == "zero":
-                depth = 0.0 if k else -float(np.abs(value).max(initial=0.0))
-            else:
-                member = unsvec(value, cone.size) if cone.kind == "psd" else value
-                depth = _margin(cone.kind, member)
-            violations[k] = max(violations[k], -depth)
     slope = float(np.linalg.norm(P @ x + problem.q + problem.A.T @ z))
     of_b = 1.0 + float(np.linalg.norm(problem.b))
     of_q = 1.0 + float(np.linalg.norm(problem.q))
     of_both = 1.0 + abs(primal) + abs(dual)
-    gaps = (primal - dual) / of_both, float(s @ z) / of_both
-    return (0.0, violations[0] / of_b, slope / of_q, violations[1] / of_q, *gaps)
+    return (
+        0.0,
+        _violation(problem.cones, s) / of_b,
+        slope / of_q,
+        _violation(problem.cones, z, is_dual=True) / of_q,
+        (primal - dual) / of_both,
+        float(s @ z) / of_both,
+    )
+
+
+def _violation(cones: Sequence[Cone], value: Array, is_dual: bool = False) -> float:
+    """Return how far the worst part of a vector lies outside of its cone, or of the dual
+    cone: all cones here are their own duals but "zero", whose dual is everything."""
+    worst = 0.0
+    for cone, part in zip(cones, _by_cone(cones, value), strict=True):
+        if cone.kind != "zero":
+            member = unsvec(part, cone.size) if cone.kind == "psd" else part
+            worst = max(worst, -_margin(cone.kind, member))
+        elif not is_dual:
+            worst = max(worst, float(np.abs(part).max(initial=0.0)))
+    return worst
+
+
+def _by_cone(cones: Sequence[Cone], value: Array) -> list[Array]:
+    """Cut a vector into the parts of its cones."""
+    return np.split(value, np.cumsum([cone.rows for cone in cones])[:-1])
 
 
 def _margin(kind: str, value: Array) -> float:

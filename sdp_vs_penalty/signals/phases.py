@@ -292,17 +292,19 @@ def phase_windows(
         Windows for training and for testing [s from the run's start]; None where the
         motion is too short, or repeats too fast.
     """
+    # 1. The largest number of parts, each [trained, pause, tested, pause], that leaves
+    # room for training; of the last choice half of a part is enough.
     length = float(clock.length if clock.periodic else span)
     for n_parts in range(5, 0, -1):
         part = length / n_parts
         tested = max((1.0 - share) * part, 0.2 * part + 2.0 * pause, shortest)
         trained = part - tested - 2.0 * pause
-        # Fewer parts leave more room for training; of the last choice half is enough.
         least_trained = 0.6 if n_parts > 1 else 0.5
         if trained >= max(shortest, least_trained * part - 1e-9):
             break
     else:
         return None
+    # 2. These parts in each repetition of the motion, up to the run's end.
     train = []
     test = []
     for begin in np.arange(0.0, span, length).tolist():  # of each repetition

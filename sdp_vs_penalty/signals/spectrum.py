@@ -272,16 +272,15 @@ def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
     # The spectrum is smoothed over 1 Hz.
     width = min(max(1, int(1.0 / frequency[1])), len(frequency))
     errors = []
-    for power in powers.T:
+    for power in powers.T:  # of each joint
         # At the highest frequencies there is only noise; it is taken for white.
         noise = float(power[frequency > c.LAST / part.dt].mean())
         smooth = np.convolve(power, np.ones(width) / width, mode="same")
-        is_noise = smooth < c.ABOVE * noise
-        end_of_motion = min(frequency[is_noise], default=np.inf)
-        motion = np.where(frequency < end_of_motion, power, 0.0) * transfer
-        if motion.any():
-            total = motion.sum()
-            errors.append((motion @ taken / total, noise * noise_gain / total))
+        end_of_motion = min(frequency[smooth < c.ABOVE * noise], default=np.inf)
+        acceleration = np.where(frequency < end_of_motion, power, 0.0) * transfer
+        total = acceleration.sum()
+        if acceleration.any():
+            errors.append((acceleration @ taken / total, noise * noise_gain / total))
     return np.array(errors).reshape(-1, 2, len(cutoffs)).swapaxes(0, 1)
 
 

@@ -38,6 +38,12 @@ if TYPE_CHECKING:
 
 Drive = Literal["torque", "pd", "servo"]
 
+#: Length of the windows that are simulated [s].
+_HORIZON = 0.1
+#: Bandwidth of the loop of drive "pd" [Hz].
+_LOOP_BANDWIDTH = 5.0
+#: How many models are drawn from the parameters' intervals for the free runs' band.
+_DRAWS = 8
 #: A free run has left the measured one beyond this error [rad, m].
 _LEFT = {"rad": 0.5, "m": 0.1}
 
@@ -323,9 +329,6 @@ def follow(
     seed: int = 0,
     steps: int | None = None,
     progress: Progress = no_progress,
-    horizon: float = 0.1,
-    bandwidth: float = 5.0,
-    draws: int = 8,
     windows: int = 200,
 ) -> Following:
     """Run a model forward along measured runs, and compare the motion.
@@ -349,12 +352,6 @@ def follow(
         a long recording is reduced to windows, as many as show its noise.
     progress : callable
         Called with a short text at each step of the computation.
-    horizon : float
-        Length of a window [s].
-    bandwidth : float
-        Bandwidth of the loop of drive "pd" [Hz].
-    draws : int
-        Number of models drawn from the parameters' intervals, for the free runs' band.
     windows : int
         Largest number of windows of each run.
 
@@ -371,14 +368,8 @@ def follow(
     estimate = as_estimate(model, "follow(model=...)")
     if drive not in ("torque", "pd", "servo"):
         raise InputError(f"unknown drive {drive!r}", "choose torque, pd or servo")
-    for name, value, low, high in (
-        ("steps", steps if steps is not None else 1, 1, 10**9),
-        ("horizon", horizon, 1e-3, 1e4),
-        ("bandwidth", bandwidth, 1e-3, 1e4),
-        ("draws", draws, 0, 1e4),
-        ("windows", windows, 1, 1e5),
-    ):
-        require_in_range(f"follow({name})", value, low, high)
+    require_in_range("follow(steps)", 1 if steps is None else steps, 1, 10**9)
+    require_in_range("follow(windows)", windows, 1, 1e5)
     runs = as_measurements(
         measurements,
         estimate.robot.n,
@@ -404,17 +395,17 @@ def follow(
     courses = [
         course
         for run in runs.runs()
-        for course in courses_of(run, estimate, plant, 2.0 * horizon)
+        for course in courses_of(run, estimate, plant, 2.0 * _HORIZON)
     ]
-    loop = (plant, 2.0 * np.pi * bandwidth) if drive == "pd" else None
+    loop = (plant, 2.0 * np.pi * _LOOP_BANDWIDTH) if drive == "pd" else None
     servo = ServoLoop(estimate.model, estimate.theta) if drive == "servo" else None
     rides = [_Ride(plant, course, loop, servo) for course in courses]
     progress("simulating windows")
-    errors_of_rides = [_windows(ride, horizon, windows) for ride in rides]
+    errors_of_rides = [_windows(ride, windows) for ride in rides]
     # Each kind of error (W, n) over the windows of all runs.
     errors_by_kind = list(map(np.concatenate, zip(*errors_of_rides, strict=True)))
     one, far, naive_one, naive_far = errors_by_kind
-    drawn = _drawn(estimate, seed, draws)
+    drawn = _drawn(estimate, seed)
     free = []
     for ride in rides:
         progress(f"simulating {ride.course.name} freely")
@@ -427,7 +418,7 @@ def follow(
         drive,
         estimate.robot.position_units,
         one_step=Ahead.from_errors(courses[0].dt, one, naive_one),
-        ahead=Ahead.from_errors(horizon, far, naive_far),
+        ahead=Ahead.from_errors(_HORIZON, far, naive_far),
         free=tuple(free),
         left_out=plant.left_out,
     )
@@ -520,17 +511,8 @@ class _Ride:
         return state
 
 
-def _windows(
-    ride: _Ride, horizon: float, most_windows: int
-) -> tuple[Array, Array, Array, Array]:
+def _windows(ride: _Ride, most_windows: int) -> tuple[Array, Array, Array, Array]:
     """Simulate short windows spread evenly over the moving part of a run.
-
-    Parameters
-    ----------
-    ride : _Ride
-        Plant, measured run and drive.
-    horizon : float
-        Length of a window [s].
 
     Returns
     -------
@@ -541,7 +523,7 @@ def _windows(
     course = ride.course
     states = ride.course.states
     dt = ride.course.dt
-    steps = max(1, round(horizon / dt))
+    steps = max(1, round(_HORIZON / dt))
     candidates = np.flatnonzero(course.moving[: len(states.t) - steps - 1])
     if not len(candidates):
         candidates = np.arange(len(states.t) - steps - 1)
@@ -564,7 +546,7 @@ def _windows(
     )
 
 
-def _drawn(estimate: Estimate, seed: int, draws: int) -> Array:
+def _drawn(estimate: Estimate, seed: int) -> Array:
     """Return the parameters, and samples of them from their estimated covariance.
 
     Samples with a mass matrix that is not positive definite are left out, because they
@@ -580,7 +562,7 @@ def _drawn(estimate: Estimate, seed: int, draws: int) -> Array:
     Returns
     -------
     (1 + d, p) array
-        The estimate itself first; d <= draws.
+        The estimate itself first; d <= _DRAWS.
     """
     # (p, r) factor L of the covariance L L^T, and the standard deviations (p,).
     factor = np.nan_to_num(estimate.uncertainty.factor)
@@ -590,7 +572,7 @@ def _drawn(estimate: Estimate, seed: int, draws: int) -> Array:
     u, s, _ = np.linalg.svd(factor / std[:, None], full_matrices=False)
     # The symmetric root U S U^T of the correlation is unique; signs of the factor's
     # columns depend on rounding.
-    normal = np.random.default_rng(seed).normal(size=(draws, len(std)))
+    normal = np.random.default_rng(seed).normal(size=(_DRAWS, len(std)))
     correlated = normal @ (u * s) @ u.T
     samples = estimate.theta + correlated * std
     movable = [x for x in samples if Plant(estimate.model, x).can_move]
@@ -613,51 +595,65 @@ def _free_run(
     # All samples of the parameters are simulated at once; row 0 is the model itself.
     ride = replace(measured, plant=Plant(estimate.model, drawn))
     course = ride.course
-    states = ride.course.states
-    size = len(drawn)
+    states = course.states
     # Distance from which the simulation counts as having left the measured motion.
     limit = np.array([_LEFT[unit] for unit in estimate.robot.position_units])
     start = int(np.flatnonzero(course.moving)[0]) if course.moving.any() else 0
-    # Every simulation starts from the measured state.
-    state = states.rows(np.full(size, start))
-    q = [state.q]
-    added = []
-    left = False
     end = len(course.torque) - 1
     if most_steps is not None:
         end = min(end, start + most_steps)
-    for k in range(start, end):
-        sample = np.full(size, k)
-        if ride.loop is not None:
-            loop_torque, _ = ride.added(state, sample, share=0.0, h=0.0)
-            added.append(loop_torque[0])
-        state = ride.step(state, sample)
-        q.append(state.q)
-        # "not <=" is true for nan as well, where the simulation has overflown.
-        if not np.all(np.abs(state.q[0] - states.q[k + 1]) <= limit):
-            left = True
-            break
-    motion = np.array(q)  # (samples, 1 + d, n): the model's motion first
-    until = start + len(q)
-    error = motion[:, 0] - states.q[start:until]
+    motion, loop_torque = _simulated_freely(ride, start, end, limit)
+    until = start + len(motion)
+    # "not <=" is true for nan as well, where the simulation has overflown.
+    last_error = np.abs(motion[-1, 0] - states.q[until - 1])
+    has_left = not np.all(last_error <= limit)
     # Half width of the 95 % band that the parameters' uncertainty makes of the motion.
     spread = None
-    if size > 2:
+    if len(drawn) > 2:
         deviation = motion[:, 1:] - motion[:, :1]
         spread = NORMAL_95 * np.sqrt(np.nanmean(deviation**2, axis=(0, 1)))
     torque = course.torque[start:until]
     t = states.t[start:until]
     return FreeRun(
         seconds=float(t[-1] - t[0]),
-        left=left,
-        rms=_rms(error),
+        left=has_left,
+        rms=_rms(motion[:, 0] - states.q[start:until]),
         spread=spread,
-        loop=_rms(np.array(added)) if added else None,
+        loop=_rms(loop_torque) if len(loop_torque) else None,
         torque=_rms(torque),
         simulated=Measurements(t, motion[:, 0], torque, names=(course.name,)),
         measured=states.q[start:until],
-        cut=not left and bool(states.t[-1] - states.t[end] > 1.0),
+        cut=not has_left and bool(states.t[-1] - states.t[end] > 1.0),
     )
+
+
+def _simulated_freely(
+    ride: _Ride, start: int, end: int, limit: Array
+) -> tuple[Array, Array]:
+    """Simulate the samples from ``start`` to ``end``, from the measured state; stop where
+    the first model is farther than limit (n,) from the measured motion.
+
+    Returns
+    -------
+    (samples, models, n) array
+        Positions of all models of the ride's plant.
+    (steps, n) array
+        Torque that the loop adds for the first model; no steps without a loop.
+    """
+    measured = ride.course.states
+    n_models = len(ride.plant.theta)
+    state = measured.rows(np.full(n_models, start))
+    motion = [state.q]
+    loop_torque = []
+    for k in range(start, end):
+        sample = np.full(n_models, k)
+        if ride.loop is not None:
+            loop_torque.append(ride.added(state, sample, share=0.0, h=0.0)[0][0])
+        state = ride.step(state, sample)
+        motion.append(state.q)
+        if not np.all(np.abs(state.q[0] - measured.q[k + 1]) <= limit):
+            break
+    return np.array(motion), np.array(loop_torque)
 
 
 def _rms(error: Array) -> Array:

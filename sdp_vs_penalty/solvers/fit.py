@@ -12,7 +12,7 @@ so that any multipliers, projected onto their cones, give a lower bound on the o
 good ones give a tight one. Nothing a solver says about itself enters.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -183,25 +183,9 @@ def _polished(e: DualEvidence, problem: ConvexProblem) -> DualEvidence:
     data = problem.least_squares
     entries = problem.constraints.entries
     bound = problem.bound
-    p = len(bound)
-    # Gradient (p,) of the objective's linear terms, the entropic prior included.
-    slope = problem.linear
-    entropy = problem.entropy
-    if entropy is not None:
-        pulls = entropy.weight * (entropy.nominal_terms[0] - e.entropy_slopes)
-        slope = slope + entropy.entries.adjoint(pulls.ravel(), p)
-    # Directions that the data determine, in units of the bounds.
+    slope = _objective_slope(e, problem)
     pull = 2.0 * data.R.T
-    u, strength, vt = np.linalg.svd(data.R * bound, full_matrices=False)
-    is_active = strength > _CUT * strength.max(initial=0.0)
-
-    def push(slope: Array) -> Array:
-        """Return the shift of y (r,) that removes a dual slope (p,), which is scaled by
-        bound.
-        """
-        in_directions = vt[is_active] @ slope
-        return u[:, is_active] @ (in_directions / (2.0 * strength[is_active]))
-
+    push = _slope_remover(data.R * bound)
     # Scale each matrix F to T F T with a unit diagonal: else the projection would
     # depend on units.
     terms = zip(entries.groups, entries.split(entries.at(bound)[1]), strict=True)
@@ -215,18 +199,18 @@ def _polished(e: DualEvidence, problem: ConvexProblem) -> DualEvidence:
     holds_links = any(_is_of_link(g) for g in entries.groups)
     best = -np.inf  # the largest lower bound so far, up to a constant
     for _ in range(_DUAL_ROUNDS):
-        # Project the multipliers onto their cones.
+        # 1. Project the multipliers onto their cones.
         dual = [
             t * project(g.cone, s / t)
             for g, s, t in zip(entries.groups, dual, sizes, strict=True)
         ]
         flat = np.concatenate([np.zeros(0), *(s.ravel() for s in dual)])
-        # Remove by y what the data determine; twice, for rounding.
+        # 2. Remove by y what the data determine; twice, for rounding.
+        slope_with_duals = slope - entries.adjoint(flat, len(bound))
         y = e.y
         for _ in range(2):
-            leftover_slope = slope - entries.adjoint(flat, p) + pull @ y
-            y = y - push(bound * leftover_slope)
-        leftover = slope - entries.adjoint(flat, p) + pull @ y
+            y = y - push(bound * (slope_with_duals + pull @ y))
+        leftover = slope_with_duals + pull @ y
         cost = float(np.abs(leftover) @ bound)
         value = (
             -float(entries.constant @ flat)
@@ -235,12 +219,12 @@ def _polished(e: DualEvidence, problem: ConvexProblem) -> DualEvidence:
             - cost
         )
         gained = value - best
-        best = max(best, value)
         if gained > 0.0:
+            best = value
             multipliers = flat
         if gained <= _WORTHWHILE * cost or not holds_links:
             break
-        # Put the slope that is left into the multipliers of the links' matrices.
+        # 3. Put the slope that is left into the multipliers of the links' matrices.
         dual = [
             (
                 s + t * np.einsum("gk,gkab->gab", leftover[g.indices], _inverse(g, t))
@@ -250,6 +234,30 @@ def _polished(e: DualEvidence, problem: ConvexProblem) -> DualEvidence:
             for g, s, t in zip(entries.groups, dual, sizes, strict=True)
         ]
     return replace(e, multipliers=multipliers, push=push)
+
+
+def _objective_slope(e: DualEvidence, problem: ConvexProblem) -> Array:
+    """Return the gradient (p,) of the objective but for its squares: of its linear
+    terms, and of the tangent of the entropic prior."""
+    if problem.entropy is None:
+        return problem.linear
+    prior = problem.entropy
+    pulls = prior.weight * (prior.nominal_terms[0] - e.entropy_slopes)
+    return problem.linear + prior.entries.adjoint(pulls.ravel(), len(problem.bound))
+
+
+def _slope_remover(scaled_R: Array) -> Callable[[Array], Array]:
+    """Return the function from a dual slope (p,), scaled by the parameters' bounds as the
+    columns of R are, to the shift of y (r,) that removes it in all directions that the
+    data determine."""
+    u, strength, vt = np.linalg.svd(scaled_R, full_matrices=False)
+    is_active = strength > _CUT * strength.max(initial=0.0)
+
+    def push(slope: Array) -> Array:
+        in_directions = vt[is_active] @ slope
+        return u[:, is_active] @ (in_directions / (2.0 * strength[is_active]))
+
+    return push
 
 
 def _is_of_link(group: ConeGroup) -> bool:

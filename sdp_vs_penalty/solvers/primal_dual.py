@@ -113,7 +113,7 @@ class _InteriorPoint:
         """
         self.cones = cones
         self.data = data
-        self.theta = start.theta if isinstance(start, Iterate) else start
+        # 1. Arrays that all steps share.
         self.both = np.empty((2, len(cones.constant)))
         self.rows, self.mats = self._views(self.both)
         self.change = np.empty_like(self.both)
@@ -128,6 +128,8 @@ class _InteriorPoint:
         # z / s of the rows, then a view of the blocks' Kronecker products.
         self.products = np.empty(cones.curvature.shape[1])
         self.kronecker = self.products[cones.rows :].reshape(-1, *(ORDER,) * 4)
+        # 2. Slacks and multipliers of the start.
+        self.theta = start.theta if isinstance(start, Iterate) else start
         self.both[0] = cones.constant + cones.slack_map @ self.theta
         np.linalg.cholesky(self.mats[0])  # raises unless positive definite
         if isinstance(start, Iterate):
@@ -196,8 +198,7 @@ class _InteriorPoint:
         return Iterate(self.theta, self.both[1].copy())
 
     def factorize(self) -> float:
-        """Factorise the Newton system H = R^T R + curvature of the cones; solve the
-        predictor.
+        """Factorise the Newton system, and solve it for the predictor.
 
         Index 0 of ``rows`` and ``mats`` are slacks S, index 1 multipliers Z. Sets
         ``step`` (p,), the predictor (a Newton step towards complementarity zero), and
@@ -206,13 +207,32 @@ class _InteriorPoint:
         residual, over the loss.
         """
         cones = self.cones
-        # 1. Blocks: S = L L^T and Z likewise; roots L^-1, their transposes, and S^-1.
+        # Blocks: S = L L^T and Z likewise; roots L^-1, their transposes, and S^-1.
         self.factors = np.linalg.cholesky(self.mats)
         self.roots = np.linalg.inv(self.factors)
         self.turned = np.swapaxes(self.roots, -1, -2)
         self.inverse = self.turned[0] @ self.roots[0]
         self.evaluate()
-        # 2. The Hessian H: z / s of the rows, Kronecker products of S^-1 and Z.
+        self._factorize_hessian()
+        # Predictor and correction of the dual residual, by one pair of triangular solves.
+        self.leftover = self.gradient - cones.adjoint @ self.both[1]
+        self.set_target(0.0)
+        towards_target = cones.adjoint @ self.target - self.gradient
+        right_sides = np.array([towards_target, self.leftover])
+        solutions, _ = scipy.linalg.lapack.dpotrs(self.cholesky, right_sides.T, lower=1)
+        self.step, self.correction = solutions.T
+        # Half the square of Newton's decrement: the cost of the dual residual.
+        cost = 0.5 * float(self.leftover @ self.correction)
+        # The loss, or rounding of it where a model explains all; 1 without torque.
+        scale = max(self.loss, 1e-12 * self.data.tau_squared) or 1.0
+        error = float((max(self._duality_gap(), 0.0) + max(cost, 0.0)) / scale)
+        return error if math.isfinite(error) else math.inf
+
+    def _factorize_hessian(self) -> None:
+        """Factorise H = R^T R + curvature of the cones: z / s of the rows, Kronecker
+        products of S^-1 and Z of the blocks. Raises LinAlgError unless it is positive
+        definite."""
+        cones = self.cones
         ratios = self.products[: cones.rows]
         np.divide(self.rows[1], self.rows[0], out=ratios)
         inverse = self.inverse[:, :, :, None, None]
@@ -227,26 +247,15 @@ class _InteriorPoint:
         )
         if failed:
             raise np.linalg.LinAlgError
-        # 3. Predictor and correction of the dual residual, by one pair of triangular
-        # solves.
-        self.leftover = self.gradient - cones.adjoint @ self.both[1]
-        self.set_target(0.0)
-        towards_target = cones.adjoint @ self.target - self.gradient
-        right_sides = np.array([towards_target, self.leftover])
-        solutions, _ = scipy.linalg.lapack.dpotrs(self.cholesky, right_sides.T, lower=1)
-        self.step, self.correction = solutions.T
-        # 4. Duality gap: <S, Z> - sum w (4 + log det S Z - 4 log w) over the blocks.
+
+    def _duality_gap(self) -> float:
+        """Return <S, Z> - sum w (4 + log det S Z - 4 log w) over the blocks."""
+        weight = self.cones.weight
         products = float(self.both[0] @ self.both[1])
-        gap = products - ORDER * float(cones.weight.sum())
         diagonals = np.diagonal(self.factors, axis1=-2, axis2=-1)
-        logs = np.log(diagonals).sum(axis=(0, 2))
-        gap -= 2.0 * float(cones.weight @ logs) - ORDER * self.logs
-        # Half the square of Newton's decrement: the cost of the dual residual.
-        cost = 0.5 * float(self.leftover @ self.correction)
-        # The loss, or rounding of it where a model explains all; 1 without torque.
-        scale = max(self.loss, 1e-12 * self.data.tau_squared) or 1.0
-        error = float((max(gap, 0.0) + max(cost, 0.0)) / scale)
-        return error if math.isfinite(error) else math.inf
+        log_roots = np.log(diagonals).sum(axis=(0, 2))  # half the log det of S Z
+        gap = products - ORDER * float(weight.sum())
+        return gap - (2.0 * float(weight @ log_roots) - ORDER * self.logs)
 
     def set_target(self, mu: float) -> None:
         """Set ``target``, to which Z is to move for a complementarity mu.

@@ -10,6 +10,7 @@ that bodies and joints are made here.
 
 import ctypes
 import ctypes.util
+from collections.abc import Callable
 from contextlib import suppress
 from ctypes import (
     POINTER,
@@ -174,39 +175,15 @@ class Ode(Engine):
         """
         ode = self.ode
         self.step = step
-        self.world = world = c_void_p(ode.dWorldCreate())
-        ode.dWorldSetGravity(world, *self.robot.gravity)
+        self.world = c_void_p(ode.dWorldCreate())
+        ode.dWorldSetGravity(self.world, *self.robot.gravity)
         self.bodies: list[c_void_p] = []
         self.motors = []
         self.feedback = (_Feedback * self.robot.n)()
         (frames,) = self.robot.poses(start[None])
-        for k, (joint, frame) in enumerate(zip(self.robot.joints, frames, strict=True)):
-            # The link as a free body, at its pose with all joints at ``start``.
-            body = c_void_p(ode.dBodyCreate(world))
-            self.bodies.append(body)
-            # ODE's origin of a body is its centre of mass; its matrices are (3, 4).
-            rotation = np.pad(frame[:3, :3], ((0, 0), (0, 1)))
-            ode.dBodySetRotation(body, (c_double * 12)(*rotation.ravel()))
-            centre = frame[:3, :3] @ self.centres[k] + frame[:3, 3]
-            ode.dBodySetPosition(body, *centre)
-            ode.dBodySetMass(body, byref(self.masses[k]))
-            # The joint that ties it to its parent's body, or to the world (None).
-            kind = "Hinge" if joint.kind == "revolute" else "Slider"
-            joint_made = c_void_p(getattr(ode, f"dJointCreate{kind}")(world, None))
-            parent = joint.parent
-            ode.dJointAttach(
-                joint_made, body, None if parent < 0 else self.bodies[parent]
-            )
-            if kind == "Hinge":
-                ode.dJointSetHingeAnchor(joint_made, *frame[:3, 3])
-            set_axis = getattr(ode, f"dJointSet{kind}Axis")
-            set_axis(joint_made, *(frame[:3, :3] @ joint.axis))
-            set_parameter = getattr(ode, f"dJointSet{kind}Param")
-            # A velocity motor without a limit of its torque; calling the entry of
-            # ``motors`` sets its velocity.
-            set_parameter(joint_made, _MAX_FORCE, np.inf)
-            self.motors.append(partial(set_parameter, joint_made, _VELOCITY))
-            ode.dJointSetFeedback(joint_made, byref(self.feedback[k]))
+        for k, frame in enumerate(frames):
+            self.bodies.append(self._new_body(k, frame))
+            self.motors.append(self._new_joint(k, frame))
         # Views of ODE's own memory, which stays where it is while the world lives.
         self.rotations = [self._rotation(body) for body in self.bodies]
         last = self.bodies[-1]
@@ -218,6 +195,37 @@ class Ode(Engine):
         )
         self.forces = numbers[:, 0:3]  # f1
         self.moments = numbers[:, 4:7]  # t1
+
+    def _new_body(self, k: int, frame: Array) -> c_void_p:
+        """Make link k (from 0) a free body at the pose of its frame (4, 4)."""
+        ode = self.ode
+        body = c_void_p(ode.dBodyCreate(self.world))
+        # ODE's origin of a body is its centre of mass; its matrices are (3, 4).
+        rotation = np.pad(frame[:3, :3], ((0, 0), (0, 1)))
+        ode.dBodySetRotation(body, (c_double * 12)(*rotation.ravel()))
+        centre = frame[:3, :3] @ self.centres[k] + frame[:3, 3]
+        ode.dBodySetPosition(body, *centre)
+        ode.dBodySetMass(body, byref(self.masses[k]))
+        return body
+
+    def _new_joint(self, k: int, frame: Array) -> Callable[[float], Any]:
+        """Tie body k to its parent's, or to the world; return the function that sets the
+        joint's velocity."""
+        ode = self.ode
+        joint = self.robot.joints[k]
+        kind = "Hinge" if joint.kind == "revolute" else "Slider"
+        tie = c_void_p(getattr(ode, f"dJointCreate{kind}")(self.world, None))
+        parent = None if joint.parent < 0 else self.bodies[joint.parent]
+        ode.dJointAttach(tie, self.bodies[k], parent)
+        if kind == "Hinge":
+            ode.dJointSetHingeAnchor(tie, *frame[:3, 3])
+        set_axis = getattr(ode, f"dJointSet{kind}Axis")
+        set_axis(tie, *(frame[:3, :3] @ joint.axis))
+        # A velocity motor without a limit of its torque.
+        set_parameter = getattr(ode, f"dJointSet{kind}Param")
+        set_parameter(tie, _MAX_FORCE, np.inf)
+        ode.dJointSetFeedback(tie, byref(self.feedback[k]))
+        return partial(set_parameter, tie, _VELOCITY)
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
         """Simulate one step with motors at ``velocity`` (n,) [rad/s, m/s].
