@@ -256,14 +256,7 @@ class MeasuredCurve(JointEffect):
 
         Values that are missing are filled with the nearest known one.
         """
-        constants: dict[str, float] = {
-            k: s.default for k, s in type(self).shapes.items()
-        } | shape
-        # Values that were passed replace all of the class's default values.
-        if any(_is_value(key) for key in shape):
-            constants = {
-                k: v for k, v in constants.items() if k in shape or not _is_value(k)
-            }
+        constants = self._with_defaults(shape)
         # {1: "v1", 2: "w2", ...}: places of the table, row by row.
         key_of_place = {int(key[1:]): key for key in constants if _is_value(key)}
         known = sorted(key_of_place)  # from 1, row by row
@@ -288,6 +281,18 @@ class MeasuredCurve(JointEffect):
         measured = [k - 1 for k in known if key_of_place[k].startswith("v")]
         self._missing = np.ones(size)
         self._missing.flat[measured] = 0.0
+
+    @classmethod
+    def _with_defaults(cls, shape: Mapping[str, float]) -> dict[str, float]:
+        """Return the constants that are given, beside the class's defaults of the others;
+        values of the table that are given replace all of its default values."""
+        has_values = any(_is_value(key) for key in shape)
+        defaults = {
+            key: constant.default
+            for key, constant in cls.shapes.items()
+            if not (has_values and _is_value(key))
+        }
+        return {**defaults, **shape}
 
     def _refuse(
         self, robot: Robot, constants: Mapping[str, float], known: Sequence[int]

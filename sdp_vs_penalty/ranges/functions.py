@@ -102,19 +102,18 @@ def all_functions(problem: Problem, model: Model) -> list[Function]:
 
 def _group(word: str, known: dict[str, Function]) -> list[Function]:
     """Return the functions that a word of GROUPS stands for; none for another word."""
-    standard = [f for f in known.values() if f.g is not None and np.sum(f.g != 0) == 1]
-    about_centre = [f for f in known.values() if f.place is not None]
-    if word == "masses":
-        of_links = [f for f in standard if f.unit == "kg" and f.name[1:].isdigit()]
-        return [*of_links, *([known[TOTAL]] if TOTAL in known else [])]
-    if word == "centres":
-        return [f for f in about_centre if f.unit == "m"]
-    if word == "moments":
-        return [f for f in about_centre if f.unit == "kg m^2"]
-    if word == "inertias":
-        return [f for f in standard if f.name[:3] in inertia.PARAMETERS[4:]]
-    if word == "parameters":
-        return standard
-    if word == "base":
-        return [f for f in known.values() if f.name.endswith("...")]
-    return []
+    functions = list(known.values())
+    standard = [f for f in functions if f.g is not None and np.sum(f.g != 0) == 1]
+    total = [known[TOTAL]] if TOTAL in known else []
+    # "m4" is a mass, "mx4" a first moment.
+    masses = [f for f in standard if f.unit == "kg" and f.name[1:].isdigit()]
+    about_centre = [f for f in functions if f.place is not None]
+    groups = {
+        "masses": [*masses, *total],
+        "centres": [f for f in about_centre if f.unit == "m"],
+        "moments": [f for f in about_centre if f.unit == "kg m^2"],
+        "inertias": [f for f in standard if f.name[:3] in inertia.PARAMETERS[4:]],
+        "parameters": standard,
+        "base": [f for f in functions if f.name.endswith("...")],
+    }
+    return groups.get(word, [])

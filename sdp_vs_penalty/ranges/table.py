@@ -517,47 +517,59 @@ def _ends(
 ) -> list[tuple[End | NonlinearEnd, End | NonlinearEnd]]:
     """Return least and greatest end of each function over a set.
 
-    A coordinate of a centre of mass (m c / m) needs the range of the link's mass; an
-    inertia about the centre of mass needs the ranges of all three coordinates.
+    Functions about a link's centre of mass need the range of its mass, too.
     """
     search = EndSearch(allowed, more)
     model = allowed.task.model
-    indices = allowed.task.links  # (links, 10) places of the links' parameters
     unit = np.eye(len(model.parameters))
-    places = [f.place for f in chosen if f.place is not None]  # (link, entry)
-    entries = {
-        link: [entry for k, entry in places if k == link] for link, _ in sorted(places)
-    }
-    # 1. Linear functions, the masses of those links among them.
     linear = {f.name: f.g for f in chosen if f.g is not None}
-    mass_name = {link: model.parameters[indices[link, 0]].name for link in entries}
-    for link, name in mass_name.items():
-        linear.setdefault(name, unit[indices[link, 0]])
+    places = [f.place for f in chosen if f.place is not None]
+    mass_names = {}
+    for link in sorted({link for link, _ in places}):
+        mass = allowed.task.links[link, 0]
+        mass_names[link] = model.parameters[mass].name
+        linear.setdefault(mass_names[link], unit[mass])
     ends_by_name = dict(zip(linear, search.both(list(linear.values())), strict=True))
-    # 2. Coordinates of centres of mass (entries 1 to 3).
-    coordinates = [
-        (link, axis)
-        for link in entries
-        for axis in (1, 2, 3)
-        if axis in entries[link] or max(entries[link]) >= 4
-    ]
-    found = ratios(
-        search,
-        numerators=[unit[indices[place]] for place in coordinates],
-        masses=[ends_by_name[mass_name[link]] for link, _ in coordinates],
-        denominators=[unit[indices[link, 0]] for link, _ in coordinates],
-    )
-    ends_by_place: dict[tuple[int, int], tuple[End | NonlinearEnd, End | NonlinearEnd]]
-    ends_by_place = dict(zip(coordinates, found, strict=True))
-    # 3. Inertias about the centres of mass (entries from 4).
-    for link, entries_of_link in entries.items():
-        moments = [entry for entry in entries_of_link if entry >= 4]
-        if moments:
-            centre = [ends_by_place[link, axis] for axis in (1, 2, 3)]
-            found = inertias(search, indices[link], moments, centre)
-            moment_places = [(link, entry) for entry in moments]
-            ends_by_place |= dict(zip(moment_places, found, strict=True))
+    masses = {link: ends_by_name[name] for link, name in mass_names.items()}
+    ends_by_place = _ends_about_centres(search, places, masses)
     return [
         ends_by_name[f.name] if f.place is None else ends_by_place[f.place]
         for f in chosen
     ]
+
+
+def _ends_about_centres(
+    search: EndSearch,
+    places: Sequence[tuple[int, int]],
+    masses: Mapping[int, tuple[End, End]],
+) -> dict[tuple[int, int], tuple[NonlinearEnd, NonlinearEnd]]:
+    """Return least and greatest end of coordinates of centres of mass (entries 1 to 3 of
+    a link) and of inertias about them (entries from 4), by link and entry.
+
+    A coordinate is the ratio m c / m of two parameters; an inertia about the centre of
+    mass needs the ranges of all three. masses : least and greatest by link.
+    """
+    indices = search.allowed.task.links  # (links, 10) places of the links' parameters
+    unit = np.eye(len(search.allowed.task.model.parameters))
+    entries = {k: [entry for link, entry in places if link == k] for k in masses}
+    coordinates = [
+        (link, axis)
+        for link in masses
+        for axis in (1, 2, 3)
+        if axis in entries[link] or max(entries[link]) >= 4
+    ]
+    ends = ratios(
+        search,
+        numerators=[unit[indices[place]] for place in coordinates],
+        masses=[masses[link] for link, _ in coordinates],
+        denominators=[unit[indices[link, 0]] for link, _ in coordinates],
+    )
+    by_place = dict(zip(coordinates, ends, strict=True))
+    for link in masses:
+        moments = [entry for entry in entries[link] if entry >= 4]
+        if moments:
+            centre = [by_place[link, axis] for axis in (1, 2, 3)]
+            ends = inertias(search, indices[link], moments, centre)
+            moment_places = [(link, entry) for entry in moments]
+            by_place |= dict(zip(moment_places, ends, strict=True))
+    return by_place

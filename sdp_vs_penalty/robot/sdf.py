@@ -86,32 +86,23 @@ class _Model:
         attached = {name: name for name in default} | {_WORLD: _WORLD}
         elements = [*model.findall("link")]
         for x in model.findall("joint"):
-            default[str(x.get("name"))] = attached[str(x.get("name"))] = _text(
-                x, "child"
-            )
+            name = str(x.get("name"))
+            default[name] = attached[name] = _text(x, "child")
             elements.append(x)
         for x in model.findall("frame"):
-            default[str(x.get("name"))] = x.get("attached_to") or _MODEL
-            attached[str(x.get("name"))] = x.get("attached_to") or ""
+            name = str(x.get("name"))
+            attached[name] = x.get("attached_to") or ""
+            default[name] = attached[name] or _MODEL
             elements.append(x)
         poses = {_MODEL: np.eye(4), _WORLD: np.eye(4)}
         waiting = {str(x.get("name")): x for x in elements}
         while waiting:
-            ready = [
-                name
-                for name, x in waiting.items()
-                if _relative_to(x, default[name]) in poses
-            ]
+            parents = {k: _relative_to(x, default[k]) for k, x in waiting.items()}
+            ready = [name for name, parent in parents.items() if parent in poses]
             if not ready:
-                raise _unresolved(
-                    {
-                        name: _relative_to(x, default[name])
-                        for name, x in waiting.items()
-                    }
-                )
+                raise _unresolved(parents)
             for name in ready:
-                x = waiting.pop(name)
-                poses[name] = poses[_relative_to(x, default[name])] @ _pose(x)
+                poses[name] = poses[parents[name]] @ _pose(waiting.pop(name))
         return cls(model, poses, attached)
 
     def urdf(self) -> Any:

@@ -137,6 +137,7 @@ def ranking(cells: pandas.DataFrame) -> pandas.DataFrame:
         of "form_seconds", which are one median of all solvers for each problem; and what
         :func:`~statistics.beside` says of it and the row above.
     """
+    # 1. Of each cell, what the table counts and takes medians of.
     is_right = cells["right"]
     spread = (cells["seconds_most"] - cells["seconds_least"]) / cells["seconds"]
     form = cells["form_seconds"].where(cells["form_seconds"] > 0.0)
@@ -149,6 +150,7 @@ def ranking(cells: pandas.DataFrame) -> pandas.DataFrame:
     }
     counts = {name: cells["class"] == name for name in DOUBTFUL}
     rows = cells.assign(**counts, **medians)
+    # 2. A row a solver.
     how: dict[str, Any] = {"run": ("problem", "size"), "proves": ("proves", "any")}
     how |= {name: (name, "sum") for name in ("right", "proved", *DOUBTFUL)}
     how |= {name: (name, "median") for name in medians}
@@ -157,6 +159,7 @@ def ranking(cells: pandas.DataFrame) -> pandas.DataFrame:
     pairs_right = zip(table["right"], table["run"], strict=True)
     table["low"] = [wilson(right, n)[0] for right, n in pairs_right]
     table["doubtful"] = table[list(DOUBTFUL)].sum(axis=1)
+    # 3. In order, each beside the one above.
     if is_ranked(cells):
         table = table.sort_values(
             by=["low", "doubtful", "seconds"],
@@ -692,23 +695,7 @@ def write_summary(
     not_applicable : sequence of (str, str, str)
         Problem, solver, and why the one cannot be posed to the other.
     """
-    missing = [f"{name}: {reason}" for name, reason in sorted(absent.items())]
-    n_by_solver_and_reason = Counter((solver, why) for _, solver, why in not_applicable)
-    for (solver, reason), n in sorted(n_by_solver_and_reason.items()):
-        missing.append(f"{solver}: not applicable to {count(n, 'problem')}: {reason}")
-    unproved = sorted(set(runs["problem"][runs["outcome"] == "unproved"]))
-    missing += [f"{name}: no interval is proved that could judge" for name in unproved]
-    rankings = []
-    for name, form, about, part in _tables(runs):
-        n = part["problem"].nunique()
-        title = f"{name.capitalize()}s{form}"
-        rankings.append(f"## {title}: {n} {about}")
-        for accuracy in accuracies(runs):
-            cells = best_answers(part, accuracy)
-            head = f"### At {accuracy:.0e}, {title.lower()}"
-            if len(cells) and not is_ranked(cells):
-                head += ": too few to rank anybody; counts, by name"
-            rankings.append(f"{head}\n\n{_ranking_in_words(cells)}")
+    left_out = _left_out_in_words(runs, absent, not_applicable)
     false = false_claims(runs)
     settings = by_setting(runs)
     tightest = accuracies(runs)[-1]
@@ -720,13 +707,13 @@ def write_summary(
         timeouts=len(timeouts),
         not_run=timeouts.str.startswith("not run").sum(),
         repeats=runs["repeats"].max(),
-        rankings="\n\n".join(rankings) + "\n",
+        rankings="\n\n".join(_rankings_in_words(runs)) + "\n",
         settings=_settings_in_words(settings),
         contestants=_contestants_in_words(runs),
         tightest=tightest,
         problems=_markdown(by_problem(runs, tightest)),
         false_claims=_markdown(false) if len(false) else "Nobody made any.",
-        left_out="".join(f"- {line}.\n" for line in missing),
+        left_out="".join(f"- {line}.\n" for line in left_out),
         machines=", ".join(sorted(runs["machine"].unique())),
         minutes=(runs["seconds"] * runs["repeats"]).sum() / 60.0,
     )
@@ -739,3 +726,33 @@ def write_summary(
     for name, plot in pictures.items():
         plot(runs, folder / name)
     return [*paths, *(folder / name for name in pictures)]
+
+
+def _left_out_in_words(
+    runs: pandas.DataFrame,
+    absent: dict[str, str],
+    not_applicable: Sequence[tuple[str, str, str]],
+) -> list[str]:
+    """Say which solvers and problems have no runs that count, and why, a line each."""
+    lines = [f"{name}: {reason}" for name, reason in sorted(absent.items())]
+    n_by_solver_and_reason = Counter((solver, why) for _, solver, why in not_applicable)
+    for (solver, reason), n in sorted(n_by_solver_and_reason.items()):
+        lines.append(f"{solver}: not applicable to {count(n, 'problem')}: {reason}")
+    unproved = sorted(set(runs["problem"][runs["outcome"] == "unproved"]))
+    lines += [f"{name}: no interval is proved that could judge" for name in unproved]
+    return lines
+
+
+def _rankings_in_words(runs: pandas.DataFrame) -> list[str]:
+    """Return the headed rankings of each table at each accuracy, in Markdown."""
+    parts = []
+    for name, form, about, part in _tables(runs):
+        title = f"{name.capitalize()}s{form}"
+        parts.append(f"## {title}: {part['problem'].nunique()} {about}")
+        for accuracy in accuracies(runs):
+            cells = best_answers(part, accuracy)
+            head = f"### At {accuracy:.0e}, {title.lower()}"
+            if len(cells) and not is_ranked(cells):
+                head += ": too few to rank anybody; counts, by name"
+            parts.append(f"{head}\n\n{_ranking_in_words(cells)}")
+    return parts

@@ -22,7 +22,7 @@ import scipy
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import ConeGroup, ConstraintSet, project
-from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
+from sdp_vs_penalty.solvers.convex_problem import ConvexProblem, Entropy
 from sdp_vs_penalty.solvers.identification import unit_diagonal_factors
 from sdp_vs_penalty.solvers.primal_dual import Iterate, minimise
 from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT, DualEvidence, lower_bound
@@ -131,14 +131,7 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
     data = problem.least_squares
     slopes = fit.entropy_slopes
     if problem.entropy is not None and (polished or slopes is None):
-        if slopes is None:
-            slopes = np.zeros_like(problem.entropy.nominal)
-        # P(theta)^-1 stands in for slopes that are not positive definite.
-        is_definite = np.linalg.eigvalsh(slopes)[:, 0] > 0.0
-        if not is_definite.all():
-            links = [link.value(theta) for link in problem.entropy.links]
-            inverse = np.linalg.inv(np.array(links))
-            slopes = np.where(is_definite[:, None, None], slopes, inverse)
+        slopes = _definite_slopes(problem.entropy, slopes, theta)
     # Cholesky factor of R^T R in units of the bounds; a ridge keeps it definite.
     gram = bound[:, None] * data.curvature * bound
     without_data = float(not gram.any())  # 1: any ridge will do
@@ -165,6 +158,18 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
     if not polished:
         return evidence
     return _polished(evidence, problem)
+
+
+def _definite_slopes(prior: Entropy, slopes: Array | None, theta: Array) -> Array:
+    """Return the matrices (links, 4, 4) of the prior's gradient; P(theta)^-1 stands in for
+    those that are missing or not positive definite."""
+    if slopes is None:
+        slopes = np.zeros_like(prior.nominal)
+    is_definite = np.linalg.eigvalsh(slopes)[:, 0] > 0.0
+    if is_definite.all():
+        return slopes
+    links = np.array([link.value(theta) for link in prior.links])
+    return np.where(is_definite[:, None, None], slopes, np.linalg.inv(links))
 
 
 def _polished(e: DualEvidence, problem: ConvexProblem) -> DualEvidence:

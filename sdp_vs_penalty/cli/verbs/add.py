@@ -40,8 +40,6 @@ def verb(
     from sdp_vs_penalty.diagnosis.adding import add as run
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.diagnosis.passing.cause import beside_causes
-    from sdp_vs_penalty.effects import effect_in_words
-    from sdp_vs_penalty.estimation.shapes import changed_constants_in_words
 
     effects = _effects(effect, from_, confident, only)
     data = training_runs(data)
@@ -78,20 +76,9 @@ def verb(
         bigger.save(out)
     what = "the training data" if test is None else str(test)
     printing.before_after(before, after, estimate.torque_units, what)
-    added = bigger.model.effects[len(estimate.model.effects) :]
-    if added:
-        named = "; ".join(effect_in_words(e.brief) for e in added)
-        console.paragraph(f"added: {named}")
-    if leaves_spans_out:
-        acting = "; ".join(cause.sentence for cause in causes)
-        console.paragraph(f"identified without the spans of what passes: {acting}")
-    if confident and not isinstance(effects, str):
-        _say_what_is_weak(effects)
-    if not isinstance(effects, str) and effects.frozen:
-        _say_what_a_held_model_keeps(effects, added)
-    for line in changed_constants_in_words(estimate.model, bigger.model):
-        console.say(f"re-estimated constant: {line}")
-    _say_sizes(effects, bigger, added)
+    _say_changes(
+        effects, estimate, bigger, causes if leaves_spans_out else (), confident
+    )
     printing.certificate(bigger)
     console.written(out)
     mounting = [] if gravity is None else ["--gravity", gravity]
@@ -120,6 +107,34 @@ def _refuse_harm(before: Any, after: Any, what: str) -> None:
             f" {formatting.percent(rises[joint] - 1.0, 2)} more on {what} while it slides",
             "choose findings with --only, or name an effect yourself",
         )
+
+
+def _say_changes(
+    effects: Any, estimate: Any, bigger: Any, causes: Any, confident: bool
+) -> None:
+    """Print what the bigger of two models has that the other has not.
+
+    effects : what was to be added, as text or as a diagnosis; causes : what passes, and
+    whose spans were left out; confident : whether only findings were added whose torque
+    is certain.
+    """
+    from sdp_vs_penalty.effects import effect_in_words
+    from sdp_vs_penalty.estimation.shapes import changed_constants_in_words
+
+    added = bigger.model.effects[len(estimate.model.effects) :]
+    if added:
+        named = "; ".join(effect_in_words(e.brief) for e in added)
+        console.paragraph(f"added: {named}")
+    if causes:
+        acting = "; ".join(cause.sentence for cause in causes)
+        console.paragraph(f"identified without the spans of what passes: {acting}")
+    if confident and not isinstance(effects, str):
+        _say_what_is_weak(effects)
+    if not isinstance(effects, str) and effects.frozen:
+        _say_what_a_held_model_keeps(effects, added)
+    for line in changed_constants_in_words(estimate.model, bigger.model):
+        console.say(f"re-estimated constant: {line}")
+    _say_sizes(effects, bigger, added)
 
 
 def _say_what_is_weak(diagnosis: Any) -> None:

@@ -45,26 +45,31 @@ class _UnseenMotion(NamedTuple):
     predictions: dict[str, Array]
 
 
+def _folds(
+    study: Study, methods: Mapping[str, str | Estimator]
+) -> Iterator[_UnseenMotion]:
+    """Yield the folds of the real run, each by the models estimated without it."""
+    data = study.measured
+    assert data is not None
+    rows = FilteredRun(data.train, data.preprocessing).all_rows(data.model)
+    t = rows.motion.t - data.train.t[0]
+    folds_of_methods = [study.unseen(method).folds for method in methods.values()]
+    for folds in zip(*folds_of_methods, strict=True):
+        inside = (t >= folds[0].start) & (t < folds[0].stop)
+        predictions = {
+            name: predicted(rows, fold.theta)[inside]
+            for name, fold in zip(methods, folds, strict=True)
+        }
+        yield _UnseenMotion(t[inside], rows.torque[inside], predictions)
+
+
 def _stretches(
     study: Study, methods: Mapping[str, str | Estimator], is_measured: bool
 ) -> Iterator[_UnseenMotion]:
     """Yield the folds of the real run, each by the models estimated without it, or the
     simulated validation runs."""
     if is_measured:
-        data = study.measured
-        assert data is not None
-        rows = FilteredRun(data.train, data.preprocessing).all_rows(data.model)
-        t = rows.motion.t - data.train.t[0]
-        folds_of = {
-            name: study.unseen(method).folds for name, method in methods.items()
-        }
-        for folds in zip(*folds_of.values(), strict=True):
-            inside = (t >= folds[0].start) & (t < folds[0].stop)
-            by_fold = zip(methods, folds, strict=True)
-            predictions = {
-                name: predicted(rows, fold.theta)[inside] for name, fold in by_fold
-            }
-            yield _UnseenMotion(t[inside], rows.torque[inside], predictions)
+        yield from _folds(study, methods)
         return
     data = study.simulated
     assert data.test is not None
