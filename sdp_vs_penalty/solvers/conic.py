@@ -209,7 +209,13 @@ def cbf_text(problem: ConicProblem) -> str:
     order = np.concatenate(rows)
     if cones:
         lines += ["CON", f"{len(order)} {len(cones)}", *cones, ""]
-    # 3. Coefficients: of the objective, of matrices (H, D) and of other rows (A, B).
+    return "\n".join(lines + _cbf_coefficients(problem, order)) + "\n"
+
+
+def _cbf_coefficients(problem: ConicProblem, order: Indices) -> list[str]:
+    """Return the coefficients of a .cbf file: of the objective, of matrices (H, D) and
+    of the other rows (A, B), which stand in CBF's order."""
+    is_psd = np.array([cone.kind == "psd" for cone in problem.cones], bool)
     # Row r of the problem is entry (i, j) of cone ``block``, up to svec's factor.
     block, i, j, factor = svec_entries(problem.cones)
     number = np.cumsum(is_psd) - 1  # of a psd cone among the psd cones
@@ -217,7 +223,7 @@ def cbf_text(problem: ConicProblem) -> str:
     psd_rows = np.flatnonzero(is_psd[block])
     nonzero = matrix[psd_rows].tocoo()
     row = psd_rows[nonzero.row]
-    lines += _section("OBJACOORD", *_nonzero(problem.q))
+    lines = _section("OBJACOORD", *_nonzero(problem.q))
     lines += _section(
         "HCOORD",
         number[block[row]],
@@ -233,7 +239,7 @@ def cbf_text(problem: ConicProblem) -> str:
     lines += _section(
         "DCOORD", number[block[row]], j[row], i[row], problem.b[row] * factor[row]
     )
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def _nonzero(values: Any) -> tuple[Any, Any]:

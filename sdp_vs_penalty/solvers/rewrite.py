@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, triangle, unsvec
 
 #: Kinds of cones in the order of SCS and CVXOPT.
@@ -190,6 +190,23 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
     return Rewritten(rewritten, back)
 
 
+def _own_variables(E: Any) -> tuple[Indices, Array]:
+    """Return of each equality, a row of E, a variable that occurs in no other one, and its
+    coefficient there.
+
+    Of several the last one, a residual variable (with -1): parameters stay, in a file
+    too, whose reader knows where they are. Raises NotApplicableError without any.
+    """
+    candidates = np.flatnonzero(np.diff(E.indptr) == 1)
+    row_of = E.indices[E.indptr[candidates]]
+    value = E.data[E.indptr[candidates]]
+    order = np.lexsort((-candidates, row_of))
+    rows, first = np.unique(row_of[order], return_index=True)
+    if len(rows) != E.shape[0]:
+        raise NotApplicableError("an equality holds no variable of its own")
+    return candidates[order][first], value[order][first]
+
+
 def without_equalities(problem: ConicProblem) -> Rewritten:
     """Remove equalities: solve each for a variable that occurs in no other one.
 
@@ -217,18 +234,7 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
     E = scipy.sparse.csc_matrix(A[is_equal])
     e = problem.b[is_equal]
     inequalities = A[~is_equal]
-    # Variables that occur in one equality only: its row, and the coefficient there.
-    candidates = np.flatnonzero(np.diff(E.indptr) == 1)
-    row_of = E.indices[E.indptr[candidates]]
-    value = E.data[E.indptr[candidates]]
-    # For each row the last one, a residual variable (with -1): parameters stay, in a
-    # file too, whose reader knows where they are.
-    order = np.lexsort((-candidates, row_of))
-    rows, first = np.unique(row_of[order], return_index=True)
-    if len(rows) != E.shape[0]:
-        raise NotApplicableError("an equality holds no variable of its own")
-    pivots = candidates[order][first]
-    size = value[order][first]
+    pivots, size = _own_variables(E)
     free_columns = np.setdiff1d(np.arange(A.shape[1]), pivots)
     # x_pivot = offset - slope x_free
     slope = scipy.sparse.diags(1.0 / size) @ E[:, free_columns]

@@ -204,6 +204,30 @@ class DualEvidence:
     push: Callable[[Array], Array] = lambda leftover: np.zeros(())
 
 
+def _affine_minorant(
+    problem: ConvexProblem, evidence: DualEvidence
+) -> tuple[Extended, Extended]:
+    """Return slope (2, p) and constant (2,) of linear term - sum <S_i, F_i(theta)> + the
+    tangent of the prior, affine in theta.
+
+    Entry 0 is the value, entry 1 the sum of absolute values, which bounds its rounding.
+    Raises LinAlgError if the slopes of the prior are not positive definite.
+    """
+    constraints = problem.constraints.entries
+    p = len(problem.bound)
+    signs = np.array([-1, 1])
+    dual, dual_sizes = in_cones(constraints, evidence.multipliers)
+    slope, constant = _against(constraints, dual, dual_sizes, p)
+    slope = signs[:, None] * slope
+    constant = signs * constant
+    linear = np.array([problem.linear, np.abs(problem.linear)])
+    slope += linear.reshape(2, -1)
+    if problem.entropy is None:
+        return slope, constant
+    tangent = _entropy_tangent(problem.entropy, evidence.entropy_slopes, p)
+    return slope + tangent[0], constant + tangent[1]
+
+
 def lower_bound(problem: ConvexProblem, evidence: DualEvidence) -> float:
     """Return a number that is certainly at most the smallest objective.
 
@@ -223,29 +247,16 @@ def lower_bound(problem: ConvexProblem, evidence: DualEvidence) -> float:
     float
         -inf if the slopes of the prior are not positive definite.
     """
-    # 1. Slope (2, p) and constant (2,) of the affine function in theta: entry 0 is the
-    # value, entry 1 the sum of absolute values, which bounds its rounding.
+    # 1. The affine function of theta that the constraints and the prior make.
     data = problem.least_squares
-    constraints = problem.constraints.entries
     bound = problem.bound
-    signs = np.array([-1, 1])
-    dual, dual_sizes = in_cones(constraints, evidence.multipliers)
-    slope, constant = _against(constraints, dual, dual_sizes, len(bound))
-    slope = signs[:, None] * slope
-    constant = signs * constant
-    linear = np.array([problem.linear, np.abs(problem.linear)])
-    slope += linear.reshape(2, -1)
-    operations = len(evidence.y) + len(constraints.constant)
+    try:
+        slope, constant = _affine_minorant(problem, evidence)
+    except np.linalg.LinAlgError:
+        return -np.inf
+    operations = len(evidence.y) + len(problem.constraints.entries.constant)
     if problem.entropy is not None:
         operations += len(problem.entropy.entries.constant)
-        try:
-            tangent = _entropy_tangent(
-                problem.entropy, evidence.entropy_slopes, len(bound)
-            )
-        except np.linalg.LinAlgError:
-            return -np.inf
-        slope = slope + tangent[0]
-        constant = constant + tangent[1]
     # 2. y is corrected first in doubles, then in extended precision.
     push = evidence.push
     first_slope = np.asarray(slope[0], float) + 2.0 * (evidence.y @ data.R)

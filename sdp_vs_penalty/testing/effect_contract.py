@@ -26,7 +26,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.testing.demand import ContractError, demand
+from sdp_vs_penalty.testing.demand import demand
 from sdp_vs_penalty.testing.robots import link_parameters, sines, tree
 
 #: Returns the forms of an effect that are tried on a robot.
@@ -249,6 +249,17 @@ def _rows(motion: Motion, index: NDArray[np.intp]) -> Motion:
     )
 
 
+def _demand_columns_of(effect: Effect, bare: Motion, are_there: bool) -> None:
+    """Demand that an effect makes columns of a bare motion, or that it refuses."""
+    try:
+        effect.blocks(bare)
+    except ValueError:
+        if are_there:
+            raise
+        return
+    demand(are_there, f"{effect.text} has columns without what it needs")
+
+
 def check_needs_are_declared(kind: type[Effect], forms: Forms) -> None:
     """A torque, links, a clock: columns change with what is declared, in one way at
     least, and with nothing else."""
@@ -276,15 +287,10 @@ def check_needs_are_declared(kind: type[Effect], forms: Forms) -> None:
     }
     for effect in forms(robot):
         columns = wide_columns(effect, motion)
-        if any(getattr(effect, word) for word in changed if word != "follows_clock"):
-            try:
-                effect.blocks(bare)
-            except ValueError:
-                pass
-            else:
-                raise ContractError(f"{effect.text} has columns without what it needs")
-        else:
-            effect.blocks(bare)
+        needs = any(
+            getattr(effect, word) for word in changed if word != "follows_clock"
+        )
+        _demand_columns_of(effect, bare, are_there=not needs)
         for word, others in changed.items():
             differs = not all(
                 np.allclose(wide_columns(effect, x), columns, _ROUNDING, atol=1e-12)

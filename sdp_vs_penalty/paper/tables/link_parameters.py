@@ -57,6 +57,25 @@ def denavit_hartenberg(study: Study) -> StudyTable:
     )
 
 
+def _bounds_as_printed(study: Study) -> pandas.DataFrame:
+    """Return bounds and published values of all entries, by name; "*" where the paper
+    does not care. Bounds alone where nothing is published."""
+    published = study.problem.published
+    printed = [row for name in box_tables(study.problem) for row in published[name]]
+    if printed:
+        rows = pandas.DataFrame(printed, dtype=object).replace("", "*")
+    else:
+        box = study.problem.box
+        bounds = {
+            "parameter": list(entries(len(box))),
+            "lower": box[..., 0].ravel(),
+            "upper": box[..., 1].ravel(),
+            "unit": ["kg", *["m"] * 3, *["kg*m^2"] * 6] * len(box),
+        }
+        rows = pandas.DataFrame(bounds, dtype=object)
+    return rows.set_index("parameter", drop=False)
+
+
 def link_table(
     study: Study, name: str, title: str, chosen: Callable[[str], bool]
 ) -> StudyTable:
@@ -75,22 +94,8 @@ def link_table(
     chosen : callable
         Whether an entry, by its name, is in the table.
     """
-    box = study.problem.box
-    bounds = {"parameter": list(entries(len(box))), "lower": box[..., 0].ravel()}
-    bounds |= {
-        "upper": box[..., 1].ravel(),
-        "unit": ["kg", *["m"] * 3, *["kg*m^2"] * 6] * len(box),
-    }
-    printed = [
-        row
-        for table in box_tables(study.problem)
-        for row in study.problem.published[table]
-    ]
-    rows = pandas.DataFrame(printed or bounds, dtype=object).set_index(
-        "parameter", drop=False
-    )
-    if printed:  # the paper's "don't care"
-        rows = rows.replace("", "*")
+    rows = _bounds_as_printed(study)
+    columns = [*rows.columns, *study.compared_columns]
     rows = rows[rows.index.map(chosen).to_numpy(bool)].assign(
         nominal=by_name(study.problem.nominal_links)
     )
@@ -116,7 +121,6 @@ def link_table(
         notes_text,
         _headline(study, rows.index),
     )
-    columns = [*(printed[0] if printed else bounds), *study.compared_columns]
     columns += [f"{side}_{data.label}" for side in _SIDES]
     return table.shortened([*columns, "true_simulated"])
 

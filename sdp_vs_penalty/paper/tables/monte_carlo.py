@@ -382,6 +382,17 @@ def _all_draws(
     return found
 
 
+def _beside_default(errors: Array, usual: Array | None) -> Row:
+    """Compare a method's errors with the default's in the same draws; usual : None of the
+    default itself."""
+    names = "less_default_points", "less_default_interval", "worse_than_default"
+    if usual is None:
+        return dict.fromkeys(names)
+    less = interval_of(errors - usual[: len(errors)])
+    n_worse = int((errors > usual[: len(errors)]).sum())
+    return dict(zip(names, (less.value, less.in_words, n_worse), strict=True))
+
+
 def _rows(study: Study, setting: Setting, draws: dict[str, Draws]) -> list[Row]:
     """Return the row of each method in a setting."""
     truth = truth_of(study.problem.name, setting)
@@ -397,10 +408,8 @@ def _rows(study: Study, setting: Setting, draws: dict[str, Draws]) -> list[Row]:
         thetas = np.array([draw["theta"] for draw in of_method])
         mean = thetas.mean(axis=0)
         spread = np.linalg.norm((thetas - mean) @ unseen.R.T, axis=1)
-        less = interval_of(errors - usual[: len(errors)])
         links = thetas[:, rigid].reshape(len(thetas), -1, 10)
         exist = inertia.consistency_margin(links).min(axis=1) >= -ROUNDING
-        is_default = method.name == DEFAULT
         rows.append(
             {
                 "setting": setting.name,
@@ -408,11 +417,7 @@ def _rows(study: Study, setting: Setting, draws: dict[str, Draws]) -> list[Row]:
                 "draws": len(errors),
                 "error_percent": float(errors.mean()),
                 "interval_percent": interval_of(errors).in_words,
-                "less_default_points": None if is_default else less.value,
-                "less_default_interval": None if is_default else less.in_words,
-                "worse_than_default": (
-                    None if is_default else int((errors > usual[: len(errors)]).sum())
-                ),
+                **_beside_default(errors, None if method.name == DEFAULT else usual),
                 "bias_percent": _error(unseen, mean),
                 "spread_percent": float(
                     relative_error(np.mean(spread**2), unseen.tau_squared)
