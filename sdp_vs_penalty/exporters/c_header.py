@@ -15,6 +15,7 @@ from sdp_vs_penalty.estimation.carried import payload_parameters
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.c_formulas import formulas, has_closed_form
 from sdp_vs_penalty.exporters.content import Content, Options, about_joints
+from sdp_vs_penalty.exporters.held import left_out
 from sdp_vs_penalty.exporters.interface import Written
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -46,11 +47,7 @@ def write(estimate: Estimate, options: Options) -> Written:
         )
     # Refuses what no simulator or controller should be given.
     content = Content.from_estimate(estimate)
-    left = tuple(
-        e.brief
-        for e in model.effects
-        if e.simulator_field not in HOLDS and not has_closed_form(e, estimate)
-    )
+    left = left_out(estimate, HOLDS, HOLDS_FORMULAS)
     name = _c_name(robot.name)
     lines = [*_load_without_payload(estimate, name), *formulas(estimate)]
     # "@" in the template is the robot's name as a C identifier.

@@ -60,10 +60,6 @@ class Content:
     stiffness: Array
     #: (n,) c of the springs' torque k q + c [N m, N].
     offset: Array
-    #: Names of the effects that only some simulators' files have a place for.
-    springs: tuple[str, ...]
-    #: Names of the effects that have no place in any such file.
-    others: tuple[str, ...]
     #: (n,) gains of the torque channels, measured over true; () where the model has
     #: none.
     gains: tuple[float, ...] = ()
@@ -110,8 +106,7 @@ class Content:
         Returns
         -------
         Content
-            Links about the joints' frames, friction, armature, springs; names of the
-            effects that have no place there.
+            Links about the joints' frames, friction, armature, springs.
 
         Raises
         ------
@@ -128,40 +123,12 @@ class Content:
                 "write .json instead",
             )
         links = about_joints(robot, _with_payload(estimate))
-        springs = tuple(
-            e.brief for e in model.effects if e.simulator_field in _SPRING_FIELDS
-        )
-        others = tuple(e.brief for e in model.effects if not e.simulator_field)
-        servo, delay = _servo_gains(estimate)
-        if delay:
-            others += (
-                f"the command's delay of {1e3 * delay:.2g} ms (kv is kd + kp T)",
-            )
         return cls(
             links,
-            others=others,
-            springs=springs,
             gains=model.gains or (),
-            servo=servo,
+            servo=servo_gains(estimate)[0],
             **_joint_values(estimate),
         )
-
-    def left_out(self, *, armature: bool, springs: bool = False) -> tuple[str, ...]:
-        """Return the effects that are lost in a file, as they are written.
-
-        Parameters
-        ----------
-        armature : bool
-            Whether the format has a place for rotor inertia.
-        springs : bool
-            Whether it has one for springs and torque offsets.
-        """
-        lost = list[str]()
-        if not armature and np.any(self.armature > 0.0):
-            lost.append(standard_effect("armature").name)
-        if not springs:
-            lost += self.springs
-        return (*lost, *self.others)
 
 
 def _joint_values(estimate: Estimate) -> dict[str, Array]:
@@ -185,7 +152,7 @@ def _joint_values(estimate: Estimate) -> dict[str, Array]:
     return values
 
 
-def _servo_gains(estimate: Estimate) -> tuple[Array | None, float]:
+def servo_gains(estimate: Estimate) -> tuple[Array | None, float]:
     """Return the gains (2, n) kp and kd of the servos, and their commands' delay T [s].
 
     No format has a place for the delay. Where the joint follows the command,

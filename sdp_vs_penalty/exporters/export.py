@@ -11,8 +11,8 @@ from sdp_vs_penalty.estimation.carried import doubts_of_bodies
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.exporters import EXPORTS
-from sdp_vs_penalty.exporters.c_formulas import has_closed_form
 from sdp_vs_penalty.exporters.content import Options, verdict_line
+from sdp_vs_penalty.exporters.held import is_held, left_out
 from sdp_vs_penalty.exporters.interface import ExportFormat
 from sdp_vs_penalty.files import write_bytes
 
@@ -63,18 +63,18 @@ def write_model(
             "an edited URDF must end in .urdf", "rename it, or leave the URDF out", out
         )
     options = Options(urdf, force, flange)
-    content, left_out = home.write(estimate, options)
+    content, lost = home.write(estimate, options)
     if urdf is None:  # of the user's own file every other byte is kept
         verdict = verdict_line(estimate)
-        if left_out and hasattr(home, "HOLDS"):
-            verdict = exported_verdict(left_out, judged)
+        if lost and hasattr(home, "HOLDS"):
+            verdict = exported_verdict(lost, judged)
         line = " ".join(filter(None, (verdict, friction_at_rest(estimate, out))))
         content = _with_verdict(content, out.suffix.lower(), line)
     if getattr(home, "BODIES", True):
         for doubt in doubts_of_bodies(estimate):
             warnings.warn(f"{out}: {doubt}", Remark, stacklevel=2)
     write_bytes(out, content)
-    return left_out
+    return lost
 
 
 def friction_at_rest(estimate: Estimate, out: str | Path) -> str:
@@ -116,39 +116,35 @@ def as_exported(estimate: Estimate, out: str | Path) -> Estimate | None:
     """
     home = format_of(out)
     fields = getattr(home, "HOLDS", None)
-    holds_formulas = getattr(home, "HOLDS_FORMULAS", False)
     if fields is None:
         return None
+    with_formulas = getattr(home, "HOLDS_FORMULAS", False)
     return estimate.with_effects(
-        lambda effect: (
-            effect.simulator_field in fields
-            or effect.forward == "drive"  # the loops of a model without torque
-            or (holds_formulas and has_closed_form(effect, estimate))
-        )
+        lambda effect: is_held(effect, estimate, fields, with_formulas)
     )
 
 
 def effects_left_out(estimate: Estimate, out: str | Path) -> tuple[str, ...]:
-    """Return the effects of a model that a file of this name has no place for, as `add`
-    writes them; none for formats that hold no model of the torque."""
-    held = as_exported(estimate, out)
-    if held is None:
+    """Return the effects of a model that a file of this name has no place for; none for
+    formats that hold no model of the torque."""
+    home = format_of(out)
+    fields = getattr(home, "HOLDS", None)
+    if fields is None:
         return ()
-    kept = {effect.text for effect in held.model.effects}
-    return tuple(e.text for e in estimate.model.effects if e.text not in kept)
+    return left_out(estimate, fields, getattr(home, "HOLDS_FORMULAS", False))
 
 
-def exported_verdict(left_out: Sequence[str], judged: Verdict | None) -> str:
+def exported_verdict(lost: Sequence[str], judged: Verdict | None) -> str:
     """Return the sentence on a file that lacks some effects, with the verdict on it.
 
     Parameters
     ----------
-    left_out : sequence of str
+    lost : sequence of str
         The effects that it lacks.
     judged : Verdict or None
         Verdict on the model without them.
     """
-    lacks = f"without {', '.join(map(effect_in_words, left_out))}"
+    lacks = f"without {', '.join(map(effect_in_words, lost))}"
     if judged is None:
         sentence = f"Not judged as exported, {lacks}: `sdp-vs-penalty export --data` judges it."
     else:

@@ -18,6 +18,7 @@ from sdp_vs_penalty.exporters.content import (
     xml_name,
     xml_text,
 )
+from sdp_vs_penalty.exporters.held import left_out
 from sdp_vs_penalty.exporters.interface import Written
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint
@@ -37,9 +38,7 @@ def write(estimate: Estimate, options: Options) -> Written:
     left out.
     """
     content = Content.plausible(estimate, options)
-    return make_mjcf(estimate.robot, content), content.left_out(
-        armature=True, springs=True
-    )
+    return make_mjcf(estimate.robot, content), left_out(estimate, HOLDS)
 
 
 def make_mjcf(robot: Robot, content: Content) -> bytes:

@@ -16,6 +16,7 @@ from sdp_vs_penalty.exporters.content import (
     number,
     xml_text,
 )
+from sdp_vs_penalty.exporters.held import left_out
 from sdp_vs_penalty.exporters.interface import Written
 from sdp_vs_penalty.robot.rotation import rpy_of
 
@@ -77,7 +78,7 @@ def write(estimate: Estimate, options: Options) -> Written:
             leader, multiplier, offset = robot.leader(part.index)
             mimic = element(axis, "mimic", joint=leader)
             _texts(mimic, multiplier=multiplier, offset=offset, reference=0.0)
-    return xml_text(root), content.left_out(armature=False)
+    return xml_text(root), left_out(estimate, HOLDS)
 
 
 def _texts(parent: Any, /, **texts: Any) -> None:

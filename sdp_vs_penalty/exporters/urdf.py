@@ -32,6 +32,7 @@ from sdp_vs_penalty.exporters.content import (
     xml_name,
     xml_text,
 )
+from sdp_vs_penalty.exporters.held import left_out
 from sdp_vs_penalty.exporters.interface import Written
 from sdp_vs_penalty.files import read_bytes
 from sdp_vs_penalty.robot import inertia
@@ -215,7 +216,9 @@ def write(estimate: Estimate, options: Options, drake: bool = False) -> Written:
         if urdf_given is None
         else edit_urdf(urdf_given, robot, content)
     )
-    return file_content, content.left_out(armature=drake and urdf_given is None)
+    has_armature = drake and urdf_given is None
+    fields = HOLDS | {"armature"} if has_armature else HOLDS
+    return file_content, left_out(estimate, fields)
 
 
 def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:

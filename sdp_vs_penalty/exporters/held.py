@@ -1,0 +1,41 @@
+"""Which effects of a model a file holds, and which are left out: decided here alone, from
+the fields that a format declares (``HOLDS``, ``HOLDS_FORMULAS``)."""
+
+from collections.abc import Collection
+
+from sdp_vs_penalty.effects.effect import Effect, SimulatorField
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.exporters.c_formulas import has_closed_form
+from sdp_vs_penalty.exporters.content import servo_gains
+
+
+def is_held(
+    effect: Effect,
+    estimate: Estimate,
+    fields: Collection[SimulatorField],
+    with_formulas: bool = False,
+) -> bool:
+    """Return whether a file with these fields, or with formulas of all effects that have
+    a closed form, holds an effect; a servo's loop is no part of the arm."""
+    return (
+        effect.simulator_field in fields
+        or effect.forward == "drive"
+        or (with_formulas and has_closed_form(effect, estimate))
+    )
+
+
+def left_out(
+    estimate: Estimate, fields: Collection[SimulatorField], with_formulas: bool = False
+) -> tuple[str, ...]:
+    """Return the effects that :func:`is_held` denies and that make a torque, as they are
+    written, and a delay of the servos' command."""
+    lost = [
+        effect.brief
+        for effect, indices in estimate.model.parts
+        if estimate.theta[indices].any()
+        and not is_held(effect, estimate, fields, with_formulas)
+    ]
+    delay = servo_gains(estimate)[1]
+    if delay:
+        lost.append(f"the command's delay of {1e3 * delay:.2g} ms (kv is kd + kp T)")
+    return tuple(lost)
