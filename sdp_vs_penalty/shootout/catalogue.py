@@ -447,34 +447,39 @@ def selected(
         For a word that nothing has, a named instance whose measurements are absent, or
         if no instance is left.
     """
-    chosen = list[Entry]()
     if words is None:
         chosen = [e for e in everything() if e.set]
-    for word in words or ():
-        tags = {tag.strip() for tag in word.split("+")}
-        having = [e for e in everything() if tags <= e.tags]
-        if not having:
-            what = f"no instance has {word!r} (--problems)"
-            raise InputError(what, "see `sdp-vs-penalty shootout --list`")
-        chosen += having
-    is_named = {e.name for e in chosen if e.name in (words or ())}
-    kept = [
-        e
-        for e in dict.fromkeys(chosen)
-        if not quick or "quick" in e.tags or e.name in is_named
-    ]
-    absent = []
-    if real_data_folder() is None:
-        absent = [e for e in kept if e.measured]
+    else:
+        chosen = [e for word in words for e in _instances_of(word)]
+    names = set(words or ())
+    if quick:
+        chosen = [e for e in chosen if "quick" in e.tags or e.name in names]
+    kept = list(dict.fromkeys(chosen))
+    lacks_measurements = real_data_folder() is None
+    absent = [e for e in kept if e.measured and lacks_measurements]
     present = [e for e in kept if e not in absent]
-    named_and_absent = [e.name for e in absent if e.name in is_named]
-    if named_and_absent or not present:
+    named_and_absent = [e.name for e in absent if e.name in names]
+    if named_and_absent:
         what = f"the measurements of {', '.join(named_and_absent)} are absent"
-        if not named_and_absent:
-            what = "no instance is left" + " without measurements" * bool(absent)
+    elif absent:
+        what = "no instance is left without measurements"
+    else:
+        what = "no instance is left"
+    if named_and_absent or not present:
         remedy = "name the folder of measurements in SDP_VS_PENALTY_DATA"
         raise InputError(what, remedy if absent else "choose more by --problems")
     return present, absent
+
+
+def _instances_of(word: str) -> list[Entry]:
+    """Return the instances that have a name, or all of the tags joined by "+"; InputError
+    without any."""
+    tags = {tag.strip() for tag in word.split("+")}
+    having = [e for e in everything() if tags <= e.tags]
+    if not having:
+        what = f"no instance has {word!r} (--problems)"
+        raise InputError(what, "see `sdp-vs-penalty shootout --list`")
+    return having
 
 
 @lru_cache(maxsize=4)

@@ -173,9 +173,9 @@ def least_squares_sdp(
     constraints = problem.essential
     bound = problem.bound
     p = len(bound)
+    # 1. Unit of each parameter: what makes all the torque, or moves no matrix far.
     torque = float(np.sqrt(data.tau_squared)) or 1.0
     norms = np.linalg.norm(data.R, axis=0)
-    # 1. Unit of each parameter: what makes all the torque, or moves no matrix far.
     is_seen = norms * bound > UNSEEN * torque
     unit = np.where(
         is_seen,
