@@ -71,7 +71,8 @@ class Registry(Generic[P]):
         """Return the name by which users choose a plug-in."""
         mark = "name" if isinstance(self.base, type) else self.base
         name = getattr(plugin, mark)
-        return name if isinstance(name, str) else _last_part(plugin)
+        is_named = isinstance(name, str)
+        return name if is_named else str(plugin.__name__).rpartition(".")[2]
 
     def register(self, plugin: P) -> None:
         """Add a plug-in to those of this process; InputError for a name that is taken.
@@ -184,11 +185,6 @@ class Registry(Generic[P]):
             if point.load() is plugin:
                 return _distribution(point)
         return str(home)
-
-
-def _last_part(plugin: Any) -> str:
-    """Return the last part of a module's dotted name."""
-    return str(plugin.__name__).rpartition(".")[2]
 
 
 def _place(plugin: Any) -> tuple[str, str]:

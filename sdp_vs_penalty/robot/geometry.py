@@ -146,10 +146,11 @@ def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
     shapes = _collision_model(Path(urdf))
     if shapes is None or shapes[1].ngeoms < 2 or shapes[0].nq != n:
         return None
+    _, geometry = shapes
     collisions = _Collisions(*shapes)
     collisions.leave_out_neighbours()
     collisions.leave_out_what_always_touches()
-    return collisions.is_free if collisions.has_pairs else None
+    return collisions.is_free if len(geometry.collisionPairs) else None
 
 
 def _collision_model(urdf: Path) -> tuple[Any, Any] | None:
@@ -189,11 +190,6 @@ class _Collisions:
         self._data = model.createData()
         geometry.addAllCollisionPairs()
         self._placed = geometry.createData()
-
-    @property
-    def has_pairs(self) -> bool:
-        """Whether any pair of shapes is left."""
-        return len(self._geometry.collisionPairs) > 0
 
     def is_free(self, poses: Array) -> bool:
         """Tell whether no pair of shapes touches at any of the poses (N, n) [rad, m]."""

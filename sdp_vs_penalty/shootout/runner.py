@@ -86,7 +86,8 @@ class Results:
     @property
     def runs(self) -> pandas.DataFrame:
         """All runs, with the columns of runs.csv."""
-        return _frame([run.row for run in self._runs])
+        rows = [run.row for run in self._runs]
+        return pandas.DataFrame(rows, columns=list(COLUMNS)).astype(COLUMNS)
 
     def add(self, rows: list[Row]) -> None:
         """Add runs, and write them to the disk at once."""
@@ -131,11 +132,6 @@ def _line(cells: Iterable[object]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow(cells)
     return text.getvalue()
-
-
-def _frame(rows: list[Row]) -> pandas.DataFrame:
-    """Return rows as a data frame with the columns of runs.csv and their types."""
-    return pandas.DataFrame(rows, columns=list(COLUMNS)).astype(COLUMNS)
 
 
 def _read(path: Path) -> pandas.DataFrame:

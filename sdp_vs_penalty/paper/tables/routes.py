@@ -221,7 +221,8 @@ def arms(study: Study) -> StudyTable:
     rows = [row for name in RUNS for row in _rows(study, name)]
     sentences = []
     for name in RUNS:
-        sdp, penalty = (row for row in rows if row["arm"] == name and _is_pair(row))
+        of_arm = {row["method"]: row for row in rows if row["arm"] == name}
+        sdp, penalty = of_arm[SDP], of_arm[PENALTY]
         sentences.append(
             f"{name}: {sdp['unseen_error_percent']:.3g} and"
             f" {penalty['unseen_error_percent']:.3g} % on unseen motion,"
@@ -235,11 +236,6 @@ def arms(study: Study) -> StudyTable:
         digits=3,
         caption="Measured: public runs of a UR10e (three of 50 s) and a TX40 (9 s).",
     )
-
-
-def _is_pair(row: Row) -> bool:
-    """Whether a row is the SDP's or the exact penalty's on one problem."""
-    return row["method"] in (SDP, PENALTY)
 
 
 def _rows(study: Study, name: str) -> list[Row]:
