@@ -304,8 +304,8 @@ def _explanations_of_positions(
         check_plausible(problem.robot, report.repaired_all)
     except InputError:
         return []
-    of_positions = ("order:q", "order:joint", "sign:q", "sign:joint", "zero:q")
-    return [f for f in issues if f.apply.startswith(of_positions)]
+    channels = "order:q", "order:joint", "sign:q", "sign:joint", "zero:q", "scale:q"
+    return [f for f in issues if f.apply.startswith(channels)]
 
 
 def judge_excitation(

@@ -10,6 +10,7 @@ from typing import Any
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.check import check_runs
 from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue
+from sdp_vs_penalty.checks.report import Report, list_remedies
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError, RepairableError, command_line
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -82,7 +83,7 @@ def raise_on_errors(
         for issue in report.errors_and_warnings
         if not (gains and issue.kind == "torque gain")
     ]
-    _raise_on_first_error(issues, f"{gate.otherwise} {verb} anyway")
+    _raise_on_first_error(issues, f"{gate.otherwise} {verb} anyway", reports)
     for run, issue in issues:
         if issue.nature == FACT:
             gate.warn(f"{issue.severity}: {run}: {issue.what} (details: `check`)")
@@ -98,12 +99,15 @@ def raise_on_errors(
     }
 
 
-def _raise_on_first_error(issues: Sequence[tuple[str, Issue]], otherwise: str) -> None:
+def _raise_on_first_error(
+    issues: Sequence[tuple[str, Issue]], otherwise: str, reports: Sequence[Report]
+) -> None:
     """Raise an InputError for the first error among the issues, with the number of the
     others; nothing without errors.
 
     issues : each with its run's name; otherwise : how to go on all the same, in words.
-    A repairable issue raises a RepairableError, which names the repair.
+    A repairable issue raises a RepairableError, which names all repairs of the reports, as
+    the check's next step does.
     """
     errors = [(run, issue) for run, issue in issues if issue.severity == "error"]
     if not errors:
@@ -115,7 +119,8 @@ def _raise_on_first_error(issues: Sequence[tuple[str, Issue]], otherwise: str) -
     what = f"{issue.what.rstrip('.')}: {issue.remedy}{others} (details: `check`)"
     if not issue.can_fix and not issue.apply:
         raise InputError(what, f"correct the log, or {otherwise}", run)
-    apply = () if issue.can_fix else (issue.apply,)
+    repairs = (x.change for x in list_remedies(reports) if x.change.verb == "transform")
+    apply = next(repairs).arguments["apply"]
     raise RepairableError(what, f"repair the log, or {otherwise}", run, apply)
 
 

@@ -23,8 +23,17 @@ _SAME = 0.05
 _CLOCK = 0.1
 #: The same of one joint alone.
 _OF_ONE_JOINT = 0.3
-#: Units that velocities are logged in, as multiples of rad/s.
-_UNITS = {"degrees a second": 180.0 / np.pi, "turns a minute": 30.0 / np.pi}
+#: Units that positions and velocities are logged in, in radians and in rad/s.
+_OF_POSITIONS = {"radians": 1.0, "degrees": np.pi / 180.0, "turns": 2.0 * np.pi}
+_OF_VELOCITIES = {
+    "radians a second": 1.0,
+    "degrees a second": np.pi / 180.0,
+    "turns a second": 2.0 * np.pi,
+    "turns a minute": np.pi / 30.0,
+}
+#: A ratio is that of two units if it differs by less than this share: those of two pairs
+#: differ by more than twice as much.
+_EXACT = 0.02
 #: A velocity whose correlation with the derivative is lower is of something else.
 _PROPORTIONAL = 0.8
 #: Lags that are tried, to either side [samples]; of one sample nothing is said.
@@ -71,22 +80,35 @@ def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
         yield _late(glance, lag)
 
 
-def _in_another_unit(ratio: float) -> Issue | None:
-    """Return the note that velocities are in degrees a second or turns a minute, by the
-    ratio to the derivative of the position; None where no unit fits."""
-    for unit, factor in _UNITS.items():
-        if abs(ratio / factor - 1.0) < 0.02:
-            return Issue(
-                kind="velocity unit",
-                severity="note",
-                where="columns dq",
-                what=f"the logged velocities are in {unit}: {ratio:.4g} times the"
-                " derivative of the position.",
-                certainty=READ,
-                remedy="no action needed: velocities are taken from the positions",
-                figures={"factor": ratio},
-            )
+def velocity_units(ratio: float) -> tuple[str, str] | None:
+    """Return the units of velocities and positions whose ratio is the given one of dq to
+    dq/dt, which no clock makes; None where no two have it, or both say the same unit."""
+    for of_velocity, per_second in _OF_VELOCITIES.items():
+        for of_position, radians in _OF_POSITIONS.items():
+            exact = radians / per_second
+            if exact != 1.0 and abs(ratio / exact - 1.0) < _EXACT:
+                return of_velocity, of_position
     return None
+
+
+def _in_another_unit(ratio: float) -> Issue | None:
+    """Return the note that velocities are in another unit than positions, by the ratio to
+    the derivative of the position; None where no two units have it."""
+    units = velocity_units(ratio)
+    if units is None:
+        return None
+    of_velocity, of_position = units
+    beside = "" if of_position == "radians" else f", where positions are in {of_position}"
+    return Issue(
+        kind="velocity unit",
+        severity="note",
+        where="columns dq",
+        what=f"the logged velocities are in {of_velocity}{beside}: {ratio:.4g} times the"
+        " derivative of the position.",
+        certainty=READ,
+        remedy="no action needed: velocities are taken from the positions",
+        figures={"factor": ratio, "units": list(units)},
+    )
 
 
 def _against_the_clock(ratio: float, n_alike: int, n_known: int) -> Issue:

@@ -55,6 +55,8 @@ GROUPS = ("q", "dq", "tau", "temp", *COMMANDED)
 _WHOLE = ("temp", "current", "voltage")
 #: Share of empty cells in a channel that competes with others.
 _MOST_GAPS = 0.1
+#: How the set of columns that competes as the torques is told from our groups.
+_RIVAL = "torques: {}"
 #: Odds that a servo's register has a sign bit where it is read so: few have one.
 _ODDS_OF_A_REGISTER = 1e3
 #: Rows that are shown of columns that were guessed.
@@ -145,7 +147,7 @@ def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recogn
     # Sets of torques compete where they have a value nearly whenever the first one does.
     clock = log.columns[groups.get("tau", names)[0]].clock
     groups |= {
-        label: columns
+        _RIVAL.format(label): columns
         for label, columns in rivals.items()
         if all(
             log.columns[x].clock == clock
@@ -539,7 +541,7 @@ def _in_si(
         found, blocks = _with_open_units(found, t, blocks, choice.rate)
         if len(t) > 1 and "tau" in blocks:
             found, blocks = _as_the_arm_says(found, t, blocks, choice)
-    blocks = {group: x for group, x in blocks.items() if group not in found.torques}
+    blocks = {group: x for group, x in blocks.items() if group in GROUPS}
     for group, x in blocks.items():
         factors = found.factors(group, x.shape[1])
         if any(factor != 1.0 for factor in factors):
@@ -640,7 +642,8 @@ def _as_the_arm_says(
             return None
         return fit_arm(robot, stamps, q, tau)
 
-    channels = {x: blocks[x] for x in found.torques if x in blocks}
+    rivals = {x: _RIVAL.format(x) for x in found.torques}
+    channels = {x: blocks[y] for x, y in rivals.items() if y in blocks}
     if len(channels) > 1:
         from sdp_vs_penalty.data.hypotheses.recognition import is_current, with_torque
         from sdp_vs_penalty.data.hypotheses.weighing import weigh, which_torque

@@ -90,3 +90,5 @@ LEAST_SHARE = 1e-5
 #: two mistakes were made.
 POORLY = 2e-5
 BADLY = 0.01
+#: Radians of a count: encoders have more than a hundred and twenty of them a turn.
+LARGEST_COUNT = 0.05

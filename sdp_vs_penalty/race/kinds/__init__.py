@@ -23,6 +23,7 @@ from sdp_vs_penalty.race.kinds import (
     mounting,
     of_one_part,
     order,
+    position_scale,
     position_unit,
     saturation,
     sign,
@@ -35,6 +36,7 @@ from sdp_vs_penalty.race.records import Hypothesis
 #: What is tried, in the order of the words.
 KINDS: tuple[ModuleType, ...] = (
     position_unit,
+    position_scale,
     clock_rate,
     sign,
     order,

@@ -74,6 +74,8 @@ class PositionUnit:
 
 _TO_RADIANS = "multiply q (and dq) by {}"
 _OF_RANGE = "multiply q (and dq) by {} of the range"
+#: Kind of positions that are an encoder's counts.
+COUNTS = "positions in counts"
 _DEGREES = PositionUnit(
     "positions in degrees",
     "degrees",
@@ -106,7 +108,7 @@ UNITS = (
     ),
     *(
         PositionUnit(
-            "positions in counts",
+            COUNTS,
             f"counts of an encoder with {2**bits} a turn{words}",
             _TO_RADIANS.format(f"2 pi / {2**bits}"),
             _TURN / 2**bits,
@@ -196,11 +198,13 @@ def undone_unit(
     log: Likelihood, chain: LogTransform
 ) -> tuple[PositionUnit, dict[int, tuple[float, float]]]:
     """Return the unit that a transform undoes, with scale and middle of its joints; those
-    of degrees where it is of a part of the joints, no joints where positions are radians."""
+    of degrees where it is of a part of the joints, no joints where positions are radians, or
+    their factor is no unit's."""
     sizes = np.abs(chain.scale)
     joints = np.flatnonzero(~np.isclose(sizes, 1.0)).tolist()
     best, least = _DEGREES, np.inf
-    numbers = dict.fromkeys(joints, (_DEGREES.scale, 0.0))
+    in_degrees = [j for j in joints if np.isclose(sizes[j], _DEGREES.scale)]
+    numbers = dict.fromkeys(in_degrees, (_DEGREES.scale, 0.0))
     for unit in UNITS if joints and joints == log.revolute else ():
         of_unit = unit.of_joints(log) or {}
         scales = [scale for scale, _ in of_unit.values()]
