@@ -214,7 +214,8 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
             issues += stuck.find_bad_torque_channels(glance)
             issues += magnitude.find_magnitudes(glance)
             issues += magnitude.find_model_torques(glance)
-            issues += channels.find_torques_in_counts(glance)
+            if not work.torque_unit:
+                issues += channels.find_torques_in_counts(glance)
         if not any(f.kind in NO_DYNAMICS for f in issues):
             issues += _coarse(glance, settings)
     return replace(report, issues=tuple(issues), lockstep=lockstep)

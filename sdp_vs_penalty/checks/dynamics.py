@@ -30,7 +30,11 @@ from sdp_vs_penalty.checks.residual import (
     unexplained_torque,
     unrelated_torque,
 )
-from sdp_vs_penalty.checks.torque_size import kind_of_torque, torque_magnitude
+from sdp_vs_penalty.checks.torque_size import (
+    kind_of_torque,
+    not_in_newton_metres,
+    torque_magnitude,
+)
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
@@ -169,14 +173,18 @@ class LoggerJudge:
         stated = issues_of_all(common, verdict, net, runs)
         facts = [f.kind for report in self.reports for f in report.issues]
         size = []
-        if "torque in counts" not in facts:
+        unit = next(iter(self.reports)).repaired_all.torque_unit
+        if unit:
+            size = [not_in_newton_metres(unit)]
+        elif "torque in counts" not in facts:
             size = [*torque_magnitude(common, net)]
         if any(issue.kind == NO_TORQUE for issue in size):
             for number, log in self.logs.items():
                 left = [*unrelated_torque(log.fit(net))]
                 self.reports[number] = with_issues(self.reports[number], size + left)
             return
-        if any(issue.kind in UNSCALED for issue in size):
+        is_rated = "torque in counts" in facts  # each channel has a size of its own
+        if is_rated or any(issue.kind in UNSCALED for issue in size):
             stated = [f for f in stated if f.kind not in ("torque gain", "torque unit")]
         for number in self.logs:
             differences = self._differences(number, verdict)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.certainty import Certainty, likely
+from sdp_vs_penalty.checks.certainty import Certainty, certain, likely, possible
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue
 from sdp_vs_penalty.checks.residual import leaves_more_than_usual
 from sdp_vs_penalty.data.measurements import Measurements
@@ -29,6 +29,9 @@ from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
 #: Largest share of the joints that have a unit of their own; of more, all share it.
 _SINGLE_JOINTS = 0.3
 _BY_SIZE = likely("judged by size alone")
+#: Times the N m of an arm that its motors' currents in mA may be: their gears make more than
+#: 3 N m of an ampere.
+_OF_CURRENTS = 300.0
 #: The word of `--apply` that multiplies all torques by the factor of their unit.
 UNIT_OF_TORQUES = "unit:tau"
 _CORRECT_MASSES = "if right, correct the problem's masses"
@@ -276,12 +279,40 @@ def _reason_of_size(
     )
 
 
+def not_in_newton_metres(unit: str) -> Issue:
+    """Return the warning that torques are in a unit that their columns say, of which only
+    the user knows the N m: "A", or "%"."""
+    return Issue.from_fault(
+        kind="torque channel kind",
+        severity="warning",
+        joints=(),
+        what=f"the torques are in {unit}, as their columns say. A model of them is"
+        " unscaled: its ratios are right where all channels have one factor, its"
+        " kilograms are not.",
+        certainty=certain("read from the file"),
+        remedy=f"multiply each channel by its N m per {unit}, gear ratio included",
+        where="all torque channels",
+        nature=EXPLANATION,
+        changes=_scales(["tau"]),
+    )
+
+
 def _in_another_unit(size: _Size) -> _Reason:
     """Return the reason that torques too large for N m are in another unit, by its name
-    where one makes their size possible."""
+    where one makes their size possible, and currents in mA do not."""
     for factor, name in UNITS.items():
         fits = size.smallest <= size.measured * factor <= size.largest
         if size.is_far and factor < 0.1 and fits:
+            if size.measured < _OF_CURRENTS:
+                return _Reason(
+                    "torque unit",
+                    f"they are in {name}, or motor currents in mA: size does not tell"
+                    " which",
+                    f"say which: {name} by --scale tau={name.replace(' ', '').lower()},"
+                    " mA by each joint's N m per mA, gear ratio included",
+                    changes=_scales(["tau"]),
+                    certainty=possible("judged by size alone"),
+                )
             return _Reason(
                 "torque unit",
                 f"they are in {name}",

@@ -98,7 +98,9 @@ def _in_another_unit(ratio: float) -> Issue | None:
     if units is None:
         return None
     of_velocity, of_position = units
-    beside = "" if of_position == "radians" else f", where positions are in {of_position}"
+    beside = (
+        "" if of_position == "radians" else f", where positions are in {of_position}"
+    )
     return Issue(
         kind="velocity unit",
         severity="note",

@@ -71,6 +71,8 @@ class Log:
     clocks: Mapping[str, Array] = field(default_factory=dict)
     #: Sampling rate that the file's header says [Hz]; None where it says none.
     rate: float | None = None
+    #: Lines above a table's names: comments and titles.
+    heading: Sequence[str] = ()
     #: What messages call a sample.
     word: str = "sample"
     #: What to do about missing columns of what is no file; "" for a file.

@@ -228,7 +228,7 @@ def recognised_in(log: Log, joints: Sequence[str] | None) -> Recognition | None:
     from sdp_vs_penalty.data.hypotheses import recognition
 
     try:
-        return recognition.recognise(log.columns, joints)
+        return recognition.recognise(log.columns, joints, log.heading)
     except recognition.AmbiguousColumnsError as error:
         command = formatting.convert_command(log.path, "--rename", error.words)
         how = log.remedy or f"choose, such as with `{command}`"
@@ -631,7 +631,12 @@ def _as_the_arm_says(
 ) -> tuple[Recognition, dict[str, Array]]:
     """Decide by an arm's dynamics, where the robot is known, what names leave open: which
     of several sets of channels is the torque, and whether a register has a sign bit."""
-    from sdp_vs_penalty.data.hypotheses.arm import N_PARTS, fit_arm, signed_register
+    from sdp_vs_penalty.data.hypotheses.arm import (
+        N_PARTS,
+        fit_arm,
+        signed_register,
+        units_tried,
+    )
 
     robot = getattr(choice.joints, "robot", None)
     q = blocks["q"] * found.factors("q", blocks["q"].shape[1])
@@ -640,7 +645,8 @@ def _as_the_arm_says(
     def fit(tau: Array) -> ChannelFit | None:
         if robot is None or robot.n != q.shape[1]:
             return None
-        return fit_arm(robot, stamps, q, tau)
+        fits = (fit_arm(robot, stamps, unit * q, tau) for unit in units_tried(q))
+        return min((x for x in fits if x), key=lambda x: x.share, default=None)
 
     rivals = {x: _RIVAL.format(x) for x in found.torques}
     channels = {x: blocks[y] for x, y in rivals.items() if y in blocks}

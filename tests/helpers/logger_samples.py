@@ -138,6 +138,11 @@ TABLES = {
             "actuators[{}].current_motor": "current",
         },
     ),
+    "cia402": Columns(
+        ("timestamp", 1.0, 0.0),
+        {"0x6064_{}": "q", "0x606C_{}": "dq", "0x6077_{}": "tau"},
+        first=1,
+    ),
     "xarm": Columns(
         ("timestamp", 1.0, 0.0),
         {"servo_angle_{}": "degrees", "joints_torque_{}": "tau"},

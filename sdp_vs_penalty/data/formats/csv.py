@@ -90,6 +90,7 @@ def log_of_table(table: TextTable) -> Log:
         read_columns,
         texts,
         rate=table.rate,
+        heading=table.heading,
         word="row",
         twice=frozenset(x for x, n in Counter(table.names).items() if n > 1 and x),
     )

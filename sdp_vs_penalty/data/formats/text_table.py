@@ -111,6 +111,8 @@ class TextTable:
     clocks: tuple[int, ...] = ()
     #: Sampling rate [Hz] of a table without stamps, which a program's header says.
     rate: float | None = None
+    #: Lines above the names: comments and titles.
+    heading: tuple[str, ...] = ()
 
     @property
     def width(self) -> int:
@@ -241,6 +243,7 @@ def inspect_table(path: Path) -> TextTable:
         cell_units=cell_units,
         clocks=program.clocks if program else (),
         rate=program.rate if program else None,
+        heading=tuple(line for n, line in numbered if rows and n < rows[0][0]),
     )
 
 

@@ -29,6 +29,8 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: What research code writes of each joint, the commonest first.
 _GROUPS = (("q", "dq", "tau"), ("q", "tau"))
+#: Fewest numbers by which columns are told apart.
+_FEWEST = 10
 _HEADER = (
     "t,q1..qn,dq1..dqn,tau1..taun (dq optional; temp1..tempn, degrees Celsius, too, and"
     " qmot1..qmotn, motors' positions where q are the links'; without tau:"
@@ -142,16 +144,19 @@ def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
     """Propose columns by the words in their names, "NAME" where none fits.
 
     Families and blocks without such words are proposed by their first letter, and where
-    exactly as many are left as groups: the first for positions, the next for torques, as
+    exactly as many are left as groups: the smoothest for positions, else the first, as
     most files have them.
     """
     alike = [x for x in families(log.names).values() if len(x) > 1]
     alike += [[name] for name, x in log.columns.items() if x.kind == "list"]
     quantities = [quantity_of(x[0]) for x in alike]
+    first = [x[0] for x in alike]
     unknown = [
         k
         for k, quantity in enumerate(quantities)
-        if quantity in (None, "t") and not is_no_measurement(alike[k][0])
+        if quantity in (None, "t")
+        and not is_no_measurement(first[k])
+        and not any(x in first[k] and x != first[k] for x in first)
     ]
     for k in unknown:
         words = {*split_tokens(alike[k][0])}
@@ -161,6 +166,11 @@ def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
     unknown = [k for k in unknown if quantities[k] in (None, "t")]
     n_open = len({*missing} - {"t", *quantities})
     if len(unknown) == n_open and len(alike) > 1 and len({*map(len, alike)}) == 1:
+        rough = {
+            k: np.mean([_roughness(log.columns[x].head) for x in alike[k]])
+            for k in unknown
+        }
+        unknown = sorted(unknown, key=rough.__getitem__)
         for k, group in zip(
             unknown, [x for x in missing if x not in ("t", *quantities)], strict=True
         ):
@@ -181,6 +191,13 @@ def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
             named = columns or named
             pairs[group] = named[0] if len(named) == 1 else "NAME"
     return pairs
+
+
+def _roughness(head: Array) -> float:
+    """Return the share of noise in a column's first numbers, by second differences; 0 of
+    few numbers, or of numbers that stay."""
+    scatter = float(np.std(head)) if len(head) > _FEWEST else 0.0
+    return float(np.std(np.diff(head, 2))) / scatter if scatter > 0.0 else 0.0
 
 
 def layout_of_table(

@@ -35,8 +35,10 @@ from sdp_vs_penalty.data.words.names import (
     AMPERES,
     Meaning,
     read_bare_joint,
+    read_letter,
     read_name,
     read_time_by_unit,
+    units_of_heading,
 )
 from sdp_vs_penalty.data.words.stamps import (
     find_time_of_day,
@@ -83,7 +85,9 @@ def columns_called(names: Sequence[str]) -> dict[str, Column]:
 
 
 def recognise(
-    columns: Columns | Sequence[str], joints: Sequence[str] | None = None
+    columns: Columns | Sequence[str],
+    joints: Sequence[str] | None = None,
+    heading: Sequence[str] = (),
 ) -> Recognition | None:
     """Recognise which column of a log is which channel, and in which unit.
 
@@ -95,6 +99,8 @@ def recognise(
         The file's columns in order, or their names alone.
     joints : sequence of str, optional
         Names of the robot's joints in order: columns can be called by them.
+    heading : sequence of str
+        Lines above a table, which may say units.
 
     Returns
     -------
@@ -124,6 +130,11 @@ def recognise(
         ]
         usable = [x for x in usable if x not in outputs]
         said, choice = _read_and_choose(usable, columns, joints)
+        if choice and all(map(is_current, _torques_of(choice))):
+            # Letters may be the joints' torques, which the arm weighs against currents.
+            letters = {x: y for x in usable if (y := read_letter(x))}
+            letters = {x: y for x, y in letters.items() if _says_nothing(said.get(x))}
+            choice = choose_sets(said | letters, len(joints) if joints else None)
         clock = find_clock({name: columns[name] for name in usable})
     if choice is None:
         return None
@@ -177,6 +188,7 @@ def recognise(
             said[clock] = by_unit
         found = with_units_of_names(found, said)
     found = _with_stated_units(found, logger, columns)
+    found = _with_units_of_heading(found, said, heading)
     return _with_unit_of_clock(found, columns)
 
 
@@ -288,6 +300,8 @@ def _with_stated_units(
             continue
         if unit in SHARES:
             found = replace(found, said=(*found.said, _share_sentence(group, unit)))
+            if group == "tau":
+                found = replace(found, torque_unit=unit)
         elif unit in (ANGLE, CLOCK, SERVO):
             found = replace(found, inferred={**found.inferred, group: unit})
         else:
@@ -298,6 +312,30 @@ def _with_stated_units(
             found = found.with_unit(group, known)
             if group == "tau" and unit.lower() in AMPERES:
                 found = replace(found, torque_unit="A")
+    return found
+
+
+def _with_units_of_heading(
+    found: Recognition, said: Mapping[str, Meaning], heading: Sequence[str]
+) -> Recognition:
+    """Add the units that the lines above a table say of groups whose names say none."""
+    groups = by_group(found.rename)
+    for group, (unit, factor) in units_of_heading(heading).items():
+        of_names = [
+            x.unit for y in groups.get(group, {}).values() if (x := said.get(y))
+        ]
+        if group not in groups or group in found.units or any(of_names):
+            continue
+        if unit in SHARES or (group == "tau" and unit in AMPERES):
+            text = f"{group} is in {unit}, by the lines above the table"
+            found = replace(found, said=(*found.said, text), torque_unit=unit)
+            continue
+        why = "the lines above the table"
+        units = {**found.units, group: ColumnHypothesis(unit, 1.0, why)}
+        scale = {**found.scale, **dict.fromkeys(groups[group], factor)}
+        scale = {x: y for x, y in scale.items() if y != 1.0}
+        inferred = {x: y for x, y in found.inferred.items() if x != group}
+        found = replace(found, scale=scale, units=units, inferred=inferred)
     return found
 
 
@@ -335,6 +373,16 @@ def _read_and_choose(
         if columns[name].kind == "number" and is_split:
             return plain, other
     return plain, without
+
+
+def _says_nothing(said: Meaning | None) -> bool:
+    """Return whether a name says nothing, or a clock with a number, "T1", which is none."""
+    return said is None or (said.quantity == "t" and said.number is not None)
+
+
+def _torques_of(choice: SetChoice) -> list[str]:
+    """List the columns of the chosen torques."""
+    return list(choice.sets["tau"].columns.values()) if "tau" in choice.sets else [""]
 
 
 def _joints_of_words(
@@ -417,7 +465,9 @@ def with_units_of_names(found: Recognition, said: Mapping[str, Meaning]) -> Reco
             "tau are the motors' torques: behind a gear, --scale tau=... makes the joints'"
             " of them"
         )
-    are_currents = any(map(is_current, groups.get("tau", {}).values()))
+    torques = groups.get("tau", {}).values()
+    are_currents = any(map(is_current, torques))
+    of_rating = {x.unit for y in torques if (x := said.get(y)) and x.unit in SHARES}
     if are_currents:
         more.append("tau is a current in A: --scale tau=... makes torques of it")
     return replace(
@@ -425,7 +475,7 @@ def with_units_of_names(found: Recognition, said: Mapping[str, Meaning]) -> Reco
         scale=scale,
         units={**found.units, **units},
         said=(*more, *found.said),
-        torque_unit="A" if are_currents else "",
+        torque_unit="A" if are_currents else next(iter(of_rating), ""),
     )
 
 

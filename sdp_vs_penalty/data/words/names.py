@@ -1,12 +1,18 @@
 """What the name of a column says: a quantity, a joint or its number, a unit."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from sdp_vs_penalty.data.words import table
 from sdp_vs_penalty.data.words.joints import JointNames
 from sdp_vs_penalty.data.words.tokens import split_tokens
-from sdp_vs_penalty.data.words.units import NamedUnit, telling_units, units_of_name
+from sdp_vs_penalty.data.words.units import (
+    NamedUnit,
+    telling_units,
+    units_in_names,
+    units_of_name,
+)
 
 #: The words of each quantity, the best first.
 WORDS: dict[str, list[str]] = table()["quantities"]
@@ -80,6 +86,53 @@ def quantity_of(name: str) -> str | None:
     """Return the quantity that a name says; None where it says none."""
     said = read_name(name)
     return None if said is None else said.quantity
+
+
+def units_of_heading(lines: Sequence[str]) -> dict[str, tuple[str, float]]:
+    """Read units off the lines above a table, by quantity, each with its factor to SI:
+    "time in s, positions in mdeg", "torque [mNm]", or "units: s deg deg/s Nm" in the order
+    of the quantities."""
+    found = dict[str, tuple[str, float]]()
+    for line in lines:
+        for word, text in _IN_UNIT.findall(line):
+            quantity = _quantity(split_tokens(word)) or ""
+            if unit := _unit_of(text, quantity):
+                found.setdefault(quantity, unit)
+        listed = _LIST_OF_UNITS.search(line)
+        texts = re.split(r"[\s,;]+", listed[1].strip()) if listed else []
+        for quantity in ("t", "q", "dq", "tau"):
+            while texts and quantity not in found:
+                if unit := _unit_of(texts[0], quantity):
+                    found[quantity] = unit
+                    texts = texts[1:]
+                elif quantity == "dq":
+                    break
+                else:
+                    texts = []
+    return found
+
+
+#: A word and its unit, "positions in deg", "torque [Nm]"; units in a list.
+_IN_UNIT = re.compile(r"(\w+)(?:\s+in\s+|\s*[\[(])([^\s,;\])]+)")
+_LIST_OF_UNITS = re.compile(r"(?i)\b(?:units?|einheiten|unités|unidades)\s*[:=]\s*(.+)")
+
+
+def _unit_of(text: str, quantity: str) -> tuple[str, float] | None:
+    """Return a unit of a quantity as the table of units writes it, with its factor."""
+    units = units_in_names().get(quantity, {})
+    known = {unit.casefold(): (unit, factor) for unit, factor in units.items()}
+    return known.get(text.casefold())
+
+
+def read_letter(name: str) -> Meaning | None:
+    """Read a name that is a letter of torques and a number, "u_1", as a torque that ranks
+    behind all names with a word; None for other names."""
+    words = [x for x in split_tokens(name) if x.isalpha()]
+    numbers = [x for x in split_tokens(name) if x.isdigit()]
+    is_torque = len(words) == 1 and words[0] in INITIALS["tau"].split()
+    if not is_torque or len(numbers) != 1:
+        return None
+    return Meaning("tau", len(WORDS["tau"]) + 1, number=int(numbers[0]))
 
 
 def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Meaning | None:
