@@ -43,7 +43,7 @@ from sdp_vs_penalty.estimators.estimator import (
     with_plausible,
 )
 from sdp_vs_penalty.regression.products import ProductRegression
-from sdp_vs_penalty.regression.regression import Factor, Regression, triangular
+from sdp_vs_penalty.regression.regression import Regression
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import ConstraintSet
 from sdp_vs_penalty.signals.segments import SegmentedRuns
@@ -418,31 +418,26 @@ class _Table:
         self.estimate = estimate
         self.frozen = frozen
         self.own_columns = model_columns(rows, estimate, frozen)
-        #: The effects of the last call and their columns.
-        self._last: tuple[tuple[Effect, ...], list[Array]] | None = None
+        #: The effects of the last call, and the columns with them.
+        self._last: tuple[tuple[Effect, ...], Array] | None = None
 
-    def _columns(self, effects: tuple[Effect, ...], joint: int) -> Array:
-        """Return the columns (M rows, p + 1) of the model and of effects on a joint
-        (from 0).
+    def _columns(self, effects: tuple[Effect, ...]) -> Array:
+        """Return the columns (n joints, M rows, p + 1) of the model and of effects.
 
         The last column is the target: the torque, or the residual of a fixed model. The
-        effects' columns of the last call are kept.
+        columns of the last call are kept.
         """
         if self._last is None or self._last[0] is not effects:
-            self._last = effects, [spread_columns(self.rows, e) for e in effects]
-        torque = self.rows.residual if self.frozen else self.rows.torque
-        blocks = [self.own_columns, *self._last[1]]
-        on_joint = [block[joint] for block in blocks]
-        return np.column_stack([*on_joint, torque[:, joint]])
+            torque = self.rows.residual if self.frozen else self.rows.torque
+            of_effects = [spread_columns(self.rows, e) for e in effects]
+            blocks = [self.own_columns, *of_effects, torque.T[:, :, None]]
+            self._last = effects, np.concatenate(blocks, axis=2)
+        return self._last[1]
 
     def compressed(
         self, effects: Sequence[Effect], keep: NDArray[np.bool_]
     ) -> Regression:
-        """Return the regression of some rows, compressed to one triangle a joint, and
-        the products of its columns.
-
-        The QR factor R of a joint's columns and target has p + 1 rows instead of M, and
-        the same least squares solutions.
+        """Return the regression of some rows, compressed to the products of its columns.
 
         Parameters
         ----------
@@ -454,24 +449,9 @@ class _Table:
         effects = tuple(effects)
         own_effects = () if self.frozen else self.estimate.model.effects
         parameters = tuple(p for e in (*own_effects, *effects) for p in e.parameters)
-        n = self.rows.n
-        factors = []
-        for joint in range(n):
-            kept_rows = self._columns(effects, joint)[keep[:, joint]]
-            triangle = triangular([kept_rows]) if len(kept_rows) else kept_rows
-            factor = Factor(
-                joint=joint,
-                block=0,  # all rows are one block
-                indices=np.arange(len(parameters)),
-                triangle=triangle,
-                rows=len(kept_rows),
-            )
-            factors.append(factor)
-        times_of_blocks = ((0, 0.0, 0.0),)  # which nobody asks for here
-        regression = Regression(
-            parameters, n, times_of_blocks, tuple(factors), oversampling=1.0
-        )
-        return ProductRegression.from_regression(regression)
+        of_joints = self._columns(effects)
+        rows = [x[kept] for x, kept in zip(of_joints, keep.T, strict=True)]
+        return ProductRegression.from_rows(parameters, rows)
 
 
 @dataclass(frozen=True)

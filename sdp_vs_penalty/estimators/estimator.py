@@ -438,21 +438,16 @@ def joint_scale(regression: Regression, model: Model, theta: np.ndarray) -> np.n
     (p,) array
         Scales; infinite for parameters of links and of servos, and without a column.
     """
-    scale = np.full(regression.p, np.inf)
-    gains = np.where(model.drives, theta, 0.0)
-    for factor in regression.per_joint:
-        columns = factor.triangle[:, :-1]
-        norms = np.linalg.norm(columns, axis=0)
-        measured = np.linalg.norm(factor.triangle[:, -1])
-        of_servos = np.linalg.norm(columns @ gains[factor.indices])
-        torque = float(max(measured, of_servos))
-        counts = (norms > 0.0) & ~np.isin(factor.indices, model.rigid_indices)
-        # Servos' terms cancel: each is many times as large as their sum.
-        counts &= ~model.drives[factor.indices]
-        if torque > 0.0:
-            counted = factor.indices[counts]
-            scale[counted] = np.minimum(scale[counted], torque / norms[counts])
-    return scale
+    norms = regression.column_norms()
+    of_servos = regression.torque_norms(np.where(model.drives, theta, 0.0))
+    torque = np.maximum(norms[:, -1], of_servos)[:, None]  # (n, 1)
+    counts = (norms[:, :-1] > 0.0) & (torque > 0.0)
+    counts[:, model.rigid_indices] = False
+    # Servos' terms cancel: each is many times as large as their sum.
+    counts[:, model.drives] = False
+    scale = np.full(counts.shape, np.inf)
+    np.divide(torque, norms[:, :-1], out=scale, where=counts)
+    return np.asarray(scale.min(axis=0))
 
 
 def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
@@ -470,10 +465,8 @@ def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
     data are not weighted by rounding.
     """
     rows = np.maximum(regression.joint_rows(), 1)
-    torque = np.array(
-        [float(np.sum(f.triangle[:, -1] ** 2)) for f in regression.per_joint]
-    )
-    variance = np.maximum(regression.joint_losses(theta), 1e-12 * torque) / rows
+    torque = regression.column_norms()[:, -1]
+    variance = np.maximum(regression.joint_losses(theta), 1e-12 * torque**2) / rows
     if not np.any(variance > 0.0):
         return np.ones(len(rows))
     variance = np.maximum(variance, 1e-12 * variance.max())

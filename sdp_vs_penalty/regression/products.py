@@ -8,6 +8,7 @@ models, not for a certificate.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -15,8 +16,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
-from sdp_vs_penalty.robot.arrays import Array, Mask, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, nonzero_or_one
 
 #: Ridge relative to the squares of each column, above rounding of the products:
 #: directions in which columns of unit length differ by less than its root count as
@@ -114,27 +116,39 @@ class ProductSquares(LeastSquares):
 
 @dataclass(frozen=True)
 class ProductRegression(Regression):
-    """The compressed data of one model, with the products of its columns."""
+    """The data of one model as the products of its columns; it has no factors."""
 
     #: (n, p + 1, p + 1) [Y tau]' [Y tau] of each joint, the torque last.
     products: Array = field(default_factory=lambda: np.zeros((0, 1, 1)))
+    #: (n,) number of rows of each joint.
+    counts: Indices = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @classmethod
-    def from_regression(cls, regression: Regression) -> ProductRegression:
-        """Multiply the columns and the torque of compressed data."""
-        p = regression.p
-        products = np.zeros((regression.joints, p + 1, p + 1))
-        for joint, factor in enumerate(regression.per_joint):
-            places = np.append(factor.indices, p)
-            of_joint = factor.triangle.T @ factor.triangle
-            products[joint][np.ix_(places, places)] = of_joint
+    def from_rows(
+        cls,
+        parameters: tuple[Parameter, ...],
+        rows: Sequence[Array],
+        oversampling: float = 1.0,
+    ) -> ProductRegression:
+        """Multiply the columns and the torque of rows.
+
+        Parameters
+        ----------
+        parameters
+            The p parameters of the columns.
+        rows
+            Of each of n joints the rows (r, p + 1) [Y tau].
+        oversampling
+            Rows for each independent one.
+        """
         return cls(
-            regression.parameters,
-            joints=regression.joints,
-            blocks=regression.blocks,
-            factors=regression.factors,
-            oversampling=regression.oversampling,
-            products=products,
+            parameters,
+            joints=len(rows),
+            blocks=(),
+            factors=(),
+            oversampling=oversampling,
+            products=np.stack([of_joint.T @ of_joint for of_joint in rows]),
+            counts=np.array([len(of_joint) for of_joint in rows], np.int64),
         )
 
     def keeping(self, kept_columns: Mask) -> ProductRegression:
@@ -145,10 +159,12 @@ class ProductRegression(Regression):
         kept_columns
             (p,) flags: which parameters to keep.
         """
-        kept = super().keeping(kept_columns)
-        assert isinstance(kept, ProductRegression)
         places = np.flatnonzero(np.append(kept_columns, True))
-        return replace(kept, products=self.products[:, places[:, None], places])
+        return replace(
+            self,
+            parameters=tuple(self.parameters[k] for k in places[:-1]),
+            products=self.products[:, places[:, None], places],
+        )
 
     def least_squares(self, weights: ArrayLike | None = None) -> LeastSquares:
         """Return the rows of all joints as one least-squares problem.
@@ -160,7 +176,7 @@ class ProductRegression(Regression):
         """
         scale = np.ones(self.joints) if weights is None else np.asarray(weights, float)
         products = np.tensordot(scale**2, self.products, axes=1)
-        n_rows = int(self.joint_rows().sum())
+        n_rows = int(self.counts.sum())
         return ProductSquares.from_products(products, n_rows, float(products[-1, -1]))
 
     def joint_losses(self, theta: ArrayLike) -> Array:
@@ -168,3 +184,18 @@ class ProductRegression(Regression):
         theta (p,) [SI]."""
         signed = np.append(np.asarray(theta, float), -1.0)
         return np.maximum((self.products @ signed) @ signed, 0.0)
+
+    def joint_rows(self) -> Indices:
+        """Return (n,) the number of rows of each joint."""
+        return self.counts
+
+    def column_norms(self) -> Array:
+        """Return (n, p + 1) the norm of each joint's columns, the torque last [N m]."""
+        return np.sqrt(np.diagonal(self.products, axis1=1, axis2=2))
+
+    def torque_norms(self, theta: ArrayLike) -> Array:
+        """Return (n,) the norm of each joint's modelled torque [N m] with parameters
+        theta (p,) [SI]."""
+        of_columns = np.append(np.asarray(theta, float), 0.0)
+        squares = (self.products @ of_columns) @ of_columns
+        return np.sqrt(np.maximum(squares, 0.0))

@@ -417,6 +417,24 @@ class Regression:
         counts = [factor.rows for factor in self.per_joint]
         return np.array(counts, np.int64)
 
+    def column_norms(self) -> Array:
+        """Return (n, p + 1) the norm of each joint's columns, the torque last [N m]."""
+        norms = np.zeros((self.joints, self.p + 1))
+        for of_joint, factor in zip(norms, self.per_joint, strict=True):
+            places = np.append(factor.indices, self.p)
+            of_joint[places] = np.linalg.norm(factor.triangle, axis=0)
+        return norms
+
+    def torque_norms(self, theta: ArrayLike) -> Array:
+        """Return (n,) the norm of each joint's modelled torque [N m] with parameters
+        theta (p,) [SI]."""
+        parameters = np.asarray(theta, float)
+        modelled = [
+            factor.triangle[:, :-1] @ parameters[factor.indices]
+            for factor in self.per_joint
+        ]
+        return np.array([np.linalg.norm(torque) for torque in modelled])
+
 
 def triangular(parts: Sequence[Array]) -> Array:
     """Return the upper triangular R factor (s, k), s <= k, of stacked matrices (r, k),
