@@ -106,8 +106,8 @@ class RunSummary:
         float or None
             None for few rows, and where the arm leaves half of the torque elsewhere.
         """
-        rows = self.arm_rows
-        if rows is None or not at.any():
+        rows = self.arm_rows if at.any() else None
+        if rows is None:
             return None
         nearest = np.searchsorted(self.run.t, rows.motion.t).clip(max=len(at) - 1)
         inside = at[nearest]
