@@ -71,8 +71,9 @@ class Registry(Generic[P]):
         """Return the name by which users choose a plug-in."""
         mark = "name" if isinstance(self.base, type) else self.base
         name = getattr(plugin, mark)
-        is_named = isinstance(name, str)
-        return name if is_named else str(plugin.__name__).rpartition(".")[2]
+        if isinstance(name, str):
+            return name
+        return str(getattr(plugin, "__name__", "")).rpartition(".")[2]
 
     def register(self, plugin: P) -> None:
         """Add a plug-in to those of this process; InputError for a name that is taken.

@@ -187,13 +187,14 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
     """
     theta = fit.theta
     constraints = fit.problem.constraints
-    can_repair = fit.multipliers is not None and fit.interior is not None
-    if can_repair:
-        theta = repair(constraints, theta, fit.interior)
+    # Only with the multipliers of a convex method is there an optimum to certify.
+    interior = None if fit.multipliers is None else fit.interior
+    if interior is not None:
+        theta = repair(constraints, theta, interior)
     # A solver holds what is known to its own accuracy, which nothing else depends on.
     theta = task.model.with_known(theta)
     certificate = Certificate(violations(constraints, theta), task.data.loss(theta))
-    if not can_repair:
+    if interior is None:
         return theta, certificate
     # The bounds of an unchanged fit are computed already (cached properties).
     is_unchanged = np.array_equal(theta, fit.theta)

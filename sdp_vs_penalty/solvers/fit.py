@@ -241,7 +241,7 @@ def _polished(e: DualEvidence, problem: ConvexProblem) -> DualEvidence:
     return replace(e, multipliers=multipliers, push=push)
 
 
-def _objective_slope(e: DualEvidence, problem: ConvexProblem) -> Array:
+def _objective_slope(e: DualEvidence, problem: ConvexProblem) -> Array | float:
     """Return the gradient (p,) of the objective but for its squares: of its linear
     terms, and of the tangent of the entropic prior."""
     if problem.entropy is None:

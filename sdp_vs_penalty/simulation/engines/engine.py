@@ -164,6 +164,4 @@ class Engine(ABC):
             armature=zeros,
             stiffness=zeros,
             offset=zeros,
-            springs=(),
-            others=(),
         )
