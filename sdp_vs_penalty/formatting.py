@@ -177,6 +177,21 @@ def amount(size: float, half: float, unit: str, digits: int = 3) -> str:
     return f"{number(size, digits)} ± {number(half, 2)} {unit}".rstrip()
 
 
+def digits_beside(size: float, half: float, most: int = 4) -> int:
+    """Return the significant digits of a size that stands beside half its interval, of
+    which two are shown: the last digits of both stand at one place.
+
+    Examples
+    --------
+    >>> digits_beside(3.1234, 0.49), digits_beside(1.745, 2.4)
+    (3, 2)
+    """
+    if not (size and half > 0.0 and math.isfinite(half)):
+        return most
+    places = math.floor(math.log10(abs(size))) - math.floor(math.log10(half))
+    return min(max(places + 2, 1), most)
+
+
 def times_noise(ratio: float, error: float, unit: str) -> str:
     """Write an error [unit] as a multiple of its noise, and in its unit.
 

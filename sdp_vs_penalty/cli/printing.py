@@ -301,10 +301,11 @@ def _findings(
     if words.shared_doubt:
         paragraph(words.shared_doubt)
     for number, finding in enumerate(words.findings[: len(shown)], start=1):
-        paragraph(
-            f"{number}. {finding.title_with_doubt}: {finding.size_and_constants}."
-            f" {finding.sentences}"
-        )
+        if finding.said_by:
+            continue
+        size = f": {finding.size_and_constants}" * bool(finding.size_and_constants)
+        title = f"{number}. {finding.title_with_doubt}"
+        paragraph(f"{title}{size}. {finding.sentences}")
     if more := words.findings[len(shown) :]:
         paragraph(f"further weak candidates: {'; '.join(f.title for f in more)}")
 

@@ -40,6 +40,9 @@ REASONS: Mapping[str, str] = {
 #: there, and its name alone is open.
 NAME_IS_OPEN = {"rivals", "explained"}
 
+#: Reasons of which each says that the size of a torque is open.
+SIZE_IS_OPEN = {"uncertain", "insignificant", "shared"}
+
 #: Reasons that leave open whether a torque is there. All others leave open which of
 #: several effects makes how much of it: on 28 arms of another author's simulator
 #: findings without these reasons keep .976 of the mean log gain of all findings on fresh

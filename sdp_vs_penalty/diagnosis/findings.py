@@ -12,7 +12,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
-from sdp_vs_penalty.diagnosis.doubts import NAME_IS_OPEN, Doubt
+from sdp_vs_penalty.diagnosis.doubts import NAME_IS_OPEN, SIZE_IS_OPEN, Doubt
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.notices import Notice
 from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, passing_sentence
@@ -23,7 +23,6 @@ from sdp_vs_penalty.effects import (
     effect_types,
     on_the_arm,
 )
-from sdp_vs_penalty.effects.plain_words import SIZE_DIGITS
 from sdp_vs_penalty.errors import InputError, command_line
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
@@ -137,17 +136,18 @@ def format_size(size: float, std: float, unit: str) -> str:
     Examples
     --------
     >>> format_size(3.1234, 0.25, "N m")
-    '3.123 ± 0.49 N m (95 %)'
+    '3.12 ± 0.49 N m (95 %)'
     """
     return f"{_amount(size, std, unit)} (95 %)"
 
 
 def _amount(size: float, std: float, unit: str) -> str:
-    """Write a size with half its 95 % interval, "3.123 ± 0.49 N m"; a pure number in per
+    """Write a size with half its 95 % interval, "3.12 ± 0.49 N m"; a pure number in per
     cent, as sentences do."""
     scale, unit = (1.0, plain_unit(unit)) if plain_unit(unit) else (100.0, "%")
     half = scale * NORMAL_95 * std
-    return formatting.amount(scale * size, half, unit, digits=SIZE_DIGITS)
+    digits = formatting.digits_beside(scale * size, half)
+    return formatting.amount(scale * size, half, unit, digits)
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ class Finding(Rated):
 
     @property
     def size_text(self) -> str:
-        """The size with its 95 % interval, such as "3.123 ± 0.49 N m (95 %)".
+        """The size with its 95 % interval, such as "3.12 ± 0.49 N m (95 %)".
 
         Where the torque is known far better than the size, which follows the shape
         constants, it is said too.
@@ -311,6 +311,7 @@ class Finding(Rated):
             unit=self.unit,
             parameters=self.parameters,
             shape=self.shape,
+            digits=formatting.digits_beside(self.size, self.half_width_95),
         )
         return on_the_arm(fitted)
 
@@ -370,7 +371,11 @@ class Finding(Rated):
         """Return what would mend the model: adding this finding of the diagnosis; the
         effects that fit as well are its rivals.
         """
-        arguments = {"effects": [self.text], "findings": [self.number]}
+        together = diagnosis.only_in_sum(self) or (self,)
+        arguments = {
+            "effects": [f.text for f in together],
+            "findings": [f.number for f in together],
+        }
         before, after = self.held_out_rmse_before, self.held_out_rmse_after
         if not diagnosis.is_beside_sure(self):
             before, after = diagnosis.errors_of(self)
@@ -381,7 +386,7 @@ class Finding(Rated):
         return Remedy(
             self.title,
             *self.grade_and_why,
-            Change("add", f"add {named_on_joints([self])}", arguments),
+            Change("add", f"add {named_on_joints(together)}", arguments),
             tuple(before.tolist()),
             tuple(after.tolist()),
             rivals,
@@ -762,6 +767,30 @@ class Diagnosis(Record, JsonRecord):
         if finding.torque_is_certain:
             return self.held_out_rmse_before, with_sure
         return with_sure, with_sure * _ratio(after, before)
+
+    def only_in_sum(self, finding: Finding) -> tuple[Finding, ...]:
+        """The findings of which these runs show the sum alone, this one among them; none
+        for others.
+
+        They are sure and on one joint, while the size of one or more is open and its
+        torque larger than the joint's error: it cancels with that of the others.
+        """
+        joint = finding.main_joint
+        error = self.held_out_rmse_before[joint - 1]
+        group = [f for f in self.effects if f.main_joint == joint]
+        group = [f for f in group if f.torque_is_certain]
+        is_open = [
+            not {doubt.reason for doubt in f.doubts}.isdisjoint(SIZE_IS_OPEN)
+            and (f.torque_rms or 0.0) > error
+            for f in group
+        ]
+        if sum(is_open) > 1:
+            group = [
+                f for f, f_is_open in zip(group, is_open, strict=True) if f_is_open
+            ]
+        if not any(is_open) or len(group) < 2 or finding not in group:
+            return ()
+        return tuple(group)
 
     def is_beside_sure(self, finding: Finding) -> bool:
         """Whether a finding is sure, and something else on its main joint is too, so

@@ -13,8 +13,6 @@ from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
 #: How a sentence of :func:`on_the_arm` begins.
 ON_THE_ARM = "On the arm: "
-#: Significant digits of a size, in the sentence and beside its interval.
-SIZE_DIGITS = 4
 #: Joints and constants of an effect as it is written for a command.
 _WRITTEN = re.compile(r"(?P<name>\w+)(?::(?P<joints>[\d+]+))?(?:@(?P<constants>.*))?")
 #: Parameters of a joint's misplacement.
@@ -127,6 +125,8 @@ class FittedEffect:
     parameters: Mapping[str, float]
     #: Shape constants by name, in SI units.
     shape: Mapping[str, float]
+    #: Significant digits of the size.
+    digits: int = 2
 
 
 class _Sign:
@@ -173,7 +173,7 @@ def _fields(fitted: FittedEffect) -> dict[str, object]:
     """
     size = abs(fitted.size)
     unit = formatting.plain_unit(fitted.unit)
-    text = f"{formatting.number(size, SIZE_DIGITS)} {unit}".rstrip()
+    text = f"{formatting.number(size, fitted.digits)} {unit}".rstrip()
     is_slide = _is_slide(fitted.unit)
     # The joint (from 1) whose motion acts on this one; 0 for the neighbour.
     source = fitted.shape.get("i", 0.0)
@@ -181,10 +181,10 @@ def _fields(fitted: FittedEffect) -> dict[str, object]:
         "joint": formatting.joints(fitted.joints) if fitted.joints else "the arm",
         "other": f"joint {source:.0f}" if source else "the joint beside it",
         "size": text,
-        "twice": f"{formatting.number(2.0 * size, SIZE_DIGITS)} {unit}".rstrip(),
-        "signed": f"{formatting.number(fitted.size, SIZE_DIGITS)} {unit}".rstrip(),
+        "twice": f"{formatting.number(2.0 * size, fitted.digits)} {unit}".rstrip(),
+        "signed": f"{formatting.number(fitted.size, fitted.digits)} {unit}".rstrip(),
         "sign": _Sign(fitted.size),
-        "share": formatting.percent(size, SIZE_DIGITS),
+        "share": formatting.percent(size, fitted.digits),
         "time": formatting.milli(size, "s", 2),
         "length": length_or_angle(size, is_slide),
         "torque": "N" if is_slide else "N m",

@@ -63,14 +63,17 @@ def torque_chart(
     return ready(plot, 420)
 
 
-def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
+def data_chart(
+    read: Mapping[str, Any], units: Sequence[str], shows_repairs: bool
+) -> dict[str, Any]:
     """Draw positions, velocities and torques of all joints on one time axis.
 
     Parameters
     ----------
     read : mapping
         t (M,) [s]; q, dq, torque (M, n); repaired_q, repaired_torque (M, n), which the
-        data check would put in their place: NaN, or drawn as a cross.
+        data check would put in their place: NaN, or drawn as a cross where a repair is
+        offered (``shows_repairs``).
     units : sequence of str
         Torque unit of each joint; "N" marks a prismatic one.
 
@@ -94,7 +97,7 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
             }
             plot.add("scatter", row, x=t, y=read[name][:, j], **look, **named)
             repaired = read.get(f"repaired_{name}")
-            if repaired is None:
+            if repaired is None or not shows_repairs:
                 continue
             rows = np.isfinite(repaired[:, j])
             if rows.any():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -13,7 +13,7 @@ from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import View, checked, graded, identified, label_of, spoken
 from sdp_vs_penalty.records import from_json
 from sdp_vs_penalty.render.words import describe_outcome
-from sdp_vs_penalty.results.remedy import Remedy
+from sdp_vs_penalty.results.remedy import Change, Remedy
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def _of_runs(session: Session) -> NextStep:
         for x in session.remedies
         if "refused" not in x
     ]
-    remedy = next_remedy(remedies)
+    remedy = next_remedy([_with_published_gains(session, x) for x in remedies])
     if remedy is not None:
         change = remedy.change
         do = partial(session.start, session.apply, change.to_dict())
@@ -90,6 +90,17 @@ def _of_runs(session: Session) -> NextStep:
     do = partial(session.start, session.identify)
     label = "Identify the model"
     return NextStep(of_check.text, label, "identify", do, level=of_check.level)
+
+
+def _with_published_gains(session: Session, remedy: Remedy) -> Remedy:
+    """Return a remedy that asks for the unit of all torques with the published drive
+    gains of the robot; without these, and any other remedy, as it is."""
+    gains = [*session.published_gains.values()]
+    if remedy.change.arguments.get("scale") != {"tau": None} or not all(gains):
+        return remedy
+    words = "read the torque by the published drive gains"
+    change = Change("read", words, {"scale": {"tau": ":".join(gains)}})
+    return replace(remedy, change=change)
 
 
 def _of_model(view: View) -> NextStep:

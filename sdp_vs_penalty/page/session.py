@@ -839,6 +839,14 @@ class Session:
             self.mappings.append({**file, "chosen": chosen or file["chosen"]})
 
     @property
+    def published_gains(self) -> dict[int, str]:
+        """Drive gains of the robot [N m per A] that the data set of it publishes, by joint
+        (from 1); those of others are "" for the person to fill in."""
+        gains = (self.robot["data"] or {}).get("drive_gains") or ()
+        joints = enumerate(self.robot["joints"])
+        return {j + 1: f"{gains[j]:g}" if gains else "" for j, _ in joints}
+
+    @property
     def refused(self) -> list[dict[str, Any]]:
         """The files that wait for their columns."""
         return [m for m in self.mappings if not m["run"]]

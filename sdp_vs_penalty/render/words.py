@@ -31,7 +31,13 @@ from sdp_vs_penalty.diagnosis.causes import (
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune, event_lines
+from sdp_vs_penalty.diagnosis.findings import (
+    Diagnosis,
+    Finding,
+    Retune,
+    event_lines,
+    named_on_joints,
+)
 from sdp_vs_penalty.diagnosis.where_it_fails import (
     NEAR,
     UNNAMED,
@@ -83,6 +89,9 @@ class FindingWords:
     splits: str = ""
     #: Run that decides whether the effect is there.
     test: str = ""
+    #: Number of the finding that says it as well, since only their sum is shown; 0 for
+    #: what stands for itself.
+    said_by: int = 0
 
     @property
     def title_with_doubt(self) -> str:
@@ -149,13 +158,21 @@ def describe_finding(
     if any(other.effect == finding.effect for other in earlier):
         physics = ""  # it was said of the first one
     rivals = finding.rivals_in_words
+    title, arm, size = finding.title, finding.on_the_arm, finding.size_text
+    said_by = 0
+    if together := diagnosis.only_in_sum(finding):
+        title = formatting.sentence(named_on_joints(together))
+        arm = f"{ON_THE_ARM}these act together, and the runs show their sum alone."
+        size = ""
+        said_by = together[0].number if finding != together[0] else 0
     return FindingWords(
-        title=finding.title,
-        on_the_arm=finding.on_the_arm,
+        title=title,
+        said_by=said_by,
+        on_the_arm=arm,
         rating=finding.rating,
         badge=_badge_of(finding),
-        size=finding.size_text,
-        constants=finding.constants,
+        size=size,
+        constants=finding.constants if size else "",
         gain=finding.gain_sentence(diagnosis),
         physics=physics,
         rivals=f"Fits as well: {rivals}." if rivals else "",
@@ -539,7 +556,7 @@ def on_the_arm_of(diagnosis: Diagnosis | None) -> list[str]:
         return []
     lines = []
     for finding in diagnosis.effects:
-        if finding.rating != "weak":
+        if finding.rating != "weak" and not diagnosis.only_in_sum(finding):
             text = formatting.sentence(finding.on_the_arm.removeprefix(ON_THE_ARM))
             lines.append(f"{text} ({formatting.sentence(finding.rating)}.)")
     return lines

@@ -472,7 +472,11 @@ def findings(data: ReportData) -> Context:
     not_added = findings_not_added(replace(diagnosis, effects=tuple(weak)), data.last)
     return {
         "words": described,
-        "cards": [c for c, certain in zip(cards, is_certain, strict=True) if certain],
+        "cards": [
+            card
+            for card, certain in zip(cards, is_certain, strict=True)
+            if certain and not card["words"].said_by
+        ],
         "weak_cards": [
             c for c, certain in zip(cards, is_certain, strict=True) if not certain
         ],

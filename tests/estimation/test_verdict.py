@@ -1,6 +1,8 @@
 """The one verdict: what it takes to be good, and that knowing less never makes it
 better."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -95,6 +97,16 @@ def test_an_error_on_training_motion_says_so():
         " its torque beyond the noise)"
     )
     assert "4 times its noise, on training motion" in verdict(errors=errors).headline
+
+
+def test_one_rule_says_which_joint_errs_most():
+    """By multiples of the noise; without a floor by the share of the joint's torque."""
+    torque = np.array([1.0, 0.1])
+    errors = ErrorsBesideNoise(RMSE, RMSE / (8.0, 4.0), torque, ("N*m", "N*m"))
+    assert errors.worst_of([1, 2]) == 1
+    assert errors.worst_of([2]) == 2
+    unknown = replace(errors, floor=None)
+    assert unknown.worst_of([1, 2]) == 2
 
 
 def test_which_joint_errs_comes_before_what_is_in_doubt_of_the_log():

@@ -87,7 +87,7 @@ def test_a_run_is_repaired_where_it_is_certain(here, hidden, tmp_path):
     )
     (before,) = s.runs
     assert [f["kind"] for f in before["findings"] if f["remedies"]] == ["spikes"]
-    drawn = data_chart(s.arrays(before["view"]), ["N m", "N m"])
+    drawn = data_chart(s.arrays(before["view"]), ["N m", "N m"], True)
     (crosses,) = (d for d in drawn["data"] if d["name"] == "joint 2, repaired")
     np.testing.assert_allclose(
         numbers(crosses["x"]), run.t[[500, 900, 1300]], rtol=1e-4
@@ -816,6 +816,20 @@ def test_a_project_is_there_after_the_server_has_ended(kept, hidden, tmp_path, s
     named = Sessions(Here(), None).open_folder(moved)
     do(named, named.identify)
     assert Path(named.current.file).parent == moved
+
+
+def test_a_project_has_a_name_runs_and_verdict_and_is_deleted(kept, hidden, tmp_path):
+    s = opened(kept, "two_link", **saved(tmp_path, hidden.runs[:1], "a.csv"))
+    s.rename(" arm on the bench ")
+    written = (s.folder / "project.json").stat().st_mtime_ns
+    s.save()
+    assert (s.folder / "project.json").stat().st_mtime_ns == written  # no new work
+    (project,) = kept.saved()
+    assert project.name == "arm on the bench"
+    assert project.about.startswith("a.csv: no model yet, ")
+    kept.delete(s.token)
+    assert kept.saved() == []
+    assert not s.folder.exists()
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,7 @@ from sdp_vs_penalty.render.words import (
     weak_title,
 )
 from sdp_vs_penalty.results.remedy import Change
+from sdp_vs_penalty.signals.noise import said_before
 
 
 @partial(
@@ -109,6 +110,8 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     findings, constants = enumerate(diagnosis.effects), enumerate(diagnosis.retuned)
     sure, others = list[partial[None]](), list[partial[None]]()
     for k, finding in findings:
+        if words.findings[k].said_by:
+            continue
         card = partial(_card, view, diagnosis, words.findings[k], k)
         (sure if finding.torque_is_certain else others).append(card)
     for k, constant in constants:
@@ -281,7 +284,7 @@ def _others(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) -> No
             for line in words.all_events:
                 draw.tag("li", f"{formatting.sentence(line)}.")
     for remark in (*diagnosis.besides, *words.remarks):
-        draw.note(spoken(remark))
+        draw.note(spoken(said_before(remark)))
     if words.invisible:
         with draw.details("What these runs cannot show", "invisible"):
             draw.note("The model's existing parameters absorb the torque of:")

@@ -433,9 +433,11 @@ def check(view: View) -> None:
         (run["name"] for run in session.runs if run["findings"]), next(iter(views))
     )
 
+    mended = any(x["change"]["verb"] == "transform" for x in session.remedies)
+
     def look(run: str) -> None:
         read = session.arrays(views[run])
-        drawn.update_figure(data_chart(read, units))
+        drawn.update_figure(data_chart(read, units, mended))
         move(run, read)
 
     if len(views) > 1:
@@ -444,7 +446,6 @@ def check(view: View) -> None:
     caption = "Positions, velocities and torques of all joints over time"
     drawn, move = chart_and_arm(view, caption, session.robot["drawn"], "nominal links")
     thick = "Thick: corrected values. "
-    mended = any(x["change"]["verb"] == "transform" for x in session.remedies)
     draw.note(f"{thick if mended else ''}Drag to look closer; Play moves the arm.")
     look(first)
 
@@ -510,12 +511,8 @@ def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:
     scale : how the channel is read, by its name, as `convert --scale` takes it.
     """
     (channel,) = scale
-    robot = session.robot
-    joints = [j for j, _ in enumerate(robot["joints"], start=1)]
-    data = robot["data"] or {"drive_gains": ()}
-    published = dict(zip(joints, data["drive_gains"], strict=False))
-    read = [j for j in joints if channel in ("tau", f"tau{j}")]
-    gains = {j: f"{published[j]:g}" if j in published else "" for j in read}
+    published = session.published_gains.items()
+    gains = {j: gain for j, gain in published if channel in ("tau", f"tau{j}")}
     unit = [""]
 
     def put(values: Any, place: int, text: str) -> None:
@@ -524,9 +521,11 @@ def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:
         scale[channel] = unit[0] or (":".join(gains.values()) if is_known else "")
 
     put(unit, 0, "")
-    options = [("", "by its drive gains"), *_UNITS.items()]
-    draw.choice("Read the torque", options, "", partial(put, unit, 0), f"{key}-unit")
+    options = [("", "drive gains"), *_UNITS.items()]
     with draw.tag("div", style="fields"):
+        draw.choice(
+            "Read the torque by", options, "", partial(put, unit, 0), f"{key}-unit"
+        )
         for j in gains:
             label = f"Joint {j} [N m per A or count]"
             draw.text_field(label, gains[j], partial(put, gains, j), f"{key}-gain-{j}")
