@@ -181,7 +181,7 @@ def check_every_parameter_makes_torque(kind: type[Effect], forms: Forms) -> None
     does not reach)."""
     robot = robots()["arm"]
     motion = replace(to_and_fro(robot), sign_width=0.01)  # finer than any form
-    ends = zip(motion.q.min(axis=0), motion.q.max(axis=0), strict=True)
+    ends = list(zip(motion.q.min(axis=0), motion.q.max(axis=0), strict=True))
     covered = [JointCoverage(b - a, lowest=a, highest=b) for a, b in ends]
     shown = [
         effect
@@ -197,7 +197,13 @@ def check_every_parameter_makes_torque(kind: type[Effect], forms: Forms) -> None
             is_first_link = (
                 kind.simulator_field == "links" and parameter.name[-1] == "1"
             )
-            demand(size > 0.0 or is_first_link, f"{parameter.name} makes no torque")
+            demand(
+                size > 0.0 or is_first_link,
+                f"{parameter.name} makes no torque in a motion of the joints"
+                f" {', '.join(f'from {a:.2g} to {b:.2g}' for a, b in ends)} rad: choose"
+                " constants that it reaches (default and grid), or say in"
+                " Effect.looks_like that it does not show there",
+            )
 
 
 def check_written_form(kind: type[Effect], forms: Forms) -> None:
