@@ -345,16 +345,13 @@ def test_the_model_in_controllers(rehearsed, tmp_path, monkeypatch, capsys):
     np.testing.assert_allclose(names["M"], names["mass_matrix"], atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("page", "data"),
     [
-        pytest.param(
-            "tutorial.md", "panda", marks=[pytest.mark.long, pytest.mark.real_data]
-        ),
-        pytest.param(
-            "coupled-wrist.md", "tx40", marks=[pytest.mark.slow, pytest.mark.real_data]
-        ),
-        pytest.param("your-robot.md", None, marks=pytest.mark.slow),
+        pytest.param("tutorial.md", "panda", marks=pytest.mark.real_data),
+        pytest.param("coupled-wrist.md", "tx40", marks=pytest.mark.real_data),
+        ("your-robot.md", None),
     ],
 )
 def test_all_commands_of_a_page_print_what_it_shows(
@@ -370,7 +367,7 @@ def test_all_commands_of_a_page_print_what_it_shows(
     check_printed(page, run_all(commands(page), capsys)[""])
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_hobby_arm(tmp_path, monkeypatch, capsys):
     """The identified MJCF follows an unseen command better than the given one, on every
     joint."""

@@ -65,7 +65,8 @@ def disk_free(folder):
 
 
 MORE_ROOMS = [
-    pytest.param(room, marks=pytest.mark.long) for room in (16, 128, 256, 512)
+    *(pytest.param(room, marks=pytest.mark.long) for room in (16, 256)),
+    *(pytest.param(room, marks=pytest.mark.slow) for room in (128, 512)),
 ]
 
 

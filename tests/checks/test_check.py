@@ -385,7 +385,7 @@ SOME = ("12-50sec_12harm", "15harm50secLoad", "joint_2")
     ("which", "count"),
     [
         ("some of the UR10e", 3),
-        pytest.param("others of the UR10e", 5, marks=pytest.mark.long),
+        pytest.param("others of the UR10e", 5, marks=pytest.mark.slow),
         pytest.param("EMPS and Panda", 3, marks=pytest.mark.long),
     ],
 )

@@ -12,8 +12,6 @@ from corruptions.kinds import Corruption
 
 from sdp_vs_penalty import Measurements, check
 
-pytestmark = pytest.mark.long
-
 
 @pytest.fixture(scope="module")
 def arm() -> Arm:
@@ -53,17 +51,44 @@ NUMBERS = {
 }
 
 
+#: One of each way to spoil a log; others of the same way are slow.
+REPRESENTATIVE = (
+    "all torques late 60 ms",
+    "clock rate x 1.25",
+    "gravity removed joint 2 90 %",
+    "load picked up 2 kg",
+    "position sign joint 2",
+    "time reversed",
+    "torque gain joint 2 x 1.1",
+    "torque scale mN m",
+    "torques swapped joint 2+3",
+)
 #: When another load, or arm, begins [s].
 MIDDLE = {"load picked up 2 kg": 11.0, "two arms in one file": 11.0}
 
 
+@pytest.fixture(scope="module")
+def clean(arm):
+    """What the check says of the run as it was."""
+    return check(arm.problem, arm.train)[0]
+
+
+@pytest.mark.long
 def test_clean_runs_are_silent(arm):
     for run in (arm.train, *arm.others):
         assert not check(arm.problem, run)[0].errors_and_warnings
 
 
-@pytest.mark.parametrize("name", sorted({*MENDED, *NUMBERS, *MIDDLE}))
-def test_what_was_done_is_named(name, arm):
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(
+            x, marks=pytest.mark.long if x in REPRESENTATIVE else pytest.mark.slow
+        )
+        for x in sorted({*MENDED, *NUMBERS, *MIDDLE})
+    ],
+)
+def test_what_was_done_is_named(name, arm, clean):
     known = {c.name: c for c in arm.corruptions()}
     assert name in known, f"a name of results/corruptions/kinds.py: {[*known]}"
     corruption = known[name]
@@ -72,9 +97,7 @@ def test_what_was_done_is_named(name, arm):
         case.outcome == "silent" and (case.harm or 9.0) < HARMFUL
     ), case
     assert not case.contradicts, case
-    (clean,), (spoiled,) = (
-        check(arm.problem, x) for x in (arm.train, corruption.spoil(arm.train))
-    )
+    (spoiled,) = check(arm.problem, corruption.spoil(arm.train))
     issue = next(f for f in spoiled.errors_and_warnings if f.kind in corruption.causes)
     if name in MIDDLE:
         assert issue.figures["t"] == pytest.approx(MIDDLE[name], abs=0.3)
@@ -105,7 +128,12 @@ _GAIN = Corruption(
 
 
 @pytest.mark.parametrize(
-    "name", [_GAIN.name, "link too long 0.1 m", "position sign joint 5"]
+    "name",
+    [
+        pytest.param("position sign joint 5", marks=pytest.mark.long),
+        pytest.param(_GAIN.name, marks=pytest.mark.slow),
+        pytest.param("link too long 0.1 m", marks=pytest.mark.slow),
+    ],
 )
 def test_what_several_joints_show_a_little_is_named(name):
     """No joint's error falls by half: the arm's parameters spread it over the wrist."""
@@ -114,6 +142,7 @@ def test_what_several_joints_show_a_little_is_named(name):
     assert run_case(wrist, known[name]).outcome == "named"
 
 
+@pytest.mark.long
 def test_a_unit_is_named_where_any_factor_about_it_fits_alike():
     """Two joints, little noise: factors from 15 to 160 leave the same."""
     two = simulated("small2110", drawn(2110, 2, 3), 2110)
@@ -122,6 +151,7 @@ def test_a_unit_is_named_where_any_factor_about_it_fits_alike():
     assert case.outcome == "named"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("degrees", [0.0, 3.0, 30.0])
 def test_a_tilt_of_the_base_is_named_with_its_direction(degrees, arm):
     x = 9.81 * np.sin(np.radians(degrees))

@@ -25,7 +25,7 @@ from sdp_vs_penalty.checks import EXPLANATION, Issue, check
 Array = np.ndarray
 #: What a fault of calibration is called: what is left unexplained is no fault.
 NO_FAULT = ("unexplained torque", "poor excitation")
-SEEDS = pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.long)])
+SEEDS = pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.slow)])
 
 
 @pytest.fixture(scope="module")

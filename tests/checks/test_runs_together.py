@@ -167,10 +167,10 @@ def late(run: Measurements, seconds: float) -> Measurements:
     [
         (0, 1, 0.5),
         pytest.param(2, 2, 2.0, marks=pytest.mark.long),
-        pytest.param(0, 2, 2.0, marks=pytest.mark.long),
-        pytest.param(2, 1, 0.5, marks=pytest.mark.long),
-        pytest.param(0, 2, 0.5, marks=pytest.mark.long),
-        pytest.param(2, 2, 0.5, marks=pytest.mark.long),
+        pytest.param(0, 2, 2.0, marks=pytest.mark.slow),
+        pytest.param(2, 1, 0.5, marks=pytest.mark.slow),
+        pytest.param(0, 2, 0.5, marks=pytest.mark.slow),
+        pytest.param(2, 2, 0.5, marks=pytest.mark.slow),
     ],
 )
 def test_a_gain_in_one_of_three_runs_is_claimed_of_that_run(

@@ -32,7 +32,12 @@ RUN = replace(small_run(PROBLEM, seconds=8.0), dq=None)
 
 
 @pytest.mark.parametrize(
-    "seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2, 3))]
+    "seed",
+    [
+        0,
+        pytest.param(1, marks=pytest.mark.long),
+        *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3)),
+    ],
 )
 def test_two_mistakes_are_never_told_against_each_other(seed):
     """Of each kind a joint is named once, and the mended log has nothing left to mend."""
@@ -105,7 +110,9 @@ def test_a_gain_in_one_of_two_runs_is_named_with_the_run():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("second", "fourth"), [(0.5, -0.5), (-0.5, 1.0)])
+@pytest.mark.parametrize(
+    ("second", "fourth"), [(-0.5, 1.0), pytest.param(0.5, -0.5, marks=pytest.mark.slow)]
+)
 def test_two_joints_some_quarter_turns_off_are_both_named(second, fourth, panda):
     """Also where neither joint's own torque shows it."""
     run = replace(small_run(panda, seconds=8.0), dq=None)
@@ -124,7 +131,7 @@ def test_two_joints_some_quarter_turns_off_are_both_named(second, fourth, panda)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("level", [0.2, 0.25])
+@pytest.mark.parametrize("level", [0.2, pytest.param(0.25, marks=pytest.mark.slow)])
 def test_a_quarter_turn_in_a_noisy_log_is_exactly_one(level):
     """Whose best value lies a tenth of its interval beside 90 degrees."""
     problem = load_problem("panda")
@@ -247,7 +254,7 @@ def stopping(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, Measure
         (1.3, 0.0),
         (1.0, 1.0),
         pytest.param(1.0, 0.0, marks=pytest.mark.long),
-        pytest.param(0.75, 0.0, marks=pytest.mark.long),
+        pytest.param(0.75, 0.0, marks=pytest.mark.slow),
     ],
 )
 def test_beside_joints_that_stick_what_was_done_is_named_and_nothing_else(

@@ -91,8 +91,9 @@ def place(home, folder, name):
 
 
 def numbered(count):
-    """Seeds of names, all but the first for CI alone."""
-    return [0, *(pytest.param(k, marks=pytest.mark.long) for k in range(1, count))]
+    """Seeds of names: the second for CI alone, the others slow."""
+    marks = [(), pytest.mark.long, *(count - 2) * [pytest.mark.slow]]
+    return [pytest.param(k, marks=mark) for k, mark in enumerate(marks)]
 
 
 @pytest.mark.parametrize("number", numbered(4))

@@ -162,6 +162,13 @@ def test_a_table_is_read_right_or_refused(table: Table) -> None:
 
 
 @pytest.mark.long
+@settings(ANY, max_examples=500)
+@given(tables())
+def test_hundreds_of_tables_are_read_right_or_refused(table: Table) -> None:
+    require_right_or_refused(table)
+
+
+@pytest.mark.slow
 @settings(ANY, max_examples=2000)
 @given(tables())
 def test_two_thousand_tables_are_read_right_or_refused(table: Table) -> None:

@@ -180,7 +180,10 @@ def test_a_spring_that_stiffens_is_no_linear_one(problem):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("side", "sign"), [("above", 1.0), ("below", -1.0)])
+@pytest.mark.parametrize(
+    ("side", "sign"),
+    [("above", 1.0), pytest.param("below", -1.0, marks=pytest.mark.slow)],
+)
 def test_a_spring_on_one_side_only_is_an_end_stop(problem, side, sign):
     def push(q):
         return 6.0 * sign * np.maximum(sign * q - 0.3, 0.0) * [0.0, 1.0, 0.0]

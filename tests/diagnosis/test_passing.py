@@ -81,8 +81,8 @@ def assert_spans(cause: PassingCause, *spans: tuple[float, float]) -> None:
     "spans",
     [
         pytest.param([(12.0, 16.5)], id="a while"),
-        pytest.param([(8.0, 23.0)], id="half of the run", marks=pytest.mark.long),
-        pytest.param([(17.0, 29.5)], id="to the end", marks=pytest.mark.long),
+        pytest.param([(8.0, 23.0)], id="half of the run", marks=pytest.mark.slow),
+        pytest.param([(17.0, 29.5)], id="to the end", marks=pytest.mark.slow),
         pytest.param([(6.0, 10.0), (19.0, 24.0)], id="twice", marks=pytest.mark.long),
     ],
 )
@@ -200,7 +200,7 @@ def test_what_one_joint_has_for_a_time_is_on_it(problem, kind, size, words, push
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("period", [20.0, 35.0])
+@pytest.mark.parametrize("period", [20.0, pytest.param(35.0, marks=pytest.mark.slow)])
 def test_a_torque_that_wanders_with_time_does_not_act_for_a_part_of_it(problem, period):
     def wander(t: Array, q: Array, dq: Array) -> Array:
         return [0.0, 1.5, 0.0] * np.sin(2 * np.pi * t[:, None] / period + 1.0)

@@ -94,10 +94,10 @@ def worst_of_runs(
     "kind",
     [
         "drag",
+        *(pytest.param(x, marks=pytest.mark.long) for x in ("hum", "bent shaft")),
         *(
-            pytest.param(kind, marks=pytest.mark.long)
-            for kind in KINDS
-            if kind != "drag"
+            pytest.param(x, marks=pytest.mark.slow)
+            for x in ("drift", "quadratic friction", "eccentricity")
         ),
     ],
 )
@@ -163,7 +163,7 @@ def test_a_hum_above_the_filters_is_the_cause(problem):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [1, 9])
+@pytest.mark.parametrize("seed", [1, pytest.param(9, marks=pytest.mark.slow)])
 def test_a_tilt_shows_as_a_function_of_positions(problem, seed):
     """Also in the runs that the model was fitted to, where it has taken its part. The
     levers of this arm hardly change, so that the tilt is nearly a wave of joint 1."""

@@ -30,10 +30,8 @@ _FRICTION = ["rigid_body", "viscous_friction", "coulomb_friction"]
 #: Joints with friction, one slide; the others take longer.
 _REAL = (
     "emps",
-    *(
-        pytest.param(x, marks=pytest.mark.long)
-        for x in ("panda", "ur10e", "tx40", "ur10")
-    ),
+    *(pytest.param(x, marks=pytest.mark.long) for x in ("tx40", "ur10")),
+    *(pytest.param(x, marks=pytest.mark.slow) for x in ("panda", "ur10e")),
 )
 
 

@@ -277,7 +277,7 @@ def test_a_solver_without_an_answer_proves_nothing_of_the_constraints(
     [
         ("panda", 18.0),
         ("ur10", 28.4),
-        pytest.param("ur10e", 29.1, marks=pytest.mark.long),
+        pytest.param("ur10e", 29.1, marks=pytest.mark.slow),
         pytest.param("tx40", 23.0, marks=pytest.mark.long),
     ],
 )
@@ -323,7 +323,12 @@ def effects(rng, n):
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
-    "seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))]
+    "seed",
+    [
+        0,
+        pytest.param(1, marks=pytest.mark.long),
+        pytest.param(2, marks=pytest.mark.slow),
+    ],
 )
 def test_no_method_gives_up_on_a_random_arm(seed, method, tmp_path):
     problem = load_problem(random_arm(tmp_path, seed))

@@ -54,8 +54,10 @@ METHODS = {
 
 #: Figures that draw every physics engine.
 ENGINES = (5, 6)
-#: Figures and tables that take a second and more each.
-LONG_FIGURES = (1, 2, 3, 5, 6, 7, 8, 10)
+#: Figures and tables that take a second and more each; of figures those with engines, an
+#: area and many panels, since all have one style. The others are slow.
+LONG_FIGURES = (2, 5, 8)
+SLOW_FIGURES = (1, 3, 6, 7, 10)
 LONG_TABLES = ("I", "II", "methods", "data")
 #: What another problem's table of the same number shows as well; test_labels.py makes one.
 LONG_CASES = [(p, "IV") for p in SMALL] + [("panda", "VIII"), ("panda", "IX")]
@@ -210,7 +212,11 @@ def test_texts_have_their_room(size, tmp_path):
 @pytest.mark.parametrize(
     "number",
     [
-        pytest.param(k, marks=pytest.mark.long if k in LONG_FIGURES else ())
+        pytest.param(
+            k,
+            marks=[pytest.mark.long] * (k in LONG_FIGURES)
+            + [pytest.mark.slow] * (k in SLOW_FIGURES),
+        )
         for k in sorted(FIGURES)
     ],
 )

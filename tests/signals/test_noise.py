@@ -64,9 +64,20 @@ PERIODS = {
 }
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("ar", [0.0, 0.6, 0.98])
-@pytest.mark.parametrize("period", PERIODS.values(), ids=PERIODS)
+@pytest.mark.parametrize(
+    ("period", "ar"),
+    [
+        # Each period and each colour once; every pair of both is slow.
+        pytest.param(
+            x,
+            ar,
+            marks=pytest.mark.long if i == k else pytest.mark.slow,
+            id=f"{name}, {ar}",
+        )
+        for i, (name, x) in enumerate(PERIODS.items())
+        for k, ar in enumerate((0.0, 0.6, 0.98))
+    ],
+)
 def test_the_floor_is_the_true_noises(period, ar):
     """Within 1 %, white or coloured, wherever the period ends between samples."""
     squares = []
