@@ -60,9 +60,8 @@ def written(home):
     return {path.name: path.read_bytes() for path in (home / "out").iterdir()}
 
 
-#: A command of a moment that writes numbers as text; those that compute and read text
-#: are long, the others slow.
-MARKS = {"C": (), "text": pytest.mark.long, "a mesh": pytest.mark.long}
+#: Numbers that are written, computed and read as text are long, the others slow.
+MARKS = dict.fromkeys(("C", "text", "a mesh"), pytest.mark.long)
 CASES = [
     pytest.param(what, marks=MARKS.get(what, pytest.mark.slow)) for what in COMMANDS
 ]

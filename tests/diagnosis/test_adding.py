@@ -162,6 +162,7 @@ def found(estimate: sdp.Estimate, run: sdp.Measurements) -> Diagnosis:
     return sdp.diagnose(estimate, run, run)
 
 
+@pytest.mark.long
 def test_no_effect_is_named_for_a_wrong_constant(found):
     assert found.verdict == "nothing_missing"
     retuned = {r.joint: r for r in found.retuned}

@@ -33,6 +33,7 @@ def diagnosed(folder: Path, channels: np.ndarray) -> tuple[Estimate, Diagnosis]:
     return model, diagnose(model, train, test, check=False)
 
 
+@pytest.mark.long
 def test_a_belt_that_carries_a_share_of_the_next_joints_torque_is_named(tmp_path):
     model, found = diagnosed(tmp_path, BELT)
     (crosstalk,) = found.sure

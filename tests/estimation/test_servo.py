@@ -39,6 +39,7 @@ def value(estimate, name):
     )
 
 
+@pytest.mark.long
 def test_a_known_mass_gives_the_gains_and_friction(found, tmp_path):
     assert found.details["servo"]["law"] == "PD"
     assert found.details["servo"]["delay"] == pytest.approx(0.0, abs=5e-4)

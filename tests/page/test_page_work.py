@@ -60,6 +60,7 @@ def here():
     made.close()
 
 
+@pytest.mark.long
 def test_meaningless_runs_are_identified_only_when_asked_twice(here, hidden, tmp_path):
     """Most of a torque is spikes: refused with the reason, as on the command line."""
     run = hidden.runs[0]

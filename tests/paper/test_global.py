@@ -182,6 +182,7 @@ def test_a_solve_that_is_read_is_the_computed_one(one_step, tmp_path, monkeypatc
     assert read.lower == computed.lower
 
 
+@pytest.mark.long
 def test_every_run_of_a_search_lies_above_the_bound(small_study):
     (table,) = build_tables(["global"], small_study)
     runs = search_table(small_study, table.frame)

@@ -56,7 +56,7 @@ METHODS = {
 ENGINES = (5, 6)
 #: Figures and tables that take a second and more each; of figures those with engines, an
 #: area and many panels, since all have one style. The others are slow.
-LONG_FIGURES = (2, 5, 8)
+LONG_FIGURES = (2, 5, 8, 9)
 SLOW_FIGURES = (1, 3, 6, 7, 10)
 LONG_TABLES = ("I", "II", "methods", "data")
 #: What another problem's table of the same number shows as well; test_labels.py makes one.

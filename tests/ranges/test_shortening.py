@@ -64,6 +64,7 @@ def test_the_first_motion_shortens_most(model):
         assert run.before[0] <= run.predicted[0] < run.predicted[1] <= run.before[1]
 
 
+@pytest.mark.long
 def test_excite_writes_the_motion(model, short_run, tmp_path, capsys):
     save(short_run, tmp_path / "run.csv")
     model.save(tmp_path / "m.json")

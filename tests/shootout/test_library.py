@@ -128,6 +128,7 @@ def answers(path, *items):
     return path
 
 
+@pytest.mark.long
 def test_answers_made_elsewhere_are_judged_from_the_files_of_the_library(
     written, tmp_path
 ):
