@@ -16,6 +16,7 @@ def export(
     out: str | Path,
     urdf: str | Path | None = None,
     *,
+    mjcf: str | Path | None = None,
     force: bool = False,
     flange: tuple[float, float, float] = (0.0, 0.0, 0.0),
     measurements: Source = None,
@@ -31,6 +32,10 @@ def export(
     urdf : str or Path, optional
         The user's own URDF file, whose inertials, damping and friction are replaced and
         whose every other byte is kept; for ``out`` with the suffix .urdf only.
+    mjcf : str or Path, optional
+        The user's own MJCF file, whose inertials, armature, damping, dry friction and
+        springs are replaced; actuators, meshes and every other byte are kept. For
+        ``out`` with the suffix .xml only.
     force : bool
         Export a link whose mass lies farther out than its body reaches all the same.
     flange : tuple of float
@@ -48,14 +53,14 @@ def export(
     Raises
     ------
     InputError
-        For another suffix, an inconsistent or implausible inertial, or a URDF of another
+        For another suffix, an inconsistent or implausible inertial, or a file of another
         robot.
     """
     model = as_estimate(estimate, "export(estimate=...)")
     judged = judge_as_exported(model, out, measurements)
     verdict = None if judged is None else judged[0]
     return exporting.write_model(
-        model, out, urdf, force=force, flange=flange, judged=verdict
+        model, out, urdf, mjcf=mjcf, force=force, flange=flange, judged=verdict
     )
 
 

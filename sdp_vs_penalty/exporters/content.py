@@ -35,8 +35,8 @@ FIELDS: frozenset[SimulatorField] = frozenset(
 class Options:
     """How a user wants a file: the arguments of :func:`export`."""
 
-    #: URDF file whose numbers are replaced; None: a new document.
-    urdf: str | Path | None = None
+    #: The user's own URDF or MJCF, whose numbers are replaced; None: a new document.
+    own_file: str | Path | None = None
     #: Whether links outside of their bodies are accepted.
     force: bool = False
     #: Place of the flange in the last link's frame [m].

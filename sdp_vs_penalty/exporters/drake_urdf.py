@@ -7,7 +7,7 @@ from sdp_vs_penalty.exporters import urdf
 ENDING = ".drake.urdf"
 FILE = "robot.drake.urdf"
 ABOUT = "for Drake, with rotor inertias"
-EDITS = True
+EDITS = urdf.EDITS
 HOLDS = urdf.HOLDS | {"armature"}
 RESTS = True
 write = partial(urdf.write, drake=True)

@@ -45,6 +45,7 @@ def write_model(
     out: str | Path,
     urdf: str | Path | None = None,
     *,
+    mjcf: str | Path | None = None,
     force: bool = False,
     flange: tuple[float, float, float] = (0.0, 0.0, 0.0),
     judged: Verdict | None = None,
@@ -58,13 +59,10 @@ def write_model(
     """
     out = Path(out)
     home = format_of(out)
-    if urdf is not None and not getattr(home, "EDITS", False):
-        raise InputError(
-            "an edited URDF must end in .urdf", "rename it, or leave the URDF out", out
-        )
-    options = Options(urdf, force, flange)
+    own_file = _own_file(home, out, {"URDF": urdf, "MJCF": mjcf})
+    options = Options(own_file, force, flange)
     content, lost = home.write(estimate, options)
-    if urdf is None:  # of the user's own file every other byte is kept
+    if own_file is None:  # of the user's own file every other byte is kept
         verdict = verdict_line(estimate)
         if lost and hasattr(home, "HOLDS"):
             verdict = exported_verdict(lost, judged)
@@ -75,6 +73,26 @@ def write_model(
             warnings.warn(f"{out}: {doubt}", Remark, stacklevel=2)
     write_bytes(out, content)
     return lost
+
+
+def _own_file(
+    home: ExportFormat, out: Path, given: dict[str, str | Path | None]
+) -> str | Path | None:
+    """Return the user's own file of those given, "URDF" or "MJCF".
+
+    Raises InputError for two, or where the format does not edit such a file.
+    """
+    found = {kind: path for kind, path in given.items() if path is not None}
+    if not found:
+        return None
+    if len(found) > 1:
+        raise InputError(f"{' and '.join(found)} are two files", "name one of them")
+    ((kind, path),) = found.items()
+    if getattr(home, "EDITS", "") != kind:
+        ending = {"URDF": ".urdf", "MJCF": ".xml"}[kind]
+        what = f"an edited {kind} must end in {ending}"
+        raise InputError(what, f"rename it, or leave the {kind} out", out)
+    return path
 
 
 def friction_at_rest(estimate: Estimate, out: str | Path) -> str:

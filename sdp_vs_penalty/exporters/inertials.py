@@ -11,7 +11,8 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.exporters.content import Inertial
-from sdp_vs_penalty.exporters.urdf import Document, inertial_tags
+from sdp_vs_penalty.exporters.own_file import Document
+from sdp_vs_penalty.exporters.urdf import inertial_tags
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.records import NOT_STORED, WritesJson, stored_as

@@ -15,7 +15,8 @@ class ExportFormat(Protocol):
     Five more names are optional. ``HOLDS`` is of formats that hold a model of the torque:
     the fields that they have, a collection of SimulatorField, ``HOLDS_FORMULAS = True`` of those
     that hold every effect with a closed form as well.
-    ``EDITS = True`` is of formats that can edit the user's own file, ``options.urdf``.
+    ``EDITS = "URDF"`` or "MJCF" is of formats that can edit the user's own file of that
+    kind, ``options.own_file``.
     ``BODIES = False`` is of formats that hold neither links nor a payload, ``RESTS =
     True`` of formats whose simulators hold a joint at rest by dry friction.
     """
@@ -35,7 +36,7 @@ class ExportFormat(Protocol):
         estimate : Estimate
             The model to write, with its problem.
         options : Options
-            The URDF to edit, whether implausible links are taken (``force``), and the
+            The user's own file to edit, whether implausible links are taken (``force``), and the
             flange of a payload [m].
 
         Returns

@@ -1,44 +1,61 @@
-"""A MuJoCo model (MJCF) with full inertias, armature, damping and dry friction."""
+"""A MuJoCo model (MJCF) with full inertias, armature, damping and dry friction, or the
+user's own with these numbers replaced.
+"""
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy
 from lxml import etree
 
+from sdp_vs_penalty.effects.effect import SimulatorField
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import (
     FIELDS,
     Content,
+    Inertial,
     LinkPart,
     Options,
     element,
     link_parts,
+    number,
+    require_consistent,
     xml_name,
     xml_text,
 )
 from sdp_vs_penalty.exporters.held import left_out
 from sdp_vs_penalty.exporters.interface import Written
+from sdp_vs_penalty.exporters.own_file import Document, in_frames_of, order_of_joints
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint
+from sdp_vs_penalty.robot.mjcf import load_mjcf, placed_bodies
 from sdp_vs_penalty.robot.robot import Robot
 
 ENDING = ".xml"
 FILE = "robot.xml"
 ABOUT = "MuJoCo's MJCF: links, armature, damping, dry friction, springs, offsets, gears"
-HOLDS = FIELDS | {"armature", "stiffness", "offset"}
+EDITS = "MJCF"
+HOLDS: frozenset[SimulatorField] = FIELDS | {"armature", "stiffness", "offset"}
 RESTS = True
 
 
 def write(estimate: Estimate, options: Options) -> Written:
-    """Make a MuJoCo model: links, damping, dry friction, armature, springs and offsets.
+    """Make a MuJoCo model, or put the model's numbers into the user's own: links,
+    damping, dry friction, armature, springs and offsets.
 
     This module is an :class:`ExportFormat`. Returns the file's bytes and the effects
     left out.
     """
     content = Content.plausible(estimate, options)
-    return make_mjcf(estimate.robot, content), left_out(estimate, HOLDS)
+    lost = left_out(estimate, HOLDS)
+    if options.own_file is None:
+        return make_mjcf(estimate.robot, content), lost
+    servos = () if content.servo is None else ("gains of the position actuators",)
+    return edit_mjcf(options.own_file, estimate.robot, content), (*lost, *servos)
 
 
 def make_mjcf(robot: Robot, content: Content) -> bytes:
@@ -110,36 +127,173 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
 
 def _add_body(parent: Any, part: LinkPart) -> Any:
     """Add the body of a link to its parent's, with its pose and its inertial."""
-    _require_loadable(part)
+    called = f"link {part.index + 1} (on joint {part.joint.name!r})"
+    attributes = _inertial_attributes(part.inertial, called)
     placement = part.joint.placement
     rotation = scipy.spatial.transform.Rotation.from_matrix(placement[:3, :3])
     quat = rotation.as_quat(scalar_first=True)
     body = element(parent, "body", name=part.name, pos=placement[:3, 3], quat=quat)
-    solid = part.inertial
-    # Ixx, Iyy, Izz, Ixy, Ixz, Iyz.
-    full = solid.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    element(body, "inertial", pos=solid.com, mass=solid.mass, fullinertia=full)
+    element(body, "inertial", **attributes)
     return body
 
 
-def _require_loadable(part: LinkPart) -> None:
-    """Raise InputError for a link without mass or thickness, which MuJoCo refuses.
+def edit_mjcf(path: str | Path, robot: Robot, content: Content) -> bytes:
+    """Return the user's MJCF with the model's inertials, armature, damping, dry friction
+    and springs; actuators, meshes, names and every other byte stay.
 
-    MuJoCo's own limit is 1e-15 (mjMINVAL); numbers below 1e-12 are rounding.
+    A body fixed to a moving one gets a mass of zero, because its mass is part of the
+    moving one's. A body whose joint was held keeps its inertial, and the moving one gets
+    the rest. Masses are those written: settings of the compiler that change them go.
+
+    Parameters
+    ----------
+    path : path
+        The file. Bodies that it includes from other files are not edited.
+    content : Content
+        What a simulator's file can hold of the model.
+
+    Raises
+    ------
+    InputError
+        If the file's joints are not those of the model, or its bodies lie in other
+        files.
     """
-    smallest_moment = np.linalg.eigvalsh(part.inertial.about_com)[0]
-    needed = {
-        "mass": part.inertial.mass,
-        "moment of inertia about some axis": smallest_moment,
+    held = {joint.name: joint.value for joint in robot.held}
+    file_robot = load_mjcf(path, held=held)[0]
+    places = placed_bodies(path, held)
+    document = Document.read(path)
+    bodies = _body_elements(path, document, [place.joints for place in places])
+    order = order_of_joints(path, file_robot, robot)
+    links = dict(
+        zip(
+            file_robot.link_joints,
+            in_frames_of(path, file_robot, robot, content.links, order),
+            strict=True,
+        )
+    )
+    moving = dict[int, int]()  # of each moving joint the body that it carries
+    for k, place in enumerate(places):
+        moving.setdefault(place.carrier, k)
+    for k, place in enumerate(places):
+        if place.carrier not in links or k == moving[place.carrier]:
+            continue
+        if place.joints:
+            carried = inertia.transform(place.pose) @ place.inertial
+            links[place.carrier] = links[place.carrier] - carried
+            _put_inertial(document, path, bodies[k], place.inertial)
+        elif place.inertial.any():
+            nothing = {"pos": "0 0 0", "mass": "0", "diaginertia": "0 0 0"}
+            _replace_inertial(document, bodies[k], nothing)
+    for joint, link in links.items():
+        to_body = inertia.transform(np.linalg.inv(places[moving[joint]].pose))
+        _put_inertial(document, path, bodies[moving[joint]], to_body @ link)
+    _put_joints(document, bodies, file_robot, robot, content, order)
+    for compiler in document.root.iter("compiler"):
+        kept = {k: v for k, v in compiler.attrib.items() if k != "settotalmass"}
+        if kept.get("inertiafromgeom") == "true":
+            kept["inertiafromgeom"] = "auto"
+        if kept != dict(compiler.attrib):
+            document.change(compiler, kept, keep=False)
+    return document.edited()
+
+
+def _body_elements(
+    path: str | Path, document: Document, joints: list[tuple[str, ...]]
+) -> list[Any]:
+    """Return the <body> elements in MuJoCo's order, those of ``joints``.
+
+    Raises InputError if they are not all in this file: included, replicated.
+    """
+    bodies = [
+        body for world in document.root.iter("worldbody") for body in world.iter("body")
+    ]
+    names = [[joint.get("name") for joint in body.findall("joint")] for body in bodies]
+    count = 0
+    expected = list[list[str]]()
+    for own in names:
+        expected.append([name or f"joint{count + k}" for k, name in enumerate(own, 1)])
+        count += len(own)
+    if [tuple(own) for own in expected] != joints:
+        what = "its bodies are not all written in this file (included, or replicated)"
+        remedy = "save it whole by MuJoCo (mj_saveLastXML), and name that file"
+        raise InputError(what, remedy, path)
+    return bodies
+
+
+def _put_inertial(document: Document, path: str | Path, body: Any, link: Array) -> None:
+    """Give a body the inertial of standard parameters (10,) about its frame."""
+    called = f"{path}: body {body.get('name', 'without a name')!r}"
+    require_consistent(link, called)
+    attributes = _inertial_attributes(Inertial.from_parameters(link), called)
+    written = {
+        name: " ".join(map(number, np.atleast_1d(value)))
+        for name, value in attributes.items()
     }
-    missing = [name for name, size in needed.items() if size <= 1e-12]
+    _replace_inertial(document, body, written)
+
+
+def _replace_inertial(
+    document: Document, body: Any, attributes: Mapping[str, str]
+) -> None:
+    """Give a body these attributes of its inertial, and no others."""
+    if (old := body.find("inertial")) is not None:
+        document.change(old, attributes, keep=False)
+    else:
+        document.put(body, "inertial", attributes)
+
+
+def _put_joints(
+    document: Document,
+    bodies: list[Any],
+    file_robot: Robot,
+    robot: Robot,
+    content: Content,
+    order: list[int],
+) -> None:
+    """Give the driven joints of a file the model's damping, dry friction, armature and
+    springs.
+
+    Where the file counts in degrees, a hinge's springref does, too.
+    """
+    tree_names = [joint.name for joint in file_robot.tree]
+    angles = [x.get("angle") for x in document.root.iter("compiler") if x.get("angle")]
+    is_in_degrees = not angles or angles[-1] == "degree"
+    elements = [joint for body in bodies for joint in body.findall("joint")]
+    names = [x.get("name") or f"joint{k}" for k, x in enumerate(elements, 1)]
+    for joint in file_robot.joints:
+        name_in_model = robot.tree[order[tree_names.index(joint.name)]].name
+        k = robot.joint_names.index(name_in_model)
+        values = {
+            "damping": content.damping[k],
+            "frictionloss": content.friction[k],
+            "armature": content.armature[k],
+            **_spring(content.stiffness[k], content.offset[k]),
+        }
+        if "springref" in values and is_in_degrees and joint.kind == "revolute":
+            values["springref"] = np.degrees(values["springref"])
+        written = {key: number(value) for key, value in values.items()}
+        document.change(elements[names.index(joint.name)], written)
+
+
+def _inertial_attributes(solid: Inertial, name: str) -> dict[str, Any]:
+    """Return the attributes of MuJoCo's <inertial>: pos [m], mass [kg], fullinertia
+    [kg m^2] (Ixx, Iyy, Izz, Ixy, Ixz, Iyz).
+
+    Raises InputError for a link without mass or thickness, which MuJoCo refuses; its own
+    limit is 1e-15 (mjMINVAL), and numbers below 1e-12 are rounding. ``name`` is the
+    link's there.
+    """
+    smallest_moment = np.linalg.eigvalsh(solid.about_com)[0]
+    needed = {"mass": solid.mass, "moment of inertia about some axis": smallest_moment}
+    missing = [what for what, size in needed.items() if size <= 1e-12]
     if missing:
         raise InputError(
-            f"link {part.index + 1} (on joint {part.joint.name!r}): it has no"
-            f" {missing[0]}, which MuJoCo refuses",
+            f"{name}: it has no {missing[0]}, which MuJoCo refuses",
             "identify with the method lmi-sdp-thickness, whose links have a minimum"
             " thickness, or write .json where a link is declared massless",
         )
+    full = solid.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    return {"pos": solid.com, "mass": solid.mass, "fullinertia": full}
 
 
 def _draw_capsule(body: Any, end: Array) -> None:

@@ -114,6 +114,21 @@ class MujocoModel:
         return self.number("qpos0", self.integer("jnt_qposadr", joint))
 
 
+@dataclass(frozen=True)
+class PlacedBody:
+    """A body of an MJCF file, and the joint that it moves with."""
+
+    #: Names of its own joints; () where it is fixed to its parent.
+    joints: tuple[str, ...]
+    #: Index of the moving joint that carries it, among those of the robot's tree; -1
+    #: for the world.
+    carrier: int
+    #: Its pose (4, 4) in the moved frame of that joint.
+    pose: Array
+    #: Its standard parameters (10,) about its own frame.
+    inertial: Array
+
+
 def load_mjcf(
     path: str | Path,
     gravity: Sequence[float] | None = None,
@@ -164,6 +179,27 @@ def load_mjcf(
     return robot, links, _values(model, robot.joint_names)
 
 
+def placed_bodies(
+    path: str | Path, held: Mapping[str, float] | None = None
+) -> list[PlacedBody]:
+    """Return the bodies of an MJCF file in its order, parents first.
+
+    Parameters
+    ----------
+    held : mapping of str to float, optional
+        Joints that stand still, and their positions [rad, m].
+
+    Raises
+    ------
+    InputError
+        As :func:`load_mjcf`.
+    """
+    model = _compiled(Path(path))
+    constants, followers = _equalities(model)
+    still = hold_followers(dict(held or {}) | constants, followers)
+    return _tree(model, still)[1]
+
+
 def _robot_of(
     model: MujocoModel,
     still: Mapping[str, float],
@@ -174,7 +210,13 @@ def _robot_of(
     """Return the robot and its links (links, 10), with the joints ``still`` fixed [rad,
     m].
     """
-    tree, links, massless = _tree(model, still)
+    tree, places = _tree(model, still)
+    links = [np.zeros(10) for _ in tree]
+    for place in places:
+        if place.carrier >= 0:
+            links[place.carrier] += inertia.transform(place.pose) @ place.inertial
+    massless = tuple(k for k, link in enumerate(links) if not link.any())
+    massless = massless if len(massless) < len(links) else ()
     moving = {joint.name for joint in tree}
     moving_followers = {name: f for name, f in followers.items() if name in moving}
     joints, mechanism = resolve_mimic_joints(tree, moving_followers, massless)
@@ -386,26 +428,25 @@ def _equalities(model: MujocoModel) -> tuple[dict[str, float], dict[str, Followe
 
 def _tree(
     model: MujocoModel, still: Mapping[str, float]
-) -> tuple[list[Joint], list[Array], tuple[int, ...]]:
-    """Return the moving joints depth first, the link of each (10,), and the massless
-    links.
+) -> tuple[list[Joint], list[PlacedBody]]:
+    """Return the moving joints depth first, and where each body lies.
 
     ``still`` are fixed joints and their positions [rad, m]. A body with several joints
-    gives each but the last a massless link.
+    belongs to the last; the links of the others are massless.
     """
     joints = list[Joint]()
-    links = list[Array]()
-    # Of each body the joint that carries it and its pose in that joint's moved frame.
-    carriers = [-1]
-    poses = [np.eye(4)]
+    world = PlacedBody((), -1, np.eye(4), np.zeros(10))
+    bodies = [world]
     for body in range(1, len(model.arrays["body_parentid"])):
         parent = model.integer("body_parentid", body)
         pose_in_parent = _pose(
             model.row("body_pos", body), model.row("body_quat", body)
         )
-        carrier = carriers[parent]
-        pose = poses[parent] @ pose_in_parent
+        carrier = bodies[parent].carrier
+        pose = bodies[parent].pose @ pose_in_parent
+        names = list[str]()
         for j in _joints_of_body(model, body):
+            names.append(model.joint_names[j])
             kind = _kind_of(model, j)
             anchor, from_anchor = _to_anchor(model, j)
             joint = _joint(model, j, kind, carrier, pose @ anchor)
@@ -417,18 +458,14 @@ def _tree(
                 continue
             placement = joint.placement @ joint_motion(joint, to_zero)
             joints.append(_joint(model, j, kind, carrier, placement))
-            links.append(np.zeros(10))
             carrier = len(joints) - 1
             pose = from_anchor
-        carriers.append(carrier)
-        poses.append(pose)
-        if carrier >= 0:
-            links[carrier] += inertia.transform(pose) @ _inertial(model, body)
+        inertial = _inertial(model, body)
+        bodies.append(PlacedBody(tuple(names), carrier, pose, inertial))
     if not joints:
         what = "no moving joint, so nothing to identify"
         raise InputError(what, "name another file", model.path)
-    massless = tuple(k for k, link in enumerate(links) if not link.any())
-    return joints, links, massless if len(massless) < len(links) else ()
+    return joints, bodies[1:]
 
 
 def _joints_of_body(model: MujocoModel, body: int) -> range:

@@ -375,3 +375,21 @@ def test_another_format_than_urdf_is_named(tmp_path, name, text, words):
     path.write_text(text)
     with pytest.raises(InputError, match=f"{words}, not a URDF.*convert it to URDF"):
         check_urdf(path)
+
+
+def test_a_held_joints_link_keeps_its_inertial_in_an_edited_urdf(tmp_path):
+    """The arm was identified with its slide held, and the file has that joint: its link
+    and the tip that is fixed to it stay as they are."""
+    path, out = tmp_path / "own.urdf", tmp_path / "new.urdf"
+    path.write_bytes(TREE.encode())
+    held = {"slide": 0.1}
+    robot, links = load_urdf(path, held=held)
+    links *= 1.1
+    links[1] = links[0]  # the file gives this link nothing
+    estimate = estimate_of(robot, "rigid_body", 3, links)
+    export(estimate, out, urdf=path, force=True)
+    _, reloaded = load_urdf(out, held=held)
+    assert reloaded == pytest.approx(links, abs=1e-12)
+    tip = '<link name="tip"><inertial><mass value="0.1"/></inertial></link>'
+    assert tip in TREE
+    assert tip in out.read_text()

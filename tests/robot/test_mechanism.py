@@ -67,7 +67,7 @@ def test_inverse_dynamics_are_those_of_mujoco_under_equality_constraints(urdf):
     links = some_links(heavy)
     zero = np.zeros(heavy.n)
     model = mujoco.MjModel.from_xml_string(
-        make_mjcf(heavy, Content(links, zero, zero, zero, zero, zero, (), ())).decode()
+        make_mjcf(heavy, Content(links, zero, zero, zero, zero, zero)).decode()
     )
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
     data = mujoco.MjData(model)

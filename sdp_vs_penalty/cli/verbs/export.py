@@ -14,6 +14,7 @@ def verb(
     model: Path,
     out: Path,
     urdf: Path | None = None,
+    mjcf: Path | None = None,
     data: list[Path] | None = None,
     window: str | None = None,
     flange: str | None = None,
@@ -32,6 +33,8 @@ def verb(
     --data RUN.csv ...: Runs to judge what the file holds of the model; default: those that the
         model was judged on.
     --urdf robot.urdf: Your own URDF, of which only inertials, damping and friction are replaced.
+    --mjcf robot.xml: Your own MJCF, of which only inertials, armature, damping, friction and springs
+        are replaced.
     --flange x,y,z: Flange in the last link's frame [m], for a payload; default: 0,0,0.
     --force: Links whose mass lies outside of their bodies, too.
     --samples N: N consistent models that fit the runs, each a file: out.001.urdf, out.002.urdf, ...
@@ -46,13 +49,13 @@ def verb(
     estimate = load_estimate(model)
     x, y, z = numbers("--flange", flange or "0,0,0", 3)
     if samples is not None:
-        how = {"urdf": urdf, "force": force, "flange": (x, y, z)}
+        how = {"urdf": urdf, "mjcf": mjcf, "force": force, "flange": (x, y, z)}
         drawing = {"prior": prior, "seed": seed, "longer": longer}
         return _samples(estimate, out, samples, drawing, data, window, **how)
     loses, judged = _judged_as_exported(estimate, out, data, window)
     verdict = None if judged is None else judged[0]
     left_out = write_model(
-        estimate, out, urdf, force=force, flange=(x, y, z), judged=verdict
+        estimate, out, urdf, mjcf=mjcf, force=force, flange=(x, y, z), judged=verdict
     )
     if loses:
         _say_what_is_lost(left_out, judged)
@@ -61,7 +64,7 @@ def verb(
     if at_rest := friction_at_rest(estimate, out):
         console.paragraph(at_rest)
     console.written(out)
-    if urdf is None:
+    if urdf is None and mjcf is None:
         _warn_of_names(out)
     if left_out:
         names = ", ".join(map(effect_in_words, left_out))
@@ -148,9 +151,11 @@ def _warn_of_names(out: Path) -> None:
     ending = out.suffix.lower()
     if ending not in (".urdf", ".xml", ".sdf"):
         return
-    hint = ""
-    if ending == ".urdf":
-        hint = "; --urdf robot.urdf edits your own URDF and keeps its names and meshes"
+    hint = {
+        ".urdf": "; --urdf robot.urdf edits your own URDF and keeps its names and meshes",
+        ".xml": "; --mjcf robot.xml edits your own MJCF and keeps its names, meshes and"
+        " actuators",
+    }.get(ending, "")
     console.warn(
         "Moving links are named link1, link2 ...: a model.json holds only the joints'"
         f" names{hint}."
