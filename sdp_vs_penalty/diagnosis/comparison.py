@@ -210,7 +210,7 @@ class Comparison(Record):
         floor the one that errs by the largest share of its torque."""
         return self.errors.worst_of(range(1, len(self.rmse) + 1))
 
-    @fact("%", column="error of the whole arm [% of torque]")
+    @fact("%", column="arm's error [% of torque]")
     def relative_error(self) -> float:
         """100 |tau - tau_hat| / |tau| over all joints, behind the low-pass."""
         return self.errors.relative

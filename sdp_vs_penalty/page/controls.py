@@ -268,15 +268,6 @@ def judged(models: Sequence[ModelStep]) -> None:
     table(model_table(rows), "Models judged")
 
 
-def figures(pairs: Sequence[tuple[str, str]]) -> None:
-    """Draw numbers next to each other, each below its name."""
-    with tag("dl", style="figures"):
-        for name, value in pairs:
-            with tag("div"):
-                tag("dt", name)
-                tag("dd", value)
-
-
 def chart(options: Mapping[str, Any], label: str) -> Any:
     """Draw a plotly chart; ``label`` is its text for screen readers."""
     plot = ui.plotly(dict(options)).classes("chart")

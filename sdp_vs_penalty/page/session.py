@@ -42,8 +42,6 @@ from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.joint import parse_held
 from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES
 
-#: Letters of a model's name: a longer list of what was added is a number of findings.
-_LONGEST_LABEL = 40
 #: What a step back brings back: everything that was made of the person's choices.
 KEPT = (
     "robot",
@@ -1144,7 +1142,7 @@ class Session:
             "diagnosed": diagnosis and diagnosis.to_dict(),
         }
         label = f"+ {effects_in_words(texts)}"
-        if len(label) > _LONGEST_LABEL:
+        if len(texts) > 1:
             label = f"+ {formatting.count(len(texts), 'finding')}"
         step = await self._step(
             "Adding what was chosen",
@@ -1178,7 +1176,6 @@ class Session:
         found = [f.text for f in self.findings.sure]
         if found:
             await self.apply(self.findings.remedies[0].change.to_dict())
-        self.say(self.hidden_and_found, error=False)
 
     async def take(
         self,

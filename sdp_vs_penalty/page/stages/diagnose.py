@@ -76,8 +76,7 @@ def findings(view: View) -> None:
         )
     else:
         if session.hidden_and_found:
-            is_found = ": found" in session.hidden_and_found
-            draw.tag("p", session.hidden_and_found, "chosen" if is_found else "words")
+            draw.tag("p", session.hidden_and_found, "words")
         words = describe_diagnosis(diagnosis, session.robot["units"])
         _cards(view, diagnosis, words)
         _curves(view, diagnosis, words)

@@ -31,7 +31,6 @@ from sdp_vs_penalty.render.charts import Curves, friction_figure
 from sdp_vs_penalty.render.tables import joint_table
 from sdp_vs_penalty.render.words import CERTIFICATE, PROOF, plain_name, shown_finding
 from sdp_vs_penalty.reports.demo import METHODS
-from sdp_vs_penalty.results.facts import columns_of
 from sdp_vs_penalty.results.table import Table
 
 _USUAL = (*DEFAULT_EFFECTS, standard_effect("armature").name)
@@ -308,8 +307,7 @@ def _figures(model: ModelStep) -> None:
     new = facts["new_motion_percent"].texts[0]
     seconds = facts["judged_seconds"].texts[0]
     scope = facts["scope"].text
-    shown = columns_of(facts.values(), per_joint=False)  # the verdict stands above
-    draw.figures([(one.column, one.texts[0]) for one in shown])
+    draw.judged([model])
     draw.note(
         f"Judged on {seconds} s of {judged}, {new} % of it not used for fitting,"
         f" {scope}; checked and identified in {model.seconds:.2g} s."
