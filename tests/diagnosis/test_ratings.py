@@ -24,7 +24,7 @@ from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.own_constants import retune
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation import ShapeEstimate
-from sdp_vs_penalty.render.words import errors_that_rise
+from sdp_vs_penalty.render.words import describe_diagnosis, errors_that_rise
 from sdp_vs_penalty.signals import REPETITION
 
 
@@ -89,6 +89,26 @@ def test_an_effect_is_certain_where_only_its_law_is_open(effect, rivals, is_cert
 def test_an_effect_is_certain_where_only_its_size_is_open(reason, is_certain):
     doubt = {"confidence": "weak", "doubts": (Doubt(reason),)}
     assert finding("joint_spring", 2, **doubt).effect_is_certain == is_certain
+
+
+def test_findings_that_cancel_are_one_with_its_sum():
+    """An arm's joint 1 "rubs 12 N m less at standstill" and "sticks with up to 11 N m",
+    while it errs by 1.5 N m."""
+    is_open = {"confidence": "weak", "doubts": (Doubt("uncertain"),)}
+    rubs = finding("sigmoid_friction", 1, torque_rms=12.0, **is_open)
+    sticks = finding("stiction", 1, torque_rms=11.0, **is_open)
+    small = finding("stiction", 2, torque_rms=0.5, **is_open)
+    found = diagnosis(rubs, sticks, small)
+    first, second, third = describe_diagnosis(found, ["N m"] * 7).findings
+    assert first.title == "Sigmoid friction on joint 1; stiction on joint 1"
+    assert "their sum alone" in first.on_the_arm
+    assert first.size == ""
+    assert (first.said_by, second.said_by, third.said_by) == (0, 1, 0)
+    assert third.title == "Stiction, joint 2"
+    added = found.remedies_by_finding[0].change.arguments
+    assert added == {"effects": [rubs.text, sticks.text], "findings": [1, 2]}
+    (alone,) = describe_diagnosis(diagnosis(rubs), ["N m"] * 7).findings
+    assert alone.size
 
 
 def test_the_headline_names_effects_whose_law_or_name_is_open():
