@@ -5,7 +5,6 @@ Options of the command line are fields made from its verbs, not listed again.
 
 from argparse import Action
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -93,28 +92,6 @@ def choice(
             js_handler="(e) => emit(e.target.value)",
         )
     return select
-
-
-def number(label: str, value: int, do: Callable[[int], Any], key: str) -> None:
-    """Draw a labelled field for a whole number from 0; ``do`` gets the new number.
-
-    Text that is no number is ignored, as the browser marks it already.
-    """
-
-    def take(text: str) -> None:
-        with suppress(ValueError):  # the browser shows that it is no number
-            do(max(0, int(text)))
-
-    text_field(
-        label,
-        str(value),
-        take,
-        key,
-        style="field short",
-        type="number",
-        min="0",
-        step="1",
-    )
 
 
 def text_field(

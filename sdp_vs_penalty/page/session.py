@@ -259,18 +259,6 @@ class Session:
         ]
 
     @property
-    def found_for(self) -> int:
-        """Position in the history (from 1) of the model diagnosed last; 0 without a
-        diagnosis.
-        """
-        diagnosed = [
-            position
-            for position, model in enumerate(self.history, start=1)
-            if model.findings
-        ]
-        return max(diagnosed, default=0)
-
-    @property
     def first_and_current(self) -> list[ModelStep]:
         """The first and the current model of the history; a single one if they are
         the same.
@@ -282,26 +270,28 @@ class Session:
     @property
     def findings_of_current(self) -> Diagnosis | None:
         """The diagnosis of the current model; None if it was not diagnosed."""
-        return self.findings if self.found_for == len(self.history) else None
+        return self.model.findings if self.model else None
 
     @property
     def diagnosed(self) -> ModelStep:
         """The model of the history that was diagnosed last."""
-        return self.history[self.found_for - 1]
+        return next(model for model in self.history[::-1] if model.findings)
 
     @property
     def findings(self) -> Diagnosis | None:
         """The last diagnosis, perhaps of an earlier model; None without one."""
-        return self.history[self.found_for - 1].findings if self.found_for else None
+        found = (model.findings for model in self.history[::-1] if model.findings)
+        return next(found, None)
 
     @property
     def added(self) -> set[str]:
         """The effects added to the model since the last diagnosis, as `add` writes
         them.
         """
-        return {
-            text for model in self.history[self.found_for :] for text in model.added
-        }
+        texts = set[str]()
+        for model in self.history:
+            texts = set() if model.findings else texts.union(model.added)
+        return texts
 
     @property
     def hidden_and_found(self) -> str:

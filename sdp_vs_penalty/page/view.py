@@ -78,12 +78,7 @@ class View:
     drive: str = ""
     #: What the form for simulated runs holds.
     hiding: dict[str, Any] = field(
-        default_factory=lambda: {
-            "effect": HIDDEN,
-            "joint": "0",
-            "level": LEVEL,
-            "seed": 7,
-        }
+        default_factory=lambda: {"effect": HIDDEN, "joint": "0", "level": LEVEL}
     )
 
     def select(self, **at: Any) -> None:

@@ -41,7 +41,6 @@ def _model_now(session: Session) -> Any:
     chosen = (
         session.robot["source"],
         session.method,
-        session.seed,
         session.effects,
         session.impossible,
     )
@@ -78,7 +77,7 @@ def _methods() -> dict[str, str]:
 
 
 def _form(view: View) -> None:
-    """Draw the form to identify a model: effects, method, seed, options and its button.
+    """Draw the form to identify a model: effects, method, options and its button.
 
     Effects that need a fixed model, such as a payload, are not offered here.
     """
@@ -133,7 +132,6 @@ def _form(view: View) -> None:
             partial(setattr, session, "method"),
             "method",
         )
-        draw.number("Seed", session.seed, partial(setattr, session, "seed"), "seed")
     _options(view)
     label, do = "Identify", session.identify
     if session.meaningless:

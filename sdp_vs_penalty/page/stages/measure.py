@@ -27,6 +27,7 @@ from sdp_vs_penalty.page.view import (
     label_of,
 )
 from sdp_vs_penalty.render.words import plain_name
+from sdp_vs_penalty.reports.demo import SEED
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, MAKERS
 
 
@@ -321,16 +322,11 @@ def _simulated(view: View) -> None:
                 partial(hiding.__setitem__, word),
                 f"hide-{word}",
             )
-        draw.number(
-            "Seed", hiding["seed"], partial(hiding.__setitem__, "seed"), "hide-seed"
-        )
 
     def simulate() -> None:
         kind = kinds.get(hiding["effect"])
         at = [] if kind and kind.whole_robot else [int(hiding["joint"])]
-        session.start(
-            session.simulate, hiding["effect"], at, hiding["level"], hiding["seed"]
-        )
+        session.start(session.simulate, hiding["effect"], at, hiding["level"], SEED)
 
     draw.button("Simulate four runs", simulate, "simulate")
 
