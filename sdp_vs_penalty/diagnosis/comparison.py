@@ -198,6 +198,14 @@ class Comparison(Record):
         root mean square of its torque; without a noise floor the whole error."""
         return self.errors.beyond_noise
 
+    @fact("N m or N", name="error that 1 % of the time exceeds", per_joint=True)
+    def rare_error(self) -> Array | None:
+        """(n,) the 99 % quantile of the size of measured minus modelled torque, behind the
+        low-pass: thresholds of a collision's detection lie above it. Unknown without the
+        signals."""
+        residual = self.signals.residual
+        return np.quantile(np.abs(residual), 0.99, axis=0) if len(residual) else None
+
     @fact("times the noise")
     def largest_error_over_noise(self) -> float | None:
         """The largest of the joints' errors over noise."""

@@ -45,6 +45,8 @@ def test_figures_are_those_of_their_definitions(two_link, estimate):
     np.testing.assert_allclose(found.r2, 1.0 - found.mse / spread, rtol=1e-12)
     relative = 100.0 * np.sqrt(np.sum(error**2) / np.sum(rows.torque**2))
     assert found.relative_error_percent == pytest.approx(relative, rel=1e-12)
+    within = np.mean(np.abs(error) <= found.rare_error, axis=0)
+    np.testing.assert_allclose(within, 0.99, atol=1.5 / len(error))
     assert found.band_hz == estimate.preprocessing.torque_cutoff
     np.testing.assert_allclose(predicted(rows, estimate.theta), model, rtol=1e-12)
     table = found.signals.to_frame()
