@@ -122,11 +122,12 @@ def _of_fault(
     """Return the issue of one fault that the claims are about."""
     figures = {"joints": [j + 1 for j in fault.joints], **fault.figures}
     figures["log_odds"] = float(sum(claim.log_odds for claim in claims))
-    what = fault.what
+    what, is_known = fault.what, True
     if fault.number is not None and claims and claims[-1].spread > 0.0:
         size = fault.number.size_in(net)
         reach = _INTERVAL * claims[-1].spread
         ends = [size - reach, size + reach]
+        is_known = reach < fault.number.known_within
         figures["interval"] = ends
         what = f"{what.rstrip('.')} (95 %: {fault.interval_in_words(ends)})."
     rivals = [x for claim in claims for x in claim.rivals]
@@ -142,6 +143,8 @@ def _of_fault(
             for x in faults
         ]
 
+    is_repaired = fault.is_repairable and is_known
+
     def by_clock(at: float) -> Issue:
         """Return the issue with its instant by another clock [s]."""
         assert fault.by_clock is not None
@@ -154,11 +157,11 @@ def _of_fault(
         where=fault.place or joints_text(fault.joints),
         what=what,
         certainty=likely(_reason(log, fault, net)),
-        remedy=fault.remedy,
-        repair=keep_only(log, net, fault).apply if fault.is_repairable else None,
+        remedy=fault.remedy if is_known else f"say it, about: {fault.remedy}",
+        repair=keep_only(log, net, fault).apply if is_repaired else None,
         figures=figures,
         gravity=_measured_gravity(net) if fault.is_of_gravity else None,
-        apply=fault.apply,
+        apply=fault.apply if is_repaired else "",
         equivalents=tuple(words),
         by_clock=by_clock if fault.by_clock else None,
     )

@@ -181,6 +181,8 @@ def _fixed(report: Report, apply: Sequence[str]) -> tuple[Measurements, list[Iss
     for issue in sorted(named, key=lambda f: not f.apply.startswith("order:")):
         assert issue.repair is not None
         run = issue.repair(run)
+    if any(f.kind == "velocity unit" for f in report.issues):
+        run = replace(run, dq=None)  # in another unit than the positions
     return run, [*facts, *named]
 
 

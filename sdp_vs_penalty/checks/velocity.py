@@ -31,6 +31,8 @@ _OF_VELOCITIES = {
     "turns a second": 2.0 * np.pi,
     "turns a minute": np.pi / 30.0,
 }
+#: Ratios of a clock in another unit, or at another rate, from the derivative's.
+_OF_CLOCKS = (0.5, 2.0, *(10.0**k for k in (-6, -3, -2, -1, 1, 2, 3, 6)))
 #: A ratio is that of two units if it differs by less than this share: those of two pairs
 #: differ by more than twice as much.
 _EXACT = 0.02
@@ -72,7 +74,10 @@ def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
     n_alike = int(np.sum(np.abs(ratios[known] / ratio - 1.0) < _SAME))
     is_common = ratio > 0.0 and n_alike >= 0.75 * len(known)
     if is_common and abs(np.log(ratio)) > _CLOCK:
-        yield _in_another_unit(ratio) or _against_the_clock(ratio, n_alike, len(known))
+        is_unit_said = not glance.run.unit_command
+        yield _in_another_unit(ratio, is_unit_said) or _against_the_clock(
+            ratio, n_alike, len(known)
+        )
         return
     for j in known.tolist():
         yield from _of_one_joint(j, float(ratios[j]))
@@ -91,13 +96,15 @@ def velocity_units(ratio: float) -> tuple[str, str] | None:
     return None
 
 
-def _in_another_unit(ratio: float) -> Issue | None:
+def _in_another_unit(ratio: float, is_unit_said: bool) -> Issue | None:
     """Return the note that velocities are in another unit than positions, by the ratio to
-    the derivative of the position; None where no two units have it."""
+    the derivative of the position; None where no two units have it, unless no name says
+    the unit of positions: then they may be an encoder's counts."""
     units = velocity_units(ratio)
-    if units is None:
+    is_of_clock = min(abs(np.log(ratio / x)) for x in _OF_CLOCKS) < _EXACT
+    if units is None and (is_unit_said or is_of_clock):
         return None
-    of_velocity, of_position = units
+    of_velocity, of_position = units or ("another unit than the positions", "radians")
     beside = (
         "" if of_position == "radians" else f", where positions are in {of_position}"
     )
@@ -109,7 +116,7 @@ def _in_another_unit(ratio: float) -> Issue | None:
         " derivative of the position.",
         certainty=READ,
         remedy="no action needed: velocities are taken from the positions",
-        figures={"factor": ratio, "units": list(units)},
+        figures={"factor": ratio},
     )
 
 

@@ -38,6 +38,9 @@ class Number:
     widest: float = 1e9
     #: Sizes that are likelier than others: a quarter turn, a factor of ten.
     round_sizes: tuple[float, ...] = ()
+    #: Half of the widest 95 % interval with which it is rounded, and repaired: a wider one
+    #: is asked for.
+    known_within: float = 1e9
     #: Smallest and largest possible size.
     limits: tuple[float, float] = (-1e9, 1e9)
 

@@ -91,7 +91,12 @@ VELOCITIES = {
             replace(RUN, dq=x * RUN.dq),
             ("velocity unit", "note", "factor", x),
         )
-        for unit, x in (("degrees", 180.0 / np.pi), ("turns", 30.0 / np.pi))
+        for unit, x in (
+            ("degrees", 180.0 / np.pi),
+            ("turns a minute", 30.0 / np.pi),
+            ("turns a minute, positions in degrees", 1.0 / 6.0),
+            ("turns a minute, positions in turns", 60.0),
+        )
     },
 }
 

@@ -16,7 +16,7 @@ from small_runs import write_bag
 
 from sdp_vs_penalty import convert, load_measurements
 from sdp_vs_penalty.data import LOGGERS, read_run, recognise
-from sdp_vs_penalty.errors import Remark
+from sdp_vs_penalty.errors import ColumnsRemark, Remark
 
 JOINTS = ("joint1", "joint2")
 RUN = sample_run()
@@ -265,6 +265,47 @@ def test_of_several_torques_the_plain_one_is_taken_and_the_others_are_named():
     assert recognition.rename["tau3"] == "Torque3"
     labels = [f"{word}1 to {word}3" for word in ("Torque", *words[2:4], "Cur")]
     assert sorted(recognition.torques) == sorted(labels)
+
+
+@pytest.mark.parametrize("torques", ["tau", "torque"])
+def test_a_block_of_torques_is_not_lost_beside_another_one(torques, tmp_path):
+    """A block that is called as we call it stayed out: "no torque was logged"."""
+    path = tmp_path / "run.npz"
+    np.savez(path, time=RUN.t, pos=RUN.q, **{torques: RUN.tau, "tau_model": RUN.q})
+    with pytest.warns(ColumnsRemark):
+        run = load_measurements(path)
+    assert run.torque_logged
+    np.testing.assert_allclose(run.tau, RUN.tau)
+
+
+def test_a_letter_s_columns_are_weighed_against_currents():
+    """T1 is no clock, since it has a number; the arm tells which is the torque."""
+    names = [f"{word}{k}" for word in ("theta", "T", "current") for k in (1, 2, 3)]
+    found = recognise(["Time", *names])
+    assert found.rename["tau1"] == "current1"
+    assert sorted(found.torques) == ["T1 to T3", "current1 to current3"]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "# time in ms, positions in mdeg, velocities in deg/s, torques in mNm",
+        "# units: ms mdeg deg/s mNm",
+        "% t [ms]; position [mdeg]; velocity [deg/s]; torque [mNm]",
+    ],
+)
+def test_lines_above_a_table_say_units(line, tmp_path):
+    degree = np.pi / 180.0
+    columns = [1e3 * RUN.t, 1e3 * RUN.q / degree, RUN.dq / degree, 1e3 * RUN.tau]
+    head = ["t", *(f"{x}_{k}" for x in ("pos", "vel", "trq") for k in (1, 2))]
+    rows = np.column_stack(columns).tolist()
+    path = tmp_path / "run.csv"
+    lines = [line, ",".join(head), *(",".join(map(repr, row)) for row in rows)]
+    path.write_text("\n".join(lines))
+    with pytest.warns(ColumnsRemark, match="tau in mnm, the lines above the table"):
+        run = load_measurements(path)
+    for group in ("t", "q", "dq", "tau"):
+        np.testing.assert_allclose(getattr(run, group), getattr(RUN, group), atol=1e-12)
 
 
 @pytest.mark.parametrize("unit", [None, "degrees", "radians"])

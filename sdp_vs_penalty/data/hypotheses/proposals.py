@@ -150,13 +150,13 @@ def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
     alike = [x for x in families(log.names).values() if len(x) > 1]
     alike += [[name] for name, x in log.columns.items() if x.kind == "list"]
     quantities = [quantity_of(x[0]) for x in alike]
-    first = [x[0] for x in alike]
+    tokens = [{*split_tokens(x[0])} for x in alike]
     unknown = [
         k
         for k, quantity in enumerate(quantities)
         if quantity in (None, "t")
-        and not is_no_measurement(first[k])
-        and not any(x in first[k] and x != first[k] for x in first)
+        and not is_no_measurement(alike[k][0])
+        and not any(x < tokens[k] for x in tokens)
     ]
     for k in unknown:
         words = {*split_tokens(alike[k][0])}

@@ -10,15 +10,13 @@ from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, prior_of_one_of
-from sdp_vs_penalty.race.kinds.position_unit import COUNTS, undone_unit
+from sdp_vs_penalty.race.kinds.position_unit import COUNTS, counts_a_turn, undone_unit
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis, Number
 
 #: Factors that are tried [-].
 _FACTORS = (1.0, 0.75, 1.35)
 _TURN = 2.0 * np.pi
-#: Sizes beyond which positions are no angles: 2^40 counts a turn.
-_LIMITS = (-26.0, 2.0)
 
 
 def _number(log: Likelihood) -> Number:
@@ -30,18 +28,27 @@ def _number(log: Likelihood) -> Number:
         usual=c.CALIBRATED_GAIN,
         is_factor=True,
         widest=c.WIDEST,
-        limits=_LIMITS,
+        known_within=c.WIDEST,
+        limits=(-2.0, 2.0),
     )
+
+
+def _factor(size: float) -> str:
+    """Return a factor in words, by its natural logarithm."""
+    return f"a factor of {np.exp(size):.4g}"
+
+
+def _turns(size: float) -> str:
+    """Return the counts a turn in words, by the natural logarithm of a count [rad]."""
+    return f"{_TURN / np.exp(size):.5g}"
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield another factor of all positions of an arm that is poorly explained, where they
-    are radians, or counts of an encoder."""
+    are radians."""
     log, now = evidence.log, fit.chain
-    scales = np.abs(now.scale)[log.revolute]
-    if len(scales) < 2 or np.ptp(scales) > 0.0 or not fit.is_poorly_explained.any():
-        return
-    if scales[0] != 1.0 and undone_unit(log, now)[0].kind != COUNTS:
+    is_in_radians = bool(np.all(np.abs(now.scale)[log.revolute] == 1.0))
+    if not is_in_radians or len(log.revolute) < 2 or not fit.is_poorly_explained.any():
         return
     for factor in _FACTORS:
         chain = now.with_multiplied("scale", log.revolute, factor)
@@ -58,20 +65,22 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     if not is_common or scales[0] == 1.0 or undone_unit(log, chain)[1]:
         return
     scale = float(scales[0])
+    kind, number = "position scale", _number(log)
     are = f"are {1.0 / scale:.3g} times too large"
     if scale < c.LARGEST_COUNT:
+        kind, number = COUNTS, counts_a_turn(log)
         are = f"are in counts of an encoder with {_TURN / scale:.5g} a turn"
     channels = ", ".join(f"q{j + 1}" for j in log.revolute)
     as_logged = np.where(np.isin(range(log.n), log.revolute), np.sign(chain.scale), 0.0)
     entries = np.where(as_logged != 0.0, as_logged, chain.scale).tolist()
     yield Fault(
-        kind="position scale",
+        kind=kind,
         joints=tuple(log.revolute),
         what=f"the positions of all joints {are}.",
         remedy=f"multiply {channels} (and dq) by {scale:.5g}",
         without=replace(chain, scale=tuple(entries)),
-        number=_number(log),
-        in_words=lambda x: f"a factor of {np.exp(x):.4g}",
+        number=number,
+        in_words=_turns if kind == COUNTS else _factor,
         place=channels,
         figures={"factor": scale},
     )

@@ -12,16 +12,20 @@ import numpy as np
 
 from sdp_vs_penalty.data.plausibility import ENCODER_ZERO, radians_per_percent
 from sdp_vs_penalty.data.words.units import LARGEST_PERCENT
+from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Hypothesis
+from sdp_vs_penalty.race.records import Hypothesis, Number
 
 _RADIANS_PER_DEGREE = float(np.radians(1.0))
 _TURN = 2.0 * np.pi
 #: Natural logarithm of the odds that tell radians from another unit.
 _LEAST_TO_TELL = 6.0
+#: Encoders have a hundred counts a turn or a million (natural logarithm, from radians); a
+#: size of counts that is known to less is asked for.
+_SPREAD_OF_COUNTS, _KNOWN = 6.0, 0.03
 #: Joints that are identified move farther than this [rad].
 _LITTLE = 0.5
 
@@ -116,7 +120,7 @@ UNITS = (
         )
         for bits, middle, words in (
             (12, -np.pi, ", the middle at 2048"),
-            *((bits, 0.0, "") for bits in (10, 12, 13, 14, 16, 17, 18, 19, 20)),
+            *((bits, 0.0, "") for bits in range(10, 21)),
         )
     ),
     PositionUnit(
@@ -142,6 +146,21 @@ UNITS = (
 KINDS_OF_UNITS = (*dict.fromkeys(unit.kind for unit in UNITS), "position unit")
 
 
+def counts_a_turn(log: Likelihood) -> Number:
+    """Return the size of a count, of all revolute joints: a turn of a power of two, as most
+    encoders have, or of any number."""
+    exact = (unit.scale for unit in UNITS if unit.kind == COUNTS)
+    return Number(
+        "scale",
+        tuple(log.revolute),
+        sd=_SPREAD_OF_COUNTS,
+        is_factor=True,
+        widest=c.WIDEST,
+        round_sizes=tuple(dict.fromkeys(float(np.log(x)) for x in exact)),
+        known_within=_KNOWN,
+    )
+
+
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield units of all revolute joints, and degrees of each single joint that moves
     beyond a turn [rad]."""
@@ -158,8 +177,13 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         numbers = unit.of_joints(log) if is_tried else None
         if not numbers:
             continue
+        is_counted = unit.kind == COUNTS and not unit.middle
         yield Hypothesis(
-            unit.kind, tuple(numbers), prior_of_one_of(1), _in_radians(now, numbers)
+            unit.kind,
+            tuple(numbers),
+            prior_of_one_of(1),
+            _in_radians(now, numbers),
+            counts_a_turn(log) if is_counted else None,
         )
     for j in beyond_a_turn if log.n > 1 else ():  # else the only joint is all joints
         chain = now.with_multiplied("scale", (j,), _DEGREES.scale)
