@@ -703,15 +703,13 @@ WRONG_PROBLEMS: dict[str, tuple[str, object, bool, str, str]] = {
 }
 
 
-LONG = ("no gravity", "gravity in mm/s^2", "too heavy", "too light, no limits")
+MARKS = dict.fromkeys(
+    ("no gravity", "too heavy", "too light, no limits"), pytest.mark.long
+) | {"gravity in mm/s^2": pytest.mark.slow}
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(x, marks=pytest.mark.long) if x in LONG else x
-        for x in WRONG_PROBLEMS
-    ],
+    "name", [pytest.param(name, marks=MARKS.get(name, ())) for name in WRONG_PROBLEMS]
 )
 def test_a_wrong_problem_is_named_rather_than_the_data(name, simulated):
     """Where effort limits witness the torques' size, masses are doubted; torques are

@@ -144,7 +144,15 @@ def slope(two_link: Problem) -> HiddenRuns:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("what", ["slower log", "one run", "unequal", "no repeats"])
+@pytest.mark.parametrize(
+    "what",
+    [
+        "slower log",
+        "one run",
+        "no repeats",
+        pytest.param("unequal", marks=pytest.mark.slow),
+    ],
+)
 def test_two_joints_whatever_the_record(slope, what):
     runs = list(slope.runs[:3])
     if what == "slower log":

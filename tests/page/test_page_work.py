@@ -866,19 +866,14 @@ def test_a_removed_run_comes_back(here, hidden, tmp_path):
 
 
 def test_the_split_of_a_run_can_be_dragged(here, hidden, tmp_path):
+    """From one that keeps at least a fifth of a single run for testing."""
     s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:1], "run.csv"))
     before = s.runs[0]["split"]
+    assert before["test_seconds"] >= 0.2 * s.runs[0]["seconds"]
     do(s, lambda: s.split(s.runs[0]["file"], 55))
     after = s.runs[0]["split"]
     assert after["share"] == 0.55
     assert after["bar"] != before["bar"]
-
-
-@pytest.mark.long
-def test_at_least_a_fifth_of_a_single_run_is_kept_for_testing(here, hidden, tmp_path):
-    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:1], "run.csv"))
-    split = s.runs[0]["split"]
-    assert split["test_seconds"] >= 0.2 * s.runs[0]["seconds"]
 
 
 @pytest.mark.long

@@ -60,7 +60,7 @@ LONG_FIGURES = (2, 5, 8, 9)
 SLOW_FIGURES = (1, 3, 6, 7, 10)
 LONG_TABLES = ("I", "II", "methods", "data")
 #: What another problem's table of the same number shows as well; test_labels.py makes one.
-LONG_CASES = [(p, "IV") for p in SMALL] + [("panda", "VIII"), ("panda", "IX")]
+SLOW_CASES = [(p, "IV") for p in SMALL] + [("panda", "VIII"), ("panda", "IX")]
 
 
 @pytest.fixture(scope="module")
@@ -192,7 +192,7 @@ def check_room(figure):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("size", [1.0, 1234567.0])
+@pytest.mark.parametrize("size", [1234567.0, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_texts_have_their_room(size, tmp_path):
     figure, axes = new_figure(3, 2, 5.0, sharex=True)
     for k, axis in enumerate(axes.flat):
@@ -253,9 +253,8 @@ def test_tables_come_out_as_committed(whole, problem, name, folder):
         pytest.param(
             p,
             name,
-            marks=pytest.mark.long
-            if name in LONG_TABLES or (p, name) in LONG_CASES
-            else (),
+            marks=[pytest.mark.long] * (name in LONG_TABLES)
+            + [pytest.mark.slow] * ((p, name) in SLOW_CASES),
         )
         for p in SMALL
         for name in SMALL[p]
