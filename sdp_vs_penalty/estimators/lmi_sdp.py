@@ -63,8 +63,8 @@ class LmiSdp(Estimator):
     name = "lmi-sdp"
     table_place: ClassVar[int | None] = 4
     description = (
-        "one-step torque SDP whose links fit their bodies, entropic prior at the"
-        " nominal robot (the default)"
+        "best fit whose links can exist and fit their bodies, near the nominal robot"
+        " where the data say nothing (the default)"
     )
 
     #: Whether each link's mass must lie inside of its body (:class:`~robot.body.Body`).

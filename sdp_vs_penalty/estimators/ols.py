@@ -27,7 +27,7 @@ class Ols(Estimator):
     name = "ols"
     table_place: ClassVar[int | None] = 1
     undetermined_by = "prior"
-    description = "classical least squares, no constraints (the paper's CLS)"
+    description = "least squares: links may be impossible (the paper's CLS)"
 
     #: Weight of the pull of joint parameters to zero, as of ``lmi-sdp``; 0: none.
     joint_prior: float = 0.0

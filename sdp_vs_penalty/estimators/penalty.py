@@ -519,7 +519,7 @@ class Penalty(Estimator):
 
     name = "penalty"
     table_place: ClassVar[int | None] = 2
-    description = "one-step torque loss with an exact penalty, from many starts"
+    description = "least squares with a penalty on impossible links, from many starts"
 
     #: Whether each link's mass must lie inside of its body, as for ``lmi-sdp``.
     body: bool = True

@@ -89,6 +89,11 @@ document.addEventListener("click", (event) => {
   if (link.dataset.opens) document.querySelector(`[data-key="${link.dataset.opens}"]`)?.click();
 });
 
+document.addEventListener("click", (event) => {
+  const question = event.target.closest?.("[data-confirm]")?.dataset.confirm;
+  if (question && !confirm(question)) event.stopImmediatePropagation();
+}, true);
+
 addEventListener("popstate", (event) => {
   const stage = event.state?.stage ?? (location.hash.slice(1) || "measure");
   // One stage back, or on again; "skip to content" leads to no stage.

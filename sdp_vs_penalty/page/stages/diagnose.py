@@ -142,9 +142,7 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
     finding = diagnosis.effects[k]
     done = " done" if finding.text in session.added else ""
     with draw.tag("li", style=f"card finding-card{done}"):
-        with draw.tag("div", style="head"):
-            draw.tag("h4", f"{finding.number}. {words.title}")
-            draw.tag("span", words.badge, f"badge {words.rating}")
+        _head(f"{finding.number}. {words.title}", words)
         draw.tag("p", words.on_the_arm, "on-the-arm")
         _picture(session, finding)
         draw.tag("p", words.gain)
@@ -165,6 +163,13 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
             draw.note(words.doubt)
         change = diagnosis.remedies_by_finding[k].change.to_dict()
         _adding(session, finding.text, change, f"add-{k}", f"Add {words.title}")
+
+
+def _head(title: str, words: FindingWords) -> None:
+    """Draw the title of a card, and how sure it is."""
+    with draw.tag("div", style="head"):
+        draw.tag("h4", title)
+        draw.tag("span", words.badge, f"badge {words.rating}")
 
 
 def _picture(session: Session, found: Finding | Retune) -> None:
@@ -205,7 +210,7 @@ def _constant(session: Session, constant: Retune, words: FindingWords, k: int) -
     """Draw the card of a constant of the model's effects, the k-th, that should be
     re-estimated."""
     with draw.tag("li", style="card finding-card"):
-        draw.tag("h4", words.title)
+        _head(words.title, words)
         _picture(session, constant)
         draw.tag("p", words.physics)
         if words.doubt:

@@ -147,15 +147,10 @@ def _projects(view: View) -> None:
                     "a", project.name, href=f"/s/{project.token}", data_key=open_it
                 )
                 draw.tag("span", project.about, "soft")
-                label = f"Delete {project.name}"
-                draw.tag(
-                    "button", "Delete", "action quiet", type="button", aria_label=label
-                ).on(
-                    "click",
-                    partial(lambda p, r, _: delete(p, r), project, row),
-                    js_handler="(e) => confirm('Delete this project and its files?')"
-                    " && emit()",
-                )
+                key = f"delete-{project.token}"
+                ask = f"Delete {project.name} and its files?"
+                forget = partial(delete, project, row)
+                draw.button("Delete", forget, key, "quiet", data_confirm=ask)
 
 
 _USES = (
@@ -465,8 +460,8 @@ def _findings(view: View) -> None:
             grade, _, why = issue["certainty"].partition(": ")
             draw.tag("strong", f"{names}: {issue['kind']}. ")
             draw.tag("span", graded(issue["what"], grade))
-            changes = [remedy["change"] for remedy in issue["remedies"]]
-            if why and not any(map(session.outcome_of, changes)):  # it says more
+            verbs = {remedy["change"]["verb"] for remedy in issue["remedies"]}
+            if why and "transform" not in verbs:  # its trial says more
                 draw.note(formatting.sentence(spoken(why)))
             if not issue["remedies"]:
                 draw.tag("p", formatting.sentence(spoken(issue["remedy"])))
