@@ -83,6 +83,8 @@ NEAR = 0.15
 #: An error that is so many times as large near reversals as elsewhere is said to be,
 #: whatever its causes: friction that turns round is the likeliest one.
 _LARGE_LIFT = 2.0
+#: The same where reversals are a cause or a stretch that is shown.
+_SEEN_LIFT = 1.2
 #: Share of an error from which the usual error of drives is named before other causes.
 _LARGE_USUAL_SHARE = 0.25
 #: Share of an error from which it is said that other parameters would remove it.
@@ -307,7 +309,7 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
     out = [*_cause_sentences(failure, strongest), *_refit_sentences(failure)]
     is_named = REVERSAL in dict(strongest)
     is_seen = any(stretch.cause == REVERSAL for stretch in failure.stretches)
-    least_lift = 1.0 if is_named or is_seen else _LARGE_LIFT
+    least_lift = _SEEN_LIFT if is_named or is_seen else _LARGE_LIFT
     if failure.reversal_lift > least_lift:
         out.append(
             f"Within {NEAR:g} s of the joint's reversals it is"

@@ -210,7 +210,8 @@ class Workbench:
             """Draw the verdict, or what has to be done before the stage is ready."""
             if not ready:
                 note(stage.before)
-            if verdict.text and verdict.text not in step.text:
+            is_in_view = verdict.text in step.text or f"{verdict.word}." in step.text
+            if verdict.text and not is_in_view:
                 with tag("p", style=f"verdict {verdict.level}"):
                     if verdict.word:
                         tag("strong", f"{verdict.word}. ")

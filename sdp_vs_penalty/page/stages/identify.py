@@ -11,7 +11,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES, SHARES, Failures
 from sdp_vs_penalty.effects import DEFAULT_EFFECTS, effect_types, standard_effect
-from sdp_vs_penalty.estimation.verdict import Line
+from sdp_vs_penalty.estimation.verdict import MISSING, Line
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.page import charts
 from sdp_vs_penalty.page import controls as draw
@@ -310,9 +310,9 @@ def _figures(model: ModelStep) -> None:
         f"Judged on {seconds} s of {judged}, {new} % of it not used for fitting,"
         f" {scope}; checked and identified in {model.seconds:.2g} s."
     )
-    for line in model.comparison["verdict"]["lines"][1:]:
-        text = formatting.sentence(str(Line.from_dict(line)))
-        draw.tag("p", spoken(text), "line")
+    for line in map(Line.from_dict, model.comparison["verdict"]["lines"][1:]):
+        if line.about != MISSING or not model.findings:  # which Diagnose tells
+            draw.tag("p", formatting.sentence(spoken(str(line))), "line")
 
 
 def _words(model: ModelStep, j: int, unit: str, finding: Finding | None) -> str:
