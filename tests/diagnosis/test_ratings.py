@@ -208,7 +208,8 @@ def model_with(*parts: tuple[Any, float, float]) -> Any:
         theta=values,
         uncertainty=SimpleNamespace(covariance=np.diag(deviations**2)),
         model=SimpleNamespace(
-            parts=[(effect, np.array([k])) for k, (effect, _, _) in enumerate(parts)]
+            parts=[(effect, np.array([k])) for k, (effect, _, _) in enumerate(parts)],
+            known={},
         ),
     )
 
