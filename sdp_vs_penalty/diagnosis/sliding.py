@@ -84,9 +84,7 @@ def scaled(search: Search, data: WhiteData) -> Search:
 def is_friction(form: Candidate) -> bool:
     """Return whether a candidate is a law of friction that may show where a joint turns
     round alone, or another constant of the model's own."""
-    effect = form.effect
-    is_finer = "coulomb_friction" in effect.refines
-    return form.replaces_own_constant or is_finer or effect.is_dry_friction
+    return form.replaces_own_constant or form.effect.is_finer_friction
 
 
 def held_beside(search: Search, still: Array) -> Array:

@@ -362,6 +362,12 @@ class Effect(ABC):
         return bool(self.at_rest)
 
     @property
+    def is_finer_friction(self) -> bool:
+        """Whether it is a finer law of a joint's dry friction, turning round or
+        sliding."""
+        return self.is_dry_friction or "coulomb_friction" in self.refines
+
+    @property
     def law_constants(self) -> dict[str, float]:
         """The shape constants, by name, that only take a few given values: which of its
         laws the effect has."""
