@@ -3,7 +3,7 @@ the fields that a format declares (``HOLDS``, ``HOLDS_FORMULAS``)."""
 
 from collections.abc import Collection
 
-from sdp_vs_penalty.effects.effect import Effect, SimulatorField
+from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.c_formulas import has_closed_form
 from sdp_vs_penalty.exporters.content import servo_gains
@@ -12,7 +12,7 @@ from sdp_vs_penalty.exporters.content import servo_gains
 def is_held(
     effect: Effect,
     estimate: Estimate,
-    fields: Collection[SimulatorField],
+    fields: Collection[str],
     with_formulas: bool = False,
 ) -> bool:
     """Return whether a file with these fields, or with formulas of all effects that have
@@ -25,7 +25,7 @@ def is_held(
 
 
 def left_out(
-    estimate: Estimate, fields: Collection[SimulatorField], with_formulas: bool = False
+    estimate: Estimate, fields: Collection[str], with_formulas: bool = False
 ) -> tuple[str, ...]:
     """Return the effects that :func:`is_held` denies and that make a torque, as they are
     written, and a delay of the servos' command."""
