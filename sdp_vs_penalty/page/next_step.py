@@ -53,7 +53,7 @@ def _columns(session: Session) -> NextStep:
     """Return the step that reads refused files with the columns that are chosen."""
     first = session.refused[0]
     same = [m["name"] for m in session.refused if m["columns"] == first["columns"]]
-    text = f"{formatting.words(same)}: see below which column is what."
+    text = f"{formatting.words(same)}: say which column is what."
     do = partial(session.start, session.read_mapped, first["columns"])
     return NextStep(text, "Read with these columns", "measure", do, level="usable")
 

@@ -142,7 +142,9 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
     finding = diagnosis.effects[k]
     done = " done" if finding.text in session.added else ""
     with draw.tag("li", style=f"card finding-card{done}"):
-        _head(f"{finding.number}. {words.title}", words)
+        # What is said of several weak findings at once calls them by their numbers.
+        number = "" if finding.torque_is_certain else f"{finding.number}. "
+        _head(f"{number}{words.title}", words)
         draw.tag("p", words.on_the_arm, "on-the-arm")
         _picture(session, finding)
         draw.tag("p", words.gain)
