@@ -5,7 +5,6 @@ import gzip
 import http.client
 import re
 import socket
-import time
 from pathlib import Path
 
 import numpy as np
@@ -73,13 +72,11 @@ def story(browser, server, files, tmp_path_factory):
         seen = {"page": page, "context": context, "barriers": driver.barriers(page)}
         driver.choose(page, "two_link", files)
         act(page, "identify", "[data-part=fit] .js-line")
-        begin = time.perf_counter()
         page.click(key("joint-2"))
         page.wait_for_function(
             "document.querySelector('[data-part=fit]"
             " .ytitle')?.textContent.startsWith('joint 2')"
         )
-        seen["click"] = time.perf_counter() - begin
         go(page, "diagnose")
         act(page, "diagnose", key("add-0"))
         seen["barriers"] += driver.barriers(page)
@@ -113,7 +110,6 @@ def test_files_are_chosen_checked_and_identified(context, server, files):
 
 @pytest.mark.long
 def test_the_error_falls_before_ones_eyes(story):
-    assert story["click"] < 2.0  # 0.1 s where nothing else runs
     before, after = story["errors"][0]
     assert after < 0.6 * before
 
