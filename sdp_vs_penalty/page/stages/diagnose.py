@@ -14,6 +14,7 @@ from sdp_vs_penalty.effects import effect_types, standard_effect
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import finding_chart, missing_chart
 from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.sessions import shown_name
 from sdp_vs_penalty.page.view import (
     PagePart,
     Stage,
@@ -55,7 +56,7 @@ def models(view: View) -> None:
     ui.html(bars(errors[0], errors[-1], floor, units, what), sanitize=False)
     draw.judged(history)
     facts = {f"error {k}": model.facts for k, model in enumerate(history, start=1)}
-    runs = ", ".join(history[-1].judged_on)
+    runs = ", ".join(map(shown_name, history[-1].judged_on))
     with draw.details(f"{what} (RMS) in {runs}, as a table", "history-table"):
         draw.table(joint_table(facts, units), f"{what} of each joint, model by model")
 

@@ -18,6 +18,7 @@ from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import chart_and_arm
 from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.sessions import shown_name
 from sdp_vs_penalty.page.view import (
     PagePart,
     Stage,
@@ -203,7 +204,8 @@ class _Fit:
         draw.note("Click a joint to see it below.")
         with draw.tag("div", style="pick"):
             choose = lambda name: view.select(run=name)  # noqa: E731
-            draw.choice("Run", self.model.runs, view.run, choose, "shown-run")
+            names = [(name, shown_name(name)) for name in self.model.runs]
+            draw.choice("Run", names, view.run, choose, "shown-run")
         label = "Measured and modelled torque, and the error"
         caption = "a link's colour: the torque error of its joint"
         scale = charts.error_scale(self.model)
@@ -300,7 +302,7 @@ def _figures(model: ModelStep) -> None:
     That line is the stage's heading.
     """
     facts = model.facts
-    runs = model.judged_on
+    runs = [*map(shown_name, model.judged_on)]
     judged = ", ".join(runs) if len(runs) <= 3 else f"{len(runs)} runs"
     new = facts["new_motion_percent"].texts[0]
     seconds = facts["judged_seconds"].texts[0]

@@ -14,7 +14,7 @@ from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import ArmScene, chart_and_arm
 from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.sessions import SUFFIXES, name_in_title
+from sdp_vs_penalty.page.sessions import SUFFIXES, name_in_title, shown_name
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.page.view import (
     PagePart,
@@ -337,7 +337,7 @@ def _list(view: View) -> None:
         with draw.tag("tbody"):
             for k, run in enumerate(session.runs):
                 with draw.tag("tr"):
-                    draw.tag("th", run["name"], "name", scope="row")
+                    draw.tag("th", shown_name(run["name"]), "name", scope="row")
                     draw.tag("td", f"{formatting.number(run['seconds'])} s")
                     draw.tag("td", f"{run['samples']} at {run['rate']:.4g} Hz")
                     with draw.tag("td"):
@@ -433,7 +433,13 @@ def check(view: View) -> None:
 
     if len(views) > 1:
         with draw.tag("div", style="pick"):
-            draw.choice("Run", [(n, n) for n in views], first, look, "checked-run")
+            draw.choice(
+                "Run",
+                [(name, shown_name(name)) for name in views],
+                first,
+                look,
+                "checked-run",
+            )
     caption = "Positions, velocities and torques of all joints over time"
     drawn, move = chart_and_arm(view, caption, session.robot["drawn"], "nominal links")
     thick = "Thick: corrected values. "
@@ -449,13 +455,13 @@ def _findings(view: View) -> None:
     with draw.tag("p", style="row"):
         for run in session.runs:
             if all(issue["severity"] == "note" for issue in run["findings"]):
-                draw.tag("span", f"✓ {run['name']}", "tick")
+                draw.tag("span", f"✓ {shown_name(run['name'])}", "tick")
     first = session.remedies[:1]
     if first and len(first[0]["change"]["arguments"].get("apply", ())) > 1:
         with draw.tag("div", style="row"):
             _remedy(view, first[0], "remedy-all")
     for k, (issue, runs) in enumerate(_issues_with_runs(session)):
-        names = formatting.words([run["name"] for run in runs])
+        names = formatting.words([shown_name(run["name"]) for run in runs])
         with draw.tag("div", style=f"finding {issue['severity']}"):
             grade, _, why = issue["certainty"].partition(": ")
             draw.tag("strong", f"{names}: {issue['kind']}. ")
