@@ -475,19 +475,17 @@ def headline() -> str:
             markdown(heads, rows),
             "\n".join(
                 [
-                    "- *Error*: norm of the torque's error over the norm of the torque. Of"
-                    " *real* motion five stretches of the authors' log are left out in turn;"
+                    "- *Error*: norm of the torque's error over that of the torque. *Unseen*: five"
+                    " stretches of the authors' log, left out in turn;"
                     f" {told_apart()} differs from the SDP's by more than chance.",
                     f"- *Simulated*: {most_draws} draws of an arm that moves little. The prior"
-                    f" helps though it is bad: {masses_of_the_prior()} and it errs"
+                    f" helps though {masses_of_the_prior()} and it errs"
                     f" {float(simulated[PRIOR_ALONE]['error_percent']):.3g} % alone."
-                    f" {on_rich_motion()}",
-                    "- *One step* fits torque. *Two steps* fit base parameters by least"
-                    " squares, then links to these. On one problem SDP and our penalty end at"
-                    " the same objective. In simulation the SDP without prior has no thickness"
+                    f" {on_rich_motion()} The SDP without prior has no thickness there"
                     " (`lmi-sdp-plain`), and least squares are weighted.",
-                    "- *As published*: the authors' method in our code, one run of its random"
-                    " search. More: [results](results/README.md#sdp-against-penalty).",
+                    "- *One step* fits torque; *two steps* fit base parameters first, then links"
+                    " to these. *As published* is our code of the authors' random search, one"
+                    " run. [More](results/README.md#sdp-against-penalty).",
                 ]
             ),
         ]
