@@ -421,18 +421,30 @@ def test_the_demo_tells_the_whole_story(tmp_path, capsys):
 
 @pytest.mark.slow
 @pytest.mark.real_data
-def test_the_notebook_runs(tmp_path, data_folder, monkeypatch):
+@pytest.mark.parametrize(
+    ("name", "data", "n_pictures", "printed"),
+    [
+        (
+            "panda_hysteresis",
+            "panda",
+            3,
+            r"presliding_hysteresis:[\d+]*7(.|\n)*every constraint holds",
+        ),
+        ("coupled_wrist", "tx40", 3, "Do not use"),
+    ],
+)
+def test_the_notebook_runs(
+    name, data, n_pictures, printed, tmp_path, data_folder, monkeypatch
+):
     nbformat = pytest.importorskip("nbformat")
     nbclient = pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")
     # Where `fetch` looks for them before it downloads anything.
-    shutil.copytree(
-        data_folder / "panda", tmp_path / "cache" / "sdp-vs-penalty" / "panda"
-    )
+    shutil.copytree(data_folder / data, tmp_path / "cache" / "sdp-vs-penalty" / data)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), *sys.path]))
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
-    book = nbformat.read(DOCS / "gallery" / "panda_hysteresis.ipynb", as_version=4)
+    book = nbformat.read(DOCS / "gallery" / f"{name}.ipynb", as_version=4)
     nbclient.NotebookClient(
         book,
         timeout=300,
@@ -440,10 +452,11 @@ def test_the_notebook_runs(tmp_path, data_folder, monkeypatch):
         resources={"metadata": {"path": str(tmp_path)}},
     ).execute()
     outputs = [output for cell in book.cells for output in cell.get("outputs", [])]
-    assert sum("image/png" in output.get("data", {}) for output in outputs) == 3
+    assert (
+        sum("image/png" in output.get("data", {}) for output in outputs) == n_pictures
+    )
     text = "\n".join(output.get("text", "") for output in outputs)
-    assert re.search(r"presliding_hysteresis:[\d+]*7", text)
-    assert "every constraint holds" in text
+    assert re.search(printed, text)
 
 
 def test_the_recipe_of_a_control_loop_renews_a_certified_fit():

@@ -22,7 +22,7 @@ playwright = pytest.importorskip(
 expect = playwright.expect
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 if CHROMIUM is None:
-    pytest.skip("Chromium is not installed", allow_module_level=True)
+    pytest.skip("Chromium is not installed (Debian: chromium)", allow_module_level=True)
 
 DESKTOP = {"width": 1280, "height": 800}
 PHONE = {"width": 390, "height": 844}

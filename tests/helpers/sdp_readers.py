@@ -66,11 +66,15 @@ PROGRAMS = {
     "sdpa": ("sdpa -ds a.dat-s -o answer -numThreads 1", r"objValPrimal = (\S+)"),
 }
 
+PACKAGES = {"csdp": "coinor-csdp", "sdpa": "sdpa"}
+
 
 def outside_optimum(program, folder):
     """What an installed program says is the optimum of a.dat-s in the folder."""
     if shutil.which(program) is None:
-        pytest.skip(f"the program {program} is not installed")
+        pytest.skip(
+            f"the program {program} is not installed (Debian: {PACKAGES[program]})"
+        )
     command, printed = PROGRAMS[program]
     done = subprocess.run(
         command.split(), cwd=folder, capture_output=True, text=True, check=False
