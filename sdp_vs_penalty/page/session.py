@@ -1040,11 +1040,6 @@ class Session:
             self.impossible = sentence(error)
             raise
 
-    def keep_fixed(self, frozen: bool) -> None:
-        """Choose whether the model is kept when effects are looked for and added."""
-        self.frozen = frozen
-        self.changed()
-
     def rename(self, name: str) -> None:
         """Give the project a name of the person's own."""
         self.name = name.strip()[:80]

@@ -89,14 +89,15 @@ def findings(view: View) -> None:
         label = (
             "Keep the model fixed: find a load that the runs of the model did not carry"
         )
-        draw.check(label, session.frozen, session.keep_fixed, "frozen")
-    if session.frozen and not session.history[0].opened:
-        draw.note(
-            "This model is from these runs: a load in them is part of its last link."
-            " Open a model from runs without the load."
-        )
-        to = {"data_to": "identify", "data_opens": "drop-model"}
-        draw.button("Open a model", lambda: None, "open-unloaded", **to)
+        draw.check(label, session.frozen, partial(setattr, session, "frozen"), "frozen")
+    if not session.history[0].opened:
+        with draw.tag("div", style="unloaded"):  # look.css shows it beside a ticked box
+            draw.note(
+                "This model is from these runs: a load in them is part of its last"
+                " link. Open a model from runs without the load."
+            )
+            to = {"data_to": "identify", "data_opens": "drop-model"}
+            draw.button("Open a model", lambda: None, "open-unloaded", **to)
     _by_hand(view)
 
 
