@@ -18,7 +18,6 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.store import AppendableArray, iter_chunks
 from sdp_vs_penalty.errors import InputError, other_robot
-from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.nominal import NOMINAL, as_model
@@ -29,6 +28,7 @@ from sdp_vs_penalty.estimation.verdict import (
     NoiseFloor,
     Verdict,
     doubt_of_log,
+    implausible,
     judge,
     noise_level,
 )
@@ -289,8 +289,16 @@ class Comparison(Record):
 
     @fact(column="links can exist")
     def links_can_exist(self) -> bool:
-        """Whether every link of the model is physically consistent, up to rounding."""
-        return self.estimate.certificate.worst <= ROUNDING
+        """Whether the verdict says that the links can exist: each is physically consistent,
+        up to rounding, reaches no farther than its body, and weighs something."""
+        return not implausible(self.estimate.certificate, *self._masses)
+
+    @property
+    def _masses(self) -> tuple[Array, Array]:
+        """Masses (links,) of the model and of the nominal robot [kg]; each link has ten
+        parameters in theta, its mass first."""
+        indices = self.estimate.model.rigid_indices[::10]
+        return self.estimate.theta[indices], self.estimate.nominal[indices]
 
     @fact("mm", column="thinnest link [mm]")
     def thinnest_link(self) -> float | None:
@@ -334,8 +342,7 @@ class Comparison(Record):
         has_open_finding
             Whether the model lacks an effect that a diagnosis found.
         """
-        # Each link has ten parameters in theta, its mass first.
-        mass_indices = self.estimate.model.rigid_indices[::10]
+        masses, nominal = self._masses
         return judge(
             errors=self.errors,
             r2=self.r2,
@@ -343,8 +350,8 @@ class Comparison(Record):
             new_share=self.new_motion_share,
             outside=max(self.outside.values(), default=0.0),
             certificate=self.estimate.certificate,
-            masses=self.estimate.theta[mass_indices],
-            nominal=self.estimate.nominal[mass_indices],
+            masses=masses,
+            nominal=nominal,
             judged_on=self.runs,
             missing=missing,
             forward=forward,

@@ -178,6 +178,11 @@ def test_the_grade_is_the_same_everywhere(modelled):
     assert re.search(rf"\b{grade}\b", modelled.said["html"], re.IGNORECASE)
 
 
+def test_the_table_and_the_verdict_say_the_same_of_the_links(modelled):
+    can_exist = modelled.compared["facts"]["links_can_exist"]["value"]
+    assert can_exist == modelled.compared["verdict"]["links_are_possible"]
+
+
 def test_every_stage_of_the_page_has_one_grade(diagnosed):
     grade = diagnosed.session.current.comparison["verdict"]["grade"].capitalize()
     for stage in ("identify", "use"):
