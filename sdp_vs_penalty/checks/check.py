@@ -277,6 +277,7 @@ def _with_range_error(
     except InputError as error:
         impossible = error
     if any(f.kind in KINDS_OF_UNITS for f in issues):
+        issues = [f for f in issues if f.kind != "quantisation"]  # of the unit's steps
         percent = radians_per_percent(problem.robot, run.q)
         return [
             unit_as_fact(f, impossible is not None, percent)

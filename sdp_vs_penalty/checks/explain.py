@@ -16,6 +16,7 @@ from sdp_vs_penalty.race.kinds import list_faults
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.race import Claim, RaceOutcome, Scored
 from sdp_vs_penalty.race.run_log import RunLog
+from sdp_vs_penalty.results.remedy import Change
 
 #: Standard deviations of a 95 % interval; what the model lacks widens it (Student's t of
 #: the parts of a log).
@@ -157,7 +158,8 @@ def _of_fault(
         where=fault.place or joints_text(fault.joints),
         what=what,
         certainty=likely(_reason(log, fault, net)),
-        remedy=fault.remedy if is_known else f"say it, about: {fault.remedy}",
+        remedy=fault.remedy if is_known else f"say the size; about: {fault.remedy}",
+        changes=() if is_known else _asked(fault),
         repair=keep_only(log, net, fault).apply if is_repaired else None,
         figures=figures,
         gravity=_measured_gravity(net) if fault.is_of_gravity else None,
@@ -167,6 +169,15 @@ def _of_fault(
     )
     effects = [x.hypothesis.effect for x in rivals if x.hypothesis.effect]
     return with_rival_effects(issue, effects)
+
+
+def _asked(fault: Fault) -> tuple[Change, ...]:
+    """Return the reading of the file in a unit that only the user knows, of a fault of
+    positions."""
+    if fault.number is None or fault.number.field != "scale":
+        return ()
+    words = "read q by its radians a unit, 2 pi over the counts a turn"
+    return (Change("read", words, {"scale": {"q": None}}),)
 
 
 def _words_of_rival(log: Likelihood, rival: Scored, claims: Sequence[Claim]) -> str:

@@ -18,6 +18,7 @@ from sdp_vs_penalty.checks.certainty import Certainty, certain, likely, possible
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue
 from sdp_vs_penalty.checks.residual import leaves_more_than_usual
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.words.units import UNITS as NAMED
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.fault import UNITS
@@ -29,6 +30,8 @@ from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
 #: Largest share of the joints that have a unit of their own; of more, all share it.
 _SINGLE_JOINTS = 0.3
 _BY_SIZE = likely("judged by size alone")
+#: Units of about a tenth of a N m.
+_TENTHS = {"kgf cm": NAMED["kgfcm"], "lbf in": NAMED["lbfin"]}
 #: Times the N m of an arm that its motors' currents in mA may be: their gears make more than
 #: 3 N m of an ampere.
 _OF_CURRENTS = 300.0
@@ -233,6 +236,14 @@ def _reason_of_size(
     is_wrong = size.is_large or size.is_small
     smallest_share, largest_share = c.EFFORT
     if is_wrong and smallest_share <= size.over <= largest_share:
+        if units := _small_units(size):
+            return _Reason(
+                "torque unit",
+                f"they are in {' or '.join(units)}, or the problem's masses are wrong",
+                f"say the unit; {_CORRECT_MASSES}",
+                changes=_scales(["tau"]),
+                certainty=possible("size alone does not tell which"),
+            )
         return _Reason(
             "masses of the problem",
             "the problem's masses are wrong: the torques reach what torques do,"
@@ -277,6 +288,16 @@ def _reason_of_size(
         f" {_CORRECT_MASSES}",
         changes=_scales(["tau"]),
     )
+
+
+def _small_units(size: _Size) -> list[str]:
+    """List the units of about a tenth of a N m in which torques have the size that an arm of
+    the problem's masses needs."""
+    return [
+        name
+        for name, factor in _TENTHS.items()
+        if size.is_large and 0.5 < size.measured * factor < 2.0
+    ]
 
 
 def not_in_newton_metres(unit: str) -> Issue:

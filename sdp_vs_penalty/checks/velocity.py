@@ -31,6 +31,8 @@ _OF_VELOCITIES = {
     "turns a second": 2.0 * np.pi,
     "turns a minute": np.pi / 30.0,
 }
+#: Positions beyond are in another unit than radians, whatever their names say [rad].
+_TWO_TURNS = 4.0 * np.pi
 #: Ratios of a clock in another unit, or at another rate, from the derivative's.
 _OF_CLOCKS = (0.5, 2.0, *(10.0**k for k in (-6, -3, -2, -1, 1, 2, 3, 6)))
 #: A ratio is that of two units if it differs by less than this share: those of two pairs
@@ -74,7 +76,8 @@ def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
     n_alike = int(np.sum(np.abs(ratios[known] / ratio - 1.0) < _SAME))
     is_common = ratio > 0.0 and n_alike >= 0.75 * len(known)
     if is_common and abs(np.log(ratio)) > _CLOCK:
-        is_unit_said = not glance.run.unit_command
+        largest = np.abs(glance.run.q).max()
+        is_unit_said = not glance.run.unit_command and largest < _TWO_TURNS
         yield _in_another_unit(ratio, is_unit_said) or _against_the_clock(
             ratio, n_alike, len(known)
         )

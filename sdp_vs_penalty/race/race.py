@@ -350,9 +350,8 @@ class Race:
             away = size - (start if h.part else number.size_in(fit.chain))
             occam = float(np.log(min(1.0, spread / number.sd)))
             reach = number.usual + c.NUMBER_SIGMAS * spread
-            is_known = c.NUMBER_SIGMAS * spread < number.known_within
-            rounded = number.round_sizes if is_known else ()
-            near = [x for x in rounded if abs(x - size) < reach]
+            reach = min(reach, number.rounded_within)
+            near = [x for x in number.round_sizes if abs(x - size) < reach]
             size = min(near, key=lambda x: abs(x - size), default=size)
             occam -= 0.5 * (0.0 if near else away / number.sd) ** 2
             if near:  # a size that has half of the prior with its like

@@ -38,8 +38,9 @@ class Number:
     widest: float = 1e9
     #: Sizes that are likelier than others: a quarter turn, a factor of ten.
     round_sizes: tuple[float, ...] = ()
-    #: Half of the widest 95 % interval with which it is rounded, and repaired: a wider one
-    #: is asked for.
+    #: Farthest from a size that is likelier than others with which it is taken as that.
+    rounded_within: float = 1e9
+    #: Half of the widest 95 % interval with which it is repaired: a wider one is asked for.
     known_within: float = 1e9
     #: Smallest and largest possible size.
     limits: tuple[float, float] = (-1e9, 1e9)

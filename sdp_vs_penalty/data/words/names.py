@@ -125,12 +125,13 @@ def _unit_of(text: str, quantity: str) -> tuple[str, float] | None:
 
 
 def read_letter(name: str) -> Meaning | None:
-    """Read a name that is a letter of torques and a number, "u_1", as a torque that ranks
+    """Read a name that is a letter of torques and a number, "u_1", or the load
+    of a servo, as a torque that ranks
     behind all names with a word; None for other names."""
-    words = [x for x in split_tokens(name) if x.isalpha()]
-    numbers = [x for x in split_tokens(name) if x.isdigit()]
-    is_torque = len(words) == 1 and words[0] in INITIALS["tau"].split()
-    if not is_torque or len(numbers) != 1:
+    letters, tokens = INITIALS["tau"].split(), split_tokens(name)
+    numbers = [x for x in tokens if x.isdigit()]
+    words = [x for x in tokens if x in letters or x not in (*numbers, *_FILLERS)]
+    if len(words) != 1 or words[0] not in letters or len(numbers) != 1:
         return None
     return Meaning("tau", len(WORDS["tau"]) + 1, number=int(numbers[0]))
 

@@ -157,6 +157,7 @@ def counts_a_turn(log: Likelihood) -> Number:
         is_factor=True,
         widest=c.WIDEST,
         round_sizes=tuple(dict.fromkeys(float(np.log(x)) for x in exact)),
+        rounded_within=0.5 * _KNOWN,
         known_within=_KNOWN,
     )
 
