@@ -72,6 +72,7 @@ APPLY = {
     "positions in counts": ("counts", "q"),
     "positions in turns": ("turns", "q"),
     "positions in shares": ("shares", "q"),
+    "positions in mm": ("mm", "q"),
     "position scale": ("scale", "q"),
     "clock rate": ("clock", "t"),
     "time reversed": ("reverse", "t"),

@@ -35,6 +35,8 @@ _ROUNDS_OF_COLUMNS = 3
 _BEYOND_RANGE = 2.0
 #: Units from which the race begins again.
 _UNITS_BEGUN_FROM = 3
+#: Units of positions that differ by less are one (natural logarithm).
+_NEAR_UNIT = 0.1
 #: A step that looks for a size far off is not held back by its prior.
 _LOOSE = 10.0
 
@@ -244,7 +246,7 @@ class Race:
             return None
         rivals: dict[object, Scored] = {}
         for x in likely:
-            if best.log_odds - x.log_odds < c.AS_LIKELY:
+            if best.log_odds - x.log_odds < c.AS_LIKELY and not _is_same(x, best):
                 rivals.setdefault(x.hypothesis.key, x)
         rivals.pop(best.hypothesis.key, None)
         (before,) = self.all.fitted([fit], best.fit.v)
@@ -447,6 +449,15 @@ class Race:
             least = c.LEAST_RATIO_IF_DOUBTFUL
         is_large = max(float(ratios.max()), float(ratios.prod())) > least
         return bool(clearness > c.WITNESS_SIGMAS and is_large)
+
+
+def _is_same(x: Scored, other: Scored) -> bool:
+    """Whether two hypotheses do the same to the log, but for a tenth of the positions'
+    unit: counts of an encoder may be thousandths of a degree."""
+    chains = x.fit.chain, other.fit.chain
+    ratios = np.divide(*(np.array(chain.scale) for chain in chains))
+    is_near = bool(np.all(np.abs(np.log(np.abs(ratios))) < _NEAR_UNIT))
+    return is_near and replace(chains[0], scale=chains[1].scale) == chains[1]
 
 
 def _of_all(fit: ViewFit) -> float:

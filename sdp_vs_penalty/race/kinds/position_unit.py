@@ -142,14 +142,20 @@ UNITS = (
         is_share=True,
     ),
 )
+#: Kind of positions of prismatic joints that are millimetres.
+_MILLIMETRES = "positions in mm"
 #: Kinds of issue that say in which unit positions are.
-KINDS_OF_UNITS = (*dict.fromkeys(unit.kind for unit in UNITS), "position unit")
+KINDS_OF_UNITS = (
+    *dict.fromkeys(unit.kind for unit in UNITS),
+    "position unit",
+    _MILLIMETRES,
+)
 
 
 def counts_a_turn(log: Likelihood) -> Number:
     """Return the size of a count, of all revolute joints: a turn of a power of two, as most
     encoders have, or of any number."""
-    exact = (unit.scale for unit in UNITS if unit.kind == COUNTS)
+    exact = (unit.scale for unit in UNITS if unit.is_small and not unit.is_share)
     return Number(
         "scale",
         tuple(log.revolute),
@@ -167,6 +173,10 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     beyond a turn [rad]."""
     log, now = evidence.log, fit.chain
     largest = np.abs(now.positions(log.data.motion.q)).max(axis=0)  # (n,)
+    far = [j for j in _prismatic(log) if largest[j] > _farthest(log, j)]
+    if far:
+        chain = now.with_multiplied("scale", far, 1e-3)
+        yield Hypothesis(_MILLIMETRES, tuple(far), prior_of_one_of(1), chain)
     beyond_a_turn = [j for j in log.revolute if largest[j] > _TURN]
     if not beyond_a_turn and not fit.is_poorly_explained.any():
         return
@@ -189,6 +199,17 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     for j in beyond_a_turn if log.n > 1 else ():  # else the only joint is all joints
         chain = now.with_multiplied("scale", (j,), _DEGREES.scale)
         yield Hypothesis("position unit", (j,), prior_of_one_of(log.n), chain)
+
+
+def _prismatic(log: Likelihood) -> list[int]:
+    """List the joints whose positions are lengths."""
+    return [j for j in range(log.n) if j not in log.revolute]
+
+
+def _farthest(log: Likelihood, j: int) -> float:
+    """Return twice the farthest that a joint can be from its zero [m]."""
+    joint = log.problem.robot.joints[j]
+    return 2.0 * max(abs(joint.lower), abs(joint.upper))
 
 
 def _in_radians(
@@ -226,7 +247,7 @@ def undone_unit(
     of degrees where it is of a part of the joints, no joints where positions are radians, or
     their factor is no unit's."""
     sizes = np.abs(chain.scale)
-    joints = np.flatnonzero(~np.isclose(sizes, 1.0)).tolist()
+    joints = [j for j in log.revolute if not np.isclose(sizes[j], 1.0)]
     best, least = _DEGREES, np.inf
     in_degrees = [j for j in joints if np.isclose(sizes[j], _DEGREES.scale)]
     numbers = dict.fromkeys(in_degrees, (_DEGREES.scale, 0.0))
@@ -241,7 +262,20 @@ def undone_unit(
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
-    """Yield one fault about all joints, or about those in degrees."""
+    """Yield one fault about all revolute joints, or those in degrees, and one about
+    prismatic joints in millimetres."""
+    far = [j for j in _prismatic(log) if abs(chain.scale[j]) != 1.0]
+    if far:
+        lengths = ", ".join(f"q{j + 1}" for j in far)
+        yield Fault(
+            kind=_MILLIMETRES,
+            joints=tuple(far),
+            what=f"the positions of {joints_text(far)} are in millimetres: they reach"
+            f" {np.abs(log.data.motion.q[:, far]).max():.4g}.",
+            remedy=f"multiply {lengths} (and their dq) by 0.001",
+            without=chain.with_multiplied("scale", far, 1e3),
+            place=lengths,
+        )
     best, numbers = undone_unit(log, chain)
     joints = tuple(numbers)
     if not joints:
