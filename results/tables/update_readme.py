@@ -375,7 +375,7 @@ PRIOR_ALONE = "the prior alone"
 #: table_monte_carlo.csv.
 HEADLINE_METHODS = (
     ("**`lmi-sdp`**: SDP, prior", "SDP, default (entropic prior)", DEFAULT),
-    ("`lmi-sdp-thickness`: SDP, no prior", "SDP", "SDP"),
+    ("SDP, no prior: `lmi-sdp-thickness`; simulated: `lmi-sdp-plain`", "SDP", "SDP"),
     ("`penalty`: ours, one step", "penalty, one-step", "penalty, one-step"),
     ("`penalty-two-step`: ours", "penalty, two-step", "penalty, two-step"),
     (
@@ -388,7 +388,11 @@ HEADLINE_METHODS = (
         "penalty as published, two-step",
         "penalty as published, two-step",
     ),
-    ("`ols`: least squares", "least squares", "weighted least squares"),
+    (
+        "`ols`: least squares; simulated: weighted",
+        "least squares",
+        "weighted least squares",
+    ),
 )
 
 
@@ -479,10 +483,9 @@ def headline() -> str:
                     " stretches of the authors' log, left out in turn;"
                     f" {told_apart()} differs from the SDP's by more than chance.",
                     f"- *Simulated*: {most_draws} draws of an arm that moves little. The prior"
-                    f" helps though {masses_of_the_prior()} and it errs"
+                    f" helps though {masses_of_the_prior()} and its links err"
                     f" {float(simulated[PRIOR_ALONE]['error_percent']):.3g} % alone."
-                    f" {on_rich_motion()} The SDP without prior has no thickness there"
-                    " (`lmi-sdp-plain`), and least squares are weighted.",
+                    f" {on_rich_motion()}",
                     "- *One step* fits torque; *two steps* fit base parameters first, then links"
                     " to these. *As published* is our code of the authors' random search, one"
                     " run. [More](results/README.md#sdp-against-penalty).",
