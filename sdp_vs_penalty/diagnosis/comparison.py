@@ -41,7 +41,7 @@ from sdp_vs_penalty.regression.evidence import (
     student_95,
 )
 from sdp_vs_penalty.results.facts import fact
-from sdp_vs_penalty.results.record import Record, Summary
+from sdp_vs_penalty.results.record import Record, Summary, cut_to_width
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns, Rows
 from sdp_vs_penalty.signals.noise import REPETITION
@@ -549,7 +549,7 @@ class Comparisons(list[Comparison]):
         """
         if len(self) == 1:
             return repr(self[0])
-        return "\n".join(str(self).splitlines()[:5])
+        return "\n".join(map(cut_to_width, str(self).splitlines()[:5]))
 
     def __str__(self) -> str:
         """Return the single comparison's text, or each model's headline, and the errors

@@ -41,7 +41,7 @@ class Shown:
         """
         title, entries = self._summary()
         lines = [f"  {name}: {text}" for name, text in entries[:_LINES]]
-        return "\n".join([title, *map(_cut, lines)])
+        return "\n".join([title, *map(cut_to_width, lines)])
 
     def __str__(self) -> str:
         """Return the title and the whole summary; what is longer than a line goes on,
@@ -74,7 +74,7 @@ def _wrapped(text: str) -> str:
     )
 
 
-def _cut(line: str) -> str:
+def cut_to_width(line: str) -> str:
     """Shorten a line to _WIDTH (110) characters; three dots at its end mark the cut."""
     return line if len(line) <= _WIDTH else f"{line[: _WIDTH - 3]}..."
 
