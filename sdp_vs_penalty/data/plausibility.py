@@ -7,8 +7,8 @@ Two facts give the unit away without any guess about the motion:
 - A joint cannot be outside its mechanical range. Zero offsets and encoder wraps move a position by up
   to one turn, so only what lies farther outside is refused; recorded in degrees, an excitation of more
   than some ten degrees does.
-- Where a velocity is recorded too, it is the derivative of the position: a ratio near 180 / pi between
-  the two means that one of them is in degrees.
+- Where a velocity is recorded too, it is the derivative of the position: positions that change 180 / pi
+  times as fast are in degrees.
 """
 
 import math
@@ -306,8 +306,9 @@ def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
 
 
 def _check_derivative(robot: Robot, run: Measurements) -> None:
-    """Raise RepairableError where dq is the derivative of q but for a factor of 180 /
-    pi: one of the two is in degrees, or, near 60, the clock is in minutes."""
+    """Raise RepairableError where q is 180 / pi times what dq says: it is in degrees, or,
+    near 60, the clock is in minutes. Velocities in degrees do no harm: they are taken from
+    the positions."""
     if run.dq is None:
         return
     for j, (way_2, step_2, step_way) in enumerate(_sums_of_steps(run, run.dq)):
@@ -316,15 +317,10 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
         if step_way * step_way < 0.5 * way_2 * step_2:
             continue  # noise, or a coarse encoder: nothing to conclude from
         ratio = step_way / way_2  # least squares of step = ratio way
-        for name, value in (("q", ratio), ("dq", 1.0 / ratio)):
-            # Within a factor of 1.5 of 180 / pi.
-            is_in_degrees = 2.0 / 3.0 < math.radians(value) < 1.5
-            is_in_rpm = name == "dq" and value > _BETWEEN_DEGREES_AND_MINUTES
-            if not is_in_degrees or is_in_rpm:  # turns a minute beside turns: harmless
-                continue
-            what = f"columns q{j + 1} and dq{j + 1} differ by a factor of {value:.3g}"
-            change = f"{name} from degrees to radians"
-            if name == "q" and value > _BETWEEN_DEGREES_AND_MINUTES:
+        if 2.0 / 3.0 < math.radians(ratio) < 1.5:  # within a factor of 1.5 of 180 / pi
+            what = f"columns q{j + 1} and dq{j + 1} differ by a factor of {ratio:.3g}"
+            change = "q from degrees to radians"
+            if ratio > _BETWEEN_DEGREES_AND_MINUTES:
                 change = f"t from minutes to seconds, or {change}"
             raise RepairableError(what, f"convert {change}", run.names[0])
 

@@ -122,11 +122,12 @@ def _says_unit_of_positions(found: Recognition) -> bool:
     """Return whether names, metadata, values or the program that wrote a file say the unit
     of positions."""
     from sdp_vs_penalty.data.words.names import read_name
+    from sdp_vs_penalty.data.words.units import SHARES
 
     if found.logger != BY_WORDS or "q" in {*found.units, *map(group_of, found.scale)}:
         return True
     said = (read_name(y) for x, y in found.rename.items() if group_of(x) == "q")
-    return any(x is not None and x.unit for x in said)
+    return any(x is not None and x.unit not in ("", *SHARES) for x in said)
 
 
 def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recognition]:

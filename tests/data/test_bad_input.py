@@ -192,10 +192,10 @@ def test_millimetres_of_a_straight_axis_are_named(factor, is_named):
 
 def test_degrees_are_refused_by_the_derivative_and_a_turning_shaft_is_not(two_link):
     run = small_run(two_link)
-    for name in ("q", "dq"):
-        wrong = replace(run, **{name: np.degrees(getattr(run, name))})
-        said = "q1 and dq1 differ by a factor of 57", f"convert {name} "
-        refusal(lambda wrong=wrong: sdp.identify(two_link, wrong), *said)
+    wrong = replace(run, q=np.degrees(run.q))
+    said = "q1 and dq1 differ by a factor of 57", "convert q "
+    refusal(lambda: sdp.identify(two_link, wrong), *said)
+    check_plausible(two_link.robot, replace(run, dq=np.degrees(run.dq)))
     check_plausible(
         two_link.robot,
         sdp.Measurements(run.t, run.q + 20.0 * run.t[:, None], run.tau, None),

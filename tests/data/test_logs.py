@@ -286,6 +286,37 @@ def test_a_letter_s_columns_are_weighed_against_currents():
     assert sorted(found.torques) == ["T1 to T3", "current1 to current3"]
 
 
+def test_titles_of_words_are_no_table(tmp_path):
+    """A trend's title and the dates below it have as many words."""
+    path = tmp_path / "trend.csv"
+    head = [
+        "Date/Time",
+        *(f"Arm:J{k}.Actual{x}" for x in ("Position", "Torque") for k in (1, 2)),
+    ]
+    rows = [
+        ",".join([f"2026-03-05 14:07:{t:06.3f}", *map(repr, (*q, *tau))])
+        for t, q, tau in zip(
+            RUN.t.tolist(), RUN.q.tolist(), RUN.tau.tolist(), strict=True
+        )
+    ]
+    path.write_text(
+        "\n".join(["Trend Export,X", "Period,100 Hz", ",".join(head), *rows])
+    )
+    with pytest.warns(ColumnsRemark):
+        np.testing.assert_allclose(load_measurements(path).q, RUN.q)
+
+
+def test_what_is_measured_where_is_told_apart():
+    """ODrive's names: an encoder's velocity was proposed as a torque."""
+    of_axis = "encoder.pos_estimate", "encoder.vel_estimate", "{}.Iq_{}"
+    words = [x.format("motor.current_control", "measured") for x in of_axis]
+    words.append(of_axis[2].format("motor.current_control", "setpoint"))
+    found = recognise(["t", *(f"axis{k}.{x}" for x in words for k in range(3))])
+    assert [found.rename[f"{x}2"] for x in ("q", "dq", "tau")] == [
+        f"axis1.{x}" for x in words[:3]
+    ]
+
+
 @pytest.mark.parametrize(
     "line",
     [

@@ -42,6 +42,8 @@ _MARKUPS = {
 #: How leading lines begin that are comments; and a title has at most so many lines.
 _COMMENTS = ("#", "//", "% ", "%%")
 _LONGEST_TITLE = 40
+#: Lines of so many words are titles where a mark separates what is below.
+_FEW_WORDS = 3
 #: A header has at most so many rows.
 _MOST_HEAD_ROWS = 4
 #: Blanks and apostrophes between thousands: "1 007,5", "1'007.5".
@@ -406,7 +408,7 @@ def _without_titles(rows: list[tuple[int, str]]) -> list[tuple[int, str]]:
         lines = [line for _, line in rows[k:]]
         delimiter = _find_delimiter(lines)
         width = len(split_cells(lines[0], delimiter))
-        if _is_padded_title(lines, delimiter):
+        if _is_padded_title(lines, delimiter) or _is_words(lines, delimiter, width):
             continue
         if width >= 2 and _share_of_width(lines, delimiter, width) >= 0.5:
             titles = [split_cells(line, delimiter) for _, line in rows[:k]]
@@ -428,6 +430,15 @@ def _is_padded_title(lines: Sequence[str], delimiter: str | None) -> bool:
     below = lines[1:_LONGEST_TITLE] if delimiter else ()
     is_full = any(all(split_cells(line, delimiter)) for line in below)
     return is_full and all(first[:n_filled]) and 2 * n_filled <= len(first)
+
+
+def _is_words(lines: Sequence[str], delimiter: str | None, width: int) -> bool:
+    """Return whether blanks split the first of some lines into words, where a mark splits
+    the last into many more cells: "Trend Export,X" above "2026-03-05 14:07,0.1,0.2,0.3"."""
+    if delimiter is not None or width > _FEW_WORDS:
+        return False
+    marks = (x for x in DELIMITERS if x not in (None, ":"))
+    return any(len(split_cells(lines[-1], x)) > 2 * width for x in marks)
 
 
 def _share_of_width(lines: Sequence[str], delimiter: str | None, width: int) -> float:

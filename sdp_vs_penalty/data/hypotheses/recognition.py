@@ -324,7 +324,8 @@ def _with_units_of_heading(
         of_names = [
             x.unit for y in groups.get(group, {}).values() if (x := said.get(y))
         ]
-        if group not in groups or group in found.units or any(of_names):
+        is_said = any(x not in ("", *SHARES) for x in of_names)
+        if group not in groups or group in found.units or is_said:
             continue
         if unit in SHARES or (group == "tau" and unit in AMPERES):
             text = f"{group} is in {unit}, by the lines above the table"
@@ -335,7 +336,10 @@ def _with_units_of_heading(
         scale = {**found.scale, **dict.fromkeys(groups[group], factor)}
         scale = {x: y for x, y in scale.items() if y != 1.0}
         inferred = {x: y for x, y in found.inferred.items() if x != group}
-        found = replace(found, scale=scale, units=units, inferred=inferred)
+        of_others = [x for x in found.said if not x.startswith(f"{group} is in ")]
+        found = replace(
+            found, scale=scale, units=units, inferred=inferred, said=tuple(of_others)
+        )
     return found
 
 

@@ -4,6 +4,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from sdp_vs_penalty.data.words import table
 from sdp_vs_penalty.data.words.joints import JointNames
 from sdp_vs_penalty.data.words.tokens import split_tokens
@@ -94,6 +96,8 @@ def units_of_heading(lines: Sequence[str]) -> dict[str, tuple[str, float]]:
     of the quantities."""
     found = dict[str, tuple[str, float]]()
     for line in lines:
+        if match := _COUNTS_A_TURN.search(line):
+            found["q"] = match[2], 2.0 * np.pi / int(match[1])
         for word, text in _IN_UNIT.findall(line):
             quantity = _quantity(split_tokens(word)) or ""
             if unit := _unit_of(text, quantity):
@@ -114,6 +118,9 @@ def units_of_heading(lines: Sequence[str]) -> dict[str, tuple[str, float]]:
 
 #: A word and its unit, "positions in deg", "torque [Nm]"; units in a list.
 _IN_UNIT = re.compile(r"(\w+)(?:\s+in\s+|\s*[\[(])([^\s,;\])]+)")
+_COUNTS_A_TURN = re.compile(
+    r"(?i)\b([0-9]{3,9})\s*(inc|increments|counts|ticks|qc)\s*(?:/|per|a)\s*(?:turn|rev)"
+)
 _LIST_OF_UNITS = re.compile(r"(?i)\b(?:units?|einheiten|unités|unidades)\s*[:=]\s*(.+)")
 
 
@@ -249,11 +256,11 @@ def _quantity(words: Sequence[str]) -> str | None:
     """
     by_quantity = {x: [w for w in words if w in known] for x, known in WORDS.items()}
     said = [x for x, its_words in by_quantity.items() if its_words]
-    if len(said) != 1:
+    if len(said) != 1:  # "encoder velocity": what says where it is measured counts less
         said = [
             x
             for x, its_words in by_quantity.items()
-            if max(map(len, its_words), default=0) > 1
+            if any(len(word) > 1 and word not in _FILLERS for word in its_words)
         ]
     return said[0] if len(said) == 1 else None
 
