@@ -327,9 +327,11 @@ def _with_units_of_heading(
         is_said = any(x not in ("", *SHARES) for x in of_names)
         if group not in groups or group in found.units or is_said:
             continue
-        if unit in SHARES or (group == "tau" and unit in AMPERES):
+        is_of_size = unit in SHARES and factor == 1.0  # which only the user knows
+        if is_of_size or (group == "tau" and unit in AMPERES):
             text = f"{group} is in {unit}, by the lines above the table"
-            found = replace(found, said=(*found.said, text), torque_unit=unit)
+            of_torques = unit if group == "tau" else found.torque_unit
+            found = replace(found, said=(*found.said, text), torque_unit=of_torques)
             continue
         why = "the lines above the table"
         units = {**found.units, group: ColumnHypothesis(unit, 1.0, why)}
