@@ -50,8 +50,8 @@ CASES = [
 ]
 
 
-@fact("N m or N", digits=5, column="peak error", per_joint=True)
-def peak_torque_error(comparison: Comparison) -> np.ndarray:
+@fact("N m or N", digits=5, column="this test", per_joint=True)
+def largest_error_of_this_test(comparison: Comparison) -> np.ndarray:
     """(n,) largest error of each joint's torque."""
     return np.abs(comparison.signals.residual).max(axis=0)
 
@@ -59,12 +59,12 @@ def peak_torque_error(comparison: Comparison) -> np.ndarray:
 @pytest.fixture(scope="module", params=CASES)
 def story(request, tmp_path_factory):
     """What each place says of the same runs; the comparison has one more fact."""
-    Comparison.peak_torque_error = peak_torque_error
+    Comparison.largest_error_of_this_test = largest_error_of_this_test
     facts._fact_methods.cache_clear()
     walked = stories.walk(request.param, tmp_path_factory.mktemp("story"))
     yield walked
     walked.screen.loop.close()
-    del Comparison.peak_torque_error
+    del Comparison.largest_error_of_this_test
     facts._fact_methods.cache_clear()
 
 
@@ -127,22 +127,24 @@ def test_every_fact_of_a_diagnosis_is_the_same_on_the_page(diagnosed):
 
 def test_a_new_fact_is_one_method_and_stands_everywhere(modelled):
     """Terminal, JSON, report, page and data frame: nothing else knows of it."""
-    new = modelled.compared["facts"]["peak_torque_error"]
+    new = modelled.compared["facts"]["largest_error_of_this_test"]
     last = new
     if (modelled.folder / "both.json").exists():  # the report looks at the last model
-        last = modelled.json("both.json")["models"][-1]["facts"]["peak_torque_error"]
+        last = modelled.json("both.json")["models"][-1]["facts"][
+            "largest_error_of_this_test"
+        ]
     for place, shown in (
         (modelled.said["compare"], new),
         (modelled.screen.text("identify"), new),
         (modelled.said["html"], last),
     ):
-        assert "peak error" in place
+        assert "this test" in place
         assert all(text in place for text in shown["texts"])
     model = load_estimate(modelled.folder / "model.json")
     (compared,) = compare(
         model, load_measurements(modelled.folder / modelled.names[-1])
     )
-    column = compared.to_frame()["peak torque error [N m or N]"]
+    column = compared.to_frame()["largest error of this test [N m or N]"]
     assert [number(x, 5) for x in column] == new["texts"]
 
 
