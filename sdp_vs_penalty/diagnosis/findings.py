@@ -1032,7 +1032,7 @@ class Diagnosis(Record, JsonRecord):
             return f"Left: {unexplained}."
         if self.is_open:
             findings = "finding" if len(self.effects) == 1 else "findings"
-            return f"Nothing more is sure: {rating_counts(self.effects)} {findings}."
+            return f"Nothing is sure: {rating_counts(self.effects)} {findings}."
         return self._missing
 
     @property

@@ -125,7 +125,9 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
         draw.note("Near-tie: the torque is there; what makes it is open.")
     if not others:
         return
-    title = weak_title(len(others))
+    added = [f for f in diagnosis.effects if f.text in view.session.added]
+    added = [finding for finding in added if not finding.torque_is_certain]
+    title = weak_title(len(others), len(added))
     with draw.details(title, "weak-findings", on=not sure):
         if words.shared_doubt:
             draw.note(words.shared_doubt)

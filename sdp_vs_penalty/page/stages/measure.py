@@ -106,7 +106,7 @@ def _choose(view: View) -> None:
     for file in sorted(problems_folder().glob("*/problem.toml")):
         title = tomllib.loads(file.read_text("utf-8"))["title"]
         name = name_in_title(title)
-        description = formatting.sentence(title.removeprefix(name).strip(" ,()"))
+        description = title.removeprefix(name).lstrip(", ")
         there[file.parent.name] = name, description, None
     for folder in view.folder_problems():
         there[str(folder)] = (
