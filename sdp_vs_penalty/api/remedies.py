@@ -254,6 +254,8 @@ def _read_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:
             options += [f"--{name}", str(arguments[name])]
     if len(files.check.runs) != 1:
         return None
+    if files.check.joints:
+        options += ["--joints", ",".join(files.check.joints)]
     copy = str(files.check.copy)
     return ["convert", str(files.check.runs[0]), *options, "--out", copy]
 

@@ -520,7 +520,10 @@ def _in_si(
             from sdp_vs_penalty.data.hypotheses.proposals import no_clock
 
             pairs = [(x, columns[y]) for x, y in found.rename.items() if y in columns]
-            raise no_clock(log, {x: found.scale.get(x, 1.0) * y for x, y in pairs})
+            named = found.joints if choice.joints else ()
+            raise no_clock(
+                log, {x: found.scale.get(x, 1.0) * y for x, y in pairs}, named
+            )
         t = np.zeros(count)
     blocks = {
         group: _block(log, group, [columns[x] for x in names], len(t))

@@ -26,6 +26,9 @@ class CheckCommand:
     gravity: str | None = None
     #: Explanations to repair as well, by their words (``sign:tau3``).
     apply: Sequence[str] = ()
+    #: What the runs' files call the joints, in the robot's order, which a command that
+    #: knows no robot has to keep; empty where they do not name them.
+    joints: Sequence[str] = ()
 
     @classmethod
     def for_runs(cls, problem: Problem, runs: Sequence[str | Path]) -> Self:

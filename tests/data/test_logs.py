@@ -306,6 +306,22 @@ def test_titles_of_words_are_no_table(tmp_path):
         np.testing.assert_allclose(load_measurements(path).q, RUN.q)
 
 
+def test_the_command_that_gives_the_rate_keeps_the_robot_s_joints(tmp_path):
+    """The file's order is another one: a copy in it was another arm's."""
+    path = tmp_path / "run.csv"
+    names = [
+        f"{joint}_{x}" for x in ("position", "effort") for joint in ("elbow", "base")
+    ]
+    rows = np.column_stack([RUN.q[:, ::-1], RUN.tau[:, ::-1]]).tolist()
+    lines = [",".join(names), *(",".join(map(repr, row)) for row in rows)]
+    path.write_text("\n".join(lines))
+    joints = ("base", "elbow")
+    said = refusal(lambda: read_run(path, 2, joints), "--rate HZ --joints base,elbow")
+    assert "no column t" in said
+    run = convert(path, rate=200.0, joints=joints)
+    np.testing.assert_allclose(run.q, RUN.q)
+
+
 def test_what_is_measured_where_is_told_apart():
     """ODrive's names: an encoder's velocity was proposed as a torque."""
     of_axis = "encoder.pos_estimate", "encoder.vel_estimate", "{}.Iq_{}"

@@ -43,7 +43,13 @@ def verb(
     files = [file for path in data for file in run_files(path)]
     _refuse(files, fix, apply)
     robot, runs, reports, hold = _read_and_check(files, problem, gravity, hold)
-    command = CheckCommand(problem=problem, runs=files, hold=hold, gravity=gravity)
+    command = CheckCommand(
+        problem=problem,
+        runs=files,
+        hold=hold,
+        gravity=gravity,
+        joints=runs[0].joint_names if runs else (),
+    )
     printing.checks(reports, command)
     content = {
         "problem": robot.name,

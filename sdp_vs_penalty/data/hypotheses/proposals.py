@@ -289,9 +289,12 @@ def rate_of(columns: Mapping[str, Array]) -> float | None:
     return rate_from_velocities(blocks["q"], blocks["dq"]) if is_alike else None
 
 
-def no_clock(log: Log, columns: Mapping[str, Array]) -> InputError:
+def no_clock(
+    log: Log, columns: Mapping[str, Array], joints: Sequence[str] = ()
+) -> InputError:
     """Return the error of a log without a clock, with the `convert` command that states
-    the rate at which dq is the derivative of q, where the velocities show one."""
+    the rate at which dq is the derivative of q, where the velocities show one, and the
+    order of the robot's joints, where the columns name them."""
     what = f"no column t (columns: {brief_names(log.names)})"
     if log.remedy:
         return InputError(what, log.remedy, log.path)
@@ -300,6 +303,7 @@ def no_clock(log: Log, columns: Mapping[str, Array]) -> InputError:
     if rate is not None:
         why = "dq is the derivative of q at this rate"
     word = "HZ" if rate is None else f"{rate:g}"
-    command = formatting.convert_command(log.path, "--rate", word)
+    words = ["--rate", word, *(["--joints", ",".join(joints)] if joints else [])]
+    command = formatting.convert_command(log.path, *words)
     remedy = f"give its rate with `{command}` ({why}), or name its clock with --rename t=NAME"
     return InputError(what, remedy, log.path)

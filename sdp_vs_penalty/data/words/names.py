@@ -119,7 +119,8 @@ def units_of_heading(lines: Sequence[str]) -> dict[str, tuple[str, float]]:
 #: A word and its unit, "positions in deg", "torque [Nm]"; units in a list.
 _IN_UNIT = re.compile(r"(\w+)(?:\s+in\s+|\s*[\[(])([^\s,;\])]+)")
 _COUNTS_A_TURN = re.compile(
-    r"(?i)\b([0-9]{3,9})\s*(inc|increments|counts|ticks|qc)\s*(?:/|per|a)\s*(?:turn|rev)"
+    r"(?i)\b([0-9]{3,9})\s*(inc|increments|counts|ticks|pulses?|qc)"
+    r"\s*(?:/|per|a)\s*(?:joint\s+)?(?:turn|rev)"
 )
 _LIST_OF_UNITS = re.compile(r"(?i)\b(?:units?|einheiten|unités|unidades)\s*[:=]\s*(.+)")
 

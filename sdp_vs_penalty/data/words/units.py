@@ -13,7 +13,7 @@ LARGEST_PERCENT = 101.0
 #: Units whose size a file does not say: shares of a rating, steps of an encoder.
 SHARES = (
     *("%", "percent", "pct", "permil", "permille", "promille", "‰", "0.1%"),
-    *("ticks", "tick", "counts", "inc", "increments"),
+    *("ticks", "tick", "counts", "inc", "increments", "pulse", "pulses"),
 )
 _PER_SECOND = ("{}/s", "{}/sec", "{}_s", "{} s", "{}_per_s", "{}_per_sec", "{}*s^-1")
 _BETWEEN = ("", " ", "_", ".", "*", "·", "-")
