@@ -222,15 +222,16 @@ class Sessions:
                 listed.append(Project(content["token"], name, text, file.parent))
         return listed
 
-    def delete(self, token: str) -> None:
-        """Delete a project with its folder, unless a tab shows it."""
+    def delete(self, token: str) -> bool:
+        """Delete a project with its folder; False where a tab shows it, which keeps it."""
         known = self._all.get(token)
-        if known is not None and known.watchers:
-            return
+        if known is not None and any(tab.present for tab in known.watchers):
+            return False
         self._all.pop(token, None)
         for project in self.saved():
             if project.token == token:
                 shutil.rmtree(project.folder, ignore_errors=True)
+        return True
 
     def get(self, token: str) -> Session | None:
         """Return the session with this token, opened from its folder if need be; None if

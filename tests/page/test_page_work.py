@@ -828,7 +828,10 @@ def test_a_project_has_a_name_runs_and_verdict_and_is_deleted(kept, hidden, tmp_
     (project,) = kept.saved()
     assert project.name == "arm on the bench"
     assert project.about.startswith("a.csv: no model yet, ")
-    kept.delete(s.token)
+    s.watchers.append(SimpleNamespace(present=True))
+    assert not kept.delete(s.token)
+    s.watchers[0].present = False  # a tab that was closed
+    assert kept.delete(s.token)
     assert kept.saved() == []
     assert not s.folder.exists()
 

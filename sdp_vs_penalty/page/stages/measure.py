@@ -136,8 +136,10 @@ def _projects(view: View) -> None:
     """Draw the projects that can be opened again, the last one first."""
 
     def delete(project: Project, row: Any) -> None:
-        view.delete(project.token)
-        row.delete()
+        if view.delete(project.token):
+            row.delete()
+        else:
+            view.session.say(f"{project.name} is open in a tab: close that first.")
 
     with draw.tag("ul", style="projects"):
         for project in view.projects:
