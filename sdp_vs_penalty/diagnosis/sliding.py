@@ -138,9 +138,9 @@ def search_where_joints_turn(
     """Continue a search of sliding rows on all rows, each by what it tells.
 
     Laws of friction come first. Then what friction holds is estimated beside what is
-    found, until that changes no more. A law that only rows show in which a joint turns
-    round has to explain them: what explains them in part stands in for friction that
-    sticks.
+    found, until that changes no more. A law of sliding that only rows show in which a
+    joint turns round has to explain them: what explains them in part stands in for
+    friction that sticks. Laws of friction at rest are of such rows alone.
 
     Parameters
     ----------
@@ -166,6 +166,7 @@ def search_where_joints_turn(
         for t in search.terms
         if is_friction(t.form)
         and not t.form.replaces_own_constant
+        and not t.form.effect.at_rest
         and t.key not in found
         and any(weights[j] < 1.0 for j in t.joints)
     ]
