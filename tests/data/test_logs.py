@@ -286,6 +286,21 @@ def test_a_letter_s_columns_are_weighed_against_currents():
     assert sorted(found.torques) == ["T1 to T3", "current1 to current3"]
 
 
+def test_an_object_of_units_says_those_of_a_json_file(tmp_path):
+    path = tmp_path / "run.json"
+    units = {"angle": "deg", "torque": "mNm", "time": "ms"}
+    data = {
+        "time": (1e3 * RUN.t).tolist(),
+        "angle": np.degrees(RUN.q).tolist(),
+        "torque": (1e3 * RUN.tau).tolist(),
+    }
+    path.write_text(json.dumps({"units": units, "data": data}))
+    with pytest.warns(ColumnsRemark):
+        run = load_measurements(path)
+    for group in ("t", "q", "tau"):
+        np.testing.assert_allclose(getattr(run, group), getattr(RUN, group), atol=1e-12)
+
+
 def test_titles_of_words_are_no_table(tmp_path):
     """A trend's title and the dates below it have as many words."""
     path = tmp_path / "trend.csv"

@@ -8,6 +8,7 @@ Of the latter are lists of objects, objects of lists, and what pandas writes by
 import json
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,9 @@ def read_text(path: Path, refused: InputError) -> Log:
     log = log_of_lists(path, lists)
     if all(x.kind == "text" for x in log.columns.values()):
         raise refused
-    return log
+    units = content.get("units") if isinstance(content, Mapping) else None
+    said = units.items() if isinstance(units, Mapping) else ()
+    return replace(log, heading=[f"{name} in {unit}" for name, unit in said])
 
 
 def _lists(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, list]]:

@@ -34,10 +34,12 @@ class ChannelFit:
 
 def units_tried(q: Array) -> tuple[float, ...]:
     """Return the units of positions (N, n) of which the best is the arm's word: radians, or
-    degrees and their thousandths where positions reach beyond two turns."""
-    degree = float(np.radians(1.0))
-    is_large = np.abs(q).max(initial=0.0) > 4.0 * np.pi
-    return (degree, 1e-3 * degree) if is_large else (1.0,)
+    degrees and their thousandths where positions reach beyond two turns, turns where all are
+    less than one."""
+    degree, largest = float(np.radians(1.0)), np.abs(q).max(initial=0.0)
+    if largest > 4.0 * np.pi:
+        return degree, 1e-3 * degree
+    return (1.0, 2.0 * np.pi) if largest < 1.0 else (1.0,)
 
 
 def fit_arm(robot: Robot, t: Array, q: Array, tau: Array) -> ChannelFit | None:

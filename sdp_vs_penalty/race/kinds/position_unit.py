@@ -12,7 +12,6 @@ import numpy as np
 
 from sdp_vs_penalty.data.plausibility import ENCODER_ZERO, radians_per_percent
 from sdp_vs_penalty.data.words.units import LARGEST_PERCENT
-from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
@@ -26,6 +25,8 @@ _LEAST_TO_TELL = 6.0
 #: Encoders have a hundred counts a turn or a million (natural logarithm, from radians); a
 #: size of counts that is known to less is asked for.
 _SPREAD_OF_COUNTS, _KNOWN = 6.0, 0.03
+#: Half of the widest interval with which it is said at all that positions are counts.
+_WIDEST = 1.5
 #: Joints that are identified move farther than this [rad].
 _LITTLE = 0.5
 
@@ -161,7 +162,7 @@ def counts_a_turn(log: Likelihood) -> Number:
         tuple(log.revolute),
         sd=_SPREAD_OF_COUNTS,
         is_factor=True,
-        widest=c.WIDEST,
+        widest=_WIDEST,
         round_sizes=tuple(dict.fromkeys(float(np.log(x)) for x in exact)),
         rounded_within=0.5 * _KNOWN,
         known_within=_KNOWN,
