@@ -255,7 +255,9 @@ def test_models_are_printed_with_the_errors_of_the_same_joints(two_link, estimat
         "joint 1: 0.3 -> 0.1 N m, 3 -> 1 times the noise",
         "joint 2: 0.1 -> 0.2 N m, 1 -> 2 times the noise",
     ]
-    assert repr(both) == str(both)
+    short = [line.removesuffix("...") for line in repr(both).splitlines()]
+    pairs = zip(str(both).splitlines(), short, strict=True)
+    assert all(whole.startswith(cut) for whole, cut in pairs)
     many = Comparisons([first, second, first, second])
     assert len(repr(many).splitlines()) == 5
     assert "joint 2: 0.1 -> 0.2 -> 0.1 -> 0.2 N m" in str(many)

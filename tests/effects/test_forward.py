@@ -82,8 +82,6 @@ def test_as_mujoco_with_armature_and_damping(name):
         armature=np.full(n, SIZES["rotor_inertia"]),
         stiffness=zero,
         offset=zero,
-        springs=(),
-        others=(),
     )
     model = mujoco.MjModel.from_xml_string(make_mjcf(p.robot, content).decode())
     model.opt.timestep = h
