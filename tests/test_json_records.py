@@ -168,7 +168,6 @@ def test_a_file_of_version_0_1_loads_and_is_written_as_it_was(name, load):
     else:
         assert again.pop("log_faults") == []
         assert again.pop("judged_rmse_with_sure") is None
-        assert again.pop("turning_weights") == []
         for finding in written["effects"]:  # what is no longer judged
             finding.pop("is_shown_beside_all")
         for finding in (*written["effects"], *again["effects"]):  # derived: a sentence

@@ -25,7 +25,7 @@ from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
 from sdp_vs_penalty.diagnosis.late_torque import refer_columns_to_current_model
 from sdp_vs_penalty.diagnosis.library import Candidate
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
-from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.search import Search, search
 from sdp_vs_penalty.diagnosis.sign_width import refer_signs_to_current_model
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.parallel import spread
@@ -71,8 +71,7 @@ def finished_search(case: Case, built: BuiltCase) -> Search:
     *runs, test = built.logged
     data = concatenate([x.run for x in runs])
     found = DiagnosisRuns(identify_case(case, built), data, test.run)
-    done = Search(found.white_data, found.candidates)
-    done.run()
+    done = search(found.white_data, found.candidates)
     done = refer_columns_to_current_model(done)
     return refer_signs_to_current_model(done)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,8 +18,7 @@ from sdp_vs_penalty.diagnosis.passing.cause import beside_causes
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_intervals_of_search
 from sdp_vs_penalty.diagnosis.white_rows import diagnosis_rows, whiten_rows
-from sdp_vs_penalty.effects import EXAMPLES, effect_types, parse_effects
-from sdp_vs_penalty.effects.channel import DelayedTorque
+from sdp_vs_penalty.effects import EXAMPLES, parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
@@ -109,16 +108,13 @@ def add(
     added, retuned = _read_effects(estimate, effects, frozen)
     frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *added))
     filtered = FilteredRuns.filtering(measurements, estimate.preprocessing)
-    if isinstance(effects, Diagnosis):
-        filtered = filtered.weighing_turns(effects.turning_weights)
     progress("estimating shape constants")
     new = estimate_constants(estimate, added, measurements, frozen)
     _refuse_duplicates(estimate, new)
     if frozen:
         extended = _add_frozen(estimate, new, filtered, seed, progress)
     else:
-        delays = _delays_of(_findings_of(effects))
-        again = _Again(estimate, filtered, seed, progress, delays)
+        again = _Again(estimate, filtered, seed, progress)
         to_estimate = [e for e in added if not all_given(e)]
         all_effects = [*_own(estimate, retuned), *new]
         extended = again.identified_jointly(all_effects, to_estimate)
@@ -133,21 +129,6 @@ def _findings_of(
     if isinstance(effects, Diagnosis):
         return list(effects.beside_curves)
     return [e for e in effects if isinstance(e, Finding)]
-
-
-def _delays_of(findings: Sequence[Finding]) -> dict[str, float]:
-    """Return the parameters of the findings that delay torque, by name [s].
-
-    The search has them from rows in which the joints slide. Friction that sticks tells
-    nothing of time.
-    """
-    types = effect_types()
-    return {
-        name: value
-        for finding in findings
-        if issubclass(types[finding.effect], DelayedTorque)
-        for name, value in finding.parameters.items()
-    }
 
 
 def _read_effects(
@@ -237,18 +218,14 @@ class _Again:
     seed: int
     #: Called with a short text at each step.
     progress: Progress
-    #: Parameters that keep their values, by name.
-    known: Mapping[str, float]
 
     def identified(self, effects: Sequence[Effect]) -> Estimate:
         """Identify all parameters of the model anew, with these effects as its only
         effects.
         """
-        options = PoseOptions.posing(self.estimate)
         options = replace(
-            options,
+            PoseOptions.posing(self.estimate),
             effects=effects,
-            known={**options.known, **self.known},
             seed=self.seed,
             progress=self.progress,
         )

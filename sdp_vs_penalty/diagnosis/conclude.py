@@ -29,6 +29,7 @@ from sdp_vs_penalty.diagnosis.own_constants import constant_std, retune
 from sdp_vs_penalty.diagnosis.passing.search import passing_causes
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import size_of, sizes_with_intervals, torque_errors
+from sdp_vs_penalty.diagnosis.sliding import contradicted_by_sliding
 from sdp_vs_penalty.diagnosis.unexplained import Remainder
 from sdp_vs_penalty.diagnosis.white_rows import ConstantErrors, WhiteData
 from sdp_vs_penalty.effects.effect import Effect
@@ -54,8 +55,6 @@ class Conclusion:
     new_motion_share: float | None
     #: Seed of the random draws of a curve's band.
     seed: int
-    #: (n,) weights of rows in which a joint stands or turns round.
-    turning_weights: Array
     #: Hums of the logged torque above the band.
     hums: Sequence[Event] = ()
 
@@ -126,7 +125,6 @@ class Conclusion:
             retuned=self.retunes(harmful),
             curves=self.described_curves,
             torque_units=self.explanation.estimate.torque_units,
-            turning_weights=tuple(self.turning_weights.tolist()),
             remains=tuple(Remaining(j + 1, torque) for j, torque in by_joint),
         )
 
@@ -151,11 +149,13 @@ class Conclusion:
         torque_in_doubt = torque_errors(self.data, self.explanation.estimate)
         sizes = sizes_with_intervals(search, torque_in_doubt, self.errors_of_constants)
         steps = pairwise(self.ladder.errors)
+        fit = search.score.fit(search.terms, search.fit)
+        contradicted = contradicted_by_sliding(self.data, fit, search.terms)
         findings = []
-        for term, size, step, told in zip(
-            search.terms, sizes, steps, self.ladder.told, strict=True
+        for term, size, step, sticks in zip(
+            search.terms, sizes, steps, contradicted, strict=True
         ):
-            judged = Judged(search, term, size, np.array(step), told, self.curves)
+            judged = Judged(search, term, size, np.array(step), self.curves, sticks)
             findings.append(describe_finding(judged, reasons_for_doubt(judged)))
         return findings
 

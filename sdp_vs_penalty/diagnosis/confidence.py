@@ -29,9 +29,6 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: Fall of the error on data left out from which these show a torque by themselves.
 _CLEAR_ELSEWHERE = 0.05
-#: Share of a joint's torque below which what a law gets wrong looks like an effect: a
-#: zero of 3 degrees leaves a spring of 0.13 %.
-_TINY = 0.003
 
 
 @dataclass(frozen=True)
@@ -47,10 +44,10 @@ class Judged:
     #: (2, n) RMS error of each joint [N m or N] on data left out, beside the findings
     #: before it: row 0 without the finding, row 1 with it.
     errors: Array
-    #: (2, n) the same in the rows that tell of it.
-    told: Array
     #: The measured curves that were accepted.
     curves: Sequence[Measured] = ()
+    #: Whether the rows in which its joints slide contradict its size, or do not show it.
+    is_contradicted: bool = False
 
     @property
     def effect(self) -> Effect:
@@ -126,20 +123,8 @@ def _is_clear_elsewhere(x: Judged) -> bool:
     These data have not been searched: where they show the torque, a small evidence on
     the searched rows leaves open what it is, not whether it is there.
     """
-    before, after = x.told[:, x.joints]
+    before, after = x.errors[:, x.joints]
     return bool(np.any(after <= (1.0 - _CLEAR_ELSEWHERE) * before))
-
-
-def _looks_like(x: Judged) -> bool:
-    """Return whether another cause than friction that turns round would look so."""
-    return bool(x.looks_like) and x.effect.at_rest != "turns"
-
-
-def _is_tiny(x: Judged) -> bool:
-    """Return whether a finding makes less than 0.3 % of its joint's torque (RMS)."""
-    made = x.size.torque
-    torque = x.search.data.rows.torque[:, made.joint]
-    return bool(made.rms < _TINY * np.sqrt(np.mean(torque**2)))
 
 
 def _is_held(x: Judged) -> bool:
@@ -169,24 +154,21 @@ def _is_of_a_series(x: Judged) -> bool:
     return len(alike) >= SERIES
 
 
-#: Reasons that say which other cause would look so.
-_HAVE_A_CAUSE = "looks_like", "alike", "sharp"
 #: By the name of a reason for doubt (a key of REASONS): whether it applies to a finding.
 DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "rivals": lambda x: bool(x.term.rivals or x.effect.resembles),
     "uncertain": _is_uncertain,
     "insignificant": _is_insignificant,
-    "no_torque": lambda x: _makes_no_torque(x) and not _is_clear_elsewhere(x),
+    "no_torque": _makes_no_torque,
     "small": lambda x: _is_small(x) and not _is_clear_elsewhere(x),
     "small_here": lambda x: _is_small(x) and _is_clear_elsewhere(x),
-    "tiny": _is_tiny,
-    "not_held_out": lambda x: not lowers(*x.told[:, x.joints]),
-    "raises": lambda x: harm(*x.told[:, x.joints]) > 0.0,
+    "not_held_out": lambda x: not lowers(*x.errors[:, x.joints]),
+    "raises": lambda x: harm(*x.errors[:, x.joints]) > 0.0,
     "held": _is_held,
+    "sticks": lambda x: x.is_contradicted,
     # What looks like a law of how friction turns round is such a law.
+    "looks_like": lambda x: bool(x.looks_like) and x.effect.at_rest != "turns",
     "sharp": lambda x: bool(x.looks_like) and x.effect.at_rest == "turns",
-    "looks_like": lambda x: _looks_like(x) and not _is_clear_elsewhere(x),
-    "alike": lambda x: _looks_like(x) and _is_clear_elsewhere(x),
     "stand_in": lambda x: x.effect.is_stand_in,
     "series": _is_of_a_series,
     "curve": lambda x: any(x.term in c.replaced for c in x.curves),
@@ -204,7 +186,7 @@ def reasons_for_doubt(x: Judged) -> tuple[Doubt, ...]:
     better.
     """
     return tuple(
-        Doubt(reason, cause=x.looks_like if reason in _HAVE_A_CAUSE else "")
+        Doubt(reason, cause=x.looks_like if reason in ("looks_like", "sharp") else "")
         for reason, holds in DOUBTS.items()
         if holds(x)
     )

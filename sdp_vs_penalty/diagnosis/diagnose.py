@@ -30,14 +30,8 @@ from sdp_vs_penalty.diagnosis.passing.cause import (
     without_spans,
 )
 from sdp_vs_penalty.diagnosis.passing.search import passing_causes
-from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.search import Search, search
 from sdp_vs_penalty.diagnosis.sign_width import refer_signs_to_current_model
-from sdp_vs_penalty.diagnosis.sliding import (
-    scaled,
-    search_where_joints_turn,
-    turning_weights,
-    where_joints_slide,
-)
 from sdp_vs_penalty.diagnosis.unexplained import unexplained_error
 from sdp_vs_penalty.diagnosis.white_rows import (
     WhiteData,
@@ -187,8 +181,7 @@ def diagnose_runs(
     """
     searched = _searched(runs, progress)
     progress("held-out errors")
-    weights = turning_weights(searched)
-    judge = HeldOutData(runs.estimate, runs.test_rows, runs.frozen, weights)
+    judge = HeldOutData(runs.estimate, runs.test_rows, runs.frozen)
     offered = explain_in_order(searched, runs.estimate)
     held_out = held_out_errors(offered, judge)
     explanation = drop_harmful(offered, held_out, searched)
@@ -204,7 +197,6 @@ def diagnose_runs(
         ladder=ladder,
         new_motion_share=runs.new_motion_share,
         seed=seed,
-        turning_weights=weights,
         hums=find_hums_above(runs.searched, searched.data.rows.cutoff),
     )
     diagnosis = conclusion.diagnosis()
@@ -220,11 +212,8 @@ def _searched(runs: DiagnosisRuns, progress: Progress) -> Search:
     progress("measuring the noise")
     candidates = runs.candidates
     give_back_memory(runs.searched.samples)
-    all_rows = runs.white_data
-    out = scaled(Search(all_rows, candidates), where_joints_slide(all_rows))
-    out.run(progress)
+    out = search(runs.white_data, candidates, progress)
     out = refer_columns_to_current_model(out, progress)
-    out = search_where_joints_turn(out, all_rows.noise.held, progress)
     out = refer_signs_to_current_model(out, progress)
     give_back_memory(runs.searched.samples)
     return out

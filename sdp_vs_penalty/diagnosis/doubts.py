@@ -8,20 +8,20 @@ from dataclasses import dataclass
 from sdp_vs_penalty.records import JsonRecord
 
 #: What is said of a weak finding, by the name of the reason; a finding with none is
-#: confident. The last four stand in older files alone.
+#: confident. The last three stand in files of 0.1 alone.
 REASONS: Mapping[str, str] = {
     "rivals": "another effect fits as well",
     "uncertain": "its size is uncertain by > 20 %",
     "insignificant": "its size is not told from zero",
     "small": "its gain is small",
     "small_here": "its gain is small here, though it lowers the error on data left out",
-    "tiny": "it makes less than 0.3 % of its joint's torque, as errors of links do",
     "not_held_out": "adding it lowers no joint's error on data left out by 1 %",
     "raises": "on data left out its joints' errors rise more than they fall with it",
     "alone": "beside what is sure it lowers no held-out error, or raises one",
     "held": "its joint hardly moves: dry friction that does not slide holds any torque",
+    "sticks": "where the joints slide it has another size, or is not evident: friction"
+    " that sticks at reversals looks so",
     "looks_like": "another cause makes a similar torque",
-    "alike": "another cause makes a similar torque",
     "sharp": "any sharp friction makes a similar torque",
     "no_torque": "its torque is not told from zero",
     "stand_in": "its law may stand in for another one, which other motion follows",
@@ -34,8 +34,6 @@ REASONS: Mapping[str, str] = {
     "more_left": "more error is left on its joints than it explains",
     "shared": "other findings share most of its torque: only their sum is known",
     "implausible": "its size is not plausible",
-    "sticks": "where the joints slide it has another size, or is not evident: friction"
-    " that sticks at reversals looks so",
 }
 
 #: Reasons of which each says that something else explains the torque as well: it is
@@ -51,7 +49,6 @@ SIZE_IS_OPEN = {"uncertain", "insignificant", "shared"}
 #: motion (95 %: .960 to .988), and confident findings alone .59.
 TORQUE_IS_OPEN = (
     "small",
-    "tiny",
     "not_held_out",
     "raises",
     "few_splits",
@@ -73,7 +70,7 @@ class Doubt(JsonRecord):
     #: Key of REASONS.
     reason: str
     #: What would look like the finding, in words, if the reason is "looks_like",
-    #: "alike", "sharp" or "explained".
+    #: "sharp" or "explained".
     cause: str = ""
 
     @property

@@ -197,21 +197,6 @@ class Ladder:
         steps = range(self.n_own, len(self.offered) + 1)
         return np.array([self.held_out.errors(self.offered[:k]) for k in steps])
 
-    @property
-    def told(self) -> Array:
-        """(F, 2, n) errors as :attr:`errors` has them, before and after each finding, in
-        the rows that tell of it."""
-        steps = range(self.n_own, len(self.offered))
-        return np.array(
-            [
-                [
-                    self.held_out.errors(self.offered[:m], self.offered[k])
-                    for m in (k, k + 1)
-                ]
-                for k in steps
-            ]
-        ).reshape(len(steps), 2, self.held_out.estimate.robot.n)
-
     def errors_without(self, k: int) -> Array:
         """Return the errors (n,) with all offered effects except the one at place k [N
         m or N].

@@ -576,9 +576,6 @@ class Diagnosis(Record, JsonRecord):
     #: (n,) RMS errors on the test run of the model with all that is sure, which
     #: ``compare`` says of that model [N m or N]; None where none was judged.
     judged_rmse_with_sure: Array | None = None
-    #: (n,) weights of rows in which a joint stands or turns round, by which :func:`add`
-    #: fits: below 1 where friction sticks there; empty: all are 1.
-    turning_weights: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         """Number the findings."""

@@ -133,8 +133,9 @@ class HeldOut:
     make_second: Callable[[], HeldOut] | None = None
     #: Sums of squared errors computed before, by the chosen effects' numbers.
     _known_squares: dict[tuple[int, ...], Array] = field(default_factory=dict)
-    #: Those of least-squares fits computed before, by the chosen effects' numbers.
-    _least_squares: dict[tuple[int, ...], Array] = field(default_factory=dict)
+    #: (n,) errors of least-squares fits computed before, by the chosen effects'
+    #: numbers.
+    _least_squares_errors: dict[tuple[int, ...], Array] = field(default_factory=dict)
 
     @cached_property
     def second(self) -> HeldOut | None:
@@ -144,26 +145,16 @@ class HeldOut:
         """
         return None if self.make_second is None else self.make_second()
 
-    def errors(self, chosen: Sequence[int], judged: int | None = None) -> Array:
+    def errors(self, chosen: Sequence[int]) -> Array:
         """Return the RMS errors (n,) [N m or N] of the joints on data left out.
 
         The model with the chosen effects (their numbers) is fitted by the model's
-        method, under its constraints. Each choice is computed once. Errors are those of
-        the rows that tell of the effect ``judged`` (:meth:`_told`), or of all.
+        method, under its constraints. Each choice is computed once.
         """
-        told = self._told(judged)
-        squares = self._squares(chosen)[:, told].sum(axis=(0, 1))
-        n_rows = self._n_rows[:, told].sum(axis=(0, 1))
-        return np.asarray(np.sqrt(squares / np.maximum(n_rows, 1)))
-
-    def _told(self, judged: int | None) -> slice:
-        """Return which of a split's regressions tell of an effect (its number): those of
-        rows in which the joints slide, or of all rows for a law of dry friction."""
         n_tests = len(self.splits[0].tests)
-        effects = self.splits[0].effects
-        if judged is None or effects[judged].is_dry_friction:
-            return slice(0, n_tests)
-        return slice(n_tests, 2 * n_tests)
+        squares = self._squares(chosen)[:, :n_tests].sum(axis=(0, 1))
+        n_rows = self._n_rows[:, :n_tests].sum(axis=(0, 1))
+        return np.asarray(np.sqrt(squares / np.maximum(n_rows, 1)))
 
     def errors_by_recording(self, chosen: Sequence[int]) -> Array:
         """Return the RMS errors (R + 1, n) [N m or N] of each of R recordings left out,
@@ -224,30 +215,27 @@ class HeldOut:
                 rows = (*split.tests, *split.sliding)
                 yield np.array([x.joint_losses(all_parameters) for x in rows])
 
-    def least_squares_errors(
-        self, chosen: Sequence[int], judged: int | None = None
-    ) -> Array:
+    def least_squares_errors(self, chosen: Sequence[int]) -> Array:
         """Return the RMS errors (n,) [N m or N] on data left out, by least squares.
 
         This is faster than :meth:`errors`: no constraints apply, only priors from the
-        effects' plausible sizes. ``chosen`` are the numbers of the effects, ``judged``
-        is that whose rows count. Each choice is computed once.
+        effects' plausible sizes. ``chosen`` are the numbers of the effects. Each choice
+        is computed once.
         """
         key = tuple(sorted(chosen))
-        if key not in self._least_squares:
-            by_split = []
+        if key not in self._least_squares_errors:
+            squares = np.zeros(self.estimate.robot.n)
+            rows = np.zeros(self.estimate.robot.n)
             for split in self.splits:
                 columns = split.columns_of(self.estimate, chosen)
                 train = split.train.keeping(columns.kept)
                 theta = least_squares_parameters(self.estimate, columns, train)
                 all_parameters = columns.with_zeros(theta)
-                rows = (*split.tests, *split.sliding)
-                by_split.append([x.joint_losses(all_parameters) for x in rows])
-            self._least_squares[key] = np.array(by_split)
-        told = self._told(judged)
-        squares = self._least_squares[key][:, told].sum(axis=(0, 1))
-        n_rows = self._n_rows[:, told].sum(axis=(0, 1))
-        return np.asarray(np.sqrt(squares / np.maximum(n_rows, 1)))
+                for test in split.tests:
+                    squares += test.joint_losses(all_parameters)
+                    rows += test.joint_rows()
+            self._least_squares_errors[key] = np.sqrt(squares / np.maximum(rows, 1))
+        return self._least_squares_errors[key]
 
     def drop_harmful(
         self, candidates: Sequence[int], needed: Collection[int] = ()
@@ -311,20 +299,23 @@ class HeldOut:
         for k in accepted:
             if k not in judged:
                 continue
+            without = _without(accepted, k)
             allowed = -MINOR if k in needed else MINOR
-            out[k] = self._harm_of(k, self.least_squares_errors, accepted)
+            out[k] = self._harm_by(self.least_squares_errors, without, accepted)
             out[k] -= allowed
             if out[k] >= by_least_squares:
-                out[k] = self._harm_of(k, self.errors, accepted) - allowed
+                out[k] = self._harm_by(self.errors, without, accepted) - allowed
         return out
 
     @staticmethod
-    def _harm_of(
-        k: int, errors: Callable[[Sequence[int], int], Array], accepted: Sequence[int]
+    def _harm_by(
+        errors: Callable[[Sequence[int]], Array],
+        without: Sequence[int],
+        accepted: Sequence[int],
     ) -> float:
-        """Return the harm of effect k of those accepted, by errors (n,) of such choices
-        in the rows that tell of it."""
-        return harm(errors(_without(accepted, k), k), errors(accepted, k))
+        """Return the harm of the effect that ``without`` lacks of those accepted, by
+        errors (n,) of such choices."""
+        return harm(errors(without), errors(accepted))
 
     def _helps_elsewhere(self, k: int, accepted: Sequence[int]) -> bool:
         """Return whether effect k lowers the error on the second data by 1 % (MINOR).
@@ -334,7 +325,9 @@ class HeldOut:
         """
         if self.second is None:
             return False
-        return self._harm_of(k, self.second.least_squares_errors, accepted) < -MINOR
+        without = _without(accepted, k)
+        before = self.second.least_squares_errors(without)
+        return harm(before, self.second.least_squares_errors(accepted)) < -MINOR
 
     def drop_harmful_to_a_joint(
         self, accepted: Sequence[int], floor: Array
@@ -442,10 +435,7 @@ class _Table:
         return self._last[1]
 
     def compressed(
-        self,
-        effects: Sequence[Effect],
-        keep: NDArray[np.bool_],
-        turning_weights: Array | None = None,
+        self, effects: Sequence[Effect], keep: NDArray[np.bool_]
     ) -> Regression:
         """Return the regression of some rows, compressed to the products of its columns.
 
@@ -455,18 +445,12 @@ class _Table:
             The effects in addition to the model.
         keep
             (M, n) flags: which rows count for which joint.
-        turning_weights
-            (n,) weights of rows in which a joint stands or turns round; default: ones.
         """
         effects = tuple(effects)
         own_effects = () if self.frozen else self.estimate.model.effects
         parameters = tuple(p for e in (*own_effects, *effects) for p in e.parameters)
         of_joints = self._columns(effects)
         rows = [x[kept] for x, kept in zip(of_joints, keep.T, strict=True)]
-        if turning_weights is not None:
-            for j, weight in enumerate(turning_weights):
-                slides = self.rows.slides[keep[:, j], j]
-                rows[j] *= np.where(slides, 1.0, weight)[:, None]
         return ProductRegression.from_rows(parameters, rows)
 
 
@@ -481,8 +465,6 @@ class HeldOutData:
     test: SegmentedRuns | None
     #: Whether the model is held fixed.
     frozen: bool
-    #: (n,) weights of rows fitted to in which a joint stands or turns round.
-    turning_weights: Array
 
     def held_out_errors(
         self,
@@ -522,7 +504,7 @@ class HeldOutData:
         test = _Table(self.test.with_model(*rows.attached), estimate, self.frozen)
         split = HeldOutSplit(
             effects=tuple(effects),
-            train=table.compressed(effects, rows.keep, self.turning_weights),
+            train=table.compressed(effects, rows.keep),
             tests=tuple(
                 test.compressed(effects, rows_of_run)
                 for rows_of_run in rows_by_run(test.rows)
@@ -570,9 +552,7 @@ class HeldOutData:
             test_rows = table.rows.keep & left_out
             split = HeldOutSplit(
                 effects=effects_of_fold,
-                train=table.compressed(
-                    effects_of_fold, train_rows, self.turning_weights
-                ),
+                train=table.compressed(effects_of_fold, train_rows),
                 tests=tuple(
                     table.compressed(effects_of_fold, test_rows & its_rows)
                     for its_rows in rows_by_run(table.rows)

@@ -1,11 +1,4 @@
-"""The search: effects are added and dropped while the score says so.
-
-The evidence J of an effect is twice the logarithm of the odds that it acts. In each step
-the simplest of the best candidates with J > 10 (odds of 150 to 1; Kass, Raftery 1995) is
-added: candidates within 6 (odds of 20 to 1) plus 4 % of the best one's J tie, and the one
-with fewest constants and joints is taken. Effects that fall to J <= 10 beside the others
-are dropped.
-"""
+"""The search: effects are added and dropped while the score says so."""
 
 from __future__ import annotations
 
@@ -25,6 +18,37 @@ from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
+
+
+def search(
+    data: WhiteData, library: Library, progress: Progress = no_progress
+) -> Search:
+    """Find the effects that a model lacks, by forward selection with dropping.
+
+    The evidence J of an effect is twice the logarithm of the odds that it acts. In each
+    step the simplest of the best candidates with J > 10 (odds of 150 to 1; Kass,
+    Raftery 1995) is added: candidates within 6 (odds of 20 to 1) plus 4 % of the best
+    one's J tie, and the one with fewest constants and joints is taken. Effects that
+    fall to J <= 10 beside the others are dropped.
+
+    Parameters
+    ----------
+    data
+        The log's rows in units of their noise, and the model's own columns on them.
+    library
+        All candidates: every effect on every joint, at a grid of shape constants.
+    progress
+        Is called with a short text whenever an effect is added.
+
+    Returns
+    -------
+    Search
+        The finished search: its ``terms`` are the effects found, its ``fit`` is the fit
+        of the model with them.
+    """
+    out = Search(data, library)
+    out.run(progress)
+    return out
 
 
 class Search:
@@ -359,8 +383,6 @@ class Search:
         for _ in range(2):
             has_changed = False
             for term in list(terms):
-                if term not in terms:  # it hid another one
-                    continue
                 others = [t for t in terms if t is not term]
                 # The fit without the effect; it starts from the fit of all effects,
                 # which is faster.
@@ -372,8 +394,7 @@ class Search:
                 else:
                     judged = self._judged_on_other_joints(fit, term)
                 if judged.evidence <= EVIDENCE_TO_ADD:
-                    hiding = _weaker_that_hides(term, judged, others)
-                    terms = [t for t in terms if t is not (hiding or term)]
+                    terms = others
                     has_changed = True
                     continue
                 terms[terms.index(term)] = judged
@@ -417,20 +438,6 @@ class Search:
             self.beside(term, [t for t in self.terms if t is not term])
             for term in self.terms
         ]
-
-
-def _weaker_that_hides(
-    term: ScoredEffect, judged: ScoredEffect, others: Sequence[ScoredEffect]
-) -> ScoredEffect | None:
-    """Return which of the other effects on the joints of one has the least evidence, less
-    than it had; None where these effects do not hide it altogether, or have more.
-
-    ``judged`` : the effect beside the others.
-    """
-    if judged.evidence > -np.inf:
-        return None
-    weaker = [t for t in others if term.joints & t.joints if t.evidence < term.evidence]
-    return min(weaker, key=lambda t: t.evidence, default=None)
 
 
 def _best_law_of_each_candidate(ranked: Sequence[ScoredEffect]) -> list[ScoredEffect]:

@@ -55,11 +55,10 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
     Returns
     -------
     Finding
-        Unchanged if the model lacks the effect, holds its parameters at the finding's,
-        or has no finite covariance for it.
+        Unchanged if the model lacks the effect or has no finite covariance for it.
     """
     held = effect_of(finding, model)
-    if held is None or not model.model.known.keys().isdisjoint(finding.parameters):
+    if held is None:
         return finding
     effect, indices = held
     theta = model.theta[indices]

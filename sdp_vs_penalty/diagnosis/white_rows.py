@@ -326,6 +326,11 @@ def whiten_with_noise(
         columns[:, :, known] = 0.0
     X, y = white_rows(rows, noise, columns, torque)
     clusters = cluster_rows(rows)
+    # The first rows of each piece only serve to whiten the next ones. Each other row
+    # counts by its worth (0 to 1): less where the joint stands still.
+    count = np.array(
+        [noise.worth[rows.pieces[j].predicted, j].sum() for j in range(rows.n)]
+    )
     return WhiteData(
         rows=rows,
         noise=noise,
@@ -333,19 +338,8 @@ def whiten_with_noise(
         X=X,
         y=y,
         clusters=clusters,
-        count=count_of_rows(rows, noise),
+        count=count,
         frozen=frozen,
-    )
-
-
-def count_of_rows(rows: SegmentedRuns, noise: Noise) -> Array:
-    """Return the number (n,) of rows of each joint that carry information.
-
-    The first rows of each piece only serve to whiten the next ones. Each other row
-    counts by its worth (0 to 1): less where the joint stands still.
-    """
-    return np.array(
-        [noise.worth[rows.pieces[j].predicted, j].sum() for j in range(rows.n)]
     )
 
 

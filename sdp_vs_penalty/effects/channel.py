@@ -183,15 +183,10 @@ class DelayedTorque(Effect):
 
 
 class ChannelDelay(DelayedTorque):
-    """Torque that is logged later, or earlier, by the same time at every frequency."""
+    """Torque that is logged later by the same time at every frequency."""
 
     forward = "channel"
-    lower = -np.inf
-    shapes = {
-        "T": ShapeConstant(
-            0.001, "s", grid=(-_STARTS[1], *_STARTS), signed=True, scale="linear"
-        )
-    }
+    shapes = {"T": ShapeConstant(0.001, "s", grid=_STARTS, signed=True)}
 
     def invert_channel(self, theta: Array, t: Array, torque: Array) -> Array:
         """Read the torque (N, n) of each joint later by its delay, to undo the
@@ -207,12 +202,9 @@ class TorqueDelay(ChannelDelay, JointEffect):
     equation = "T_d (tau_hat(t - T) - tau_hat(t)) / T"
     explanation = (
         "This joint's torque is logged T_d later than its position: a filter in the"
-        " drive, a slower bus. Below 0 it is early: the log has the command, which the"
-        " drive follows later. T is T_d."
+        " drive, a slower bus. T is T_d."
     )
-    on_the_arm = (
-        "the torque of {joint} is logged {time} {sign:later|earlier} than its position"
-    )
+    on_the_arm = "the torque of {joint} is logged {time} later than its position"
     symbol = "T_d"
     faults = ("channel delay", "channel filter")
 
@@ -233,6 +225,12 @@ class GlobalDelay(ChannelDelay):
     on_the_arm = "all torques are logged {time} {sign:later|earlier} than the positions"
     symbol = "T_g"
     faults = ("delay", "torque filter")
+    lower = -np.inf
+    shapes = {
+        "T": ShapeConstant(
+            0.001, "s", grid=(-_STARTS[1], *_STARTS), signed=True, scale="linear"
+        )
+    }
     whole_robot = True
 
     def torques(self, motion: Motion) -> Array:

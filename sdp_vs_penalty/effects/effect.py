@@ -357,15 +357,9 @@ class Effect(ABC):
 
     @property
     def is_dry_friction(self) -> bool:
-        """Whether it is a law of how dry friction turns round, which may show at
-        reversals alone: by default one of the joint's own."""
-        return bool(self.at_rest)
-
-    @property
-    def is_finer_friction(self) -> bool:
-        """Whether it is a finer law of a joint's dry friction, turning round or
-        sliding."""
-        return self.is_dry_friction or "coulomb_friction" in self.refines
+        """Whether it is a law of dry friction, which holds any torque while a joint
+        stands: by default a finer one of the joint's own."""
+        return "coulomb_friction" in self.refines
 
     @property
     def law_constants(self) -> dict[str, float]:

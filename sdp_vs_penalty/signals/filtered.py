@@ -8,7 +8,6 @@ nothing is filtered twice by what is given the same :class:`FilteredRuns`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -31,7 +30,6 @@ from sdp_vs_penalty.signals.preprocessing import (
     no_rows,
 )
 from sdp_vs_penalty.signals.runs import Movement, Stretch, split_at_gaps, still_seconds
-from sdp_vs_penalty.signals.standstill import slides_throughout
 
 
 @dataclass(frozen=True)
@@ -201,8 +199,6 @@ class FilteredRun:
     settings: Preprocessing
     #: Which instants count; None for those at which the run moves.
     movement_override: Movement | None = None
-    #: (n,) weights of rows in which a joint stands or turns round; none: all are alike.
-    turning_weights: tuple[float, ...] = ()
     #: Chunks read so far, by whether each stretch between gaps is one chunk.
     _chunk_caches: dict[bool, list[_ChunkCache]] = field(
         default_factory=dict, init=False, repr=False
@@ -210,12 +206,7 @@ class FilteredRun:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle for another process without the rows, which it filters anew."""
-        return FilteredRun, (
-            self.run,
-            self.settings,
-            self.movement_override,
-            self.turning_weights,
-        )
+        return FilteredRun, (self.run, self.settings, self.movement_override)
 
     @cached_property
     def filters(self) -> RunFilter:
@@ -257,19 +248,7 @@ class FilteredRun:
         # What an effect with memory remembers has to be followed sample by sample, from
         # the start.
         uncut = any(effect.has_memory for effect in model.effects)
-        pieces = (chunk.rows(model) for chunk in self._pieces(uncut))
-        return map(self._weighted, pieces) if self.turning_weights else pieces
-
-    def _weighted(self, rows: Rows) -> Rows:
-        """Multiply the rows in which a joint stands or turns round by its weight."""
-        margin = math.ceil(0.5 * self.filters.column.half / self.step)
-        slides = slides_throughout(rows.motion.dq, margin)
-        weights = np.where(slides, 1.0, self.turning_weights)
-        columns = [
-            replace(joint, columns=joint.columns * weights[:, [j]])
-            for j, joint in enumerate(rows.columns)
-        ]
-        return replace(rows, torque=rows.torque * weights, columns=columns)
+        return (chunk.rows(model) for chunk in self._pieces(uncut))
 
     def all_rows(self, model: Model) -> Rows:
         """Compute all regression rows at once.
@@ -423,14 +402,6 @@ class FilteredRuns:
         rows.
         """
         return sum(still_seconds(run.run, run.moving) for run in self.runs)
-
-    def weighing_turns(self, weights: Sequence[float]) -> FilteredRuns:
-        """Return the runs with other weights (n,) of the rows in which a joint stands or
-        turns round; those with none where all are 1."""
-        if min(weights, default=1.0) == 1.0:
-            return self
-        runs = [replace(run, turning_weights=tuple(weights)) for run in self.runs]
-        return replace(self, runs=tuple(runs))
 
     @classmethod
     def filtering(

@@ -186,8 +186,7 @@ def test_without_a_test_run_each_fold_is_judged_by_what_the_others_measured(made
         MeasuredCurve(robot, [JOINT], xlow=low, xhigh=high, xn=2.0, v1=-1.0, v2=1.0)
         for low, high in [(-50.0, 50.0), (50.0, 51.0)]
     )
-    alike = np.ones(robot.n)
-    folds = HeldOutData(made.estimate, None, frozen=False, turning_weights=alike)
+    folds = HeldOutData(made.estimate, test=None, frozen=False)
     known_by_fold = [everywhere, elsewhere, everywhere]
     in_second = folds_of(rows, len(known_by_fold)) == 1
     expected = np.mean(in_second[rows.keep.any(axis=1)])

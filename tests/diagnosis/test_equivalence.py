@@ -15,7 +15,7 @@ from sdp_vs_penalty.diagnosis import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
-from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.search import search
 from sdp_vs_penalty.effects import JointResonance, JointSpring, TorqueFilter
 from sdp_vs_penalty.robot.inertia import link_sizes
 
@@ -236,12 +236,11 @@ def test_an_effect_that_contradicts_itself_is_not_found(problem, monkeypatch):
     data = runs.white_data
     springs = runs.candidates.only(lambda x: x.effect.name == "joint_spring", data)
     spring = "joint_spring", 0
-    assert {t.key for t in Search(data, springs).run()} == {spring}
+    assert {t.key for t in search(data, springs).terms} == {spring}
     monkeypatch.setattr(JointSpring, "contradicts_itself", lambda *_: True)
-    without = Search(data, springs)
-    without.run()
+    without = search(data, springs)
     assert spring in without.barred
     assert not without.terms
-    found = {t.key for t in Search(data, runs.candidates).run()}
+    found = {t.key for t in search(data, runs.candidates).terms}
     assert found
     assert spring not in found

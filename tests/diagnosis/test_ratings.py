@@ -208,8 +208,7 @@ def model_with(*parts: tuple[Any, float, float]) -> Any:
         theta=values,
         uncertainty=SimpleNamespace(covariance=np.diag(deviations**2)),
         model=SimpleNamespace(
-            parts=[(effect, np.array([k])) for k, (effect, _, _) in enumerate(parts)],
-            known={},
+            parts=[(effect, np.array([k])) for k, (effect, _, _) in enumerate(parts)]
         ),
     )
 

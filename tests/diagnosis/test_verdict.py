@@ -105,7 +105,7 @@ class Told(HeldOut):
         super().__init__(None, False, (), "folds")
         self.rule = rule
 
-    def errors(self, chosen: Any, judged: Any = None) -> np.ndarray:
+    def errors(self, chosen: Any) -> np.ndarray:
         return np.array(self.rule(frozenset(chosen)), float)
 
     def errors_by_recording(self, chosen: Any) -> np.ndarray:
@@ -195,7 +195,7 @@ def test_what_raises_its_joints_errors_more_than_it_lowers_them_is_doubtful(
     after, is_doubtful
 ):
     errors = np.array([[1.0, 1.0], after])
-    finding: Any = SimpleNamespace(told=errors, joints=[0, 1])
+    finding: Any = SimpleNamespace(errors=errors, joints=[0, 1])
     assert confidence.DOUBTS["raises"](finding) == is_doubtful
 
 
@@ -207,7 +207,6 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         "rivals": (),
         "std": 0.19,
         "torque_std": 0.49,
-        "torque": 2.0,
         "J": 20.1,
         "after": 0.5,
         "known": True,
@@ -248,7 +247,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
     own = term()
     other = term()
     block = SimpleNamespace(joint=0, parameters=[0], columns=np.ones((5, 1)))
-    rows = SimpleNamespace(n=2, t=np.zeros(5), torque=np.full((5, 2), case.torque))
+    rows = SimpleNamespace(n=2, t=np.zeros(5), torque=np.full((5, 2), 2.0))
     rows.blocks = lambda effect: [block]
     rows.coverage = lambda joint: SimpleNamespace(travel=case.travel)
     search = SimpleNamespace(
@@ -267,5 +266,5 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         covariance_given_constants=None,
         torque=TorqueMade(0, 1.0, case.torque_std),
     )
-    judged = Judged(search, own, size, errors, errors, curves)
+    judged = Judged(search, own, size, errors, curves)
     assert {doubt.reason for doubt in reasons_for_doubt(judged)} == doubts
