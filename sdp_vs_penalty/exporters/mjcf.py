@@ -32,7 +32,7 @@ from sdp_vs_penalty.exporters.own_file import Document, in_frames_of, order_of_j
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint
-from sdp_vs_penalty.robot.mjcf import load_mjcf, placed_bodies
+from sdp_vs_penalty.robot.mjcf import load_bodies
 from sdp_vs_penalty.robot.robot import Robot
 
 ENDING = ".xml"
@@ -159,8 +159,7 @@ def edit_mjcf(path: str | Path, robot: Robot, content: Content) -> bytes:
         files.
     """
     held = {joint.name: joint.value for joint in robot.held}
-    file_robot = load_mjcf(path, held=held)[0]
-    places = placed_bodies(path, held)
+    file_robot, places = load_bodies(path, held)
     document = Document.read(path)
     bodies = _body_elements(path, document, [place.joints for place in places])
     order = order_of_joints(path, file_robot, robot)
@@ -207,17 +206,20 @@ def _body_elements(
     bodies = [
         body for world in document.root.iter("worldbody") for body in world.iter("body")
     ]
-    names = [[joint.get("name") for joint in body.findall("joint")] for body in bodies]
-    count = 0
-    expected = list[list[str]]()
-    for own in names:
-        expected.append([name or f"joint{count + k}" for k, name in enumerate(own, 1)])
-        count += len(own)
-    if [tuple(own) for own in expected] != joints:
+    counts = [len(body.findall("joint")) for body in bodies]
+    names = [name for own in joints for name in own]
+    if counts != [len(own) for own in joints] or [*_joint_elements(bodies)] != names:
         what = "its bodies are not all written in this file (included, or replicated)"
         remedy = "save it whole by MuJoCo (mj_saveLastXML), and name that file"
         raise InputError(what, remedy, path)
     return bodies
+
+
+def _joint_elements(bodies: list[Any]) -> dict[str, Any]:
+    """Return the <joint> elements of bodies by name, in MuJoCo's order; one without a name
+    is called by its number, from 1."""
+    elements = [joint for body in bodies for joint in body.findall("joint")]
+    return {x.get("name") or f"joint{k}": x for k, x in enumerate(elements, 1)}
 
 
 def _put_inertial(document: Document, path: str | Path, body: Any, link: Array) -> None:
@@ -258,8 +260,7 @@ def _put_joints(
     tree_names = [joint.name for joint in file_robot.tree]
     angles = [x.get("angle") for x in document.root.iter("compiler") if x.get("angle")]
     is_in_degrees = not angles or angles[-1] == "degree"
-    elements = [joint for body in bodies for joint in body.findall("joint")]
-    names = [x.get("name") or f"joint{k}" for k, x in enumerate(elements, 1)]
+    elements = _joint_elements(bodies)
     for joint in file_robot.joints:
         name_in_model = robot.tree[order[tree_names.index(joint.name)]].name
         k = robot.joint_names.index(name_in_model)
@@ -272,7 +273,7 @@ def _put_joints(
         if "springref" in values and is_in_degrees and joint.kind == "revolute":
             values["springref"] = np.degrees(values["springref"])
         written = {key: number(value) for key, value in values.items()}
-        document.change(elements[names.index(joint.name)], written)
+        document.change(elements[joint.name], written)
 
 
 def _inertial_attributes(solid: Inertial, name: str) -> dict[str, Any]:

@@ -165,24 +165,15 @@ def load_mjcf(
         For a file that MuJoCo does not read, a free or ball joint, a loop, or no joint
         at all.
     """
-    model = _compiled(Path(path))
-    still = dict(held or {})
-    constants, followers = _equalities(model)
-    placed = tuple[HeldJoint, ...]()
-    if still:
-        robot, _ = _robot_of(model, constants, followers, gravity)
-        driven = robot.joint_names
-        places = check_held(driven, still)
-        placed = tuple(HeldJoint(driven[k], still[driven[k]], k) for k in places)
-    held_joints = hold_followers(still | constants, followers)
-    robot, links = _robot_of(model, held_joints, followers, gravity, placed)
+    model, robot, links, _ = _load(path, gravity, held)
     return robot, links, _values(model, robot.joint_names)
 
 
-def placed_bodies(
+def load_bodies(
     path: str | Path, held: Mapping[str, float] | None = None
-) -> list[PlacedBody]:
-    """Return the bodies of an MJCF file in its order, parents first.
+) -> tuple[Robot, list[PlacedBody]]:
+    """Read the robot of an MJCF file, and the bodies of the file in its order, parents
+    first.
 
     Parameters
     ----------
@@ -194,10 +185,25 @@ def placed_bodies(
     InputError
         As :func:`load_mjcf`.
     """
+    _, robot, _, bodies = _load(path, None, held)
+    return robot, bodies
+
+
+def _load(
+    path: str | Path, gravity: Sequence[float] | None, held: Mapping[str, float] | None
+) -> tuple[MujocoModel, Robot, Array, list[PlacedBody]]:
+    """Return MuJoCo's model of a file, the robot, its links (links, 10) and bodies."""
     model = _compiled(Path(path))
+    still = dict(held or {})
     constants, followers = _equalities(model)
-    still = hold_followers(dict(held or {}) | constants, followers)
-    return _tree(model, still)[1]
+    placed = tuple[HeldJoint, ...]()
+    if still:
+        robot, _, _ = _robot_of(model, constants, followers, gravity)
+        driven = robot.joint_names
+        places = check_held(driven, still)
+        placed = tuple(HeldJoint(driven[k], still[driven[k]], k) for k in places)
+    held_joints = hold_followers(still | constants, followers)
+    return model, *_robot_of(model, held_joints, followers, gravity, placed)
 
 
 def _robot_of(
@@ -206,9 +212,9 @@ def _robot_of(
     followers: Mapping[str, Follower],
     gravity: Sequence[float] | None,
     held: tuple[HeldJoint, ...] = (),
-) -> tuple[Robot, Array]:
-    """Return the robot and its links (links, 10), with the joints ``still`` fixed [rad,
-    m].
+) -> tuple[Robot, Array, list[PlacedBody]]:
+    """Return the robot, its links (links, 10) and bodies, with the joints ``still`` fixed
+    [rad, m].
     """
     tree, places = _tree(model, still)
     links = [np.zeros(10) for _ in tree]
@@ -228,7 +234,8 @@ def _robot_of(
     robot = Robot(
         name, joints, gravity=down, transmission=None, mechanism=mechanism, held=held
     )
-    return robot, np.array([x for k, x in enumerate(links) if k not in massless])
+    with_mass = np.array([x for k, x in enumerate(links) if k not in massless])
+    return robot, with_mass, places
 
 
 def _compiled(path: Path) -> MujocoModel:
