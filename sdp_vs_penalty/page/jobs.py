@@ -842,6 +842,20 @@ def open_model(job: JobRequest) -> Answer:
     return summary(job, estimate)
 
 
+def judge(job: JobRequest) -> Answer:
+    """Judge the models of a history again, on the runs as they are used now.
+
+    ``job["steps"]`` holds of each its file ("model"), the diagnosis behind it
+    ("diagnosed"; None without one), and the new file ("out"). Returns {"steps": the
+    record of each, as :func:`summary` makes it}.
+    """
+    records = []
+    for step in job["steps"]:
+        job.update(step)
+        records.append(summary(job, job.model))
+    return {"steps": records}
+
+
 def extend(job: JobRequest) -> Answer:
     """Add effects to the current model as `sdp-vs-penalty add` does, and judge the
     result.

@@ -5,7 +5,7 @@ import asyncio
 import copy
 import json
 import time
-from collections.abc import Callable, Collection, Coroutine, Mapping, Sequence
+from collections.abc import Callable, Collection, Coroutine, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -101,6 +101,13 @@ def _acts_as(text: str, effect: str, joints: Collection[int]) -> bool:
     name, _, at = text.partition("@")[0].partition(":")
     on_joints = {int(joint) for joint in at.split("+") if joint}
     return is_law_of(name, effect) and {*joints} <= on_joints
+
+
+def _training_of(runs: Iterable[Mapping[str, Any]]) -> list[tuple[Any, ...]]:
+    """Return what models are identified from: the runs of training, and the windows of
+    those that are split."""
+    used = (run for run in runs if run["use"] in ("train", "split"))
+    return [(run["file"], run["use"] == "split" and run["split"]) for run in used]
 
 
 def read_state(folder: Path) -> dict[str, Any]:
@@ -776,7 +783,8 @@ class Session:
     ) -> None:
         """Run a job that makes runs beside the runs ``before``.
 
-        A run whose name says "test" is used for testing. Existing models are dropped.
+        A run whose name says "test" is used for testing, and so is one that arrives where
+        there is a model: that is judged again, with the new run.
         """
         if not self.robot:
             raise InputError(
@@ -789,12 +797,15 @@ class Session:
         mappings = answer.get("mappings", ())
         refused += [m["reason"] for m in mappings if m["path"] in asked and m["reason"]]
         if new:
+            is_for_model = bool(self.history) and len(before) == len(self.runs)
+            for run in new:
+                if is_for_model or for_testing(run["name"]):
+                    run["use"] = "test"
+            models = await self._judged_on(answer["runs"], answer["robot"])
             self.hidden = self.hidden if before else ""
             self._step_from_here(f"{formatting.count(len(new), 'run')} added")
-            for run in new:
-                if for_testing(run["name"]):
-                    run["use"] = "test"
             self._take(answer)
+            self._keep_models(models)
             options = details.get("options") or {}
             self.prepared = [] if not before else self.prepared
             if options:
@@ -803,7 +814,42 @@ class Session:
             self._choose_uses(new)
             self.effects = list(answer.get("effects", self.effects))
         self._keep_mappings(details.get("files", ()), mappings)
-        self.say(*(refused or answer.get("remarks", ())), error=bool(refused))
+        remarks = [*answer.get("remarks", ())]
+        if new and self.history:
+            names = formatting.words([run["name"] for run in new])
+            remarks.append(f"The model is tested on {names} as well.")
+        self.say(*(refused or remarks), error=bool(refused))
+
+    async def _judged_on(
+        self, runs: Sequence[dict[str, Any]], robot: Mapping[str, Any]
+    ) -> list[ModelStep]:
+        """Return the models of the history judged on other runs; none where the robot or
+        the runs that they were identified from are others.
+        """
+        is_same = robot["hold"] == self.robot["hold"]
+        is_same &= _training_of(runs) == _training_of(self.runs)
+        if not is_same or not self.history:
+            return []
+        n_files = len([*self.folder.glob("model-*.json")])
+        steps = []
+        findings = None
+        for k, step in enumerate(self.history, start=n_files + 1):
+            findings = step.findings or findings
+            out = str(self.folder / f"model-{k}.json")
+            diagnosed = findings and findings.to_dict()
+            steps.append({"model": step.file, "out": out, "diagnosed": diagnosed})
+        title = "Testing the model" if len(steps) == 1 else "Testing the models"
+        answer = await self._job(title, "judge", runs=runs, steps=steps)
+        return [
+            replace(step, **{**judged, "seconds": step.seconds})
+            for step, judged in zip(self.history, answer["steps"], strict=True)
+        ]
+
+    def _keep_models(self, models: list[ModelStep]) -> None:
+        """Keep the models as they were judged anew, and point the page to their fit."""
+        self.history = models
+        if models:
+            self.new = ("identify", "fit")
 
     def _take(self, answer: Mapping[str, Any]) -> None:
         """Take over runs, remedies and robot as a job has answered them."""
@@ -885,28 +931,35 @@ class Session:
         if has_only_new and len({run["use"] for run in new}) == 1:
             new[0]["use"], new[-1]["use"] = "train", "test"
 
-    def use(self, file: str, use: str) -> None:
-        """Use a run for "train", "test" or "split", or remove it ("").
-
-        Existing models are dropped. While a job is running the request is refused.
-        """
+    def start_use(self, file: str, use: str) -> None:
+        """Start to :meth:`use` a run for something else; while a job is running that is
+        refused."""
         if self.task is not None:
             self.refusals += 1
             self.say("Wait until the job is done, or cancel it.", error=False)
-            return
-        chosen = next(run for run in self.runs if run["file"] == file)
-        dropped = " with the models made from it" if self.history else ""
-        self._step_from_here(f"use of {chosen['name']}" if use else "a run removed")
-        runs = [
-            {**run, "use": use} if run["file"] == file else run for run in self.runs
-        ]
-        self.runs = [run for run in runs if run["use"]]
-        self.save()
-        if use:
-            self.changed()
         else:
-            text = f"{chosen['name']} is removed{dropped}: Undo brings all back."
-            self.say(text, error=False)
+            self.start(self.use, file, use)
+
+    async def use(self, file: str, use: str) -> None:
+        """Use a run for "train", "test" or "split", or remove it ("").
+
+        The models are judged again; they are dropped where other runs are for training
+        now than they were identified from.
+        """
+        chosen = next(run for run in self.runs if run["file"] == file)
+        changed = ({**run, "use": use} if run is chosen else run for run in self.runs)
+        runs = [run for run in changed if run["use"]]
+        models = await self._judged_on(runs, self.robot)
+        gone = [f"{chosen['name']} is removed"] if not use else []
+        gone += ["the models are dropped, for they were identified from other runs"] * (
+            len(self.history) > len(models)
+        )
+        self._step_from_here(f"use of {chosen['name']}" if use else "a run removed")
+        self.runs = runs
+        self._keep_models(models)
+        if gone:
+            text = formatting.sentence("; ".join(gone))
+            self.say(f"{text}. Undo brings all back.", error=False)
 
     async def split(self, file: str, percent: int) -> None:
         """Split a run anew: ``percent`` of its motion are for training, the others

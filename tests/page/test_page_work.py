@@ -21,7 +21,7 @@ pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 
 from starlette.requests import ClientDisconnect
 
-from sdp_vs_penalty import InputError
+from sdp_vs_penalty import InputError, compare, load_estimate
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.findings import Invisible
 from sdp_vs_penalty.formatting import sentence
@@ -800,7 +800,7 @@ def test_a_project_is_there_after_the_server_has_ended(kept, hidden, tmp_path, s
     files = saved(tmp_path, hidden.runs[:2], "a.csv", "b.csv")
     s = opened(kept, "two_link", **files, **{"strange.csv": strange})
     s.choose_column(s.mappings[0]["columns"], "tau1", "beta")
-    s.use(s.runs[1]["file"], "")
+    do(s, lambda: s.use(s.runs[1]["file"], ""))
     assert [run["name"] for run in s.runs] == ["a.csv"]
     kept.close()
     assert s.folder.is_dir()
@@ -860,12 +860,42 @@ def test_a_job_goes_on_when_the_browser_is_closed(here):
 def test_a_removed_run_comes_back(here, hidden, tmp_path):
     s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:2], "a.csv", "b.csv"))
     before = s.runs
-    s.use(before[0]["file"], "")
+    do(s, lambda: s.use(before[0]["file"], ""))
     assert "Undo" in s.notice.texts[0]
     s.undo()
     assert s.runs == before
     s.redo()
     assert s.runs == before[1:]
+
+
+def test_a_new_run_tests_the_model_that_is_there(here, hidden, tmp_path):
+    """The model stays, whatever run is judged; it goes with what it was identified from."""
+    files = saved(tmp_path, hidden.runs[:3], "a.csv", "test.csv", "new.csv")
+    new = {"new.csv": files.pop("new.csv")}
+    s = opened(here, "two_link", **files)
+    do(s, s.identify)
+    first = s.current
+    s.arrived |= new
+    do(s, s.read_files)
+    assert "new.csv" in s.notice.texts[-1]
+    assert [run["use"] for run in s.runs] == ["train", "test", "test"]
+    made = [load_estimate(step.file) for step in (first, s.current)]
+    np.testing.assert_array_equal(made[0].theta, made[1].theta)
+    assert s.current.judged_on == ["test.csv", "new.csv"]
+    alone = [compare(made[0], hidden.runs[k])[0].rmse for k in (1, 2)]
+    assert s.current.comparison["rmse"] != first.comparison["rmse"]
+    (both,) = compare(made[0], list(hidden.runs[1:3]))
+    np.testing.assert_allclose(s.current.comparison["rmse"], both.rmse, rtol=1e-6)
+    s.undo()
+    assert s.current == first
+    s.redo()
+    do(s, lambda: s.use(s.runs[1]["file"], ""))
+    np.testing.assert_allclose(s.current.comparison["rmse"], alone[1], rtol=1e-6)
+    do(s, lambda: s.use(s.runs[1]["file"], "train"))
+    assert not s.history
+    assert "dropped" in s.notice.texts[0]
+    s.undo()
+    assert s.history
 
 
 def test_the_split_of_a_run_can_be_dragged(here, hidden, tmp_path):

@@ -496,6 +496,7 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
     screen.set("remedy-0-2-unit", "mNm")
     screen.click("remedy-0-2", "remedy-0-3")
     screen.set("use-1", "test")
+    assert called.pop() == ("use", session.runs[1]["file"], "test", {})
     done = [
         (name, *(x for x in given if isinstance(x, dict))) for name, *given in called
     ]
@@ -512,8 +513,6 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
         {},
     ]
     assert {name for name, *_ in done} == {"apply", "make_motion"}
-    assert session.runs[1]["use"] == "test"
-    assert session.history == []
 
 
 def test_the_folder_is_offered_and_kept_as_it_is(tmp_path: Path):

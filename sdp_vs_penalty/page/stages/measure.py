@@ -344,7 +344,7 @@ def _list(view: View) -> None:
                     draw.tag("td", f"{run['samples']} at {run['rate']:.4g} Hz")
                     with draw.tag("td"):
                         label = f"Use of {run['name']}"
-                        use = partial(session.use, run["file"])
+                        use = partial(session.start_use, run["file"])
                         uses = [
                             (name, text)
                             for name, text in _USES
