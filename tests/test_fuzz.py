@@ -17,7 +17,6 @@ from collections import Counter
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -269,7 +268,7 @@ def test_thousands_of_files(tmp_path, capsys):
     sources = sources_by_format(sound_files(tmp_path))
     uses = list(verbs().items())
     outcomes = Counter[str]()
-    failures = list[str]()
+    failures = []
     for k in numbers_of_cases(amount, int(seed or 0) * 1_000_000):
         try:
             if k % CASES_PER_LOG:
@@ -306,8 +305,8 @@ LARGE = ("many_columns.csv", "zip_bomb.npz")
 )
 def test_what_the_reader_takes_the_check_can_judge(path, two_link):
     """Files that broke a reader once."""
-    runs = list[sdp.Measurements]()
-    reports = list[Any]()
+    runs = []
+    reports = []
     size = path.stat().st_size
     outcome(
         f"{path.name} read",

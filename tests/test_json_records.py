@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ class Inner(JsonRecord):
     size: float
     kind: Literal["a", "b"] = "a"
 
-    def __post_init__(self) -> None:
+    def __post_init__(self):
         if self.size < 0.0:
             raise InputError("a size is below 0", "give another")
 
@@ -49,7 +49,7 @@ class Outer(JsonRecord):
     more: Inner | None = None
     pairs: tuple[Pair, ...] = ()
 
-    def total(self) -> float:
+    def total(self):
         return float(self.rows.sum())
 
 
@@ -82,13 +82,7 @@ def test_records_come_back(sizes, kind, name, far):
     np.testing.assert_array_equal(back.rows, record.rows)
 
 
-SOUND: dict[str, Any] = {
-    "name": "n",
-    "few": [1, "x"],
-    "many": [],
-    "rows": [1.0],
-    "by_name": {},
-}
+SOUND = {"name": "n", "few": [1, "x"], "many": [], "rows": [1.0], "by_name": {}}
 
 
 def test_none_is_infinity_where_a_number_may_be_infinite():

@@ -14,9 +14,9 @@ FILES = sorted((ROOT / "checks").rglob("*.py"))
 COMMAND = re.compile(r"`[^`]*`| --[a-z]")
 
 
-def advice(path: Path) -> list[str]:
+def advice(path):
     """The texts that a file gives as ``remedy``: keyword arguments and variables."""
-    found: list[ast.AST] = []
+    found = []
     for node in ast.walk(ast.parse(path.read_text("utf-8"))):
         if isinstance(node, ast.keyword) and node.arg == "remedy":
             found.append(node.value)

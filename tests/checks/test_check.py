@@ -15,7 +15,6 @@ from small_runs import small_run
 from sdp_vs_penalty import (
     InputError,
     Measurements,
-    Problem,
     identify,
     load_estimate,
     load_problem,
@@ -27,34 +26,28 @@ from sdp_vs_penalty.checks.gate import consented, needs_check
 from sdp_vs_penalty.data import load_measurements, save
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.problem import measured_runs
-from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.simulation import experiment
 
 Spoil = Callable[[Measurements], Measurements]
 
 
 @pytest.fixture(scope="module")
-def simulated(panda: Problem) -> tuple[Problem, Measurements]:
+def simulated(panda):
     """The Panda's exciting trajectory, simulated with the real arm's noise, jitter and
     quantisation."""
     return panda, experiment(panda).training_run(0).window(0.0, 16.0).runs()[0]
 
 
 @pytest.fixture(scope="module")
-def small(two_link: Problem) -> tuple[Problem, Measurements]:
+def small(two_link):
     """The same of two joints, for what a clock or a file shows whatever the arm."""
     return two_link, experiment(two_link).training_run(0)
 
 
-def changed(
-    name: str,
-    j: int,
-    change: Callable[[np.ndarray], object],
-    of: slice | list = slice(None),
-) -> Spoil:
+def changed(name, j, change, of=slice(None)):
     """One channel (joint j counted from 1), in some of its rows."""
 
-    def spoil(run: Measurements) -> Measurements:
+    def spoil(run):
         values = getattr(run, name).copy()
         values[of, j - 1] = change(values[of, j - 1])
         return replace(run, **{name: values})
@@ -62,20 +55,20 @@ def changed(
     return spoil
 
 
-def repeated(run: Measurements) -> Measurements:
+def repeated(run):
     return run.rows(np.sort(np.concatenate([np.arange(len(run.t)), [500, 4000]])))
 
 
-def knocked(run: Measurements) -> Measurements:
+def knocked(run):
     bump = np.exp(-0.5 * ((run.t - run.t[0] - 12.0) / 0.05) ** 2)
     return replace(run, tau=run.tau + bump[:, None] * 0.7 * run.tau.std(axis=0))
 
 
-def still(run: Measurements) -> Measurements:
+def still(run):
     return replace(run, q=run.q[0] + 1e-6 * NOISE[: run.q.size].reshape(run.q.shape))
 
 
-def sparse(run: Measurements) -> Measurements:
+def sparse(run):
     return run.rows(slice(None, None, 250))
 
 
@@ -84,7 +77,7 @@ FLIPPED = changed("tau", 2, lambda x: -x)
 
 #: name : (how the data are spoiled, the kind of the finding, what it must name, its
 #: severity)
-SPOILED: dict[str, tuple[Spoil, str, str, str]] = {
+SPOILED = {
     "missing samples": (
         lambda run: run.rows(np.r_[:7500, 8300 : len(run.t)]),
         "gap in time",
@@ -334,7 +327,7 @@ def test_a_motor_on_the_base_is_named_and_mended(turn, tmp_path):
     motors = np.eye(3)
     motors[2, 1] = turn
 
-    def rubs(states: list[Array]) -> Array:
+    def rubs(states):
         return model.torque(friction, Motion(run.t, *states))
 
     joints = [run.q, run.dq, np.gradient(run.dq, run.t, axis=0)]
@@ -378,7 +371,7 @@ def test_positions_beyond_a_straight_axis_name_it(far, kind):
     ]
 
 
-def quarter_rate(problem: Problem) -> Measurements:
+def quarter_rate(problem):
     """A run of the problem's arm at 250 samples a second: files of a quarter."""
     return experiment(problem).training_run(0).rows(slice(None, None, 4))
 
@@ -521,7 +514,7 @@ def test_the_verdict_names_facts_that_are_corrected(two_link):
 SPIKES = [700, 1900, 2600]
 
 
-def spiked(run: Measurements) -> Measurements:
+def spiked(run):
     tau = run.tau.copy()
     tau[SPIKES, 1] += 1e4
     return replace(run, tau=tau)
@@ -663,7 +656,7 @@ def test_a_run_without_rows_is_named_once(spoil, tmp_path, two_link, capsys):
 
 #: What a problem says wrongly : (field, value, effort limits known, kind of the
 #: finding, its words)
-WRONG_PROBLEMS: dict[str, tuple[str, object, bool, str, str]] = {
+WRONG_PROBLEMS = {
     "no gravity": ("gravity", (0.0, 0.0, 0.0), True, "gravity of the problem", ""),
     "gravity in mm/s^2": (
         "gravity",

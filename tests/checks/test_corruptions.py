@@ -6,15 +6,15 @@ from functools import partial
 
 import numpy as np
 import pytest
-from corruptions.arms import FIVE, Arm, drawn, simulated
+from corruptions.arms import FIVE, drawn, simulated
 from corruptions.bench import HARMFUL, run_case
 from corruptions.kinds import Corruption
 
-from sdp_vs_penalty import Measurements, check
+from sdp_vs_penalty import check
 
 
 @pytest.fixture(scope="module")
-def arm() -> Arm:
+def arm():
     return simulated("sim5", FIVE, 3)
 
 
@@ -113,7 +113,7 @@ def test_what_was_done_is_named(name, arm, clean):
         assert again.unexplained < 1.2 * clean.unexplained
 
 
-def gained(factor: float, run: Measurements) -> Measurements:
+def gained(factor, run):
     """The torque of joint 5 times a factor."""
     return replace(run, tau=run.tau * np.where(np.arange(run.n) == 4, factor, 1.0))
 

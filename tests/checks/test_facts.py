@@ -19,22 +19,21 @@ from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.robot import LinkSizes, odd_units
-from sdp_vs_penalty.robot.arrays import Array
 
 PROBLEM = load_problem("two_link")
 RUN = small_run(PROBLEM, seconds=8.0)
 STANDSTILL = 0.02
 
 
-def summary(run: Measurements) -> RunSummary:
+def summary(run):
     return RunSummary(run, PROBLEM.robot, STANDSTILL)
 
 
-def kinds(run: Measurements) -> list[str]:
+def kinds(run):
     return [x.kind for x in mended(run, PROBLEM.robot, STANDSTILL)[0]]
 
 
-def coarse(run: Measurements, step: float) -> Measurements:
+def coarse(run, step):
     return replace(run, t=np.round(run.t / step) * step)
 
 
@@ -66,7 +65,7 @@ def test_whole_seconds_give_the_rate_that_is_said_and_written(first):
     np.testing.assert_allclose(np.diff(issue.repair(written).t), 0.002, atol=1e-6)
 
 
-def late(samples: int) -> Measurements:
+def late(samples):
     return replace(RUN, dq=np.roll(RUN.dq, samples, axis=0))
 
 
@@ -227,7 +226,7 @@ def test_arms_of_all_sizes_are_in_metres_and_kilograms(size):
     assert not [*odd_units(links, size)]
 
 
-def flipped(run: Measurements) -> Measurements:
+def flipped(run):
     return replace(run, tau=run.tau * np.array([1.0, -1.0]))
 
 
@@ -422,7 +421,7 @@ def test_positions_out_of_reach_end_the_judging_of_torques():
     assert {f.nature for f in report.issues} == {"fact"}
 
 
-def flickering(n_levels: int) -> Array:
+def flickering(n_levels):
     """A current in few steps flickers between two of them while its joint rests."""
     level = np.where(RUN.t < 3.0, 1.2, n_levels * np.sin(RUN.t) ** 2)
     flicker = np.random.default_rng(2).choice([0.0, 1.0], len(RUN.t), p=[0.9, 0.1])

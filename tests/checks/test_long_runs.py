@@ -8,8 +8,7 @@ from commands import run_cli
 from page_sessions import Here, opened
 from small_runs import small_run
 
-from sdp_vs_penalty import Measurements, Problem, check
-from sdp_vs_penalty.checks import Report
+from sdp_vs_penalty import check
 from sdp_vs_penalty.data import concatenate, save
 from sdp_vs_penalty.page import Sessions
 
@@ -18,7 +17,7 @@ LONG = 8 * 2**15
 
 
 @pytest.fixture(scope="module")
-def long_run(two_link: Problem) -> Measurements:
+def long_run(two_link):
     """270 000 rows: 270 s at 1 kHz."""
     run = small_run(two_link, 270.0, rate=1000.0)
     assert run.samples > LONG
@@ -26,13 +25,13 @@ def long_run(two_link: Problem) -> Measurements:
 
 
 @pytest.fixture(scope="module")
-def flipped(long_run: Measurements) -> Measurements:
+def flipped(long_run):
     """The same with both torques' signs wrong."""
     return replace(long_run, tau=-long_run.tau, names=("flipped",))
 
 
 @pytest.fixture(scope="module")
-def flipped_report(two_link: Problem, flipped: Measurements) -> Report:
+def flipped_report(two_link, flipped):
     """What the check says of both wrong signs."""
     (report,) = check(two_link, flipped, thorough=False)
     return report

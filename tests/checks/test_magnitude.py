@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from small_runs import small_run
 
-from sdp_vs_penalty import Measurements, load_problem
+from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.checks.facts.magnitude import magnitudes
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.effects import Motion
@@ -16,7 +16,7 @@ PROBLEM = load_problem("two_link")
 RUN = small_run(PROBLEM, seconds=8.0)
 
 
-def run_with(offset: float) -> Measurements:
+def run_with(offset):
     """A run of the nominal arm with friction, and with an offset of joint 2 [N m]."""
     model = PROBLEM.model()
     theta = PROBLEM.nominal(model)

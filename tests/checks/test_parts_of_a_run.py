@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from sdp_vs_penalty import Measurements, Problem
 from sdp_vs_penalty.checks import check
 from sdp_vs_penalty.simulation import experiment
 
@@ -16,16 +15,16 @@ GAIN = 0.5
 
 
 @pytest.fixture(scope="module")
-def run(two_link: Problem) -> Measurements:
+def run(two_link):
     return experiment(two_link).training_run(0)
 
 
-def told(problem: Problem, run: Measurements) -> list[str]:
+def told(problem, run):
     (report,) = check(problem, run, thorough=False)
     return [issue.what for issue in report.issues if issue.kind == "two arms"]
 
 
-def late_half(run: Measurements) -> np.ndarray:
+def late_half(run):
     """Which rows (N,) are in the second half."""
     return np.arange(len(run.t)) >= len(run.t) // 2
 

@@ -3,7 +3,6 @@
 The logs are of an arm that shares no code with the library (point_mass_arm).
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,8 +18,8 @@ from point_mass_arm import (
     scaled,
 )
 
-from sdp_vs_penalty import Measurements, Problem
-from sdp_vs_penalty.checks import EXPLANATION, Issue, check
+from sdp_vs_penalty import Measurements
+from sdp_vs_penalty.checks import EXPLANATION, check
 
 Array = np.ndarray
 #: What a fault of calibration is called: what is left unexplained is no fault.
@@ -29,11 +28,11 @@ SEEDS = pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.sl
 
 
 @pytest.fixture(scope="module")
-def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+def problem(tmp_path_factory):
     return arm_problem(Path(tmp_path_factory.mktemp("arm")))
 
 
-def faults_of(problem: Problem, run: Measurements) -> list[Issue]:
+def faults_of(problem, run):
     """The faults of calibration that the check names."""
     [report] = check(problem, run)
     return [
@@ -45,7 +44,7 @@ def faults_of(problem: Problem, run: Measurements) -> list[Issue]:
     ]
 
 
-def fast_run(arm: PointMassArm, seed: int) -> Measurements:
+def fast_run(arm, seed):
     """A log of a motion three times as fast: on a slow one the weight is nearly all,
     and a gain of joint 3 is the same as a coupling with joint 2."""
     drawn = Trajectory.draw(seed)
@@ -57,10 +56,10 @@ def fast_run(arm: PointMassArm, seed: int) -> Measurements:
     return Measurements(t, q, torque + 0.05 * rng.normal(size=torque.shape))
 
 
-def belt(ratio: float) -> Callable[[Array, Array], Array]:
+def belt(ratio):
     """Motor 3 turns with joint 2 by a ratio: motor 2 lacks so much of its torque."""
 
-    def channel(t: Array, torque: Array) -> Array:
+    def channel(t, torque):
         out = torque.copy()
         out[:, 1] -= ratio * torque[:, 2]
         return out
@@ -68,14 +67,14 @@ def belt(ratio: float) -> Callable[[Array, Array], Array]:
     return channel
 
 
-def friction_of_the_belts_motor(ratio: float) -> Callable[[Array, Array, Array], Array]:
+def friction_of_the_belts_motor(ratio):
     """Motor 3 turns by q3 + ratio q2, and so does its friction; motor 2 has none of it.
 
     It adds to the torques of the joints, by virtual work, what :func:`belt` makes
     friction of motor 3 alone.
     """
 
-    def extra(t: Array, q: Array, dq: Array) -> Array:
+    def extra(t, q, dq):
         speed = dq[:, 2] + ratio * dq[:, 1]
         friction = 0.8 * speed + 1.5 * np.tanh(speed / 0.01)
         return np.column_stack([0.0 * friction, ratio * friction, friction])
@@ -83,10 +82,10 @@ def friction_of_the_belts_motor(ratio: float) -> Callable[[Array, Array, Array],
     return extra
 
 
-def pull(force: Array, point: tuple[float, float, float]) -> Callable[..., Array]:
+def pull(force, point):
     """Torque (N, 3) that holds a force [N] at a point of the last link [m]."""
 
-    def extra(t: Array, q: Array, dq: Array) -> Array:
+    def extra(t, q, dq):
         arm = Kinematics.of(q)
         place = arm.place(2, point)
         return np.column_stack(

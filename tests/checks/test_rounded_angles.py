@@ -1,13 +1,10 @@
 """A description of a planar arm whose right angles are written in nine digits: its axes
 are parallel but for rounding."""
 
-from pathlib import Path
-
 import pytest
 
 from sdp_vs_penalty import check, simulate
 from sdp_vs_penalty.problem.load import as_problem
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.rows import RegressionData
 
 #: Place, turn (roll, pitch, yaw) and axis of each joint; mass of its link and centre.
@@ -21,7 +18,7 @@ PARAMETERS_PER_LINK = 3
 
 
 @pytest.fixture
-def planar(tmp_path: Path) -> Problem:
+def planar(tmp_path):
     """Three parallel axes in a vertical plane, in frames that are turned against each
     other by right angles."""
     text = '<robot name="planar"><link name="link0"/>'

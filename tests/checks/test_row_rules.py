@@ -6,7 +6,6 @@ import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from corruptions.kinds import corruptions
 from scipy.spatial import KDTree
 
 from sdp_vs_penalty import Measurements, load_problem
-from sdp_vs_penalty.checks import Issue, mended
+from sdp_vs_penalty.checks import mended
 from sdp_vs_penalty.checks.facts import RULES
 from sdp_vs_penalty.checks.facts.stuck import find_bad_torque_channels
 from sdp_vs_penalty.checks.glance import RunSummary
@@ -28,13 +27,11 @@ PERIOD = 8.0
 STANDSTILL = 0.02
 
 
-def stepped(x: np.ndarray, step: float) -> np.ndarray:
+def stepped(x, step):
     return np.asarray(step * np.round(x / step)) if step else x
 
 
-def motion(
-    periods: int = 3, encoder: float = 0.0, torque: float = 0.0, noise: float = 0.02
-) -> Measurements:
+def motion(periods=3, encoder=0.0, torque=0.0, noise=0.02):
     """Two joints whose motion repeats exactly, with dry friction; sensors in steps of
     so much."""
     t = np.arange(0.0, periods * PERIOD, 1.0 / RATE)
@@ -47,7 +44,7 @@ def motion(
     return Measurements(t, stepped(q, encoder).T, stepped(tau, torque).T, measured.T)
 
 
-def found(kind: str, run: Measurements) -> Issue | None:
+def found(kind, run):
     """What the rules, each by itself, say of that kind of a run."""
     said = (
         issue for rule in RULES for issue in rule(RunSummary(run, ROBOT, STANDSTILL))
@@ -55,7 +52,7 @@ def found(kind: str, run: Measurements) -> Issue | None:
     return next((issue for issue in said if issue.kind == kind), None)
 
 
-def told(run: Measurements) -> tuple[list[Issue], Measurements]:
+def told(run):
     issues, _ = mended(run, ROBOT, STANDSTILL)
     fixed = mended_for_certain(run, issues)
     return issues, fixed
@@ -64,9 +61,7 @@ def told(run: Measurements) -> tuple[list[Issue], Measurements]:
 #: Corruptions of rows and clocks of the bench: the kind that names them, how many rows
 #: go, and by how many steps the time of those that stay is off.
 DATA = Path(__file__).parents[1] / "data"
-ROWS: dict[str, tuple[str, int, float]] = json.loads(
-    (DATA / "spoiled_rows.json").read_text()
-)
+ROWS = json.loads((DATA / "spoiled_rows.json").read_text())
 
 
 @pytest.mark.parametrize("name", ROWS)
@@ -142,7 +137,7 @@ def test_packets_that_froze_for_a_few_rows_are_no_rows_lost():
     np.testing.assert_array_equal(fixed.t, clean.t)
 
 
-def alone(n_places: int) -> Measurements:
+def alone(n_places):
     """One joint of two moves; 8 rows are lost at so many places, the clock is even."""
     run = motion(noise=0.0)
     keep = np.ones(len(run.t), bool)
@@ -264,9 +259,7 @@ def test_velocities_tell_minutes_from_degrees():
     assert issue.severity == "warning"
 
 
-def small_swing(
-    rate: float, noise: float, middle: float = 0.0, swing: float = 0.05
-) -> Measurements:
+def small_swing(rate, noise, middle=0.0, swing=0.05):
     """Two joints that swing at 2 Hz and 2.7 Hz for ten seconds, under the noise of an
     encoder [rad]."""
     t = np.arange(0.0, 10.0, 1.0 / rate)
@@ -318,7 +311,7 @@ def test_a_time_that_repeats_keeps_the_first_of_its_rows():
     assert "differ from the row before" in told(other)[0][0].what
 
 
-def silent_about_zeros(run: Measurements) -> bool:
+def silent_about_zeros(run):
     """No rule calls a zero a row that was filled in, and nothing is an error."""
     issues, _ = mended(run, ROBOT, STANDSTILL)
     fixed = mended_for_certain(run, issues)
@@ -415,7 +408,7 @@ def test_positions_and_torques_that_wait_while_the_velocity_goes_on_are_frozen(r
     assert issue.what.startswith("positions and torques")
 
 
-def with_a_held_joint() -> Measurements:
+def with_a_held_joint():
     """Joint 2 is held: its servo lets it tremble by a few steps of the encoder, now and
     then by a jerk; the logged velocity comes from a finer counter inside of the drive."""
     run = motion(encoder=3.8e-4)
@@ -432,7 +425,7 @@ def with_a_held_joint() -> Measurements:
     return replace(run, q=q, dq=dq)
 
 
-def with_a_joint_that_catches() -> tuple[Measurements, int]:
+def with_a_joint_that_catches():
     """Joint 1 slides, and stiction catches it within one sample; joint 2 moves on.
     Returns the run and the row of the catch."""
     run = motion()
@@ -455,7 +448,7 @@ def test_packets_torn_in_steady_motion_are_spikes_and_so_are_others_like_them():
     assert issue.figures["rows"] == 2
 
 
-def creeping(rows_doubled: int = 0, seed: int = 3) -> Measurements:
+def creeping(rows_doubled=0, seed=3):
     """Two joints that creep for half of the time: then their encoders and torques, both
     coarse, often change in no channel from row to row. Some rows are doubled, with the
     clock made again."""
@@ -484,14 +477,14 @@ def test_rows_doubled_in_a_log_without_coarse_steps_are_told(share):
     assert issue.figures["rows"] >= 0.9 * count
 
 
-def with_tau(run: Measurements, rows: Any, by: Any) -> Measurements:
+def with_tau(run, rows, by):
     """The run with other torques of joint 1 in some rows."""
     tau = run.tau.copy()
     tau[rows, 0] += by
     return replace(run, tau=tau)
 
 
-def dry(seed: int, step: float) -> Measurements:
+def dry(seed, step):
     """A slow load and Coulomb's friction, in steps of so much: at one level for long,
     then a jump."""
     clean = motion(2)
@@ -501,7 +494,7 @@ def dry(seed: int, step: float) -> Measurements:
     return replace(clean, tau=stepped(tau, step))
 
 
-def resting() -> Measurements:
+def resting():
     """The arm rests for a time; the controller's model of gravity is constant then."""
     clean = motion()
     rows = np.arange(len(clean.t))
@@ -509,14 +502,14 @@ def resting() -> Measurements:
     return replace(clean, q=clean.q[rows], tau=clean.tau[rows])
 
 
-def accelerating() -> Measurements:
+def accelerating():
     """It began at rest: its last rows are judged by those before them alone."""
     row = np.arange(600.0)
     q = np.outer(np.exp(0.1 * (row - 600.0)), np.linspace(0.3, 0.5, ROBOT.n))
     return Measurements(row / RATE, q, np.cos(q))
 
 
-def waiting() -> Measurements:
+def waiting():
     """A servo answers steps within a tenth of a second, and rests under a coarse
     encoder until the next one."""
     t = np.arange(0.0, 24.0, 1.0 / RATE)
@@ -529,7 +522,7 @@ def waiting() -> Measurements:
     return Measurements.from_channels(t, groups, ("run",))
 
 
-def from_pose_to_pose() -> Measurements:
+def from_pose_to_pose():
     """Moves and rests, a coarse torque with noise."""
     rng = np.random.default_rng(0)
     share = np.concatenate([np.linspace(0.0, 1.0, 300), np.ones(150)])
@@ -541,7 +534,7 @@ def from_pose_to_pose() -> Measurements:
     return Measurements(np.arange(len(q)) / 200.0, q, stepped(tau.T, 1.0).T)
 
 
-def turning_wheel() -> Measurements:
+def turning_wheel():
     """A wheel turns once a second, and its angle wraps."""
     run = small_swing(250.0, 1e-5)
     angle = 2.0 * np.pi * np.outer(run.t, [1.0, -1.0])
@@ -552,7 +545,7 @@ def turning_wheel() -> Measurements:
 JERK = np.array([0.0, 9.0, 18.0, 28.0, 43.0, 78.0, 101.0, 97.0])
 CATCHES, ROW = with_a_joint_that_catches()
 #: A log in order, and the kind of fact that it is none of.
-IN_ORDER: dict[str, tuple[str, Measurements]] = {
+IN_ORDER = {
     **{
         f"dry friction {k}, in steps of {x}": ("frozen torque", dry(k, x))
         for k in range(3)

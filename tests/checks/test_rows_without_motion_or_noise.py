@@ -18,7 +18,7 @@ RUN = replace(small_run(PROBLEM, seconds=8.0), dq=None)
 RNG = np.random.default_rng(0)
 
 
-def periodic(noise: float, friction: float = 1.0) -> Measurements:
+def periodic(noise, friction=1.0):
     """Three periods of a motion, as text with seven digits."""
     t = np.arange(3000) / 200.0
     w = 2.0 * np.pi / 5.0 * np.array([1.0, 2.0])
@@ -37,12 +37,12 @@ def periodic(noise: float, friction: float = 1.0) -> Measurements:
     return Measurements(t, as_text(q), as_text(tau))
 
 
-def poses(n_rows: int, seconds: float) -> Measurements:
+def poses(n_rows, seconds):
     q = RNG.uniform(-1.5, 1.5, (n_rows, 2))
     return Measurements(seconds * np.arange(n_rows), q, np.cos(q))
 
 
-def with_copy(run: Measurements) -> Measurements:
+def with_copy(run):
     """400 rows come a second time, in another phase, and the clock is made anew."""
     at = len(run.t) - 200
     rows = np.r_[0:at, 100:500, at : len(run.t)]

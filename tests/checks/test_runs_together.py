@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import Measurements, Problem
-from sdp_vs_penalty.checks import Issue, Report, check
+from sdp_vs_penalty.checks import check
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.simulation import experiment
 
@@ -15,39 +14,39 @@ from sdp_vs_penalty.simulation import experiment
 DRIFT = 1.0
 
 
-def run_of(problem: Problem, seed: int, name: str) -> Measurements:
+def run_of(problem, seed, name):
     """A run of the problem's arm at a quarter of the experiment's samples."""
     run = experiment(problem).training_run(seed)
     return replace(run.rows(slice(None, None, 4)), names=(name,))
 
 
 @pytest.fixture(scope="module")
-def runs(two_link: Problem) -> tuple[Measurements, Measurements]:
+def runs(two_link):
     """Two runs of one arm."""
     return run_of(two_link, 0, "first"), run_of(two_link, 1, "second")
 
 
 @pytest.fixture(scope="module")
-def three_runs(two_link, runs) -> list[Measurements]:
+def three_runs(two_link, runs):
     return [*runs, run_of(two_link, 2, "third")]
 
 
-def scaled(run: Measurements, joint: int, factor: float) -> Measurements:
+def scaled(run, joint, factor):
     """The run with the torque of one joint (from 1) so many times as large."""
     tau = run.tau.copy()
     tau[:, joint - 1] *= factor
     return replace(run, tau=tau)
 
 
-def swapped(run: Measurements) -> Measurements:
+def swapped(run):
     return replace(run, tau=run.tau[:, ::-1].copy())
 
 
-def judged(problem: Problem, *runs: Measurements) -> list[Report]:
+def judged(problem, *runs):
     return check(problem, concatenate(runs), thorough=False)
 
 
-def explanations(report: Report) -> list[Issue]:
+def explanations(report):
     return [issue for issue in report.issues if issue.nature == "explanation"]
 
 
@@ -156,7 +155,7 @@ def test_a_sign_that_is_wrong_in_two_of_three_runs_is_right_in_the_third(
     assert not explanations(good)
 
 
-def late(run: Measurements, seconds: float) -> Measurements:
+def late(run, seconds):
     """The run whose torques come so much later than its positions."""
     tau = np.stack([np.interp(run.t - seconds, run.t, x) for x in run.tau.T], axis=1)
     return replace(run, tau=tau)
@@ -236,7 +235,7 @@ def test_a_gain_names_the_other_joint_that_may_have_it(two_link, runs):
     assert f"As likely: the torque of joint {rival['joints'][0]}" in issue.what
 
 
-def stepped(run: Measurements, t: float, size: float) -> Measurements:
+def stepped(run, t, size):
     """The run with a torque of joint 2 that steps t [s] after its first row."""
     tau = run.tau.copy()
     tau[run.t - run.t[0] > t, 1] += size

@@ -11,7 +11,6 @@ from small_runs import hostile_log, small_run
 from sdp_vs_penalty import (
     InputError,
     Measurements,
-    Problem,
     check,
     compare,
     identify,
@@ -218,7 +217,7 @@ VISCOUS = np.array([1.0, 2.0, 0.5])
 
 
 @pytest.fixture(scope="module")
-def stopping(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, Measurements]:
+def stopping(tmp_path_factory):
     """From point to point with pauses, one joint after the other started and stopped at
     its own time; at each stop the controller's integrator leaves another torque within
     Coulomb's limits."""

@@ -12,17 +12,17 @@ import pytest
 from commands import run_cli
 from small_runs import small_run
 
-from sdp_vs_penalty import Problem, load_measurements
+from sdp_vs_penalty import load_measurements
 from sdp_vs_penalty.data import read_run
 from sdp_vs_penalty.errors import ColumnsRemark
 
 
 @pytest.fixture(scope="module")
-def run(two_link: Problem):
+def run(two_link):
     return small_run(two_link, seconds=8.0)
 
 
-def read(path: Path, robot=None):
+def read(path, robot=None):
     """A file's run, and what is said of its columns."""
     names = None if robot is None else robot.joint_names
     with warnings.catch_warnings(record=True) as heard:
@@ -32,7 +32,7 @@ def read(path: Path, robot=None):
     return read_, said
 
 
-def table(path: Path, **blocks: np.ndarray) -> Path:
+def table(path, **blocks):
     head, columns = [], []
     for name, block in blocks.items():
         block = np.reshape(block, (len(block), -1))
@@ -44,7 +44,7 @@ def table(path: Path, **blocks: np.ndarray) -> Path:
     return path
 
 
-def register(tau: np.ndarray) -> np.ndarray:
+def register(tau):
     """Thousandths of the largest torque in ten bits, and a bit that says that it is
     positive."""
     counts = np.round(1000.0 * np.abs(tau) / np.abs(tau).max())

@@ -1,7 +1,6 @@
 """Measurements from what people hold in a notebook: lists, pandas, dates."""
 
 import re
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -9,16 +8,16 @@ import pytest
 from recorded import refusal
 from small_runs import small_run
 
-from sdp_vs_penalty import InputError, Measurements, Problem, identify
+from sdp_vs_penalty import InputError, Measurements, identify
 from sdp_vs_penalty import load_measurements as load
 from sdp_vs_penalty.data import columns_of
 from sdp_vs_penalty.errors import Remark, RepairableError
 
 
-def test_lists_and_pandas_objects_are_arrays(two_link: Problem):
+def test_lists_and_pandas_objects_are_arrays(two_link):
     run = small_run(two_link)
-    lists: Any = [x.tolist() for x in (run.t, run.q, run.tau)]
-    frames: Any = [pd.Series(run.t), pd.DataFrame(run.q), pd.DataFrame(run.tau)]
+    lists = [x.tolist() for x in (run.t, run.q, run.tau)]
+    frames = [pd.Series(run.t), pd.DataFrame(run.q), pd.DataFrame(run.tau)]
     expected = identify(two_link, Measurements(run.t, run.q, run.tau), "ols")
     for t, q, tau in (lists, frames):
         model = identify(two_link, Measurements(t, q, tau), "ols")
@@ -26,9 +25,9 @@ def test_lists_and_pandas_objects_are_arrays(two_link: Problem):
 
 
 def test_commands_as_lists_are_arrays():
-    t: Any = [0.0, 0.1]
-    block: Any = [[0.1], [0.2]]
-    texts: Any = [["a"], ["b"]]
+    t = [0.0, 0.1]
+    block = [[0.1], [0.2]]
+    texts = [["a"], ["b"]]
     run = Measurements(t, block, block, commanded={"qref": block})
     assert run.commanded["qref"].shape == (2, 1)
     with pytest.raises(InputError, match="qref holds dates or texts"):
@@ -43,7 +42,7 @@ def test_commands_as_lists_are_arrays():
         (np.arange(3.0), [[0.0, 1.0], [0.0]], "q holds rows of different lengths"),
     ],
 )
-def test_what_is_no_number_is_refused(t: Any, q: Any, words: str):
+def test_what_is_no_number_is_refused(t, q, words):
     with pytest.raises(InputError, match=words):
         Measurements(t, q, np.zeros((3, 2)))
 
@@ -59,9 +58,7 @@ def test_what_is_no_number_is_refused(t: Any, q: Any, words: str):
         ({"q": (9,), "tau": (9,)}, "q has shape (9,): give it as (9, 1)"),
     ],
 )
-def test_arrays_of_another_shape_are_refused(
-    arrays: dict[str, tuple[int, ...]], words: str
-):
+def test_arrays_of_another_shape_are_refused(arrays, words):
     shapes = {"t": (9,), "q": (9, 2), "tau": (9, 2)} | arrays
     with pytest.raises(InputError, match=re.escape(words)):
         Measurements(**{name: np.zeros(shape) for name, shape in shapes.items()})
@@ -104,12 +101,12 @@ def test_a_transposed_frame_is_called_so(two_link):
 
 
 @pytest.fixture(scope="module")
-def frame(two_link: Problem) -> pd.DataFrame:
+def frame(two_link):
     run = small_run(two_link)
     return pd.DataFrame(columns_of(Measurements(run.t, run.q, run.tau)))
 
 
-def the_same(a: Measurements, b: Measurements) -> None:
+def the_same(a, b):
     """The instants agree but for the resolution of seconds since 1970."""
     np.testing.assert_allclose(a.t - a.t[0], b.t - b.t[0], atol=1e-6)
     np.testing.assert_array_equal([a.q, a.tau], [b.q, b.tau])
@@ -204,7 +201,7 @@ def test_masked_states_are_refused(two_link):
 
 
 @pytest.mark.parametrize("shape", [(1, 1, -1), (1, -1, 1), (-1, 1, 1)])
-def test_the_only_joint_may_have_axes_of_length_one(shape: tuple[int, ...]):
+def test_the_only_joint_may_have_axes_of_length_one(shape):
     """As Simulink logs (n, 1, N), with n = 1."""
     t = np.linspace(0.0, 1.0, 5)
     joint = np.array([0.0, 1.0, 4.0, 9.0, 16.0])

@@ -8,10 +8,8 @@ the bytes.
 import bz2
 import json
 import struct
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -222,7 +220,7 @@ TOML = Path(__file__).with_name("two_joints.toml").read_text()
 BOUNDS = "parameter,lower,upper\nm1,0.1,20\nc1x,-0.5,0.5\nI2xx,0,1\n"
 
 
-def problem_folder(folder: Path, toml: str = TOML, bounds: str = BOUNDS) -> Path:
+def problem_folder(folder, toml=TOML, bounds=BOUNDS):
     folder.mkdir(exist_ok=True)
     (folder / "problem.toml").write_text(toml)
     (folder / "bounds.csv").write_text(bounds)
@@ -294,21 +292,21 @@ def test_a_bad_table_of_bounds_is_refused(case, tmp_path, monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def model(two_link: sdp.Problem, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def model(two_link, tmp_path_factory):
     path = tmp_path_factory.mktemp("model") / "model.json"
     sdp.identify(two_link, small_run(two_link)).save(path)
     return path
 
 
-def changed(model: Path, path: Path, change: Callable[[Any], None]) -> Path:
+def changed(model, path, change):
     data = json.loads(model.read_text())
     change(data)
     path.write_text(json.dumps(data))
     return path
 
 
-def setter(*keys: Any, value: Any) -> Callable[[Any], None]:
-    def change(data: Any) -> None:
+def setter(*keys, value):
+    def change(data):
         for key in keys[:-1]:
             data = data[key]
         data[keys[-1]] = value
@@ -324,7 +322,7 @@ def test_a_bad_model_is_refused(case, model, tmp_path, monkeypatch):
     assert same_refusal("model", case, refusal(lambda: sdp.load_estimate(path)))
 
 
-def places(data: Any, *keys: Any) -> Iterator[tuple[Any, ...]]:
+def places(data, *keys):
     """The keys to each part of a tree of dicts, and of the first two entries of lists."""
     data = dict(enumerate(data[:2])) if isinstance(data, list) else data
     for key in data if isinstance(data, dict) else ():
@@ -343,7 +341,7 @@ def test_a_part_of_a_model_of_another_kind_is_refused_or_does_not_matter(
     value, model, tmp_path
 ):
     path = tmp_path / "bad.json"
-    said = dict[str, str]()
+    said = {}
     for keys in places(json.loads(model.read_text())):
         try:
             sdp.load_estimate(changed(model, path, setter(*keys, value=value)))
@@ -405,7 +403,7 @@ def test_numbers_that_no_sensor_resolves_are_zeros(two_link, tmp_path):
     assert as_measurements(run) is run
 
 
-def ros1_chunk(compression: bytes, packed: bytes, claimed: int) -> bytes:
+def ros1_chunk(compression, packed, claimed):
     fields = [
         b"op=\x05",
         b"compression=" + compression,

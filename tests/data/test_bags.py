@@ -1,9 +1,6 @@
 """Joint states that come in parts: halves of an arm, a gripper, efforts of another
 topic, messages with empty fields; each joint's numbers go to that joint."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from recorded import refusal
@@ -16,7 +13,7 @@ T = np.arange(60) * 0.01
 _BEGIN, _SLOPE = np.random.default_rng(5).normal(size=(2, 3, 1, 3))
 
 
-def channels_at(t: Any) -> np.ndarray:
+def channels_at(t):
     """q, dq and tau (3, N, 3) at instants t (N,): straight lines, which interpolation
     follows."""
     return _BEGIN + _SLOPE * np.asarray(t)[:, None]
@@ -28,15 +25,13 @@ STATES = "/joint_states"
 TORQUES = "/joint_torques"
 
 
-def read_bag(path: Path, messages: Any, **how: Any) -> Any:
+def read_bag(path, messages, **how):
     """What is read of a bag with these messages, in the order of their stamps."""
     write_joint_states(path / "bag", sorted(messages, key=lambda m: m[1]))
     return read_run(path / "bag", None, how.pop("names", JOINTS), **how)
 
 
-def part(
-    names: str, late: float = 0.0, topic: str = STATES, effort: bool = True
-) -> Any:
+def part(names, late=0.0, topic=STATES, effort=True):
     """The messages of some joints, ``late`` seconds after the others."""
     at = [JOINTS.index(name[-1]) for name in names.split()]
     q, dq, tau = channels_at(T + late)[:, :, at]
@@ -44,7 +39,7 @@ def part(
         yield topic, t, names.split(), q[k], dq[k], tau[k] if effort else []
 
 
-def efforts(late: float = 0.001) -> Any:
+def efforts(late=0.001):
     for t, tau in zip(T + late, channels_at(T + late)[2], strict=True):
         yield TORQUES, t, JOINTS, [], [], tau
 

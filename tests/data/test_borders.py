@@ -22,7 +22,7 @@ def model(two_link):
     return json.loads(json.dumps(sdp.identify(two_link, small_run(two_link)).to_dict()))
 
 
-def refusal(content: object, folder) -> str:
+def refusal(content, folder):
     path = folder / "model.json"
     text = content if isinstance(content, str) else json.dumps(content)
     path.write_text(text)
@@ -160,7 +160,7 @@ def findings(two_link):
     )
 
 
-def load_findings(content: object, folder):
+def load_findings(content, folder):
     from sdp_vs_penalty.diagnosis import load_diagnosis
 
     (folder / "findings.json").write_text(json.dumps(content))

@@ -4,7 +4,6 @@ import hashlib
 import http.server
 import threading
 import warnings
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,9 +19,7 @@ from sdp_vs_penalty.errors import Remark
 
 
 @pytest.fixture(scope="module")
-def address(
-    data_folder: Path, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[str]:
+def address(data_folder, tmp_path_factory):
     """A local server with GitHub's layout of raw files over the shared measurements."""
     root = tmp_path_factory.mktemp("github")
     for d in DATASETS.values():
@@ -38,12 +35,12 @@ def address(
 
 
 @pytest.fixture(autouse=True)
-def _nothing_at_hand(monkeypatch: pytest.MonkeyPatch) -> None:
+def _nothing_at_hand(monkeypatch):
     monkeypatch.delenv(datasets.DATA_VARIABLE, raising=False)
 
 
 @pytest.fixture(scope="module")
-def fetched(address: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def fetched(address, tmp_path_factory):
     """Every data set's folder of runs."""
     root = tmp_path_factory.mktemp("cache")
     out = {}

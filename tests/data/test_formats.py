@@ -6,7 +6,6 @@ import re
 import shlex
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -32,20 +31,14 @@ from sdp_vs_penalty.exporters.sdp import write_posed
 SUFFIXES = suffixes("write")
 
 
-def some_run(
-    n: int = 3,
-    samples: int = 50,
-    velocity: bool = True,
-    name: str = "run",
-    seed: int = 0,
-) -> Measurements:
+def some_run(n=3, samples=50, velocity=True, name="run", seed=0):
     rng = np.random.default_rng([n, seed])
     t = 1000.0 + np.cumsum(rng.uniform(0.5, 1.5, samples)) * 1e-3
     q, dq, tau = rng.normal(size=(3, samples, n)) * 10.0 ** rng.uniform(-8, 8, n)
     return Measurements(t, q, tau, dq if velocity else None, None, (name,))
 
 
-def same(a: Measurements, b: Measurements) -> None:
+def same(a, b):
     assert a.data_hash == b.data_hash
     assert a.groups.keys() == b.groups.keys()
     for name, block in {"t": a.t, **a.groups}.items():
@@ -197,7 +190,7 @@ def test_verbs_take_the_joints_of_a_bag_by_the_names_of_the_model(two_link, tmp_
 
 def test_bags_that_cannot_be_used(tmp_path):
     run = some_run(3)
-    cases: dict[str, tuple[dict[str, Any], str]] = {
+    cases = {
         "two": (  # by the verb that has the option
             {"topics": ["/left/joint_states", "/right/joint_states"]},
             "two --topic /left/joint_states --out run.csv`",

@@ -24,7 +24,7 @@ RUN = sample_run()
 COARSE = {"lerobot.parquet": 2e-6, "lerobot_current.parquet": 2e-6}
 
 
-def read_sample(name: str) -> tuple[object, str]:
+def read_sample(name):
     """A sample's run, and the remarks about it."""
     with pytest.warns(Remark) as heard:
         run = read_run(sample_file(name), 2, JOINTS)
@@ -105,7 +105,7 @@ def test_joints_that_are_called_otherwise_keep_the_order_of_the_file():
     np.testing.assert_allclose(run.q, RUN.q[:, ::-1])
 
 
-def table(path: Path, head: str, rows: np.ndarray, mark: str = ",") -> Path:
+def table(path, head, rows, mark=","):
     lines = [mark.join(f"{x:.10g}" for x in row) for row in rows]
     path.write_text("\n".join([head, *lines]) + "\n")
     return path

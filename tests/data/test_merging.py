@@ -1,18 +1,17 @@
 """Channels with stamps of their own cost no accuracy."""
 
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
 from small_runs import small_run
 
-from sdp_vs_penalty import Measurements, Problem, compare, identify
+from sdp_vs_penalty import Measurements, compare, identify
 from sdp_vs_penalty.data import read_run
 from sdp_vs_penalty.data.stretches.merging import Interpolation
 
 
-def sparse_table(path: Path, q: Measurements, tau: Measurements) -> Measurements:
+def sparse_table(path, q, tau):
     """Positions and torques in rows of their own, as read."""
     lines = [
         (t, f"{t:.6f},{a:.9f},{b:.9f},,") for t, (a, b) in zip(q.t, q.q, strict=True)
@@ -28,9 +27,7 @@ def sparse_table(path: Path, q: Measurements, tau: Measurements) -> Measurements
 
 
 @pytest.mark.parametrize("late", [1, 2, 4])
-def test_torques_between_the_positions_cost_no_accuracy(
-    two_link: Problem, tmp_path: Path, late: int
-):
+def test_torques_between_the_positions_cost_no_accuracy(two_link, tmp_path, late):
     """The torque is sampled 1, 2 or 4 ms after the positions, which come every 5 ms."""
     fine = small_run(two_link, seconds=8.0, rate=1000.0)
     together = fine.rows(slice(0, None, 5))
@@ -44,7 +41,7 @@ def test_torques_between_the_positions_cost_no_accuracy(
     assert errors[1] == pytest.approx(errors[0], rel=0.05)
 
 
-def test_the_nearest_sample_would_cost_accuracy(two_link: Problem):
+def test_the_nearest_sample_would_cost_accuracy(two_link):
     """The test above can fail: positions 2 ms old make a larger error."""
     fine = small_run(two_link, seconds=8.0, rate=1000.0)
     together = fine.rows(slice(0, None, 5))
@@ -83,7 +80,7 @@ def test_between_rounded_stamps_the_nearest_sample_is_taken():
     assert found.values(np.arange(10.0))[0] in (2.0, 3.0)
 
 
-def test_rows_of_one_table_belong_together_whatever_their_stamps(tmp_path: Path):
+def test_rows_of_one_table_belong_together_whatever_their_stamps(tmp_path):
     """The clock is rounded to 0.1 s, and one torque is lost."""
     q = np.arange(40.0)
     rows = [

@@ -9,7 +9,6 @@ import tempfile
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -83,7 +82,7 @@ class Table:
 
 
 @st.composite
-def tables(draw: Any) -> Table:
+def tables(draw):
     """A text table in any order of its columns."""
     joints = draw(st.integers(1, 4))
     first = draw(st.integers(0, 1))
@@ -92,7 +91,7 @@ def tables(draw: Any) -> Table:
     endings = {g: draw(st.sampled_from(list(units))) for g, units in ENDINGS.items()}
     # One column of one group may be missing.
     lost = draw(st.sampled_from(["q", "dq", "tau", ""])), draw(st.integers(0, 3))
-    columns = list[tuple[str, str, int]]()
+    columns = []
     for group in draw(st.sampled_from([("q", "tau"), ("q", "dq", "tau"), ("q",)])):
         pattern = NAMED[group][style]
         if not is_named:
@@ -121,13 +120,13 @@ def tables(draw: Any) -> Table:
     return Table("\n".join(rows) + "\n", joints, factors, is_named)
 
 
-def value_of(group: str, joint: int, row: int) -> float:
+def value_of(group, joint, row):
     """A number that says whose it is: joint k of q lies in k + 1 to k + 1.1."""
     base = {"t": 0.0, "q": 0.0, "dq": 20.0, "tau": 40.0}[group]
     return base + joint + 1 + 0.01 * row
 
 
-def require_right_or_refused(table: Table) -> None:
+def require_right_or_refused(table):
     """What is read is each joint's own, in SI units; else one sentence."""
     path = FOLDER / "table.csv"
     path.write_text(table.text)
@@ -158,19 +157,19 @@ ANY = settings(
 
 @settings(ANY, max_examples=40)
 @given(tables())
-def test_a_table_is_read_right_or_refused(table: Table) -> None:
+def test_a_table_is_read_right_or_refused(table):
     require_right_or_refused(table)
 
 
 @pytest.mark.long
 @settings(ANY, max_examples=500)
 @given(tables())
-def test_hundreds_of_tables_are_read_right_or_refused(table: Table) -> None:
+def test_hundreds_of_tables_are_read_right_or_refused(table):
     require_right_or_refused(table)
 
 
 @pytest.mark.slow
 @settings(ANY, max_examples=2000)
 @given(tables())
-def test_two_thousand_tables_are_read_right_or_refused(table: Table) -> None:
+def test_two_thousand_tables_are_read_right_or_refused(table):
     require_right_or_refused(table)

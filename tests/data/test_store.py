@@ -16,7 +16,7 @@ from sdp_vs_penalty.data import load_measurements, save, store
 from sdp_vs_penalty.signals import interpolated
 
 
-def mapped(array: np.ndarray | None) -> bool:
+def mapped(array):
     base = array
     while isinstance(base, np.ndarray):
         base = base.base
@@ -68,30 +68,30 @@ def test_no_room_for_a_temporary_file(monkeypatch):
     )
 
 
-def resident_file_bytes() -> int:
+def resident_file_bytes():
     """Bytes of this process's memory that are pages of files."""
     lines = Path("/proc/self/status").read_text().splitlines()
     return 1024 * next(int(x.split()[1]) for x in lines if x.startswith("RssFile"))
 
 
-def large_mapped_array(n_bytes: int = 1 << 25) -> np.ndarray:
+def large_mapped_array(n_bytes=1 << 25):
     numbers = np.arange(n_bytes // 8, dtype=float).reshape(-1, 4)
     array = store.concatenate_chunks([numbers])
     assert mapped(array)
     return array
 
 
-def iterate(array: np.ndarray) -> None:
+def iterate(array):
     assert sum(chunk.sum() for _, chunk in store.iter_chunks(array)) > 0.0
 
 
-def extremes(array: np.ndarray) -> None:
+def extremes(array):
     smallest, largest = store.column_range(array)
     np.testing.assert_array_equal(smallest, array[0])
     np.testing.assert_array_equal(largest, array[-1])
 
 
-def interpolate(array: np.ndarray) -> None:
+def interpolate(array):
     t = np.arange(len(array)) / 1e3
     np.testing.assert_array_equal(interpolated(t, t, array)[-1], array[-1])
 

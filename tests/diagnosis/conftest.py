@@ -3,10 +3,8 @@
 import pytest
 from point_mass_arm import arm_problem
 
-from sdp_vs_penalty import Problem
-
 
 @pytest.fixture(scope="session")
-def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+def problem(tmp_path_factory):
     """The arm as its users describe it (point_mass_arm)."""
     return arm_problem(tmp_path_factory.mktemp("arm"))

@@ -3,7 +3,6 @@ called."""
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 
-def reloaded(estimate: sdp.Estimate, folder: Path) -> sdp.Estimate:
+def reloaded(estimate, folder):
     estimate.save(folder / "model.json")
     return sdp.load_estimate(folder / "model.json")
 
@@ -147,18 +146,18 @@ WIDTHS = (0.003, 0.0001, 0.01, 0.08)
 
 
 @pytest.fixture(scope="module")
-def run(scara_arm: sdp.Problem) -> sdp.Measurements:
+def run(scara_arm):
     """A motion that repeats."""
     return run_of_widths(scara_arm, WIDTHS, 24.0)
 
 
 @pytest.fixture(scope="module")
-def estimate(run: sdp.Measurements, scara_arm: sdp.Problem) -> sdp.Estimate:
+def estimate(run, scara_arm):
     return sdp.identify(scara_arm, run, "ols", effects=EFFECTS, check=False)
 
 
 @pytest.fixture(scope="module")
-def found(estimate: sdp.Estimate, run: sdp.Measurements) -> Diagnosis:
+def found(estimate, run):
     return sdp.diagnose(estimate, run, run)
 
 

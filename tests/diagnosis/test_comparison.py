@@ -12,8 +12,6 @@ from random_robots import repeating_run as run_of
 from recorded import refusal
 
 from sdp_vs_penalty import (
-    Estimate,
-    Problem,
     identify,
     load_estimate,
     load_measurements,
@@ -27,7 +25,7 @@ from sdp_vs_penalty.signals import FilteredRun, FilteredRuns, Preprocessing
 
 
 @pytest.fixture(scope="module")
-def estimate(two_link: Problem) -> Estimate:
+def estimate(two_link):
     return identify(two_link, run_of(two_link, 0), check=False)
 
 

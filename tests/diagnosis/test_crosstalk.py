@@ -1,31 +1,27 @@
 """A torque channel that holds a share of another joint's torque, on a planar arm in
 closed form."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from planar_arm import URDF, friction, links_torque, noise, swings
 
 from sdp_vs_penalty import Measurements, add, compare, diagnose, identify
-from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.effects.channel import TorqueCrosstalk
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import Estimate
 
 #: Share of each joint's torque (columns) in each channel (rows).
 BELT = np.array([[1.0, 0.0], [0.08, 1.0]])
 WRONG_GAIN = np.diag([1.0, 1.12])
 
 
-def logged(channels: np.ndarray, seed: int) -> Measurements:
+def logged(channels, seed):
     """A log of torque channels that mix the joints' torques."""
     t, q, dq, ddq = swings(seed)
     torque = links_torque(q, dq, ddq) + friction(dq)
     return Measurements(t, q, torque @ channels.T + noise(seed, q.shape))
 
 
-def diagnosed(folder: Path, channels: np.ndarray) -> tuple[Estimate, Diagnosis]:
+def diagnosed(folder, channels):
     arm = folder / "planar.urdf"
     arm.write_text(URDF)
     train, test = logged(channels, seed=1), logged(channels, seed=2)

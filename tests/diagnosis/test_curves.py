@@ -3,10 +3,8 @@ its table."""
 
 import json
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -35,8 +33,7 @@ from sdp_vs_penalty.effects import (
     make_effect,
     parse_effects,
 )
-from sdp_vs_penalty.robot import Array
-from sdp_vs_penalty.simulation import TrueMotion, at_joint
+from sdp_vs_penalty.simulation import at_joint
 
 JOINT = 1
 SIZE = 0.4
@@ -50,7 +47,7 @@ class Made:
     found: Diagnosis
 
 
-def diagnosed(law: Callable[[TrueMotion], Array], duration: float = 12.0) -> Made:
+def diagnosed(law, duration=12.0):
     """A two-axis SCARA whose second joint has a torque that no effect of the library
     is."""
     rng = np.random.default_rng(7)
@@ -66,7 +63,7 @@ def diagnosed(law: Callable[[TrueMotion], Array], duration: float = 12.0) -> Mad
 
 
 @pytest.fixture(scope="module")
-def made() -> Made:
+def made():
     return diagnosed(lambda m: m.q[:, JOINT] * m.dq[:, JOINT])
 
 
@@ -112,14 +109,12 @@ def test_the_curve_has_the_variables_the_law_and_the_size_of_the_truth(made):
 def test_a_curve_stands_instead_of_terms_that_are_worth_less(
     worth, size, beside, least
 ):
-    terms: Any = [
-        SimpleNamespace(form=SimpleNamespace(n_coefficients=1, n_constants=2))
-    ]
+    terms = [SimpleNamespace(form=SimpleNamespace(n_coefficients=1, n_constants=2))]
     law = size and SimpleNamespace(size=size)
     named = max(worth, 0.0) + (beside or 0.0)
     for more in (0.1, -0.1):
-        alone: Any = (named + least + more, None, law)
-        other: Any = None if beside is None else (beside, None, None)
+        alone = (named + least + more, None, law)
+        other = None if beside is None else (beside, None, None)
         assert is_curve_preferred(worth, terms, alone, other) is (more > 0.0)
 
 

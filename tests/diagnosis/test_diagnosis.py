@@ -10,9 +10,7 @@ import pytest
 from small_runs import small_run
 
 from sdp_vs_penalty import (
-    Estimate,
     InputError,
-    Problem,
     add,
     compare,
     diagnose,
@@ -32,35 +30,34 @@ from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.diagnose import diagnose as search
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.effects import Motion
-from sdp_vs_penalty.simulation import HiddenRuns
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 
-def identified(made: HiddenRuns, data: Measurements) -> Estimate:
+def identified(made, data):
     return identify(
         made.problem, data, "ols", effects=made.truth["model_effects"], check=False
     )
 
 
-def diagnosed(made: HiddenRuns, runs: int = 3, **options: object) -> Diagnosis:
+def diagnosed(made, runs=3, **options):
     data = concatenate(made.runs[:runs])
     return diagnose(identified(made, data), data, made.runs[3], **options)
 
 
-def thinned(made: HiddenRuns, step: int = 10) -> HiddenRuns:
+def thinned(made, step=10):
     """Every so many of a thousand samples a second: cheaper to diagnose."""
     runs = tuple(run.rows(slice(None, None, step)) for run in made.runs)
     return replace(made, runs=runs)
 
 
 @pytest.fixture(scope="module")
-def stribeck(panda: Problem) -> HiddenRuns:
+def stribeck(panda):
     made = hidden_runs(panda, [("stribeck_friction", [2])], "medium", seed=11)
     return thinned(made, step=4)
 
 
 @pytest.fixture(scope="module")
-def found(stribeck: HiddenRuns) -> Diagnosis:
+def found(stribeck):
     return diagnosed(stribeck, runs=1)
 
 
@@ -138,7 +135,7 @@ def test_what_has_changed_of_a_held_model_is_judged_and_not_added_twice(panda):
 
 
 @pytest.fixture(scope="module")
-def slope(two_link: Problem) -> HiddenRuns:
+def slope(two_link):
     effects = [("asymmetric_viscous_friction", [1])]
     return thinned(hidden_runs(two_link, effects, "medium", seed=21), step=4)
 
@@ -264,14 +261,14 @@ def test_a_gain_is_added_beside_its_own_reference(two_link):
 
 
 @pytest.fixture(scope="module")
-def late(two_link: Problem) -> HiddenRuns:
+def late(two_link):
     """Bristles on both joints, behind a delay of all that is logged."""
     bristles = [("presliding_hysteresis", [j]) for j in (0, 1)]
     effects = [*bristles, ("global_delay", [])]
     return thinned(hidden_runs(two_link, effects, "medium", seed=1), step=2)
 
 
-def assert_bristles_are_found(made: HiddenRuns, result: Diagnosis) -> None:
+def assert_bristles_are_found(made, result):
     """Each with its travel and its size."""
     bristles = [f for f in result.effects if f.effect == "presliding_hysteresis"]
     found = {f.joints[0]: f for f in bristles}
@@ -405,7 +402,7 @@ def test_a_finding_that_one_recording_of_the_test_run_lacks_is_not_confident(two
 
 
 @pytest.fixture(scope="module")
-def plain_run() -> Measurements:
+def plain_run():
     """A run of the two-link arm in which the model lacks nothing, at 250 Hz."""
     return simulate("two_link", seed=3).test.rows(slice(None, None, 4))
 

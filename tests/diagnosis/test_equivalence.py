@@ -3,15 +3,14 @@
 The logs are of an arm that shares no code with the library (point_mass_arm).
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from point_mass_arm import MASSES, PointMassArm, causal_filter, delayed
 
-from sdp_vs_penalty import Problem, diagnose, identify
-from sdp_vs_penalty.diagnosis import Diagnosis, Finding
+from sdp_vs_penalty import diagnose, identify
+from sdp_vs_penalty.diagnosis import Finding
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
@@ -22,28 +21,28 @@ from sdp_vs_penalty.robot.inertia import link_sizes
 EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
 
 
-def diagnosed(problem: Problem, arm: PointMassArm) -> Diagnosis:
+def diagnosed(problem, arm):
     train = arm.run(1)
     model = identify(problem, train, "ols", effects=EFFECTS, check=False)
     return diagnose(model, train, arm.run(51, periods=2), check=False)
 
 
-def set_of(finding: Finding) -> set[str]:
+def set_of(finding):
     """The names of a finding and of what is not told from it."""
     return {finding.effect, *(r.split(":")[0] for r in finding.indistinguishable_from)}
 
 
-def confident(found: Diagnosis) -> set[str]:
+def confident(found):
     return {f.text for f in found.effects if f.confidence == "confident"}
 
 
-def belt(q: np.ndarray) -> np.ndarray:
+def belt(q):
     """A belt between joints 1 and 2, whose pulleys have a ratio of 0.8."""
     pull = 4.0 * (q[:, 1] - 0.8 * q[:, 0])
     return np.column_stack([-0.8 * pull, pull, 0.0 * pull])
 
 
-def pulled(torque: Callable[[np.ndarray], np.ndarray]) -> PointMassArm:
+def pulled(torque):
     """The arm with a torque (N, 3) of its positions (N, 3)."""
     return PointMassArm(extra=lambda t, q, dq: torque(q))
 
@@ -94,7 +93,7 @@ def test_what_is_not_told_apart_is_not_confident(problem, case):
 
 @pytest.mark.long
 def test_a_payload_elsewhere_is_no_confident_gain(problem):
-    def loaded(x: float) -> PointMassArm:
+    def loaded(x):
         return PointMassArm(masses=(*MASSES, (2, (x, 0.0, 0.0), 1.0)))
 
     model = identify(problem, loaded(0.25).run(1), "ols", effects=EFFECTS, check=False)

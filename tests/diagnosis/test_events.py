@@ -1,7 +1,6 @@
 """What happens once is an event; what comes back with the motion is none."""
 
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ M = 1200
 HALF = M // 2
 
 
-def data_of(source: str) -> Any:
+def data_of(source):
     """Two periods of a motion at 40 Hz: they repeat, or nobody knows."""
     first = np.arange(HALF)
     second = first + HALF
@@ -47,7 +46,7 @@ def data_of(source: str) -> Any:
     return SimpleNamespace(rows=rows, noise=noise, rates=np.zeros((1, M, 2)))
 
 
-def residual(at: list[int], push: float = 15.0) -> np.ndarray:
+def residual(at, push=15.0):
     """White noise with pushes of half a second."""
     out = np.random.default_rng(0).normal(size=(M, 1))
     for row in at:
@@ -55,7 +54,7 @@ def residual(at: list[int], push: float = 15.0) -> np.ndarray:
     return out
 
 
-def fast_corners(white: np.ndarray) -> Any:
+def fast_corners(white):
     """Data in which the torque changes fast at six instants, with a larger residual."""
     data = data_of(SPECTRUM)
     corners = np.arange(100, 1150, 200)
@@ -123,7 +122,7 @@ def test_a_hum_has_its_amplitude_in_each_run_whose_clocks_overlap(monkeypatch):
         t=np.concatenate([t, t]),
         segment=np.repeat([0, 1], len(t)),
     )
-    data: Any = SimpleNamespace(rows=rows)
+    data = SimpleNamespace(rows=rows)
     hums = find_hums(data, np.concatenate([hum, -hum])[:, None])
     amplitudes = [event.amplitude for event in hums]
     np.testing.assert_allclose(amplitudes, 0.3, rtol=0.02)
@@ -131,7 +130,7 @@ def test_a_hum_has_its_amplitude_in_each_run_whose_clocks_overlap(monkeypatch):
 
 def test_the_list_gives_a_hum_its_amplitude():
     hum = Event(3, 0.0, 10.0, what="hum", frequency=23.7, amplitude=0.28)
-    diagnosis: Any = SimpleNamespace(
+    diagnosis = SimpleNamespace(
         events_without_cause=(hum,), passing=(), torque_unit=lambda joint: "N m"
     )
     (line,) = event_lines(diagnosis)

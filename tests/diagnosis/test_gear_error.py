@@ -4,19 +4,14 @@ They share no code with the library: a motor carries its link's torque times the
 of the link's to its own velocity.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from planar_arm import URDF, friction, links_torque, noise, swings
 
 from sdp_vs_penalty import Measurements, diagnose, identify
-from sdp_vs_penalty.diagnosis import Diagnosis
 
 
-def logged(
-    error: float, k: int, joint: int, seed: int, ripple: float = 0.0
-) -> Measurements:
+def logged(error, k, joint, seed, ripple=0.0):
     """A log of the motors' side at 500 Hz: the link of one joint is ahead of its motor
     by ``error`` cos(k q) [rad], or its motor has a ripple of so many N m."""
     t, q, dq, ddq = swings(seed)
@@ -33,7 +28,7 @@ def logged(
     return Measurements(t, q, torque + noise(seed, q.shape))
 
 
-def diagnosed(folder: Path, **world: float) -> Diagnosis:
+def diagnosed(folder, **world):
     arm = folder / "planar.urdf"
     arm.write_text(URDF)
     train, test = logged(seed=1, **world), logged(seed=2, **world)

@@ -4,23 +4,14 @@ torque above its band.
 The logs are of an arm that shares no code with the library (point_mass_arm).
 """
 
-from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from point_mass_arm import MASSES, PointMassArm
 
-from sdp_vs_penalty import Measurements, Problem, identify
-from sdp_vs_penalty.diagnosis import (
-    Event,
-    Library,
-    Notice,
-    Search,
-    find_hums_above,
-    find_notices,
-)
+from sdp_vs_penalty import Measurements, identify
+from sdp_vs_penalty.diagnosis import Library, Search, find_hums_above, find_notices
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
 from sdp_vs_penalty.diagnosis.notices import ScaledRows, fit_with_priors
 
@@ -28,7 +19,7 @@ EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"
 Array = np.ndarray
 
 
-def notices(problem: Problem, arm: PointMassArm) -> tuple[Notice, ...]:
+def notices(problem, arm):
     """What a model without findings has taken in."""
     run = arm.run(1)
     model = identify(problem, run, "ols", effects=EFFECTS, check=False)
@@ -38,7 +29,7 @@ def notices(problem: Problem, arm: PointMassArm) -> tuple[Notice, ...]:
     return find_notices(search, model)
 
 
-def loaded(mass: float) -> PointMassArm:
+def loaded(mass):
     return PointMassArm(masses=(*MASSES, (2, (0.3, 0.05, 0.0), mass)))
 
 
@@ -59,7 +50,7 @@ def test_links_within_a_fifth_of_their_file_are_no_load(problem):
     assert not notices(problem, loaded(0.5))
 
 
-def rows_of(*columns: Array, y: Array) -> ScaledRows:
+def rows_of(*columns, y):
     """Rows (100,) of one joint with two columns."""
     data = SimpleNamespace(
         X=np.stack(columns, axis=1)[None],
@@ -68,7 +59,7 @@ def rows_of(*columns: Array, y: Array) -> ScaledRows:
         clusters=[np.arange(100) // 10],
     )
     score = SimpleNamespace(fit=lambda *_: SimpleNamespace(level=np.ones(1)))
-    search: Any = SimpleNamespace(data=data, score=score, terms=[], fit=None)
+    search = SimpleNamespace(data=data, score=score, terms=[], fit=None)
     return ScaledRows.of_search(search)
 
 
@@ -90,7 +81,7 @@ def test_a_parameter_that_is_not_seen_is_not_known():
     assert np.all(fit.std > 100.0 * np.abs(fit.theta))
 
 
-def with_offset(torque: float) -> PointMassArm:
+def with_offset(torque):
     """Joint 2 has Coulomb friction of 1.2 N m, and a constant torque."""
     return PointMassArm(extra=lambda t, q, dq: 0.0 * q + [0.0, torque, 0.0])
 
@@ -109,7 +100,7 @@ t = np.arange(4000) / 200.0
 angle = 2.0 * np.sin(2.0 * np.pi * 0.3 * t)
 
 
-def logged(torque: Array) -> list[Event]:
+def logged(torque):
     """The hums above 10 Hz of a joint whose torque has noise of 0.1 N m."""
     noise = 0.1 * np.random.default_rng(0).normal(size=len(t))
     slow = 5.0 * np.cos(angle) + np.tanh(np.gradient(angle, t) / 0.05)
@@ -135,5 +126,5 @@ def test_a_hum_has_its_frequency_and_amplitude():
         pytest.param(lambda: 0.02 * np.sin(200.0 * t), id="a twentieth of the noise"),
     ],
 )
-def test_what_keeps_no_phase_or_is_small_is_no_hum(torque: Callable[[], Array]):
+def test_what_keeps_no_phase_or_is_small_is_no_hum(torque):
     assert not logged(torque())

@@ -5,7 +5,6 @@ The logs are of an arm that shares no code with the library (point_mass_arm). It
 repeats every 10 s.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
 
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 from point_mass_arm import MASSES, Kinematics, PointMassArm
 
-from sdp_vs_penalty import Measurements, Problem, add, compare, diagnose, identify
+from sdp_vs_penalty import Measurements, add, compare, diagnose, identify
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis import Candidate, Diagnosis, Event
 from sdp_vs_penalty.diagnosis.findings import event_lines
@@ -36,12 +35,12 @@ FORCE = np.array([6.0, -8.0, 5.0])
 CELL = 0.6
 
 
-def diagnosed(problem: Problem, run: Measurements) -> Diagnosis:
+def diagnosed(problem, run):
     model = identify(problem, run, check=False)
     return diagnose(model, run, check=False)
 
 
-def loaded(mass: float, *spans: tuple[float, float]) -> Measurements:
+def loaded(mass, *spans):
     """A log in which a mass is carried at POINT in some spans [s]."""
     bare = PointMassArm().run(1)
     heavy = PointMassArm(masses=(*MASSES, (2, POINT, mass))).run(1)
@@ -49,19 +48,17 @@ def loaded(mass: float, *spans: tuple[float, float]) -> Measurements:
     return replace(bare, tau=np.where(carried[:, None], heavy.tau, bare.tau))
 
 
-def pushed(
-    push: Callable[[Array, Array], Array], begin: float, end: float
-) -> Measurements:
+def pushed(push, begin, end):
     """A log with a torque of positions and velocities between two instants [s]."""
 
-    def extra(t: Array, q: Array, dq: Array) -> Array:
+    def extra(t, q, dq):
         acts = (t >= begin) & (t < end)
         return push(q, dq) * acts[:, None]
 
     return PointMassArm(extra=extra).run(2)
 
 
-def contact(q: Array, dq: Array) -> Array:
+def contact(q, dq):
     """The torque (N, 3) that holds the arm against FORCE at POINT of link 3."""
     now = Kinematics.of(q)
     columns = [
@@ -71,7 +68,7 @@ def contact(q: Array, dq: Array) -> Array:
     return np.column_stack(columns)
 
 
-def assert_spans(cause: PassingCause, *spans: tuple[float, float]) -> None:
+def assert_spans(cause, *spans):
     """Spans within half a cell of the truth."""
     found = [(s.t_start, s.t_end) for s in cause.spans]
     np.testing.assert_allclose(found, spans, atol=CELL / 2)
@@ -202,14 +199,14 @@ def test_what_one_joint_has_for_a_time_is_on_it(problem, kind, size, words, push
 @pytest.mark.long
 @pytest.mark.parametrize("period", [20.0, pytest.param(35.0, marks=pytest.mark.slow)])
 def test_a_torque_that_wanders_with_time_does_not_act_for_a_part_of_it(problem, period):
-    def wander(t: Array, q: Array, dq: Array) -> Array:
+    def wander(t, q, dq):
         return [0.0, 1.5, 0.0] * np.sin(2 * np.pi * t[:, None] / period + 1.0)
 
     result = diagnosed(problem, PointMassArm(extra=wander).run(2))
     assert not result.passing
 
 
-def cause(*spans: Span, **changes: object) -> PassingCause:
+def cause(*spans, **changes):
     """A force on link 3."""
     force = PassingCause(
         kind="force",
@@ -223,7 +220,7 @@ def cause(*spans: Span, **changes: object) -> PassingCause:
         share=0.94,
         evidence=100.0,
     )
-    return replace(force, **changes)  # type: ignore[arg-type]
+    return replace(force, **changes)
 
 
 def test_a_cause_is_a_sentence():
@@ -265,12 +262,12 @@ def test_spans_are_found_where_a_column_acts():
 
 @pytest.mark.parametrize(("n_flags", "n_groups"), [(2, 1), (3, 1), (4, 2), (5, 3)])
 def test_the_chance_of_groups_is_that_of_all_arrangements(n_flags, n_groups):
-    def flagged(chosen: tuple[int, ...]) -> Array:
+    def flagged(chosen):
         flags = np.zeros(9, bool)
         flags[list(chosen)] = True
         return flags
 
-    def groups(flags: Array) -> int:
+    def groups(flags):
         return int(flags[0]) + int(np.sum(flags[1:] & ~flags[:-1]))
 
     all_ways = [flagged(chosen) for chosen in combinations(range(9), n_flags)]

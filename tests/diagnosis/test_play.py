@@ -5,7 +5,6 @@ a stiff, damped contact on either side of the play.
 """
 
 from math import sin, tanh
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ URDF = f"""<robot name="pendulum"><link name="base"/>
 </robot>"""
 
 
-def swung(play: float, seed: int, seconds: float = 24.0) -> Measurements:
+def swung(play, seed, seconds=24.0):
     """A log of the motor's side, at 250 Hz: a servo follows five sines [rad] with a
     motor before a gear with this play [rad] to either side; Coulomb friction is the
     motor's."""
@@ -67,9 +66,7 @@ def swung(play: float, seed: int, seconds: float = 24.0) -> Measurements:
 
 @pytest.mark.long
 @pytest.mark.parametrize("play", [0.0, 0.005, 0.012])
-def test_a_link_that_flies_through_its_play_is_named_with_its_size(
-    play, tmp_path: Path
-):
+def test_a_link_that_flies_through_its_play_is_named_with_its_size(play, tmp_path):
     arm = tmp_path / "pendulum.urdf"
     arm.write_text(URDF)
     train, test = swung(play, 1), swung(play, 2)

@@ -2,7 +2,6 @@
 that is not told from zero is never sure."""
 
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -28,9 +27,9 @@ from sdp_vs_penalty.render.words import describe_diagnosis, errors_that_rise
 from sdp_vs_penalty.signals import REPETITION
 
 
-def finding(effect: str, joint: int, *rivals: str, **changes: Any) -> Finding:
+def finding(effect, joint, *rivals, **changes):
     """A finding on one joint (from 1); a near-tie where it has rivals."""
-    known: dict[str, Any] = {
+    known = {
         "effect": effect,
         "joints": (joint,),
         "shape": {},
@@ -50,7 +49,7 @@ def finding(effect: str, joint: int, *rivals: str, **changes: Any) -> Finding:
     return Finding(**known | changes)
 
 
-def diagnosis(*findings: Finding) -> Diagnosis:
+def diagnosis(*findings):
     """Of a run whose noise is known."""
     return Diagnosis(
         verdict="effect_missing",
@@ -200,7 +199,7 @@ def test_adding_what_is_sure_takes_effects_whose_law_is_open():
     assert len(found.selected(confident=True).effects) == 1
 
 
-def model_with(*parts: tuple[Any, float, float]) -> Any:
+def model_with(*parts):
     """A model of effects with one parameter each: its value and standard deviation."""
     values = np.array([value for _, value, _ in parts])
     deviations = np.array([std for _, _, std in parts])
@@ -214,7 +213,7 @@ def model_with(*parts: tuple[Any, float, float]) -> Any:
 
 
 @pytest.fixture
-def spring(two_link) -> Any:
+def spring(two_link):
     return effect_types()["joint_spring"](two_link.robot, [0])
 
 
@@ -298,7 +297,7 @@ def test_a_law_that_a_model_lacks_has_no_size_in_it(two_link):
     assert effect_of(missing, model_with(part)) is None
 
 
-def _as_one_parameter(effect: Any) -> dict[str, Any]:
+def _as_one_parameter(effect):
     """What identifies an effect in a model."""
     names = ("name", "joints", "shape", "law_constants", "whole_robot")
     return {name: getattr(effect, name) for name in names}

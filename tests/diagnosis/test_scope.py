@@ -23,12 +23,12 @@ HELD = 3.0
 
 
 @pytest.fixture(scope="module")
-def model(two_link: sdp.Problem) -> sdp.Estimate:
+def model(two_link):
     return sdp.identify(two_link, small_run(two_link), "ols", check=False)
 
 
 @pytest.fixture(scope="module")
-def held(two_link: sdp.Problem) -> sdp.Measurements:
+def held(two_link):
     """A run behind which the arm stands still, its torque far from the model's."""
     run = small_run(two_link)
     step = float(np.median(np.diff(run.t)))
@@ -55,7 +55,7 @@ def test_a_comparison_says_how_long_the_arm_stood_still(model, held):
 
 
 def test_commands_report_and_files_say_the_same(
-    model, held, tmp_path: Path, capsys, monkeypatch
+    model, held, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
     model.save("model.json")

@@ -2,14 +2,13 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 import scipy
 from small_runs import small_run
 
-from sdp_vs_penalty import Problem, identify
+from sdp_vs_penalty import identify
 from sdp_vs_penalty.diagnosis import (
     COARSENING_ROWS,
     EVIDENCE_TO_DISTINGUISH,
@@ -19,12 +18,8 @@ from sdp_vs_penalty.diagnosis import (
     ColumnProducts,
     CurveColumns,
     EvidenceScorer,
-    Library,
     Nuisance,
-    ScoredEffect,
     Search,
-    WhiteData,
-    WhiteFit,
     diagnosis_rows,
     list_candidates,
     sizes_with_intervals,
@@ -39,8 +34,8 @@ M = 300
 p = 5
 
 
-def form(k: int = 1, lower: float = -np.inf, name: str = "made") -> Candidate:
-    effect: Any = SimpleNamespace(
+def form(k=1, lower=-np.inf, name="made"):
+    effect = SimpleNamespace(
         parameters=[SimpleNamespace(lower=lower)] * k,
         plausible=None,
         searched=(),
@@ -50,7 +45,7 @@ def form(k: int = 1, lower: float = -np.inf, name: str = "made") -> Candidate:
     return Candidate((name, 0), effect)
 
 
-def made(seed: int = 0, size: float = 0.0) -> tuple[Any, np.ndarray]:
+def made(seed=0, size=0.0):
     """Rows of two joints with a model of five columns, and a column z of joint 1 that
     makes ``size``."""
     rng = np.random.default_rng(seed)
@@ -72,9 +67,7 @@ def made(seed: int = 0, size: float = 0.0) -> tuple[Any, np.ndarray]:
     return data, z[:, None]
 
 
-def plain(
-    data: Any, fit: WhiteFit, z: np.ndarray | None = None, drop: tuple[int, ...] = ()
-) -> np.ndarray:
+def plain(data, fit, z=None, drop=()):
     """(n, M) what least squares leave of weighted rows."""
     A = np.delete(data.X, drop, axis=2)
     if z is not None:
@@ -177,7 +170,7 @@ def test_a_misfit_is_noise_that_its_columns_make():
     X = root @ data.X.reshape(n * M, p)
     y = root @ data.y.ravel()
 
-    def left(A: np.ndarray) -> float:
+    def left(A):
         return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
 
     assert fit.rss.sum() == pytest.approx(left(X), rel=1e-9)
@@ -190,23 +183,23 @@ def test_a_misfit_is_noise_that_its_columns_make():
 
 
 @pytest.fixture(scope="module")
-def white(two_link: Problem) -> tuple[WhiteData, Library, list[str]]:
+def white(two_link):
     """Rows of a clean run, all candidates on them, and what is said meanwhile."""
     run = small_run(two_link, seed=2)
     estimate = identify(two_link, run, "ols", check=False)
     settings = estimate.preprocessing.resolve(run)
     data = whiten_rows(diagnosis_rows(run, estimate, settings), estimate)
-    said = list[str]()
+    said = []
     return data, list_candidates(data, said.append), said
 
 
 @pytest.fixture
-def search(white: Any) -> Search:
+def search(white):
     """A search that has not begun."""
     return Search(*white[:2])
 
 
-def terms(search: Search, name: str = "", joint: int = 0) -> list[ScoredEffect]:
+def terms(search, name="", joint=0):
     """The candidates of an effect on a joint, or all first ones of a batch, scored."""
     forms = [
         f for b in search.library.batches for f in (b.forms if name else b.forms[:2])
@@ -318,7 +311,7 @@ def test_a_drop_beside_another_fit_is_that_of_the_whole_score(search):
 @pytest.mark.parametrize("size", [1e160, np.inf, np.nan])
 def test_columns_without_bound_are_no_candidate(size):
     columns = np.array([[1.0], [size]])
-    data: Any = SimpleNamespace(
+    data = SimpleNamespace(
         rows=SimpleNamespace(
             blocks=lambda *_, **__: [SimpleNamespace(joint=0, columns=columns)]
         ),

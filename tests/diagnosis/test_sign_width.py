@@ -8,7 +8,6 @@ import pytest
 from arms import run_of_widths
 
 import sdp_vs_penalty as sdp
-from sdp_vs_penalty.diagnosis import Diagnosis
 
 #: Widths that hide an effect are in test_adding.py as well.
 pytestmark = pytest.mark.long
@@ -21,7 +20,7 @@ EFFECTS = f"rigid_body,viscous_friction,torque_offset,coulomb_friction@v_s={WRON
 
 
 @pytest.fixture(scope="module")
-def run(scara_arm: sdp.Problem) -> sdp.Measurements:
+def run(scara_arm):
     """A motion of the SCARA with Stribeck friction on its first joint, written out."""
     out = run_of_widths(scara_arm, (WIDTH, WRONG, WRONG, WRONG), 24.0)
     dq = out.dq[:, 0]
@@ -32,7 +31,7 @@ def run(scara_arm: sdp.Problem) -> sdp.Measurements:
 
 
 @pytest.fixture(scope="module")
-def found(scara_arm: sdp.Problem, run: sdp.Measurements) -> Diagnosis:
+def found(scara_arm, run):
     estimate = sdp.identify(scara_arm, run, "ols", effects=EFFECTS, check=False)
     return sdp.diagnose(estimate, run, run, check=False)
 

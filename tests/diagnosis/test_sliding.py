@@ -1,7 +1,6 @@
 """Sizes that the rows in which a joint slides contradict."""
 
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -38,7 +37,7 @@ def test_what_acts_where_a_joint_sticks_alone_is_contradicted(
     L = np.linalg.cholesky(A.T @ A)
     whitener = np.linalg.inv(L).T
     theta = whitener @ (whitener.T @ (A.T @ y))
-    fit: Any = SimpleNamespace(
+    fit = SimpleNamespace(
         basis=(A @ whitener)[None],
         residual=(y - A @ theta)[None],
         precision=np.zeros((2, 2)),
@@ -48,7 +47,7 @@ def test_what_acts_where_a_joint_sticks_alone_is_contradicted(
     )
     rows = SimpleNamespace(keep=np.ones((M, 1), bool), slides=~is_slow[:, None])
     clusters = (np.arange(M) // 40, np.arange(M) // 40)
-    data: Any = SimpleNamespace(rows=rows, clusters=clusters)
+    data = SimpleNamespace(rows=rows, clusters=clusters)
     form = SimpleNamespace(effect=SimpleNamespace(is_dry_friction=is_dry_friction))
-    terms: Any = [SimpleNamespace(text="effect", price=10.0, form=form)]
+    terms = [SimpleNamespace(text="effect", price=10.0, form=form)]
     assert contradicted_by_sliding(data, fit, terms) == [contradicted]

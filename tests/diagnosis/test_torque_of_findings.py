@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.diagnosis.nuisances import share_of_one_misfit
 from sdp_vs_penalty.diagnosis.sizes import torque_made
 from sdp_vs_penalty.effects.drift import DriftOffset
-from sdp_vs_penalty.effects.effect import Block, Effect
 from sdp_vs_penalty.effects.motion import Motion
 from sdp_vs_penalty.effects.position import JointSpring
 from sdp_vs_penalty.effects.velocity_friction import PowerLawFriction
@@ -25,19 +23,19 @@ class Unfiltered:
     motion: Motion
 
     @property
-    def n(self) -> int:
+    def n(self):
         return self.motion.q.shape[1]
 
     @property
-    def t(self) -> Any:
+    def t(self):
         return self.motion.t
 
-    def blocks(self, effect: Effect) -> list[Block]:
+    def blocks(self, effect):
         return effect.blocks(self.motion)
 
 
 @pytest.fixture(scope="module")
-def rows() -> Any:
+def rows():
     t = np.linspace(0.0, 10.0, 1001)
     q = np.column_stack([np.sin(1.3 * t), 0.8 * np.cos(0.7 * t)])
     dq = np.gradient(q, t, axis=0)
@@ -106,7 +104,7 @@ def test_the_torque_of_a_power_law_scatters_as_its_draws_do(two_link, rows):
     ],
 )
 def test_the_torque_is_said_where_it_tells_more_than_the_size(std, torque_std, is_said):
-    finding: Any = SimpleNamespace(
+    finding = SimpleNamespace(
         size=1.0,
         std=std,
         unit="N*m*(s/rad)^alpha",

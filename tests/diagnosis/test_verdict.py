@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +23,7 @@ FLOOR = np.array([0.2, 3.0])
 CASES = json.loads((Path(__file__).parents[1] / "data" / "verdicts.json").read_text())
 
 
-def left(size: float, seed: int = 0) -> tuple[Any, Any, np.ndarray, np.ndarray]:
+def left(size, seed=0):
     """Data, fit, residual and events of two joints; on joint 1 a wave of this size
     beyond the noise."""
     rng = np.random.default_rng(seed)
@@ -83,7 +82,7 @@ def test_an_error_of_standstill_is_said_to_be_one():
     moving = np.arange(100) < 40
     error[:, 0] = np.where(moving, 0.3, 2.0)
     still = np.column_stack([1.0 - moving, np.zeros(100)])
-    data: Any = SimpleNamespace(
+    data = SimpleNamespace(
         rows=SimpleNamespace(keep=np.ones((100, 2), bool), still=still)
     )
     assert "left on joint 1 is of standstill" in _standstill(data, error)
@@ -101,14 +100,14 @@ def test_events_are_left_out():
 class Told(HeldOut):
     """Errors by a rule of the effects that are chosen, in the place of fits."""
 
-    def __init__(self, rule: Any) -> None:
+    def __init__(self, rule):
         super().__init__(None, False, (), "folds")
         self.rule = rule
 
-    def errors(self, chosen: Any) -> np.ndarray:
+    def errors(self, chosen):
         return np.array(self.rule(frozenset(chosen)), float)
 
-    def errors_by_recording(self, chosen: Any) -> np.ndarray:
+    def errors_by_recording(self, chosen):
         """One recording, unless the rule returns a row of errors for each."""
         return np.atleast_2d(self.rule(frozenset(chosen))).astype(float)
 
@@ -195,7 +194,7 @@ def test_what_raises_its_joints_errors_more_than_it_lowers_them_is_doubtful(
     after, is_doubtful
 ):
     errors = np.array([[1.0, 1.0], after])
-    finding: Any = SimpleNamespace(errors=errors, joints=[0, 1])
+    finding = SimpleNamespace(errors=errors, joints=[0, 1])
     assert confidence.DOUBTS["raises"](finding) == is_doubtful
 
 
@@ -224,7 +223,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
     }
     case = SimpleNamespace(**{**usual, "replaced": False, **change})
 
-    def term(law: float = 0.0) -> Any:
+    def term(law=0.0):
         effect = SimpleNamespace(
             parameters=[0],
             joints=(0,),
@@ -260,7 +259,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
     monkeypatch.setattr(
         "sdp_vs_penalty.diagnosis.confidence.size_of", lambda *_: (1.0, case.std)
     )
-    size: Any = SimpleNamespace(
+    size = SimpleNamespace(
         beta=np.array([beta]),
         covariance=None,
         covariance_given_constants=None,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from point_mass_arm import COULOMB, VISCOUS, PointMassArm, Trajectory, delayed, scaled
 
-from sdp_vs_penalty import Measurements, Problem, identify, where_it_fails
+from sdp_vs_penalty import Measurements, identify, where_it_fails
 from sdp_vs_penalty.diagnosis import (
     CauseShares,
     Failures,
@@ -28,10 +28,10 @@ Array = np.ndarray
 Torque = Callable[[Array, Array, Array], Array]
 
 
-def on(joint: int, torque: Torque) -> Torque:
+def on(joint, torque):
     """Torque of instants, positions and velocities on one joint (from 1)."""
 
-    def extra(t: Array, q: Array, dq: Array) -> Array:
+    def extra(t, q, dq):
         out = np.zeros_like(q)
         out[:, joint - 1] = torque(t, q, dq)
         return out
@@ -39,7 +39,7 @@ def on(joint: int, torque: Torque) -> Torque:
     return extra
 
 
-def play(t: Array, q: Array, dq: Array) -> Array:
+def play(t, q, dq):
     """What pushes through a play of 0.02 rad: it follows the travel since a reversal."""
     state = np.zeros(len(q))
     for k, step in enumerate(np.diff(q[:, 1]), start=1):
@@ -47,7 +47,7 @@ def play(t: Array, q: Array, dq: Array) -> Array:
     return 60.0 * state
 
 
-def direction(v: Array) -> Array:
+def direction(v):
     return np.tanh(v / 0.02)
 
 
@@ -74,16 +74,14 @@ KINDS = {
 }
 
 
-def worst_joint(problem: Problem, arm: PointMassArm, seed: int) -> JointFailure:
+def worst_joint(problem, arm, seed):
     """The joint with most error over its noise, on a run of this seed."""
     run = arm.run(1, periods=2)
     judged = run if seed == 1 else arm.run(seed, periods=2)
     return worst_of_runs(problem, run, judged)
 
 
-def worst_of_runs(
-    problem: Problem, run: Measurements, judged: Measurements
-) -> JointFailure:
+def worst_of_runs(problem, run, judged):
     """The joint with most error over its noise, of a model of the first run."""
     effects = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
     model = identify(problem, run, "ols", effects=effects, check=False)
@@ -146,7 +144,7 @@ def test_a_gear_that_yields_is_seen_in_the_curvature_of_its_torque(problem):
     assert (worst.joint, dependences(worst)[0][0]) == (1, "yielding gear")
 
 
-def friction(q: Array, t: Array) -> Array:
+def friction(q, t):
     """Friction of the arm's motors at angles (N, 3)."""
     dq = np.gradient(q, t, axis=0)
     return VISCOUS * dq + COULOMB * PointMassArm().direction(q, dq)
@@ -183,7 +181,7 @@ SHARES = {
 
 
 @pytest.fixture
-def causes() -> CauseShares:
+def causes():
     return CauseShares(
         of_error={name: error for name, (error, _) in SHARES.items()},
         beyond_usual={name: beyond for name, (_, beyond) in SHARES.items()},
@@ -210,7 +208,7 @@ def test_few_reversals_show_what_follows_them():
     assert held_out_share(columns, error, np.arange(400) // 80) > 0.3
 
 
-def failure(joint: int, rmse: float, **fields) -> JointFailure:
+def failure(joint, rmse, **fields):
     """A failure of a joint with a known error, whose noise floor is not known."""
     return JointFailure(joint, rmse, None, None, {}, 1.0, (), **fields)
 
@@ -319,7 +317,7 @@ def test_words_map_and_table_show_the_same_share(beyond):
     assert one.numbers()["position in a turn [%]"] == 100.0 * shown
 
 
-def lag_fits(delays: list[float]) -> list[LagFit]:
+def lag_fits(delays):
     """Joints with torques of their own, each later by its delay [s]."""
     rng = np.random.default_rng(5)
     fits = []
@@ -347,7 +345,7 @@ def test_a_single_joint_shares_no_lag():
     assert not lag.any()
 
 
-def noisy_run(torque: Array) -> Measurements:
+def noisy_run(torque):
     """A run at 200 Hz with this torque of one joint, and noise of 0.1 N m."""
     t = np.arange(len(torque)) / 200.0
     noise = np.random.default_rng(1).normal(scale=0.1, size=len(t))

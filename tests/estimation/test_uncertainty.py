@@ -238,7 +238,7 @@ def test_threads_read_intervals_that_one_of_them_works_out():
     again."""
     one = Interval("m1", "kg", 1.0, std=0.1)
     known = Uncertainty((one,), (), *map(np.ones, ((1, 2), (1, 1), 1, (1, 1))))
-    calls = list[int]()
+    calls = []
     together = threading.Barrier(8)
 
     def make():

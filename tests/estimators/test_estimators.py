@@ -71,7 +71,7 @@ def test_noise_free_torque_is_reproduced_by_all_that_can(method, two_link):
     if method.startswith("penalty-paper"):
         pytest.skip("a stochastic search with a budget promises nothing")
     run = toy_run(two_link, noise=0.0)
-    said = list[str]()
+    said = []
     estimate = identify(two_link, run, quick(method), progress=said.append)
     assert said
     assert all(said)

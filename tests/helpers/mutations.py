@@ -284,7 +284,7 @@ def _change_database(content, rng):
 
 def _change_records(content, rng):
     """One record (opcode, length, content) of an MCAP lost, doubled, cut or swapped."""
-    records = list[bytes]()
+    records = []
     place = len(_MCAP)
     while place + 9 <= len(content) - len(_MCAP):
         (size,) = struct.unpack_from("<Q", content, place + 1)

@@ -93,7 +93,7 @@ class Screen:
 
         from sdp_vs_penalty.page import View, Workbench
 
-        self.session, self.scripts = session, list[str]()
+        self.session, self.scripts = session, []
         self.loop = asyncio.new_event_loop()
         core.loop = self.loop
         self.client = Client(page("/"))

@@ -89,7 +89,7 @@ ODD = (0.0, -0.0, 5e-324, 1e-160, 1e-31, 1e-29, 1e-15, 1e3, 1e6, 9e8, -9e8)
 
 
 @np.errstate(all="ignore")
-def hostile_log(seed: int) -> Measurements:
+def hostile_log(seed):
     """A small run in which one to four things are absurd: numbers, stamps, gaps,
     constant channels."""
     rng = np.random.default_rng(seed)

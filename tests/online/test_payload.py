@@ -528,8 +528,8 @@ class PlayedNode:
     """What the page's node uses of rclpy's."""
 
     def __init__(self, name):
-        self.said: list[str] = []
-        self.messages: list[SimpleNamespace] = []
+        self.said = []
+        self.messages = []
 
     def create_publisher(self, kind, topic, depth):
         return SimpleNamespace(publish=self.messages.append)

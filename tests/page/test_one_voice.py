@@ -51,7 +51,7 @@ CASES = [
 
 
 @fact("N m or N", digits=5, column="this test", per_joint=True)
-def largest_error_of_this_test(comparison: Comparison) -> np.ndarray:
+def largest_error_of_this_test(comparison):
     """(n,) largest error of each joint's torque."""
     return np.abs(comparison.signals.residual).max(axis=0)
 

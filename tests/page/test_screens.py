@@ -4,11 +4,8 @@ it says."""
 import asyncio
 import json
 import re
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -46,14 +43,14 @@ ANOTHER = {
 }
 
 
-def traces(chart: dict[str, Any]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def traces(chart):
     """The curves of a chart by name; those of its second panel with a dash."""
     named = ((f"{t.get('name')}{'-' * ('xaxis' in t)}", t) for t in chart["data"])
     return {name: (numbers(t["x"]), numbers(t["y"])) for name, t in named}
 
 
 @pytest.fixture(scope="module")
-def story(request, hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
+def story(request, hidden, tmp_path_factory):
     """From files to a model with what it missed, each step once; what the page said on
     the way."""
     # Only the snapshot of figures looks at all that is drawn after each step.
@@ -67,9 +64,9 @@ def story(request, hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
     files = saved(folder, [*train, test], *NAMES)
     session = sessions.new()
     screen = Screen(session)
-    said = dict[str, Any]()
+    said = {}
 
-    def step(name: str, *keys: str) -> None:
+    def step(name, *keys):
         screen.click(*keys)
         assert session.notice is None
         stages = ("next", "measure", "check", "identify", "diagnose", "use")
@@ -234,7 +231,7 @@ def test_between_which_values_the_masses_lie(story):
 def test_what_was_answered_is_of_the_model_that_was_asked(story):
     screen = story.screen
     session = story.session
-    made: list[str] = []
+    made = []
     screen.do(session.start, session.take, "run-3.csv", made.append)
     assert made == ["run-3.csv"]
     assert (
@@ -255,10 +252,10 @@ def test_show_me_is_the_whole_job_on_the_demos_arm(story, monkeypatch):
     weak = replace(one, confidence="weak", text="x", doubts=doubt)
     found = replace(story.session.history[0].findings, effects=(one, weak))
     session = Sessions(Here()).new()
-    called: list[tuple[Any, ...]] = []
+    called = []
     for name in ("choose_robot", "simulate", "identify", "diagnose", "apply"):
 
-        async def act(*given: Any, name: str = name) -> None:
+        async def act(*given, name=name):
             called.append((name, *given))
 
         monkeypatch.setattr(session, name, act)
@@ -305,9 +302,9 @@ def test_the_arm_fills_its_picture_and_moves_as_measured(story, part):
     assert screen.view.joint == 1
 
 
-def recorded(screen: Screen, monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
+def recorded(screen, monkeypatch):
     """What the session of a screen is told to start, and does not."""
-    called: list[tuple[Any, ...]] = []
+    called = []
     told = lambda do, *given, **on: called.append((do.__name__, *given, on))  # noqa: E731
     monkeypatch.setattr(screen.session, "start", told)
     (bench,) = screen.session.watchers
@@ -401,7 +398,7 @@ def test_everything_is_offered_and_every_control_does_what_it_says(story, monkey
     )
 
 
-def show_every_kind(story: SimpleNamespace) -> SimpleNamespace:
+def show_every_kind(story):
     """Show rivals and the run that would tell, a weak finding, a curve, a constant, and
     what the check finds."""
     screen = story.screen
@@ -453,7 +450,7 @@ def show_every_kind(story: SimpleNamespace) -> SimpleNamespace:
     )
 
 
-def needs_a_terminal(text: str) -> list[str]:
+def needs_a_terminal(text):
     """Words of a text that only a terminal takes."""
     words = r"`[^`]*`|sdp-vs-penalty [a-z]\S*|(?<![\w-])--[a-z]\S*"
     verbs = r"\b(?:run|with|pass) (?:compare|convert|excite|export|check-urdf)\b"
@@ -515,7 +512,7 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
     assert {name for name, *_ in done} == {"apply", "make_motion"}
 
 
-def test_the_folder_is_offered_and_kept_as_it_is(tmp_path: Path):
+def test_the_folder_is_offered_and_kept_as_it_is(tmp_path):
     """Its runs, robots and problems, and nothing from outside it."""
     folder = tmp_path / "mine"
     for name in ("arm.urdf", "run.csv", "notes.txt", "problem/problem.toml"):

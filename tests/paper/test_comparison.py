@@ -3,7 +3,6 @@ intervals over folds, methods of the literature, the Monte Carlo."""
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -172,7 +171,7 @@ def test_the_true_torque_is_the_links_and_the_stated_friction(draw):
     states = truth.trajectory.states(np.array([2.0, 3.1]))
     motion = Motion(np.array([2.0, 3.1]), *states)
     rigid = robot.regressor(*states) @ truth.links.ravel()
-    still = replace(cast(Any, motion), dq=np.zeros_like(motion.dq))
+    still = replace(motion, dq=np.zeros_like(motion.dq))
     assert truth.torque(motion).shape == rigid.shape
     apart = truth.torque(motion) - rigid
     assert np.abs(apart).max() < 0.2 * np.abs(rigid).max()

@@ -411,7 +411,7 @@ def test_files_are_written_where_asked(studies, tmp_path, monkeypatch):
 def test_figures_of_one_problem_share_a_study(tmp_path, monkeypatch):
     import matplotlib.pyplot as plt
 
-    studies = list[Study]()
+    studies = []
 
     def draw(study):
         studies.append(study)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from small_runs import small_run
 
-from sdp_vs_penalty import Measurements, check, load_problem
-from sdp_vs_penalty.race import Hypothesis, Likelihood, Number, Part, Race, RaceOutcome
+from sdp_vs_penalty import check, load_problem
+from sdp_vs_penalty.race import Hypothesis, Likelihood, Number, Part, Race
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence
 from sdp_vs_penalty.race.records import Further, LogView
@@ -22,20 +22,20 @@ RUN = replace(small_run(PROBLEM, seconds=8.0), dq=None)
 NONE = LogTransform.unchanged(2, (0.0, 0.0, -9.81))
 
 
-def rows_of(run: Measurements) -> Likelihood:
+def rows_of(run):
     settings = PROBLEM.preprocessing.resolve(run)
     return Likelihood(PROBLEM, RegressionData.from_run(PROBLEM, run, settings))
 
 
-def judged(*runs: Measurements) -> RaceOutcome:
+def judged(*runs):
     return Race([rows_of(run) for run in runs]).run()
 
 
-def scaled(run: Measurements, gains: tuple[float, float]) -> Measurements:
+def scaled(run, gains):
     return replace(run, tau=run.tau * np.array(gains))
 
 
-def pushed_for_a_second(run: Measurements) -> Measurements:
+def pushed_for_a_second(run):
     """Return a run in which the last link is pushed from 3 to 4 s."""
     torque = np.column_stack(
         [4.0 * np.sin(run.q[:, 1]) + 6.0, np.full(len(run.t), 5.0)]
@@ -45,7 +45,7 @@ def pushed_for_a_second(run: Measurements) -> Measurements:
 
 
 @pytest.fixture(scope="module")
-def evidence() -> Evidence:
+def evidence():
     log = rows_of(RUN)
     return Evidence(log.with_all_laws, np.zeros(log.data.count, int))
 

@@ -14,27 +14,27 @@ class Judged(Record):
     noise: list[float] | None
 
     @fact("N m or N", column="error", per_joint=True)
-    def error(self) -> list[float]:
+    def error(self):
         """Root mean square."""
         return self.errors
 
     @fact("N m or N", name="noise floor", column="noise floor", per_joint=True)
-    def floor(self) -> list[float] | None:
+    def floor(self):
         """Standard deviation of the noise."""
         return self.noise
 
     @fact(column="links can exist")
-    def links(self) -> bool:
+    def links(self):
         """Whether they can."""
         return True
 
     @fact("%", column="error [%]")
-    def relative(self) -> float:
+    def relative(self):
         """Of all joints."""
         return 12.345
 
     @fact("s")
-    def seconds(self) -> float:
+    def seconds(self):
         """A fact that is no column."""
         return 3.0
 
