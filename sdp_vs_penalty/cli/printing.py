@@ -167,10 +167,7 @@ def certificate(result: Estimate) -> None:
     determine.
     """
     entries = list(result.certificate.summary())
-    if bounds := result.details.get("on_bounds"):
-        advice = f"{', '.join(bounds)}: widen the bounds, or measure more"
-        entries.append(("on their bounds", advice))
-    entries += result.determined_by_data
+    entries += [*result.held_by_bounds, *result.determined_by_data]
     console.details(entries)
     for remark in filter(None, (result.certificate.not_found, result.unweighed)):
         paragraph(remark)

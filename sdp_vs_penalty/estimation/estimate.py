@@ -350,6 +350,27 @@ class Estimate(Record):
         return f"{value} ± {half_width:.2g} {unit} (95 %)"
 
     @property
+    def held_by_bounds(self) -> list[tuple[str, str]]:
+        """Lines (label, text) on bounds that decide in place of the data, and on guessed
+        bodies that the data enlarged, for the user."""
+        lines = []
+        if bounds := self.details.get("on_bounds"):
+            advice = f"{', '.join(bounds)}: widen the bounds, or measure more"
+            lines.append(("on their bounds", advice))
+        enlarged = [
+            f"link {k} ({body.enlarged:g} times)"
+            for k, body in enumerate(self.problem.link_bodies, start=1)
+            if body.enlarged > 1.0
+        ]
+        if enlarged:
+            contradicted = (
+                "the data contradict where the robot's file suggests that mass lies;"
+                f" enlarged: {', '.join(enlarged)}"
+            )
+            lines.append(("guessed bodies", contradicted))
+        return lines
+
+    @property
     def determined_by_data(self) -> list[tuple[str, str]]:
         """Lines (label, text) on which parameters the data determine, for the user.
 

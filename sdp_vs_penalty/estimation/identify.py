@@ -21,6 +21,7 @@ from sdp_vs_penalty.estimation.build_problem import (
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.estimate import Estimate, Training
 from sdp_vs_penalty.estimation.gains import drive_torque_errors
+from sdp_vs_penalty.estimation.guessed_bodies import fit_in_bodies
 from sdp_vs_penalty.estimation.link_figures import link_figures
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
 from sdp_vs_penalty.estimation.proofs import proved
@@ -163,15 +164,12 @@ def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
     list of str
         Such as "mass of link 3".
     """
-    active = []
-    for c in constraints.convex:
-        if c.family in ("mass", "bounding ellipsoid", "body", "range"):
-            # A constraint is active if its value is a millionth of its terms.
-            terms = np.abs(c.coefficients.T) @ np.abs(theta[c.indices])
-            size = np.abs(c.constant) + terms
-            if np.any(c.value(theta) <= 1e-6 * size):
-                active.append(f"{c.family} of {c.name}")
-    return active
+    families = ("mass", "bounding ellipsoid", "body", "range")
+    return [
+        f"{c.family} of {c.name}"
+        for c in constraints.convex
+        if c.family in families and c.is_reached(theta)
+    ]
 
 
 def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
@@ -290,7 +288,7 @@ def estimate_parameters(
     posed = pose_filtered(problem, data, options)
     options.progress(f"estimating by {estimator.name}")
     try:
-        fit = estimator.fit(posed.task)
+        posed, fit = _fit(posed, estimator)
     except Infeasible as error:
         if proof is not None and error.proof:
             write_proof(infeasibility_proof(*error.proof), proof)
@@ -316,7 +314,19 @@ def estimate_posed(posed: EstimationProblem, method: str | Estimator) -> Estimat
     estimator = make_estimator(method)
     # A copy of the task: the original may hold cached results of another method.
     posed = replace(posed, task=replace(posed.task))
-    return build_estimate(posed, estimator, estimator.fit(posed.task))
+    posed, fit = _fit(posed, estimator)
+    return build_estimate(posed, estimator, fit)
+
+
+def _fit(
+    posed: EstimationProblem, estimator: Estimator
+) -> tuple[EstimationProblem, Fit]:
+    """Return a posed problem with the bodies that its data ask for, and its estimate."""
+    task, fit = fit_in_bodies(posed.task, estimator)
+    if task is posed.task:
+        return posed, fit
+    problem = replace(posed.problem, bodies=task.link_bodies)
+    return replace(posed, problem=problem, task=task), fit
 
 
 def _require_suitable(

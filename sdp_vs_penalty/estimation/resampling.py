@@ -41,6 +41,7 @@ from sdp_vs_penalty.estimation.build_problem import (
     with_known,
     with_reference,
 )
+from sdp_vs_penalty.estimation.guessed_bodies import fit_in_bodies
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import (
@@ -338,7 +339,8 @@ def judged(fold: FoldData, estimator: Estimator) -> Fold:
     """
     start, stop, task, test = fold
     # A copy of the task: the original may hold cached results of another method.
-    theta = task.model.with_known(estimator.fit(replace(task)).theta)
+    _, fit = fit_in_bodies(replace(task), estimator)
+    theta = task.model.with_known(fit.theta)
     # With torque no parameter is a drive's, and this is the squared measured torque.
     torque_squared = test.joint_losses(theta * task.model.drives)
     return Fold(

@@ -23,6 +23,7 @@ from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
+from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
 from sdp_vs_penalty.solvers.fit import Fit as Fit
@@ -72,8 +73,8 @@ class Task:
     #: would make the torque of that joint in these data; infinite for the links'
     #: parameters.
     joint_scale: Array | None = None
-    #: One constraint a link, that its mass lies inside of its body.
-    bodies: tuple[Constraint, ...] = ()
+    #: Body of each link, in which its mass lies.
+    link_bodies: tuple[Body, ...] = ()
     #: (n, 10) the nominal links, those of a guessed mass at the scale that the torque
     #: proves; None: as in nominal.
     prior: Array | None = None
@@ -98,6 +99,18 @@ class Task:
         links.
         """
         return self.model.rigid_indices.reshape(-1, 10)
+
+    @cached_property
+    def bodies(self) -> tuple[Constraint, ...]:
+        """One constraint a link: its mass lies inside of its body's ellipsoid."""
+        pairs = zip(self.links, self.link_bodies, strict=False)
+        bodies = tuple(
+            build.density_in_ellipsoid(
+                "body", name=f"link {k}", indices=indices, quadric=body.quadric
+            )
+            for k, (indices, body) in enumerate(pairs, start=1)
+        )
+        return ConstraintSet(bodies).with_known(self.model.known_values).convex
 
     @property
     def pseudo_inertias(self) -> tuple[Constraint, ...]:
@@ -257,12 +270,10 @@ def make_task(
         for k, value in model.known_values.items():
             bound[k] = max(bound[k], abs(value)) or 1.0
         constraints = problem.constraints(model).with_known(model.known_values)
-        bodies = _bodies(problem, links, model)
     else:
         nominal = like.nominal
         bound = like.bound
         constraints = like.constraints
-        bodies = like.bodies
     require_known("weighting", weighting, ("noise", "none"))
 
     def observed(weights: Array) -> LeastSquares:
@@ -289,7 +300,7 @@ def make_task(
         seed=seed,
         progress=progress,
         joint_scale=joint_scale(regression, model, first),
-        bodies=bodies,
+        link_bodies=problem.link_bodies,
         prior=_scaled_prior(data, _prior_links(problem, model), links, guessed),
         total=None if np.any(guessed) else float(nominal[links[:, 0]].sum()),
         weights=weights,
@@ -347,21 +358,6 @@ def given_known(data: LeastSquares, model: Model) -> LeastSquares:
     R[:, places] = 0.0
     rho = data.rho - data.R[:, places] @ list(model.known_values.values())
     return replace(data, R=R, rho=rho)
-
-
-def _bodies(problem: Problem, links: Indices, model: Model) -> tuple[Constraint, ...]:
-    """Return one constraint a link: its mass lies inside of its body's ellipsoid.
-
-    ``links`` (n, 10) are the indices of the links' parameters in theta.
-    """
-    pairs = zip(links, problem.link_bodies, strict=False)
-    bodies = tuple(
-        build.density_in_ellipsoid(
-            "body", name=f"link {k}", indices=indices, quadric=body.quadric
-        )
-        for k, (indices, body) in enumerate(pairs, start=1)
-    )
-    return ConstraintSet(bodies).with_known(model.known_values).convex
 
 
 def with_plausible(

@@ -1,8 +1,9 @@
 """The body of a link: an ellipsoid outside of which it has no mass, and where that is
 known from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +14,8 @@ from sdp_vs_penalty.robot.arrays import Array, check_finite
 
 #: What a body can be known from, the best first.
 SOURCES = ("geometry", "bounds", "inertial", "kinematics")
+#: Sources that show no body: it is a guess, which data may reject.
+GUESSES = ("inertial", "kinematics")
 #: Relative excess of the squared distances from an enclosing ellipsoid's centre.
 _EXCESS = 1e-2
 #: Beyond this excess the inverse is rounding.
@@ -34,6 +37,8 @@ class Body(JsonRecord):
     source: str
     #: Volume of the link's geometry itself [m^3]; None where there is none.
     volume: float | None = None
+    #: Factor by which data enlarged a guess [-].
+    enlarged: float = 1.0
 
     def __post_init__(self) -> None:
         """Raise InputError for arrays of other shapes, half axes that are not positive,
@@ -45,6 +50,17 @@ class Body(JsonRecord):
         if not np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-6):
             raise InputError("the axes of a body are not orthonormal", "normalise them")
         require_known("body source", self.source, SOURCES)
+
+    @property
+    def is_guess(self) -> bool:
+        """Whether neither a shape nor bounds show the body."""
+        return self.source in GUESSES
+
+    def larger(self, factor: float) -> Self:
+        """Return the body with its half axes times ``factor``."""
+        return replace(
+            self, half_axes=factor * self.half_axes, enlarged=factor * self.enlarged
+        )
 
     @property
     def quadric(self) -> Array:

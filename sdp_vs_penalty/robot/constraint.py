@@ -283,6 +283,16 @@ class Constraint:
         theta (p,); negative if the constraint is violated."""
         return float(cone_margin(self.cone, self.value(theta)))
 
+    def is_reached(self, theta: ArrayLike) -> bool:
+        """Return whether an entry of F(theta) is at zero, to a millionth of its terms.
+
+        Of a linear constraint that is its boundary.
+        """
+        part = np.abs(np.asarray(theta, float)[self.indices])
+        terms = np.tensordot(part, np.abs(self.coefficients), axes=(0, 0))
+        size = np.abs(self.constant) + terms
+        return bool(np.any(self.value(theta) <= 1e-6 * size))
+
     def with_known(self, values: Mapping[int, float]) -> Constraint:
         """Return the constraint on the other parameters, with known values in their
         places.
