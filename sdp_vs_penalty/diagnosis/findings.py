@@ -49,6 +49,8 @@ if TYPE_CHECKING:
 
 #: Of findings.json.
 FINDINGS_FORMAT = 2
+#: Effects besides the main one that a cause names; more are counted.
+_MOST_NAMED = 2
 #: What is said where the residual was taken for noise, which it then equals.
 _NOT_KNOWN = f"is not known: {NOISE_UNKNOWN}, so noise and error look alike."
 #: How far a finding is to be believed; see :attr:`Rated.rating`.
@@ -1023,8 +1025,10 @@ class Diagnosis(Record, JsonRecord):
             likeness = "" if main.effect_is_certain else "something like "
             text = f"Joint {main.main_joint} errs: {likeness}{effect_name(main.effect)}"
             text += f" ({main.rating})" if main.rating != "weak" else ""
-            others = len(self.sure) - 1
-            return f"{text}, and {others} more." if others else f"{text}."
+            others = [found for found in self.sure if found is not main]
+            if len(others) > _MOST_NAMED:
+                return f"{text}, and {len(others)} more."
+            return f"{text}; also {named_on_joints(others)}." if others else f"{text}."
         if unexplained := self.unexplained_sentence:
             return f"Left: {unexplained}."
         if self.is_open:

@@ -16,6 +16,7 @@ from sdp_vs_penalty.diagnosis.nuisances import Nuisances
 from sdp_vs_penalty.diagnosis.refine import Judge, refine_constants
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.effects.model import depends
+from sdp_vs_penalty.effects.plain_words import effect_in_words
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -326,7 +327,7 @@ class Search:
                 if self._bar_contradictions():
                     continue
                 break
-            progress(f"{len(self.terms) + 1}: {addition.text}")
+            progress(f"{len(self.terms) + 1}: {effect_in_words(addition.text)}")
             after = self.drop_weak([*self.terms, addition])
             keys_after = tuple(sorted(str(t.key) for t in after))
             stays = addition.key in {t.key for t in after}

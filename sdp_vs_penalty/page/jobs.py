@@ -88,6 +88,7 @@ from sdp_vs_penalty.robot.joint import parse_held
 from sdp_vs_penalty.robot.model_files import format_of
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.robot_file import as_urdf
+from sdp_vs_penalty.robot.trajectory import FourierTrajectory, PointTrajectory
 from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
 from sdp_vs_penalty.simulation.follow import follow
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
@@ -356,17 +357,31 @@ def motion(job: JobRequest) -> Answer:
     """Write the motion that a remedy asks to record: within the robot's limits, or the
     one that tells the effects of ``job["separate"]`` apart.
 
-    Returns {"file": its name, in the session's folder}.
+    Returns {"file": its name, in the session's folder; "words": its length and speed, and
+    what to do with it}.
     """
     job.progress("looking for a motion within the robot's limits")
     name = "trajectory.csv"
     how = {"seed": job["seed"], "progress": job.progress}
+    trajectory: FourierTrajectory | PointTrajectory
     if job["separate"]:
-        found = separate(job.model, ",".join(job["separate"]), **how)
-        save_trajectory(found.trajectory, job.folder / name)
+        trajectory = separate(job.model, ",".join(job["separate"]), **how).trajectory
     else:
-        excite(job.problem, **how).save(job.folder / name)
-    return {"file": name}
+        trajectory = excite(job.problem, **how).trajectory
+    save_trajectory(trajectory, job.folder / name)
+    _, dq, _ = trajectory.states(np.arange(0.0, trajectory.duration, 0.01))
+    speeds = np.abs(dq).max(axis=0)
+    fastest = int(np.argmax(speeds))
+    unit = "m/s" if job.problem.robot.torque_units[fastest] == "N" else "rad/s"
+    return {
+        "file": name,
+        "words": (
+            f"{name} is in your downloads: {trajectory.duration:.3g} s of t, q, dq and ddq"
+            f" within the robot's limits, at most {formatting.number(speeds[fastest])}"
+            f" {unit} (joint {fastest + 1}). Look at it in a simulator, run it on the arm,"
+            " and bring the log under Measure."
+        ),
+    }
 
 
 def fetch(job: JobRequest) -> Answer:

@@ -11,8 +11,8 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import View, checked, graded, identified, label_of, spoken
-from sdp_vs_penalty.records import from_json
-from sdp_vs_penalty.render.words import describe_outcome
+from sdp_vs_penalty.records import from_json, to_json
+from sdp_vs_penalty.render.words import describe_outcome, describe_taken
 from sdp_vs_penalty.results.remedy import Change, Remedy
 
 
@@ -112,7 +112,7 @@ def _of_model(view: View) -> NextStep:
     session = view.session
     of_model = identified(session)
     assert of_model is not None  # there is a model
-    level, text = of_model.level, f"{of_model.word}. {of_model.text}"
+    level, text = of_model.level, f"{of_model.word}. {_taken(session)}{of_model.text}"
     diagnosis = session.findings_of_current
     is_first = len(session.history) == 1
     is_done = session.current.servo or (level == "good" and not is_first)
@@ -135,6 +135,8 @@ def _of_model(view: View) -> NextStep:
         if not diagnosis.is_open:
             text = f"{of_model.word}."  # the cause names the error
         text = f"{text} {cause}"
+        if level != "good" and (other := _without_addition(view)) is not None:
+            return replace(other, text=f"{text} {other.text}", level=level)
     if "report.html" in session.taken:
         text = "The report is made. Test the model on a run that nothing has used yet."
         return NextStep(
@@ -142,3 +144,32 @@ def _of_model(view: View) -> NextStep:
         )
     do = partial(session.start, session.take, "report.html", view.download)
     return NextStep(text, "Download the report", "use", do, level=level)
+
+
+def _taken(session: Session) -> str:
+    """Say what the last addition took of the error; "" for a first model."""
+    if len(session.history) == 1:
+        return ""
+    before, after = (step.comparison["rmse"] for step in session.history[-2:])
+    return f"{describe_taken(session.current.added, before, after)} "
+
+
+def _without_addition(view: View) -> NextStep | None:
+    """Return what helps a model that errs and of which nothing is known to add: links
+    without the bodies that hold them, or a motion that shows more; None for neither."""
+    session = view.session
+    if text := session.current.held_inside_bodies:
+        do = partial(session.start, session.identify_without_bodies)
+        return NextStep(text, "Identify without the bodies", "identify", do)
+    if "trajectory.csv" in session.taken:
+        text, label = "The motion's log comes next.", "Choose the log"
+        return NextStep(text, label, "measure", opens="drop-runs")
+    diagnosis = session.findings_of_current
+    of_diagnosis = () if diagnosis is None else to_json(diagnosis.remedies)
+    for remedy in (*session.remedies, *of_diagnosis):
+        if (change := remedy["change"])["verb"] == "record":
+            do = partial(session.start, session.make_motion, change, view.download)
+            return NextStep(
+                spoken(remedy["problem"]), label_of(change["words"]), "measure", do
+            )
+    return None

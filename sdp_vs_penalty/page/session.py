@@ -48,6 +48,7 @@ KEPT = (
     "runs",
     "remedies",
     "prepared",
+    "repairs",
     "effects",
     "method",
     "mappings",
@@ -69,6 +70,8 @@ CHOSEN = (
 MOST_STEPS = 20
 #: Samples of all runs with which remedies are tried before anyone asks.
 _MOST_TRIED = 200_000
+#: The method like the default one that knows no bodies of links.
+_WITHOUT_BODIES = "lmi-sdp-entropic"
 #: File of a session's state in its folder.
 STATE_FILE = "project.json"
 _FORMAT = 1
@@ -230,6 +233,8 @@ class Session:
     #: The words of the commands that make the runs as they are: simulated, converted,
     #: repaired.
     prepared: list[list[str]] = field(default_factory=list)
+    #: Of each change of runs and robot its words, and what it did to the error.
+    repairs: list[list[str]] = field(default_factory=list)
     #: The stage and the part where what is new can be seen.
     new: tuple[str, str] | None = None
     #: How often a control was moved in vain: it has to be drawn anew as it is.
@@ -668,6 +673,7 @@ class Session:
         self.runs = []
         self.remedies = []
         self.prepared = []
+        self.repairs = []
         self.effects = list(answer["effects"])
         self.method = DEFAULT_METHOD
 
@@ -808,6 +814,7 @@ class Session:
             self._keep_models(models)
             options = details.get("options") or {}
             self.prepared = [] if not before else self.prepared
+            self.repairs = [] if not before else self.repairs
             if options:
                 for run in new:
                     self._converted(run, options)
@@ -1022,7 +1029,7 @@ class Session:
             self.prepared = [*self.prepared, words]
         self.new = ("check", "check")
         self.seen_issues = self.kinds_of_issue
-        self.say(*filter(None, [answer["effect"]]), error=False)
+        self.repairs = [*self.repairs, [change["words"], answer["effect"]]]
 
     def _command_of(self, change: Mapping[str, Any]) -> list[str] | None:
         """Return the words of the command that makes a change of the runs."""
@@ -1062,6 +1069,8 @@ class Session:
         file's name."""
         two = change["arguments"].get("separate", ())
         answer = await self._job("Making a motion", "motion", separate=two)
+        self.taken = {*self.taken, answer["file"]}
+        self.say(answer["words"], error=False)
         ready(answer["file"])
 
     async def identify(self) -> None:
@@ -1083,6 +1092,12 @@ class Session:
                 f"Identifying by {self.method}", "fit", request, label="identified"
             )
         )
+
+    async def identify_without_bodies(self) -> None:
+        """Identify links of any extent: the data may contradict the bodies that they
+        were taken to have."""
+        self.method = _WITHOUT_BODIES
+        await self.identify()
 
     async def identify_anyway(self) -> None:
         """Identify from runs that the check calls meaningless."""
@@ -1132,8 +1147,7 @@ class Session:
 
     def _begin(self, step: ModelStep) -> None:
         """Begin a new history with this model, and point the page to its fit."""
-        if self.history:
-            self._step_from_here("identified anew")
+        self._step_from_here(step.label)
         self.history = [step]
         self.new = ("identify", "fit")
 
@@ -1160,7 +1174,7 @@ class Session:
             comparison={**self.current.comparison, "verdict": verdict},
         )
         self.history = [*self.history[:-1], diagnosed]
-        self.new = "diagnose", "findings"
+        self.new = "diagnose", "history"
 
     async def add(self, texts: Sequence[str]) -> None:
         """Add effects by their texts to the current model."""
@@ -1236,5 +1250,6 @@ class Session:
         answer = await self._job(
             f"Making {name}", "take", name=name, **content, **(options or {})
         )
+        self.taken = {*self.taken, name}
         self.say(*answer["notice"], error=False)
         ready(name)

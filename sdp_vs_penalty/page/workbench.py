@@ -14,7 +14,7 @@ from sdp_vs_penalty.page.next_step import NextStep, next_step
 from sdp_vs_penalty.page.session import Working
 from sdp_vs_penalty.page.sessions import name_of_robot
 from sdp_vs_penalty.page.stages import STAGES
-from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
+from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View, label_of
 
 
 class Workbench:
@@ -236,10 +236,12 @@ class Workbench:
             """Draw the buttons that take a step back, or again."""
             if session.past:
                 label = session.past[-1][0]
-                button("Undo", session.undo, "undo", "quiet", title=f"Undo: {label}")
+                with button("Undo", session.undo, "undo", "quiet"):
+                    tag("span", f": {label_of(label)}", "what")
             if session.future:
                 label = session.future[-1][0]
-                button("Redo", session.redo, "redo", "quiet", title=f"Redo: {label}")
+                with button("Redo", session.redo, "redo", "quiet"):
+                    tag("span", f": {label_of(label)}", "what")
 
         state = [step.text, step.label, step.stage, step.opens, step.level]
         # What the button does depends on the remedies and on the model.

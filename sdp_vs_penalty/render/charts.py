@@ -586,7 +586,7 @@ def cause_figure(
             **group,
         )
         centres, means = mean_curve(x, y)
-        line = {"color": colour, "width": 2.5}
+        line = {"color": colour, "width": 5 if colour == BEFORE else 2.5}
         plot.add("scatter", x=centres, y=means, mode="lines", line=line, **group)
 
     if len(x):
@@ -598,7 +598,7 @@ def cause_figure(
             cloud(after.residual[:, j], "after", AFTER)
             added = (after.modelled[:, j] - before.modelled[:, j]) * axis.sign
             centres, means = mean_curve(x, added[inside])
-            line = {"color": ADDED, "width": 2, "dash": "dash"}
+            line = {"color": ADDED, "width": 2, "dash": "9px,7px"}
             name = "added"
             plot.add("scatter", x=centres, y=means, mode="lines", line=line, name=name)
     if floor is not None and floor[j]:

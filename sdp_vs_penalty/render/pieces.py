@@ -172,8 +172,8 @@ def _caption_of_bars(what: str, is_known: bool, has_change: bool) -> str:
     caption = f"{what} of each joint, RMS; noise floor unknown; logarithmic"
     if is_known:
         caption = (
-            f"{what} of each joint in multiples of its noise (shaded), on a logarithmic"
-            " scale; below each multiple in N m or N"
+            f"{what} of each joint over its noise (shaded), on a logarithmic scale, and in"
+            " N m or N"
         )
     if has_change:
         caption += "; before (grey), after (blue)"

@@ -530,6 +530,23 @@ def describe_outcome(
     )
 
 
+def describe_taken(
+    effects: Sequence[str], before: Sequence[float], after: Sequence[float]
+) -> str:
+    """Say how much added effects, as `add` writes them, took of a joint's error: of the
+    joint whose error, before and after (n,) in the units of torque, fell most."""
+    falls = np.array(before) - np.array(after)
+    j = int(np.argmax(falls))
+    if len(effects) == 1:
+        added = formatting.sentence(effects_in_words(effects))
+    else:
+        added = f"The {len(effects)} added effects"
+    if not falls[j] > 0.0:
+        return f"{added} took nothing of the error."
+    share = formatting.percent(float(falls[j] / before[j]), 2)
+    return f"{added} took {share} of joint {j + 1}'s error."
+
+
 def describe_worse(before: Comparison, after: Comparison) -> str:
     """Say which joints have a larger error (by more than 5 %) with the later model.
 

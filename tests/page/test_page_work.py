@@ -97,7 +97,7 @@ def test_a_run_is_repaired_where_it_is_certain(here, hidden, tmp_path):
     (run,) = s.runs
     assert run["name"] == "spikes_fixed.csv"
     assert not s.kinds_of_issue
-    assert "Error on motion left out" in s.notice.texts[0]
+    assert "Error on motion left out" in s.repairs[0][1]
     s.undo()
     assert s.runs == [before]
 

@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.effects import effect_types, standard_effect
 from sdp_vs_penalty.page import controls as draw
@@ -41,23 +42,31 @@ from sdp_vs_penalty.signals.noise import said_before
 @partial(
     PagePart,
     "history",
-    "The model so far",
-    lambda s: len(s.history) > 1,
-    lambda s: [model.comparison for model in s.history],
+    "",
+    lambda s: len(s.history) > 1 or s.findings is not None,
+    lambda s: [[model.comparison, model.findings is None] for model in s.history],
 )
 def models(view: View) -> None:
-    """Draw each joint's error from model to model."""
+    """Draw each joint's error from model to model; of a diagnosed one, with what would
+    be added next."""
     session = view.session
+    if session.hidden_and_found:
+        draw.tag("p", session.hidden_and_found, "words")
     history = session.history
     units = session.robot["units"]
-    errors = [model.comparison["rmse"] for model in history]
+    before, after = (history[k].comparison["rmse"] for k in (0, -1))
     floor = history[-1].comparison["noise_floor"]
     what = history[-1].error
-    ui.html(bars(errors[0], errors[-1], floor, units, what), sanitize=False)
-    draw.judged(history)
+    if (diagnosis := session.findings_of_current) is not None:
+        remedy = next_remedy(diagnosis.remedies)
+        before, after = diagnosis.held_out_rmse_before, remedy and remedy.after
+    ui.html(bars(before, after, floor, units, what), sanitize=False)
+    if len(history) == 1:
+        return
     facts = {f"error {k}": model.facts for k, model in enumerate(history, start=1)}
     runs = ", ".join(map(shown_name, history[-1].judged_on))
     with draw.details(f"{what} (RMS) in {runs}, as a table", "history-table"):
+        draw.judged(history)
         draw.table(joint_table(facts, units), f"{what} of each joint, model by model")
 
 
@@ -76,8 +85,6 @@ def findings(view: View) -> None:
             " holds on data that did not select it."
         )
     else:
-        if session.hidden_and_found:
-            draw.tag("p", session.hidden_and_found, "words")
         words = describe_diagnosis(diagnosis, session.robot["units"])
         _cards(view, diagnosis, words)
         _curves(view, diagnosis, words)
@@ -151,7 +158,8 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
         _head(f"{number}{words.title}", words)
         draw.tag("p", words.on_the_arm, "on-the-arm")
         _picture(session, finding)
-        draw.tag("p", words.gain)
+        if not finding.torque_is_certain:  # else the bars say it
+            draw.tag("p", words.gain)
         if words.size:
             draw.tag("p", f"Size {words.size}", "size")
         if words.rivals:
@@ -160,8 +168,10 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
             draw.note(words.splits)
         if words.test and not done:
             _telling(view, finding, words.test, f"tell-{k}")
-        if words.physics or words.constants:
-            with draw.details("What this effect is", f"physics-{k}"):
+        if words.physics or words.constants or finding.torque_is_certain:
+            with draw.details("What this effect is, and does", f"physics-{k}"):
+                if finding.torque_is_certain:
+                    draw.note(words.gain)
                 draw.note(words.physics)
                 if words.constants:
                     draw.note(f"Its constants: {words.constants}.")
@@ -279,22 +289,23 @@ def _by_hand(view: View) -> None:
 
 
 def _others(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
-    """Draw disturbances at single instants, each with a button that leaves it out,
-    effects that these runs cannot show, and remarks.
+    """Draw remarks, disturbances at single instants, each with a button that leaves it
+    out, and effects that these runs cannot show.
     """
-    for line in words.events:
-        draw.tag("p", f"{formatting.sentence(line)}.", "finding")
-    cuts = (x.change for x in diagnosis.remedies if x.change.verb == "cut")
-    with draw.tag("div", style="row"):
-        for k, cut in enumerate(cuts):
-            leave = partial(session.start, session.apply, cut.to_dict())
-            draw.button(label_of(cut.words), leave, f"cut-{k}")
-    if words.all_events != words.events:
-        with draw.details("Every event", "events"), draw.tag("ul"):
-            for line in words.all_events:
-                draw.tag("li", f"{formatting.sentence(line)}.")
+    for cause in diagnosis.passing:
+        draw.tag("p", f"{formatting.sentence(cause.sentence)}.", "finding")
     for remark in (*diagnosis.besides, *words.remarks):
         draw.note(spoken(said_before(remark)))
+    if words.all_events:
+        with draw.details("When these disturbances were", "events"):
+            with draw.tag("ul"):
+                for line in words.all_events:
+                    draw.tag("li", f"{formatting.sentence(line)}.")
+            cuts = (x.change for x in diagnosis.remedies if x.change.verb == "cut")
+            with draw.tag("div", style="row"):
+                for k, cut in enumerate(cuts):
+                    leave = partial(session.start, session.apply, cut.to_dict())
+                    draw.button(label_of(cut.words), leave, f"cut-{k}")
     if words.invisible:
         with draw.details("What these runs cannot show", "invisible"):
             draw.note("The model's existing parameters absorb the torque of:")

@@ -11,7 +11,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES, SHARES, Failures
 from sdp_vs_penalty.effects import DEFAULT_EFFECTS, effect_types, standard_effect
-from sdp_vs_penalty.estimation.verdict import MISSING, Line
+from sdp_vs_penalty.estimation.verdict import LOG, Line
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.page import charts
 from sdp_vs_penalty.page import controls as draw
@@ -216,7 +216,8 @@ class _Fit:
         self.legend = ui.html("", sanitize=False)
         self.words = draw.tag("p", "", "words")
         _figures(self.model)
-        with draw.details("Every joint as a table", "joints-table"):
+        with draw.details("Every figure of the model", "joints-table"):
+            draw.judged([self.model])
             units = view.session.robot["units"]
             shown = joint_table({"error": self.model.facts}, units)
             draw.table(shown, "Facts of each joint")
@@ -297,23 +298,19 @@ class _Fit:
 
 
 def _figures(model: ModelStep) -> None:
-    """Draw on which data the model was judged, and the verdict without its first line.
-
-    That line is the stage's heading.
-    """
+    """Draw on which data the model was judged, and what is in doubt of the log."""
     facts = model.facts
     runs = [*map(shown_name, model.judged_on)]
     judged = ", ".join(runs) if len(runs) <= 3 else f"{len(runs)} runs"
     new = facts["new_motion_percent"].texts[0]
     seconds = facts["judged_seconds"].texts[0]
     scope = facts["scope"].text
-    draw.judged([model])
     draw.note(
         f"Judged on {seconds} s of {judged}, {new} % of it not used for fitting,"
         f" {scope}; checked and identified in {model.seconds:.2g} s."
     )
     for line in map(Line.from_dict, model.comparison["verdict"]["lines"][1:]):
-        if line.about != MISSING or not model.findings:  # which Diagnose tells
+        if line.about == LOG:  # bars, table and Diagnose say what the others do
             draw.tag("p", formatting.sentence(spoken(str(line))), "line")
 
 
@@ -486,6 +483,6 @@ IDENTIFY = Stage(
     "identify",
     "Identify",
     "Add measurements first.",
-    (model, fit, parameters, methods),
+    (fit, model, parameters, methods),
     identified,
 )

@@ -92,6 +92,7 @@ def _choose(view: View) -> None:
     """
     session = view.session
     robot = view.session.robot
+    draw.drop("Your robot's URDF", "robot")
     if not robot and view.projects:
         with draw.details("Your projects", "projects", on=True):
             _projects(view)
@@ -129,7 +130,6 @@ def _choose(view: View) -> None:
                 "on" if on else "",
                 aria_pressed=pressed,
             )
-    draw.drop("Your robot's URDF", "robot")
 
 
 def _projects(view: View) -> None:
@@ -414,7 +414,7 @@ MEASURE = Stage("measure", "Measure", "", (robot, runs), _measured)
     "check",
     "",
     lambda s: bool(s.runs),
-    lambda s: (s.robot["source"], s.robot["gravity"], s.runs, s.remedies),
+    lambda s: (s.robot["source"], s.robot["gravity"], s.runs, s.remedies, s.repairs),
 )
 def check(view: View) -> None:
     """Draw the check's issues and the signals of a run, with the arm in 3D."""
@@ -454,6 +454,8 @@ def _findings(view: View) -> None:
     its remedies. A run without any gets a tick.
     """
     session = view.session
+    for words, effect in session.repairs:
+        draw.tag("p", f"Done: {label_of(words)}. {effect}", "chosen")
     with draw.tag("p", style="row"):
         for run in session.runs:
             if all(issue["severity"] == "note" for issue in run["findings"]):

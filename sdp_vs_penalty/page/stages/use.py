@@ -16,10 +16,11 @@ from sdp_vs_penalty.results.table import Table
 
 #: Files and what they are for.
 FILES = {
-    "model.json": "for this program",
+    "report.html": "what was found, to be read and handed on",
+    "model.h": "for a controller: all of the model in C",
     "robot.urdf": "for ROS and simulators",
     "robot.xml": "for MuJoCo",
-    "report.html": "HTML report",
+    "model.json": "for this program",
 }
 #: Of a model with a payload, as the makers' controllers take it; likewise what else
 #: `export` writes.
@@ -49,7 +50,7 @@ def take_away(view: View) -> None:
     findings_file = (
         {} if session.findings is None else {"findings.json": "the diagnosis"}
     )
-    tiles("Files to download", FILES | findings_file)
+    tiles("Files to download", FILES)
     if standard_effect("payload").name in session.history[-1].effects:
         hint = "Flange in the last link's frame [m]: x,y,z"
         draw.text_field(
@@ -57,7 +58,7 @@ def take_away(view: View) -> None:
         )
         tiles("The payload's files", LOAD)
     with draw.details("For other simulators and controllers", "more-files"):
-        tiles("More files to download", MORE)
+        tiles("More files to download", MORE | findings_file)
     runs = {
         f"run-{k}.csv": f"from {run['name']}"
         for k, run in enumerate(session.runs, start=1)
