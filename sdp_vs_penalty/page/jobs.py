@@ -1297,7 +1297,7 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         "comparison": {**comparison.to_dict(), "verdict": verdict_of_model},
         "failures": failures,
         "about": about(estimate),
-        "on_bounds": estimate.details.get("on_bounds") or [],
+        "on_bounds": [f"{what}: {why}" for what, why in estimate.held_by_bounds],
         "seconds": seconds,
         "servo": arm is not estimate,
     }

@@ -6,10 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.where_it_fails import Failures
-from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.render.tables import facts_from_json
 from sdp_vs_penalty.results.facts import Fact
@@ -37,7 +34,8 @@ class ModelStep(JsonRecord):
     failures: list[dict[str, Any]]
     #: Facts of the model for the page (``about`` of jobs.py).
     about: dict[str, Any]
-    #: Bounds that the estimate lies on, in words.
+    #: Bounds that decide in place of the data, and bodies that the data enlarged, a line
+    #: each.
     on_bounds: list[str]
     #: Time that the estimate took [s].
     seconds: float
@@ -71,21 +69,3 @@ class ModelStep(JsonRecord):
         """ "Error", with what stands beside it where it is not of unseen motion."""
         kind = self.facts.get("kind_of_error")  # none in files of older versions
         return f"Error {kind.text}".rstrip() if kind else "Error"
-
-    @property
-    def held_inside_bodies(self) -> str:
-        """A sentence on links that are held inside their bodies, where other values of
-        the parameters would remove most of the worst joint's error; "" elsewhere."""
-        bodies = [x for x in self.on_bounds if x.startswith("body of link ")]
-        if not bodies or not self.failures or self.method != DEFAULT_METHOD:
-            return ""
-        failures = Failures.from_dict({"units": (), "joints": self.failures})
-        failure = failures[int(self.facts["worst_joint"].value) - 1]
-        if not failure.goes_with_a_refit:
-            return ""
-        links = formatting.words([x.removeprefix("body of link ") for x in bodies])
-        return (
-            f"Other values of the parameters would remove"
-            f" {formatting.percent(failure.refit_share, 2)} of joint {failure.joint}'s error:"
-            f" links {links} are held inside the bodies that they are taken to have."
-        )

@@ -9,7 +9,7 @@ from typing import Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
-from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.session import MOTION, Session
 from sdp_vs_penalty.page.view import View, checked, graded, identified, label_of, spoken
 from sdp_vs_penalty.records import from_json, to_json
 from sdp_vs_penalty.render.words import describe_outcome, describe_taken
@@ -135,8 +135,12 @@ def _of_model(view: View) -> NextStep:
         if not diagnosis.is_open:
             text = f"{of_model.word}."  # the cause names the error
         text = f"{text} {cause}"
-        if level != "good" and (other := _without_addition(view)) is not None:
-            return replace(other, text=f"{text} {other.text}", level=level)
+        if level != "good" and (other := _motion_to_record(view)) is not None:
+            text = f"{of_model.word}. {cause} {other.text}"
+            return replace(other, text=text, level=level)
+        if level == "bad":
+            label = "Choose other measurements"
+            return NextStep(text, label, "measure", opens="drop-runs", level=level)
     if "report.html" in session.taken:
         text = "The report is made. Test the model on a run that nothing has used yet."
         return NextStep(
@@ -154,14 +158,11 @@ def _taken(session: Session) -> str:
     return f"{describe_taken(session.current.added, before, after)} "
 
 
-def _without_addition(view: View) -> NextStep | None:
-    """Return what helps a model that errs and of which nothing is known to add: links
-    without the bodies that hold them, or a motion that shows more; None for neither."""
+def _motion_to_record(view: View) -> NextStep | None:
+    """Return the step that records a motion which shows more, for a model that errs and
+    of which nothing is known to add; None where no motion is advised."""
     session = view.session
-    if text := session.current.held_inside_bodies:
-        do = partial(session.start, session.identify_without_bodies)
-        return NextStep(text, "Identify without the bodies", "identify", do)
-    if "trajectory.csv" in session.taken:
+    if MOTION in session.taken:
         text, label = "The motion's log comes next.", "Choose the log"
         return NextStep(text, label, "measure", opens="drop-runs")
     diagnosis = session.findings_of_current
@@ -170,6 +171,9 @@ def _without_addition(view: View) -> NextStep | None:
         if (change := remedy["change"])["verb"] == "record":
             do = partial(session.start, session.make_motion, change, view.download)
             return NextStep(
-                spoken(remedy["problem"]), label_of(change["words"]), "measure", do
+                graded(remedy["problem"], "certain"),
+                label_of(change["words"]),
+                "measure",
+                do,
             )
     return None

@@ -70,8 +70,13 @@ CHOSEN = (
 MOST_STEPS = 20
 #: Samples of all runs with which remedies are tried before anyone asks.
 _MOST_TRIED = 200_000
-#: The method like the default one that knows no bodies of links.
-_WITHOUT_BODIES = "lmi-sdp-entropic"
+#: What is said where runs for fitting have changed.
+_DROPPED = (
+    "The models are dropped, for they were identified from other runs: Undo brings them"
+    " back."
+)
+#: File of a motion to record.
+MOTION = "trajectory.csv"
 #: File of a session's state in its folder.
 STATE_FILE = "project.json"
 _FORMAT = 1
@@ -804,6 +809,7 @@ class Session:
         refused += [m["reason"] for m in mappings if m["path"] in asked and m["reason"]]
         if new:
             is_for_model = bool(self.history) and len(before) == len(self.runs)
+            is_for_model &= MOTION not in self.taken  # that is recorded to fit a model
             for run in new:
                 if is_for_model or for_testing(run["name"]):
                     run["use"] = "test"
@@ -825,6 +831,8 @@ class Session:
         if new and self.history:
             names = formatting.words([run["name"] for run in new])
             remarks.append(f"The model is tested on {names} as well.")
+        elif new and self.past[-1][1]["history"]:
+            remarks.append(_DROPPED)
         self.say(*(refused or remarks), error=bool(refused))
 
     async def _judged_on(
@@ -957,16 +965,13 @@ class Session:
         changed = ({**run, "use": use} if run is chosen else run for run in self.runs)
         runs = [run for run in changed if run["use"]]
         models = await self._judged_on(runs, self.robot)
-        gone = [f"{chosen['name']} is removed"] if not use else []
-        gone += ["the models are dropped, for they were identified from other runs"] * (
-            len(self.history) > len(models)
-        )
+        gone = [f"{chosen['name']} is removed: Undo brings it back."] if not use else []
+        if self.history and not models:
+            gone.append(_DROPPED)
         self._step_from_here(f"use of {chosen['name']}" if use else "a run removed")
         self.runs = runs
         self._keep_models(models)
-        if gone:
-            text = formatting.sentence("; ".join(gone))
-            self.say(f"{text}. Undo brings all back.", error=False)
+        self.say(*gone, error=False)
 
     async def split(self, file: str, percent: int) -> None:
         """Split a run anew: ``percent`` of its motion are for training, the others
@@ -1093,12 +1098,6 @@ class Session:
             )
         )
 
-    async def identify_without_bodies(self) -> None:
-        """Identify links of any extent: the data may contradict the bodies that they
-        were taken to have."""
-        self.method = _WITHOUT_BODIES
-        await self.identify()
-
     async def identify_anyway(self) -> None:
         """Identify from runs that the check calls meaningless."""
         self.anyway = True
@@ -1193,9 +1192,9 @@ class Session:
             "frozen": frozen,
             "diagnosed": diagnosis and diagnosis.to_dict(),
         }
-        label = f"+ {effects_in_words(texts)}"
-        if len(texts) > 1:
-            label = f"+ {formatting.count(len(texts), 'finding')}"
+        label = f"+ {formatting.count(len(texts), 'finding')}"
+        if len(texts) <= 1:
+            label = f"+ {effects_in_words(texts) or 'measured curves'}"
         step = await self._step(
             "Adding what was chosen",
             "extend",

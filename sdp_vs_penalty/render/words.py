@@ -537,10 +537,9 @@ def describe_taken(
     joint whose error, before and after (n,) in the units of torque, fell most."""
     falls = np.array(before) - np.array(after)
     j = int(np.argmax(falls))
+    added = "What was added"
     if len(effects) == 1:
         added = formatting.sentence(effects_in_words(effects))
-    else:
-        added = f"The {len(effects)} added effects"
     if not falls[j] > 0.0:
         return f"{added} took nothing of the error."
     share = formatting.percent(float(falls[j] / before[j]), 2)

@@ -116,7 +116,7 @@ def test_what_a_repair_does_is_known_before_the_click(
     assert outcome.startswith("Error on motion left out: ")
     monkeypatch.setattr(jobs, "change", lambda job: pytest.fail("done twice"))
     do(s, lambda: s.apply(change))
-    assert s.notice.texts == (outcome,)
+    assert s.repairs == [[change["words"], outcome]]
 
 
 @pytest.mark.long

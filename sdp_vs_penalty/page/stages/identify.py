@@ -182,11 +182,8 @@ def fit(view: View) -> None:
     shown = _Fit(view)
     view.followers["fit"] = shown.follow
     shown.follow()
-    if model.on_bounds:
-        draw.note(
-            "On their bounds (set by the bound, not by the data):"
-            f" {', '.join(model.on_bounds)}. More options above change bounds."
-        )
+    for line in model.on_bounds:
+        draw.note(f"{formatting.sentence(line)}.")
 
 
 class _Fit:
