@@ -44,6 +44,14 @@ def small(two_link):
     return two_link, experiment(two_link).training_run(0)
 
 
+@pytest.fixture(scope="module")
+def three_joints(tmp_path_factory):
+    """An arm of a file, and a run of it."""
+    path = tmp_path_factory.mktemp("arm") / "arm.urdf"
+    problem = load_problem(write_urdf(path, "arm", (TURN, SHOULDER, ELBOW)))
+    return problem, small_run(problem, seconds=10.0)
+
+
 def changed(name, j, change, of=slice(None)):
     """One channel (joint j counted from 1), in some of its rows."""
 
@@ -204,12 +212,10 @@ def test_torques_tell_per_cent_of_the_ranges_from_degrees(simulated):
         ("counts", 2.0 * np.pi / 36000, 0.0),
     ],
 )
-def test_torques_tell_the_unit_of_positions(word, scale, middle, tmp_path):
+def test_torques_tell_the_unit_of_positions(word, scale, middle, three_joints):
     """Such a log is refused with the repair that reads it, whether or not the positions
     would be possible as radians."""
-    path = write_urdf(tmp_path / "arm.urdf", "arm", (TURN, SHOULDER, ELBOW))
-    problem = load_problem(path)
-    run = small_run(problem, seconds=10.0)
+    problem, run = three_joints
     logged = replace(run, q=(run.q - middle) / scale, dq=None)
     (report,) = check(problem, logged, thorough=False)
     (issue,) = [f for f in report.issues if f.severity == "error"]
@@ -246,11 +252,9 @@ def test_a_unit_that_nothing_says_nor_the_arm_tells_is_asked_for(tmp_path):
     "per_cent", [True, pytest.param(False, marks=pytest.mark.long)]
 )
 def test_where_torques_do_not_tell_degrees_from_per_cent_both_are_named(
-    per_cent, tmp_path
+    per_cent, three_joints
 ):
-    path = write_urdf(tmp_path / "arm.urdf", "arm", (TURN, SHOULDER, ELBOW))
-    problem = load_problem(path)
-    run = small_run(problem, seconds=10.0)
+    problem, run = three_joints
     logged = replace(run, q=run.q / (0.025 if per_cent else np.radians(1.0)), dq=None)
     (report,) = check(problem, logged, thorough=False)
     (issue,) = [f for f in report.issues if f.kind.startswith("positions in")]
@@ -286,12 +290,10 @@ def _slower_clock(run):
         (_slower_clock, "clock against velocity"),
     ],
 )
-def test_what_is_certain_is_fixed_whatever_tells_it(spoil, kind, tmp_path):
+def test_what_is_certain_is_fixed_whatever_tells_it(spoil, kind, three_joints):
     """Joints' ranges, an arm or velocities: their repairs were not made, and the copy was
     then refused since it was no better."""
-    path = write_urdf(tmp_path / "arm.urdf", "arm", (TURN, SHOULDER, ELBOW))
-    problem = load_problem(path)
-    run = small_run(problem, seconds=10.0)
+    problem, run = three_joints
     # The first axis is upright; its angle is beyond 100 degrees, which are no per cent.
     run = replace(run, q=run.q + np.array([2.3 - run.q[:, 0].max(), 0.0, 0.0]))
     (report,) = check(problem, spoil(run), thorough=False)
@@ -303,11 +305,9 @@ def test_what_is_certain_is_fixed_whatever_tells_it(spoil, kind, tmp_path):
 
 
 @pytest.mark.long
-def test_a_sign_beside_degrees_hides_neither(tmp_path):
+def test_a_sign_beside_degrees_hides_neither(three_joints):
     """Neither alone explains much: the race begins again from what the range demands."""
-    path = write_urdf(tmp_path / "arm.urdf", "arm", (TURN, SHOULDER, ELBOW))
-    problem = load_problem(path)
-    run = small_run(problem, seconds=10.0)
+    problem, run = three_joints
     turned = replace(run, q=run.q * np.array([1.0, -1.0, 1.0]))
     (report,) = check(problem, _degrees(turned, [0]), thorough=False)
     issues = report.errors_and_warnings
@@ -316,11 +316,9 @@ def test_a_sign_beside_degrees_hides_neither(tmp_path):
 
 
 @pytest.mark.parametrize("turn", [1.0, pytest.param(-1.0, marks=pytest.mark.long)])
-def test_a_motor_on_the_base_is_named_and_mended(turn, tmp_path):
+def test_a_motor_on_the_base_is_named_and_mended(turn, three_joints):
     """A parallelogram or a crossed belt: it was a gear ratio."""
-    path = write_urdf(tmp_path / "arm.urdf", "arm", (TURN, SHOULDER, ELBOW))
-    problem = load_problem(path)
-    run = small_run(problem, seconds=10.0)
+    problem, run = three_joints
     model = problem.model()
     friction = np.full(len(model.parameters), 0.5)
     friction[model.rigid_indices] = 0.0
@@ -371,9 +369,10 @@ def test_positions_beyond_a_straight_axis_name_it(far, kind):
     ]
 
 
-def quarter_rate(problem):
-    """A run of the problem's arm at 250 samples a second: files of a quarter."""
-    return experiment(problem).training_run(0).rows(slice(None, None, 4))
+@pytest.fixture(scope="module")
+def run(small):
+    """The same at 250 samples a second: files of a quarter."""
+    return small[1].rows(slice(None, None, 4))
 
 
 #: Of the UR10e's eight runs: exciting, exciting with a knock, one joint alone.
@@ -417,8 +416,7 @@ def test_silence_on_real_arms(which, count, panda_run):
             assert found == knocked * [("one-off event", "warning")], (run.names, found)
 
 
-def test_a_log_without_torque_is_checked_for_rows_clock_and_positions(two_link):
-    run = quarter_rate(two_link)
+def test_a_log_without_torque_is_checked_for_rows_clock_and_positions(two_link, run):
     groups = {"q": run.q, "qcmd": run.q}
     assert not check(two_link, Measurements.from_channels(run.t, groups, ("run",)))[
         0
@@ -462,13 +460,12 @@ def test_short_runs_are_findings(samples, simulated):
     }
 
 
-def test_the_verb(tmp_path, two_link, capsys):
+def test_the_verb(tmp_path, two_link, capsys, run):
     """A fact: exit code 1, and a mended copy that is clean; the original stays as it
     was."""
     good = tmp_path / f"{'good'}.csv"
     bad = tmp_path / f"{'bad'}.csv"
     mended = tmp_path / f"{'mended'}.csv"
-    run = quarter_rate(two_link)
     save(run, good)
     save(spiked(run), bad)
     before = bad.read_bytes()
@@ -493,9 +490,8 @@ def test_the_verb(tmp_path, two_link, capsys):
     ]
 
 
-def test_the_verdict_says_what_is_corrected_before_the_share_is_taken(two_link):
+def test_the_verdict_says_what_is_corrected_before_the_share_is_taken(two_link, run):
     """A sign that is turned leaves much as logged, and little when it is turned back."""
-    run = quarter_rate(two_link)
     (good,) = check(two_link, run, thorough=False)
     (bad,) = check(two_link, FLIPPED(run), thorough=False)
     assert "corrected" not in good.verdict
@@ -506,8 +502,8 @@ def test_the_verdict_says_what_is_corrected_before_the_share_is_taken(two_link):
     assert bad.to_dict()["corrected"] == ["torque sign"]
 
 
-def test_the_verdict_names_facts_that_are_corrected(two_link):
-    (report,) = check(two_link, spiked(quarter_rate(two_link)), thorough=False)
+def test_the_verdict_names_facts_that_are_corrected(two_link, run):
+    (report,) = check(two_link, spiked(run), thorough=False)
     assert "; with spikes corrected, the arm's" in report.verdict
 
 
@@ -520,12 +516,11 @@ def spiked(run):
     return replace(run, tau=tau)
 
 
-def test_an_explanation_is_a_warning_and_no_repair(tmp_path, two_link, capsys):
+def test_an_explanation_is_a_warning_and_no_repair(tmp_path, two_link, capsys, run):
     """What a model says of a log is said, and neither refused nor written."""
     bad = tmp_path / "bad.csv"
     mended = tmp_path / "mended.csv"
     out = tmp_path / "out.json"
-    run = quarter_rate(two_link)
     save(FLIPPED(run), bad)
     two = "check", "two_link", "--data"
     assert run_cli(*two, bad, "--json", out, "--fix", mended) == 2
@@ -542,10 +537,11 @@ def test_an_explanation_is_a_warning_and_no_repair(tmp_path, two_link, capsys):
     assert issue["can_fix"] is False
 
 
-def test_no_copy_is_written_of_a_log_that_is_not_repaired(tmp_path, two_link, capsys):
+def test_no_copy_is_written_of_a_log_that_is_not_repaired(
+    tmp_path, two_link, capsys, run
+):
     """One without a problem, and one with a gap, which nothing mends."""
     good, gap, copy = (tmp_path / name for name in ("good.csv", "gap.csv", "copy.csv"))
-    run = quarter_rate(two_link)
     save(run, good)
     is_kept = (run.t < 4.0) | (run.t > 5.0)
     save(run.rows(is_kept), gap)
@@ -564,11 +560,13 @@ def test_an_explanation_is_never_an_error():
     assert Issue(**words, severity="error").nature == "fact"
 
 
-def test_identify_goes_on_where_an_explanation_is_given(tmp_path, two_link, capsys):
+def test_identify_goes_on_where_an_explanation_is_given(
+    tmp_path, two_link, capsys, run
+):
     """It says so in one line that names what it looks like."""
     bad = tmp_path / "bad.csv"
     model = tmp_path / "model.json"
-    save(FLIPPED(quarter_rate(two_link)), bad)
+    save(FLIPPED(run), bad)
     to = ("--method", "ols", "--out", model)
     assert run_cli("identify", "two_link", "--data", bad, *to) == 0
     assert model.exists()
@@ -578,12 +576,11 @@ def test_identify_goes_on_where_an_explanation_is_given(tmp_path, two_link, caps
     assert "--apply sign:tau2" in said
 
 
-def test_identify_refuses_meaningless_data_by_itself(tmp_path, two_link, capsys):
+def test_identify_refuses_meaningless_data_by_itself(tmp_path, two_link, capsys, run):
     """In one sentence and without a model, unless it is told not to check."""
     bad = tmp_path / "bad.csv"
     good = tmp_path / "good.csv"
     model = tmp_path / "model.json"
-    run = quarter_rate(two_link)
     save(spiked(run), bad)
     save(run, good)
     to = ("--method", "ols", "--out", model)
