@@ -4,7 +4,7 @@ nothing else of the file changes."""
 import numpy as np
 import pytest
 import random_robots
-from dynamics_files import estimate_of
+from dynamics_files import by_mujoco, estimate_of
 from recorded import refusal
 
 from sdp_vs_penalty import export
@@ -46,23 +46,6 @@ EFFECTS = "rigid_body,viscous_friction,coulomb_friction,rotor_inertia,joint_spri
 AT = 0.02  # where the finger stands [m]
 
 
-def torque_in_mujoco(path, names, motion):
-    """MuJoCo's inverse dynamics of a file (T, n); of dry friction its size, since it is
-    a soft constraint there."""
-    model = mujoco.MjModel.from_xml_path(str(path))
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-    data = mujoco.MjData(model)
-    at = [model.joint(name).dofadr[0] for name in names]
-    if "grip" not in names:
-        data.qpos[model.joint("grip").qposadr[0]] = AT
-    made = []
-    for q, dq, ddq in zip(motion.q, motion.dq, motion.ddq, strict=True):
-        data.qpos[at], data.qvel[at], data.qacc[at] = q, dq, ddq
-        mujoco.mj_inverse(model, data)
-        made.append(data.qfrc_inverse[at].copy())
-    return np.array(made) + model.dof_frictionloss[at] * np.tanh(motion.dq / 0.01)
-
-
 @pytest.fixture
 def own(tmp_path):
     path = tmp_path / "my arm.xml"
@@ -79,7 +62,7 @@ def test_mujoco_makes_the_models_torque_from_the_edited_file(own, tmp_path, held
     assert export(estimate, out, mjcf=own, force=True) == ()
     q, dq, ddq = random_robots.states(robot, 30, 1)
     motion = Motion(np.zeros(len(q)), q, dq, ddq)
-    made = torque_in_mujoco(out, robot.joint_names, motion)
+    made = by_mujoco(out, robot, q, dq, ddq, held.items())
     assert np.abs(made - estimate.torque(motion)).max() < 1e-9
 
 

@@ -49,23 +49,36 @@ def by_our_reader(path, robot, q, dq, ddq):
     return made[:, order] + of_the_file(path, robot, dq, ddq)
 
 
-def by_mujoco(path, robot, q, dq, ddq):
-    """MuJoCo's own inverse dynamics: links, armature and damping; dry friction is a
-    soft constraint there, so that only its size is taken."""
+def mujoco_torque(model, motion, at=slice(None), held=()):
+    """(N, n) by MuJoCo's inverse dynamics at some degrees of freedom; friction and
+    equalities, which are constraints there, make none.
+
+    held : pairs of a joint and its position.
+    """
+    import mujoco
+
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    data = mujoco.MjData(model)
+    for name, position in held:
+        data.qpos[model.joint(name).qposadr[0]] = position
+    made = []
+    for data.qpos[at], data.qvel[at], data.qacc[at] in zip(*motion, strict=True):
+        mujoco.mj_inverse(model, data)
+        made.append(data.qfrc_inverse[at].copy())
+    return np.array(made)
+
+
+def by_mujoco(path, robot, q, dq, ddq, held=()):
+    """Links, armature and damping; dry friction is a soft constraint there, so that only
+    its size is taken."""
     mujoco = pytest.importorskip("mujoco", minversion="3.0")
     model = mujoco.MjModel.from_xml_path(str(path))
     at = [model.joint(j.name).dofadr[0] for j in robot.joints]
     for j in robot.joints:
         if np.isfinite(j.effort):
             assert model.actuator(j.name).ctrlrange.tolist() == [-j.effort, j.effort]
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-    data = mujoco.MjData(model)
-    made = np.empty_like(q)
-    for k in range(len(q)):
-        data.qpos[at], data.qvel[at], data.qacc[at] = q[k], dq[k], ddq[k]
-        mujoco.mj_inverse(model, data)
-        made[k] = data.qfrc_inverse[at]
-    return made + model.dof_frictionloss[at] * np.tanh(dq / 0.01)
+    dry = model.dof_frictionloss[at] * np.tanh(dq / 0.01)
+    return mujoco_torque(model, (q, dq, ddq), at, held) + dry
 
 
 def by_c(path, robot, q, dq, ddq):

@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from arms import Axis, write_urdf
+from dynamics_files import mujoco_torque
 from numpy.testing import assert_allclose
 
 import sdp_vs_penalty as sdp
@@ -51,13 +52,7 @@ def mujoco_torques(axes, motion):
         )
     tail = "</body>" * len(axes)
     text = f"<mujoco><worldbody>{bodies}{tail}</worldbody></mujoco>"
-    model = mujoco.MjModel.from_xml_string(text)
-    data = mujoco.MjData(model)
-    out = []
-    for data.qpos, data.qvel, data.qacc in zip(*motion, strict=True):
-        mujoco.mj_inverse(model, data)
-        out.append(np.array(data.qfrc_inverse))
-    return np.array(out)
+    return mujoco_torque(mujoco.MjModel.from_xml_string(text), motion)
 
 
 def _numbers(values):

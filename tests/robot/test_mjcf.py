@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from arms import ELBOW, SHOULDER, write_urdf
 from commands import run_cli
+from dynamics_files import mujoco_torque
 from numpy.testing import assert_allclose
 from recorded import refusal
 from small_runs import small_run
@@ -63,18 +64,6 @@ ARMS = {
 }
 
 
-def torques_of_mujoco(text, state):
-    """(N, L) by mj_inverse of all joints; friction and equalities count as constraints."""
-    model = mujoco.MjModel.from_xml_string(text)
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    data = mujoco.MjData(model)
-    out = []
-    for data.qpos, data.qvel, data.qacc in zip(*state, strict=True):
-        mujoco.mj_inverse(model, data)
-        out.append(np.array(data.qfrc_inverse))
-    return np.array(out)
-
-
 def write(folder, name):
     path = folder / f"{name}.xml"
     path.write_text(ARMS[name])
@@ -87,7 +76,8 @@ def test_torques_are_mujoco_s(name, tmp_path):
     q, dq, ddq = np.random.default_rng(0).normal(size=(3, 30, robot.n))
     matrix = np.eye(robot.n) if robot.mechanism is None else robot.mechanism.matrix
     whole = robot.tree_state(q, dq, ddq)
-    expected = torques_of_mujoco(ARMS[name], whole) @ matrix
+    model = mujoco.MjModel.from_xml_string(ARMS[name])
+    expected = mujoco_torque(model, whole) @ matrix
     torque = robot.inverse_dynamics(links, q, dq, ddq)
     for k in range(robot.n):
         torque[:, k] += values.get(f"I_a{k + 1}", 0.0) * ddq[:, k]
