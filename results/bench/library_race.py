@@ -26,7 +26,7 @@ from sdp_vs_penalty.effects.effect import JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.race import constants as c
-from sdp_vs_penalty.race.arm_fit import RepairedRows, orthonormal
+from sdp_vs_penalty.race.arm_fit import orthonormal
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import prior_of_one_of
@@ -62,7 +62,7 @@ class WhiteLog:
             of_joint = X[j][:, own]
             of_joint = of_joint[:, of_joint.any(axis=0)]
             columns[j, :, : of_joint.shape[1]] = of_joint
-        self.basis = orthonormal(columns)
+        self.basis_of_own = orthonormal(columns)
         self.moving = self.y.any(axis=1)
         self.problem = white.estimate.problem
         self.as_logged = LogTransform.unchanged(self.n, self.problem.robot.gravity)
@@ -80,9 +80,13 @@ class WhiteLog:
         """Return some of the rows."""
         return WhiteLog(self.white, rows)
 
-    def rows(self, chain: LogTransform) -> RepairedRows:
+    def basis(self, chain: LogTransform) -> Array:
+        """Return the basis of each joint's own columns."""
+        return self.basis_of_own
+
+    def raw(self, chain: LogTransform) -> Array:
         """Return the model's columns."""
-        return RepairedRows.from_basis(self.basis, self.shared_columns)
+        return self.shared_columns
 
     def torque_mask(self, chain: LogTransform) -> Array:
         """Return that all rows count."""

@@ -44,34 +44,50 @@ class RepairedRows:
     basis: Array
     #: (n, M, s) shared columns.
     raw: Array
-    #: (n, M, s) shared columns with the basis projected out.
-    projected: Array
+    #: (n, k, s) coefficients of the shared columns in the basis.
+    in_basis: Array
+    #: (n, s) whether a column is more than what the basis spans.
+    is_shared: NDArray[np.bool_]
     #: (n, s, s) Gram matrices of ``projected``.
     gram: Array
 
     @classmethod
     def from_basis(cls, basis: Array, raw: Array) -> RepairedRows:
-        """Project each joint's own columns, of orthonormal basis (n, M, k), out of the
-        shared columns raw (n, M, s).
+        """Project each joint's own columns, of orthonormal basis (..., n, M, k), out of
+        the shared columns raw (..., n, M, s).
 
         Returns
         -------
         RepairedRows
-            With the projected columns and their Gram matrices.
+            With the Gram matrices of what is left of the columns.
         """
-        in_basis = np.swapaxes(basis, -1, -2) @ raw  # (n, k, s)
-        left = raw - basis @ in_basis
-        gram = np.swapaxes(left, -1, -2) @ left
-        # Rounding errors of columns that the basis spans are no columns. (Columns of zeros
-        # have none.)
-        squares_left = np.diagonal(gram, axis1=-2, axis2=-1)  # (n, s)
-        squares_in_basis = np.sum(in_basis**2, axis=1)
-        squares = squares_left + squares_in_basis
-        is_spanned = (squares > 0.0) & (squares_left <= _SPANNED_SHARE * squares)
-        if is_spanned.any():
-            left = left * ~is_spanned[..., None, :]
-            gram = gram * ~is_spanned[..., None, :] * ~is_spanned[..., None]
-        return cls(basis, raw, projected=left, gram=gram)
+        in_basis = np.swapaxes(basis, -1, -2) @ raw  # (..., n, k, s)
+        gram = np.swapaxes(raw, -1, -2) @ raw
+        squares = np.diagonal(gram, axis1=-2, axis2=-1).copy()  # (..., n, s)
+        gram -= np.swapaxes(in_basis, -1, -2) @ in_basis
+        squares_left = np.diagonal(gram, axis1=-2, axis2=-1)
+        # Rounding errors of columns that the basis spans are no columns, nor are zeros.
+        is_shared = squares_left > _SPANNED_SHARE * squares
+        if not is_shared.all():
+            gram *= is_shared[..., None, :] & is_shared[..., None]
+        return cls(basis, raw, in_basis, is_shared, gram)
+
+    @cached_property
+    def projected(self) -> Array:
+        """(n, M, s) shared columns with the basis projected out."""
+        left = self.raw - self.basis @ self.in_basis
+        return np.asarray(left * self.is_shared[..., None, :])
+
+    def split(self) -> list[RepairedRows]:
+        """List the rows of each of several repairs, which are stacked along the first
+        axis."""
+        fields = self.basis, self.raw, self.in_basis, self.is_shared, self.gram
+        return [RepairedRows(*of_one) for of_one in zip(*fields, strict=True)]
+
+    def products_with(self, torques: Array) -> Array:
+        """Return the products (n, K, s) of K torques (n, M, K), own columns projected
+        out, with what is left of the shared columns."""
+        return np.asarray((torques.swapaxes(1, 2) @ self.raw) * self.is_shared[:, None])
 
     def project_out_own(self, y: Array) -> Array:
         """Return torques or columns with each joint's own columns projected out.

@@ -15,8 +15,9 @@ It is free of units and gains of the channels.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +26,13 @@ from scipy.special import log_ndtr
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.arm_fit import RepairedRows, orthonormal
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.likelihood import Likelihood, recent, without_inertial_power
-from sdp_vs_penalty.race.records import Hypothesis, LogView, Part
+from sdp_vs_penalty.race.likelihood import (
+    ROWS_AT_A_TIME,
+    Likelihood,
+    recent,
+    without_inertial_power,
+)
+from sdp_vs_penalty.race.records import Hypothesis, LogView, Number, Part
 from sdp_vs_penalty.race.rows import random_rows
 from sdp_vs_penalty.regression.base_parameters import structure
 from sdp_vs_penalty.regression.evidence import independent_rows, jackknifed
@@ -131,7 +137,7 @@ class Evidence:
         self.log = log
         self.runs = runs
         self._prior = self._prior_of_links()
-        self._columns = recent(64, self._make_columns)
+        self._columns = recent(8, self._make_columns_of_one)
 
     def thinned(self, step: int) -> Evidence:
         """Return the evidence of one row in ``step``."""
@@ -196,14 +202,32 @@ class Evidence:
 
     # -- rows as seen
 
-    def _make_columns(self, motion: LogView) -> _Columns:
+    def _make_columns_of_one(self, motion: LogView) -> _Columns:
         """Make what all fits to one motion share; :attr:`_columns` caches it."""
+        return self._make_columns([motion])[0]
+
+    def _make_columns(self, motions: Sequence[LogView]) -> list[_Columns]:
+        """Make what all fits to each of several motions share."""
+        self.log._prepare_columns([motion.chain for motion in motions])
+        seen = zip(*map(self._columns_of, motions), strict=True)
+        basis, raw, mask, states = map(_stacked, seen)
+        states = states - states.mean(axis=-1, keepdims=True)
+        velocity = without_inertial_power((states * mask[:, None]).swapaxes(0, 1))[0]
+        size = np.linalg.norm(velocity, axis=-1, keepdims=True)
+        probe = velocity / nonzero_or_one(size)
+        power = (probe[..., None, :] @ raw)[..., 0, :]
+        rows = RepairedRows.from_basis(basis, raw).split()
+        return [*map(_Columns, rows, probe, power, mask.sum(axis=-1))]
+
+    def _columns_of(self, motion: LogView) -> tuple[Array, Array, Array, Array]:
+        """Return a basis (n, M, k) of each joint's own columns, the columns (n, M, s) of
+        links and further ones, which rows count (n, M), and velocities and accelerations
+        (2, n, M) of a motion."""
         log, chain = self.log, motion.chain
-        rows = log.rows(chain)
+        basis, raw, mask = log.basis(chain), log.raw(chain), log.torque_mask(chain)
         states = np.stack(self._states(chain))
-        mask = log.torque_mask(chain)
         if motion.parts:
-            raw, states, mask = rows.raw.copy(), states.copy(), mask.copy()
+            raw, states, mask = raw.copy(), states.copy(), mask.copy()
             own = log.data.own_columns[list(chain.order)].copy()
             for part, beside in motion.parts:
                 at = part.rows(self.runs, log.data.motion.t)
@@ -216,17 +240,10 @@ class Evidence:
                 own[:, at] = of_part * sign[:, None, None]
                 own[:, at, _OFFSET] = of_part[:, :, _OFFSET]
             basis = orthonormal(own * mask[:, :, None])
-            rows = RepairedRows.from_basis(basis, raw)
         if motion.further:
             further = [x.columns * mask[:, :, None] for x in motion.further]
-            raw = np.concatenate([rows.raw, *further], axis=2)
-            rows = RepairedRows.from_basis(rows.basis, raw)
-        states = states - states.mean(axis=2, keepdims=True)
-        velocity = without_inertial_power(states * mask)[0]
-        size = np.linalg.norm(velocity, axis=1, keepdims=True)
-        probe = velocity / nonzero_or_one(size)
-        power = (probe[:, None, :] @ rows.raw)[:, 0]
-        return _Columns(rows, probe, power, mask.sum(axis=1))
+            raw = np.concatenate([raw, *further], axis=2)
+        return basis, raw, mask, states
 
     def _states(self, chain: LogTransform) -> tuple[Array, Array]:
         """Return velocity and acceleration (n, M) of the motors under a transform."""
@@ -242,12 +259,14 @@ class Evidence:
             torque = np.where(at, of_part, torque)
         return torque
 
-    def _total(self, view: LogView) -> Array:
-        """Return the squared torque (n,), to which what is left is compared.
+    def _total(self, view: LogView, total: Array) -> Array:
+        """Return the squared torque (n,), to which what is left is compared; total (n,) :
+        that of the view.
 
         It makes the evidence free of gains; a part's gain counts in its rows.
         """
-        total = np.sum(self.log.channels(view.chain) ** 2, axis=1)
+        if view.parts:
+            total = np.sum(self.log.channels(view.chain) ** 2, axis=1)
         for part, beside in view.parts:
             share = np.mean(part.rows(self.runs, self.log.data.motion.t))
             total = total * np.abs(beside.gain) ** (2.0 * share)
@@ -255,30 +274,37 @@ class Evidence:
 
     # -- fits
 
-    def _products(self, view: LogView) -> ViewFit:
-        """Return the products of a view that a fit needs, not fitted yet."""
-        columns = self._columns(view.motion)
-        direction = -1.0 if view.chain.reversed else 1.0
-        torque = self._torque(view)
-        beside_own = columns.rows.project_out_own(torque[:, :, None])[:, :, 0]
-        return ViewFit(
-            view=view,
-            columns=columns,
-            cross=(torque[:, None, :] @ columns.rows.projected)[:, 0],
-            energy=np.sum(beside_own**2, axis=1),
-            total=self._total(view),
-            probed=np.sum(columns.probe * torque, axis=1),
-            direction=direction,
-        )
+    def _products(self, columns: _Columns, views: Sequence[LogView]) -> list[ViewFit]:
+        """Return the products of several views of one motion that fits need, not fitted
+        yet."""
+        torques = np.stack([self._torque(view) for view in views], axis=-1)  # (n, M, K)
+        beside_own = columns.rows.project_out_own(torques)
+        energy = np.sum(beside_own**2, axis=1)
+        cross = columns.rows.products_with(beside_own)  # (n, K, s)
+        probed = (columns.probe[:, None, :] @ torques)[:, 0]
+        total = np.sum(torques**2, axis=1)
+        return [
+            ViewFit(
+                view=view,
+                columns=columns,
+                cross=cross[:, k],
+                energy=energy[:, k],
+                total=self._total(view, total[:, k]),
+                probed=probed[:, k],
+                direction=-1.0 if view.chain.reversed else 1.0,
+            )
+            for k, view in enumerate(views)
+        ]
 
     def fit(self, view: LogView, v: float) -> ViewFit:
-        """Fit one arm to the rows of one view; see :meth:`fit_all`."""
-        return self.fit_all([view], v)[0]
+        """Fit one arm to the rows of one view; v : rows that are worth one."""
+        products = self._products(self._columns(view.motion), [view])
+        return self.fitted(products, v)[0]
 
-    def fit_all(
+    def values(
         self, views: Sequence[LogView], v: float, rounds: int = _ROUNDS
-    ) -> list[ViewFit]:
-        """Fit one arm to the rows of each of several views with the same number of
+    ) -> Array:
+        """Return the log evidence (K,) of each of several views with the same number of
         further columns.
 
         Parameters
@@ -288,39 +314,69 @@ class Evidence:
         rounds : int
             Of reweighting each joint by its own residual.
         """
-        self.log._prepare_columns([view.chain for view in views])
-        products = [self._products(view) for view in views]
-        if not products:
-            return []
-        return self.fitted(products, v, rounds)
+        by_motion: dict[LogView, list[int]] = {}
+        for k, view in enumerate(views):
+            by_motion.setdefault(view.motion, []).append(k)
+        values = np.empty(len(views))
+        for motions in self._stackable(by_motion):
+            products: list[ViewFit] = []
+            for motion, columns in zip(
+                motions, self._make_columns(motions), strict=True
+            ):
+                of_motion = [views[k] for k in by_motion[motion]]
+                products += self._products(columns, of_motion)
+            places = [k for motion in motions for k in by_motion[motion]]
+            values[places] = [x.value for x in self.fitted(products, v, rounds)]
+        return values
+
+    def _stackable(self, motions: Iterable[LogView]) -> Iterator[list[LogView]]:
+        """Yield motions in lists: those of one list have the same number of columns, and
+        no more rows than are computed at a time."""
+        at_a_time = max(1, ROWS_AT_A_TIME // self.log.data.count)
+        by_width: dict[int, list[LogView]] = {}
+        for motion in motions:
+            by_width.setdefault(len(motion.chain.events), []).append(motion)
+        for alike in by_width.values():
+            for first in range(0, len(alike), at_a_time):
+                yield alike[first : first + at_a_time]
 
     def fitted(
         self, products: Sequence[ViewFit], v: float, rounds: int = _ROUNDS
     ) -> list[ViewFit]:
         """Fit arms to products that are known, with another number of rows worth one;
-        see :meth:`fit_all`."""
+        see :meth:`values`."""
         moving = self.log.moving
         mean, inverse, log_determinant = self._prior_of(products[0].view)
-        s = len(mean)
-        gram = np.stack([x.columns.rows.gram for x in products])[:, moving]
+        s, count = len(mean), len(products)
+        # Views of one motion, one after the other, have one Gram matrix.
+        places: list[tuple[slice, Array]] = []
+        for _, group in groupby(products, lambda x: id(x.columns)):
+            first = places[-1][0].stop if places else 0
+            of_motion = [*group]
+            gram = of_motion[0].columns.rows.gram[moving]
+            places.append((slice(first, first + len(of_motion)), gram))
         cross = np.stack([x.cross for x in products])[:, moving]
         energy = np.stack([x.energy for x in products])[:, moving]
         total = np.stack([x.total for x in products])[:, moving]
         n_rows = np.stack([self._independent(x, v) for x in products])[:, moving]
-        flat = gram.reshape(*gram.shape[:2], s * s)
         left = np.maximum(energy, c.FLOOR * total)
         is_link = np.arange(s) < len(self._prior[0])
-        scale = np.ones(len(products))  # of the arm beside the nominal one
+        scale = np.ones(count)  # of the arm beside the nominal one
+        summed, change = np.empty((count, s, s)), np.empty_like(left)
         for _ in range(rounds):
             weights = n_rows / left  # (K, n)
-            summed = (weights[:, None] @ flat).reshape(len(products), s, s)
+            for at, gram in places:
+                flat = weights[at] @ gram.reshape(-1, s * s)
+                summed[at] = flat.reshape(-1, s, s)
             unit = np.where(is_link, scale[:, None], 1.0)  # (K, s)
             prior = inverse / (unit[:, :, None] * unit[:, None, :])
             information = summed + prior
             right = (weights[:, None] @ cross)[:, 0] + (inverse @ mean) / unit
             theta = np.linalg.solve(information, right[..., None])[..., 0]
-            image = (gram @ theta[:, None, :, None])[..., 0]
-            change = np.einsum("kjs,ks->kj", image - 2.0 * cross, theta)
+            for at, gram in places:
+                image = (theta[at] @ gram).swapaxes(0, 1)  # (k, n, s)
+                slope = image - 2.0 * cross[at]
+                change[at] = (slope @ theta[at, :, None])[..., 0]
             left = np.maximum(energy + change, c.FLOOR * total)
             nominal = summed @ mean  # (K, s), by what the rows show
             likeness = np.sum(theta * nominal, axis=1)
@@ -339,16 +395,15 @@ class Evidence:
         slopes = np.stack([x.columns.power for x in products])[:, moving]
         power = np.stack([x.probed for x in products])[:, moving]
         power = power - (slopes @ theta[..., None])[..., 0]
-        solved = np.linalg.solve(information, slopes.swapaxes(1, 2))
-        variance = left / n_rows + np.sum(slopes.swapaxes(1, 2) * solved, axis=1)
+        known = np.concatenate([slopes, nominal[:, None]], axis=1).swapaxes(1, 2)
+        spread = np.sum(known * np.linalg.solve(information, known), axis=1)
+        variance = left / n_rows + spread[:, :-1]
         directions = np.array([x.direction for x in products])
         z = directions[:, None] * power / np.sqrt(np.maximum(variance, _TINY))
         signs = np.maximum(np.log(2.0) + log_ndtr(z), -c.MAX_PHYSICS_LOG_ODDS)
         physics = np.sum(signs, axis=1)
         # The links: they are like the nominal ones, and not like their mirror image.
-        solved = np.linalg.solve(information, nominal[..., None])[..., 0]
-        variance = np.sum(nominal * solved, axis=1)
-        z = likeness / np.sqrt(np.maximum(variance, _TINY))
+        z = likeness / np.sqrt(np.maximum(spread[:, -1], _TINY))
         mirrored = np.log(2.0) + log_ndtr(z)
         value += np.maximum(mirrored, -c.MAX_LIKENESS_LOG_ODDS)
         # What a controller that compensates friction leaves of it is small.
@@ -376,6 +431,10 @@ class Evidence:
             )
             fits.append(fit)
         return fits
+
+    def worth(self, fit: ViewFit, v: float) -> ViewFit:
+        """Return a fit with v rows worth one; itself where they are already."""
+        return fit if fit.v == v else self.fitted([fit], v)[0]
 
     def _independent(self, fit: ViewFit, v: float) -> Array:
         """Return the number (n,) of independent rows less own columns, if v rows are
@@ -438,29 +497,28 @@ class Evidence:
         """
         modelled = self._torque(fit.view) - self.residual(fit)
         slopes = np.zeros((*modelled.shape, len(hypotheses)))
-        pairs = []
-        for h, size in zip(hypotheses, sizes, strict=True):
-            assert h.number is not None
-            ends = (size, size + h.number.step)
-            pairs.append([h.at_size(fit.chain, x) for x in ends])
-        others = [
-            x
-            for h, pair in zip(hypotheses, pairs, strict=True)
-            if h.number is not None and h.number.field != "gain"
-            for x in pair
-        ]
-        torques: dict[LogTransform, Array] = {}
-        self.log._prepare_columns(others[: self.log._columns.size])
-        for x in others:
-            if x not in torques:
-                torques[x] = self.log.unexplained(x, fit.links)
-        for k, (h, (now, moved)) in enumerate(zip(hypotheses, pairs, strict=True)):
-            assert h.number is not None
-            if h.number.field == "gain":
-                joints = [*h.number.joints]
-                slopes[joints, :, k] = -modelled[joints]
+        # A number changes the same torque in every part that it is of.
+        alike: dict[tuple[Number | None, float, bool], list[int]] = {}
+        for k, (h, size) in enumerate(zip(hypotheses, sizes, strict=True)):
+            alike.setdefault((h.number, size, h.part is None), []).append(k)
+        moved: list[tuple[list[int], float, LogTransform, LogTransform]] = []
+        for (number, size, _), places in alike.items():
+            assert number is not None
+            if number.field == "gain":
+                for j in number.joints:
+                    slopes[j][:, places] = -modelled[j][:, None]
             else:
-                slopes[:, :, k] = (torques[now] - torques[moved]) / h.number.step
+                h = hypotheses[places[0]]
+                now = h.at_size(fit.chain, size)
+                then = h.at_size(fit.chain, size + number.step)
+                moved.append((places, number.step, now, then))
+        chains = [*dict.fromkeys(x for _, _, now, then in moved for x in (now, then))]
+        self.log._prepare_columns(chains[: self.log._columns.size])
+        unexplained = {x: self.log.unexplained(x, fit.links) for x in chains}
+        for places, step, now, then in moved:
+            slope = (unexplained[now] - unexplained[then]) / step
+            slopes[:, :, places] = slope[:, :, None]
+        for k, h in enumerate(hypotheses):
             if h.part is not None:
                 slopes[:, ~h.part.rows(self.runs, self.log.data.motion.t), k] = 0.0
         return slopes
@@ -511,31 +569,45 @@ class Evidence:
         z = z - arm @ np.linalg.solve(fit.information, with_arm)
         residual = self.residual(fit)[moving]
         score = (residual[:, None, :] @ z)[:, 0]
+        odds, first = np.empty(len(sizes)), np.empty(len(sizes))
+        begins = np.cumsum(sizes) - sizes
+        for size in {*sizes}:
+            groups = np.flatnonzero(np.equal(sizes, size))
+            places = begins[groups][:, None] + np.arange(size)  # (G, size)
+            odds[groups], first[groups] = self._gains(
+                fit, z[:, :, places], score[:, places], sd[places], alone[places]
+            )
+        return odds, first
+
+    def _gains(
+        self, fit: ViewFit, z: Array, score: Array, sd: Array, alone: Array
+    ) -> tuple[Array, Array]:
+        """Return log-odds and first size (G,) of G groups of r columns each.
+
+        z (n, M, G, r) : the columns beside the arm's of moving joints; score (n, G, r) :
+        their products with the residual; sd, alone (G, r) : standard deviations beforehand,
+        and squares before the arm's were taken out.
+        """
+        moving = self.log.moving
         left, least = fit.left[moving], c.FLOOR * fit.total[moving]
         n_rows = fit.weights[moving] * left
-        odds, first = np.empty(len(sizes)), np.empty(len(sizes))
-        ends = np.cumsum(sizes)
-        for k, (end, size) in enumerate(zip(ends, sizes, strict=True)):
-            group = slice(end - size, end)
-            of_group = z[:, :, group]
-            gram = of_group.swapaxes(1, 2) @ of_group
-            # Rounding leaves nothing of what the arm's parameters span.
-            ridge = np.diag(sd[group] ** -2.0 + 1e-9 * alone[group])
-            after = left
-            for _ in range(2):
-                weights = n_rows / after
-                information = np.tensordot(weights, gram, 1)
-                x = np.linalg.solve(information + ridge, weights @ score[:, group])
-                change = (gram @ x - 2.0 * score[:, group]) @ x
-                after = np.maximum(left + change, least)
-            scaled = np.eye(size) + sd[group, None] * information * sd[group]
-            odds[k] = -0.5 * float(
-                n_rows @ np.log(after / left)
-                + np.sum((x / sd[group]) ** 2)
-                + np.linalg.slogdet(scaled)[1]
-            )
-            first[k] = x[0]
-        return odds, first
+        by_group = z.transpose(2, 0, 3, 1)  # (G, n, r, M)
+        gram = by_group @ by_group.swapaxes(2, 3)  # (G, n, r, r)
+        score = score.swapaxes(0, 1)  # (G, n, r)
+        # Rounding leaves nothing of what the arm's parameters span.
+        ridge = (sd**-2.0 + 1e-9 * alone)[:, :, None] * np.eye(sd.shape[1])
+        after = np.broadcast_to(left, score.shape[:2])
+        for _ in range(2):
+            weights = n_rows / after  # (G, n)
+            information = np.einsum("gj,gjab->gab", weights, gram)
+            right = np.einsum("gj,gja->ga", weights, score)
+            x = np.linalg.solve(information + ridge, right[..., None])  # (G, r, 1)
+            change = (gram @ x[:, None])[..., 0] - 2.0 * score
+            after = np.maximum(left + (change @ x)[..., 0], least)
+        scaled = np.eye(sd.shape[1]) + sd[:, :, None] * information * sd[:, None]
+        x = x[..., 0]
+        odds = np.log(after / left) @ n_rows + np.sum((x / sd) ** 2, axis=1)
+        return -0.5 * (odds + np.linalg.slogdet(scaled)[1]), x[:, 0]
 
     def _beside_arm(self, fit: ViewFit, columns: Array) -> tuple[Array, Array]:
         """Return information (r, r) and score (r,) of further columns (n, M, r), the
@@ -624,3 +696,8 @@ class Evidence:
             return np.inf
         _, arms = self.held_out(fit, slope[:, :, None] / size)
         return float(jackknifed(arms[:, -1:] / size)[1][0])
+
+
+def _stacked(arrays: Sequence[Array]) -> Array:
+    """Stack arrays of one shape along a new first axis; one alone is not copied."""
+    return arrays[0][None] if len(arrays) == 1 else np.stack(arrays)

@@ -44,7 +44,7 @@ from sdp_vs_penalty.signals.filtered import joined
 #: the next round of the search proposes them again.
 FEW_ROWS = 128
 #: Rows of several repaired motions that are computed at a time.
-_ROWS_AT_A_TIME = 2000
+ROWS_AT_A_TIME = 2000
 T = TypeVar("T")
 #: A logarithm's argument, a divisor: no smaller than this.
 _TINY = 1e-300
@@ -277,8 +277,12 @@ class Likelihood:
 
     def _make_rows(self, repair: LogTransform) -> RepairedRows:
         """Make the rows of a repair of the motion; :meth:`rows` caches the result."""
-        basis = self._basis(repair.order, repair.events)
-        return RepairedRows.from_basis(basis, self.raw(repair))
+        return RepairedRows.from_basis(self.basis(repair), self.raw(repair))
+
+    def basis(self, repair: LogTransform) -> Array:
+        """Return an orthonormal basis (n, M, k) of each joint's own columns under a
+        repair: friction, rotor inertia, offset, and events of the log."""
+        return self._basis(repair.order, repair.events)
 
     def raw(self, repair: LogTransform) -> Array:
         """Return the columns (n, M, s) of the s parameters that joints share (of the
@@ -384,7 +388,7 @@ class Likelihood:
         for arm in dict.fromkeys(repair.arm_part for repair in repairs):
             if self._columns.get((arm, 1.0, 1.0)) is None:
                 missing.setdefault((arm.gravity, arm.longer), []).append(arm)
-        size = max(1, _ROWS_AT_A_TIME // self.data.count)
+        size = max(1, ROWS_AT_A_TIME // self.data.count)
         for arms in missing.values():
             model = self._model(arms[0].gravity, arms[0].longer)
             # An effect that remembers needs the rows of one motion by themselves.
@@ -548,13 +552,13 @@ def _straighten(value: Array, limit: float) -> Array:
 
 
 def without_inertial_power(states: Array) -> Array:
-    """Return velocities and accelerations (2, n, M) of n joints, the velocities without
-    their part in proportion to the acceleration.
+    """Return velocities and accelerations (2, ..., n, M) of n joints, the velocities
+    without their part in proportion to the acceleration.
 
     The mean product of such a velocity with the torque of an inertia is zero.
     """
     velocity, acceleration = states
-    energy = np.sum(acceleration**2, axis=1, keepdims=True)
-    common = np.sum(velocity * acceleration, axis=1, keepdims=True)
+    energy = np.sum(acceleration**2, axis=-1, keepdims=True)
+    common = np.sum(velocity * acceleration, axis=-1, keepdims=True)
     share = common / nonzero_or_one(energy)
     return np.stack([velocity - share * acceleration, acceleration])

@@ -174,8 +174,8 @@ class Race:
             return verdict
         logged = self._incumbent(LogView(self.all.log.as_logged))
         units = [*position_unit.propose(self.all, logged)]
-        fits = self.all.fit_all([h.seen(logged.view) for h in units], logged.v)
-        likeliest = np.argsort([-x.value for x in fits])[:_UNITS_BEGUN_FROM]
+        values = self.all.values([h.seen(logged.view) for h in units], logged.v)
+        likeliest = np.argsort(-values)[:_UNITS_BEGUN_FROM]
         begun = [self._begun_from(units[k], logged) for k in likeliest]
         found = [x for x in begun if x is not None]
         return max(found, key=lambda x: x.claims[0].log_odds, default=verdict)
@@ -232,8 +232,7 @@ class Race:
         """ViewFit the rows as they are seen, with as many rows worth one as its residual
         says."""
         fit = self.all.fit(view, 1.0)
-        v = self.all.rows_worth_one(fit)
-        return self.all.fitted([fit], v)[0]
+        return self.all.worth(fit, self.all.rows_worth_one(fit))
 
     def _best(self, fit: ViewFit, explained: float) -> Claim | None:
         """Return the likeliest hypothesis that parts left out confirm, with those that
@@ -249,7 +248,7 @@ class Race:
             if best.log_odds - x.log_odds < c.AS_LIKELY and not _is_same(x, best):
                 rivals.setdefault(x.hypothesis.key, x)
         rivals.pop(best.hypothesis.key, None)
-        (before,) = self.all.fitted([fit], best.fit.v)
+        before = self.all.worth(fit, best.fit.v)
         return Claim(
             hypothesis=best.hypothesis,
             log_odds=best.log_odds,
@@ -274,8 +273,8 @@ class Race:
         exact = [x for x in tried if x is not None]
         likely = [x.fit.v for x in exact if x.log_odds > c.WORTH_A_LOOK]
         v = min([fit.v, *likely])
-        (base,) = self.all.fitted([fit], v)
-        ranking = [x.beside(base, self.all.fitted([x.fit], v)[0]) for x in exact]
+        base = self.all.worth(fit, v)
+        ranking = [x.beside(base, self.all.worth(x.fit, v)) for x in exact]
         return sorted(ranking, key=lambda x: -x.log_odds)
 
     def _screen(
@@ -319,9 +318,9 @@ class Race:
             for h, gain, step in zip([*numbers, *columns], gains, steps, strict=True):
                 scored.append((of_all * gain + h.log_prior, h, float(step)))
         views = [h.seen(view) for h in changed.values()]
-        fits = few.fit_all(views, 1.0, _ROUNDS_OF_A_LOOK)
-        for (key, h), other in zip(changed.items(), fits, strict=True):
-            odds = of_all * (other.value - base.value) + h.log_prior
+        values = few.values(views, 1.0, _ROUNDS_OF_A_LOOK)
+        for (key, h), value in zip(changed.items(), values, strict=True):
+            odds = float(of_all * (value - base.value) + h.log_prior)
             self.looked_at[key] = odds
             scored.append((odds, h, 0.0))
         # A grid's neighbours, of instants or of sizes, must not crowd out another fault.
@@ -366,7 +365,7 @@ class Race:
             h = replace(h, further=h.further_at(first))
             found = self.all.fit(h.seen(fit.view), fit.v)
         v = min(self.all.rows_worth_one(found), fit.v)
-        (found,) = self.all.fitted([found], v)
+        found = self.all.worth(found, v)
         if h.further is not None:
             place = len(found.theta) - len(h.further.sd)
             size = float(found.theta[place])
@@ -374,7 +373,7 @@ class Race:
             spread = float(np.sqrt(covariance[place, place]))
             if h.further.is_positive:
                 occam = float(np.log(2.0) + log_ndtr(size / spread))
-        (base,) = self.all.fitted([fit], v)
+        base = self.all.worth(fit, v)
         return Scored(h, 0.0, found, size, spread, occam).beside(base, found)
 
     @staticmethod
