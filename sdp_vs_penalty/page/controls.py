@@ -237,7 +237,7 @@ def table(shown: Table, caption: str = "") -> None:
 def judged(models: Sequence[ModelStep]) -> None:
     """Draw a table of how good models are, a row for each."""
     numbered = enumerate(models, start=1)
-    names = [f"{k} {m.label}" if len(models) > 1 else m.label for k, m in numbered]
+    names = [f"{k}. {m.label}" if len(models) > 1 else m.label for k, m in numbered]
     rows = [
         (name, model.comparison["verdict"]["grade"], model.facts)
         for name, model in zip(names, models, strict=True)

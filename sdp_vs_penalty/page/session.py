@@ -1192,9 +1192,9 @@ class Session:
             "frozen": frozen,
             "diagnosed": diagnosis and diagnosis.to_dict(),
         }
-        label = f"+ {formatting.count(len(texts), 'finding')}"
+        label = f"with {formatting.count(len(texts), 'finding')}"
         if len(texts) <= 1:
-            label = f"+ {effects_in_words(texts) or 'measured curves'}"
+            label = f"with {effects_in_words(texts) or 'measured curves'}"
         step = await self._step(
             "Adding what was chosen",
             "extend",

@@ -71,7 +71,8 @@ class Workbench:
                     )
                     tag(
                         "p",
-                        "Everything is computed on this computer: your data stay here.",
+                        "From the robot's URDF and logs with time, positions and torques of"
+                        " all joints, 20 s or longer. They stay on this computer.",
                         "lead",
                     )
                 for link, stage in zip(links, STAGES, strict=True):

@@ -538,7 +538,7 @@ def describe_taken(
     falls = np.array(before) - np.array(after)
     j = int(np.argmax(falls))
     added = "What was added"
-    if len(effects) == 1:
+    if 0 < len(effects) <= 2:
         added = formatting.sentence(effects_in_words(effects))
     if not falls[j] > 0.0:
         return f"{added} took nothing of the error."

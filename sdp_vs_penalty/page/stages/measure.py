@@ -259,7 +259,6 @@ _OURS = {"t": "t, the clock"}
 def _your_runs(view: View) -> None:
     """Draw a zone to drop logs on, and the logs of the page's folder to tick and read."""
     draw.drop("Drop measurements here", "runs")
-    draw.note("They stay on this computer.")
     with draw.details("Other column names, motors, ROS topics", "reading"):
         draw.draw_form(view.forms["read"], view.session.reading)
         draw.note("Applies to the files that are read next.")
