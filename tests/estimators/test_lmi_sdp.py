@@ -64,9 +64,9 @@ def test_a_body_that_an_effect_adds_is_not_pulled_to_a_link(two_link):
     """It crashed: the prior knows the robot's links alone. A load moves with the last
     link: their sum is told, and the pull is that link's."""
     run = run_of_2r(two_link, 0.1)
-    plain = identify(two_link, run)
+    plain = identify(two_link, run, check=False)
     own = [effect.name for effect in two_link.model().effects]
-    carried = identify(two_link, run, effects=[*own, "payload"])
+    carried = identify(two_link, run, effects=[*own, "payload"], check=False)
     assert carried.certificate.worst == 0.0
     assert carried.certificate.gap < 1e-6
     assert abs(carried.certificate.loss / plain.certificate.loss - 1.0) < 0.01
