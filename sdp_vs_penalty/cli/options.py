@@ -20,8 +20,8 @@ SHARED = """
 problem: Built-in name, folder with a problem.toml, or URDF file.
 model model.json: Model written by `identify` or `add`.
 models model.json ...: Models written by `identify` or `add`.
---data RUN.csv ...: Measured runs: .csv, .npz, .mat, .parquet, .mcap, .bag; a folder or pattern of these;
-    a.csv+b.csv is one run.
+--data RUN.csv ...: Measured runs, also without --data behind the problem or model: .csv, .npz, .mat,
+    .parquet, .mcap, .bag; a folder or pattern of these; a.csv+b.csv is one run.
 --test TEST.csv: Run for the held-out error only.
 --frozen: Keep the model fixed (needed for payloads).
 --window START:STOP: Part of each run to use, in seconds from its start; or A:B,C:D.
@@ -125,13 +125,14 @@ class Parser(argparse.ArgumentParser):
         options that several verbs share are described in SHARED.
         """
         text, _, tail = inspect.cleandoc(verb.__doc__ or "").partition("Example: ")
-        example, _, lines = tail.partition("\n")
+        #: A call of the verb that works.
+        self.example, _, lines = tail.partition("\n")
         super().__init__(
             f"sdp-vs-penalty {name}",
             description="\n\n".join(
                 map(textwrap.fill, text.replace("%", "%%").split("\n\n"))
             ),
-            epilog=f"Example:\n  {example}".replace("%", "%%"),
+            epilog=f"Example:\n  {self.example}".replace("%", "%%"),
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
         )
@@ -139,6 +140,8 @@ class Parser(argparse.ArgumentParser):
             inspect.cleandoc(lines)
         )
         kinds = get_type_hints(verb)
+        #: Whether at least one run must be named.
+        self.needs_runs = False
         self.options = {
             p.name: self._declared(p, kinds[p.name], *option_lines[p.name.rstrip("_")])
             for p in inspect.signature(verb).parameters.values()
@@ -165,6 +168,14 @@ class Parser(argparse.ArgumentParser):
                 "next command.",
             )
         some = [o for o in self.options.values() if not o.option_strings]
+        # Behind the one problem or model, words are runs, as those of --data.
+        data = self.options.get("data")
+        takes_one = len(some) == 1 and some[0].nargs is None
+        if data is not None and takes_one:
+            self.add_argument(
+                "runs", nargs="*", default=[], type=Path, help=argparse.SUPPRESS
+            )
+            self.needs_runs, data.required = data.required, False
         words = [f"{o.metavar}{' ...' * (o.nargs in ('+', '*'))}" for o in some]
         self.usage = " ".join([self.prog, *words, "[OPTIONS]"]).replace("%", "%%")
 
@@ -251,8 +262,13 @@ class Parser(argparse.ArgumentParser):
                 joined[-1] += f"={word}"
             else:
                 joined.append(word)
-        return vars(self.parse_intermixed_args(joined))
+        values = vars(self.parse_intermixed_args(joined))
+        if runs := values.pop("runs", []):
+            values["data"] = [*(values["data"] or []), *runs]
+        if self.needs_runs and not values["data"]:
+            self.error("no measured run is named (--data)")
+        return values
 
     def error(self, message: str) -> Any:
         """Raise InputError for words that argparse cannot parse, instead of exiting."""
-        raise InputError(message, f"see `{self.prog} --help`")
+        raise InputError(message, f"such as `{self.example}`; see `{self.prog} --help`")

@@ -8,6 +8,7 @@ from small_runs import write_run
 
 from sdp_vs_penalty.cli.main import VERBS, import_verb
 from sdp_vs_penalty.cli.options import Parser
+from sdp_vs_penalty.errors import InputError
 
 PARSERS = {
     verb: Parser(verb, import_verb(verb)) for verbs in VERBS.values() for verb in verbs
@@ -21,6 +22,16 @@ def test_runs_stand_behind_data(verb):
     assert parser.options["data"].option_strings == ["--data"]
     first = next(iter(parser.options.values()))
     assert first.option_strings == []
+
+
+def test_runs_may_stand_behind_one_problem_or_model():
+    """Words behind it, and those of --data, are runs; one is needed."""
+    words = ["panda", "a.csv", "--out", "m.json", "--data", "b.csv"]
+    runs = PARSERS["identify"].parse_words(words)["data"]
+    assert [str(run) for run in runs] == ["b.csv", "a.csv"]
+    with pytest.raises(InputError, match="no measured run is named .* --data run1.csv"):
+        PARSERS["diagnose"].parse_words(["model.json"])
+    assert PARSERS["ranges"].parse_words(["model.json"])["data"] is None
 
 
 @pytest.mark.parametrize("verb", PARSERS)
