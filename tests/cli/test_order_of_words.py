@@ -29,7 +29,9 @@ def test_runs_may_stand_behind_one_problem_or_model():
     words = ["panda", "a.csv", "--out", "m.json", "--data", "b.csv"]
     runs = PARSERS["identify"].parse_words(words)["data"]
     assert [str(run) for run in runs] == ["b.csv", "a.csv"]
-    with pytest.raises(InputError, match=r"no measured run is named .* --data run1\.csv"):
+    with pytest.raises(
+        InputError, match=r"no measured run is named .* --data run1\.csv"
+    ):
         PARSERS["diagnose"].parse_words(["model.json"])
     assert PARSERS["ranges"].parse_words(["model.json"])["data"] is None
 
