@@ -241,7 +241,7 @@ def test_with_the_keyboard_alone(context, server, files):
         "Identifying by lmi-sdp. Done."
     )
     heading = page.evaluate("document.activeElement.innerText")
-    assert heading == "Measured against modelled"  # of what is new
+    assert heading == "Identify"  # what is new stands first there
     press("joint-2")
     expect(page.locator(key("joint-2"))).to_have_attribute("aria-pressed", "true")
 
