@@ -49,6 +49,10 @@ t=t; q=q{}; mNm=tau{} (mN*m)
 t=t; q=q{}; mNm=tau{} (mN m)
 t=t; q=q{}; mNm=tau{} (N mm)
 t=t; q=q{}; tau=tau{} [Newton-meter]
+t=t; q=q{}; foot-pounds=tau_{}_ftlb
+t=t; q=q{}; foot-pounds=tau{}_ft_lbs
+t=t; q=q{}; foot-pounds=tau{} [lb.ft]
+t=t; q=q{}; foot-pounds=trq{}_footpounds
 t=t; q=q{}; ounces=tau{} (oz-in)
 t=t; q=q{}; ounces=tau{} (ozf in)
 t=t; q=q{}; ounces=tau{} (oz*in)

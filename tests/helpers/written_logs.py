@@ -28,7 +28,11 @@ _DATED = [_BEGIN + datetime.timedelta(microseconds=round(1e6 * t)) for t in T]
 #: What columns can hold.
 HELD = {
     **{"t": T, "q": Q, "dq": DQ, "tau": TAU, "deg": np.degrees(Q), "mNm": 1e3 * TAU},
-    **{"deg/s": np.degrees(DQ), "ounces": TAU / (0.02834952 * 9.80665 * 0.0254)},
+    **{
+        "foot-pounds": TAU / (4.4482216152605 * 0.3048),
+        "deg/s": np.degrees(DQ),
+        "ounces": TAU / (0.02834952 * 9.80665 * 0.0254),
+    },
     **{
         "50q": 50.0 * Q,
         "q+1": Q + 1.0,

@@ -1,13 +1,13 @@
 """Units that the names of columns end with, or that ``--units`` asks for."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, lru_cache
+from itertools import product
 
 from sdp_vs_penalty.data.words import table
 
-#: Units that can be asked for, by what a value has to be multiplied by.
-UNITS: dict[str, float] = table()["asked"]
 #: Positions in per cent of a joint's range go a little beyond its ends.
 LARGEST_PERCENT = 101.0
 #: Units whose size a file does not say: shares of a rating, steps of an encoder.
@@ -17,6 +17,23 @@ SHARES = (
 )
 _PER_SECOND = ("{}/s", "{}/sec", "{}_s", "{} s", "{}_per_s", "{}_per_sec", "{}*s^-1")
 _BETWEEN = ("", " ", "_", ".", "*", "·", "-")
+
+
+def _torques() -> Iterator[tuple[list[tuple[str, str]], float]]:
+    """Yield the spellings of each unit of torque, two words each, with the factor to SI."""
+    for system, parts in table()["torques"].items():
+        for force, length in product(parts["forces"], parts["lengths"]):
+            pairs = [*product(force.split(), length.split())]
+            if system == "imperial":
+                pairs += [(b, a) for a, b in pairs]
+            yield pairs, parts["forces"][force] * parts["lengths"][length]
+
+
+#: Units that can be asked for, by what a value has to be multiplied by.
+UNITS: dict[str, float] = {
+    **{"".join(pairs[0]): factor for pairs, factor in _torques()},
+    **table()["asked"],
+}
 
 
 @cache
@@ -29,8 +46,9 @@ def units_in_names() -> dict[str, dict[str, float]]:
     units["dq"] |= units["q"]
     for unit, factor in units["q"].items():
         units["dq"] |= dict.fromkeys((x.format(unit) for x in _PER_SECOND), factor)
-    for text, factor in table()["torques"].items():
-        units["tau"] |= dict.fromkeys((x.join(text.split()) for x in _BETWEEN), factor)
+    for pairs, factor in _torques():
+        texts = (x.join(pair) for pair in pairs for x in _BETWEEN)
+        units["tau"] |= dict.fromkeys(texts, factor)
     return {**units, "qcmd": units["q"]}
 
 
@@ -72,15 +90,25 @@ def units_of_name(name: str) -> list[NamedUnit]:
     text = name.strip()
     folded = text.casefold()
     candidates = list[NamedUnit]()
-    for quantity, units in units_in_names().items():
-        for unit, factor in units.items():
-            if unit.casefold() not in folded:
-                continue  # two hundred patterns take longer to compile than to read a run
-            match = _pattern(unit).search(text)
-            if match is not None:
-                remainder = f"{text[: match.start()]} {match['number']}"
-                candidates.append(NamedUnit(quantity, unit, factor, remainder))
+    for small, unit, quantity, factor in _units_in_small_letters():
+        if small not in folded:
+            continue  # two thousand patterns take longer to compile than to read a run
+        match = _pattern(unit).search(text)
+        if match is not None:
+            remainder = f"{text[: match.start()]} {match['number']}"
+            candidates.append(NamedUnit(quantity, unit, factor, remainder))
     return sorted(candidates, key=lambda unit: len(unit.text), reverse=True)
+
+
+@cache
+def _units_in_small_letters() -> list[tuple[str, str, str, float]]:
+    """List the units that names end with: in small letters, as the table writes them, their
+    quantity and factor to SI."""
+    return [
+        (unit.casefold(), unit, quantity, factor)
+        for quantity, units in units_in_names().items()
+        for unit, factor in units.items()
+    ]
 
 
 @cache
