@@ -69,7 +69,7 @@ def add(
     model = as_estimate(estimate, "add(estimate=...)")
     source = training_runs(measurements)
     runs = as_measurements(
-        source, names=model.robot.joint_names, what="add(measurements=...)"
+        source, names=model.problem.channel_names, what="add(measurements=...)"
     )
     extended = add_effects(
         model, effects, runs, frozen=frozen, seed=seed, progress=progress

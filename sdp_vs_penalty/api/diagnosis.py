@@ -92,7 +92,7 @@ def diagnose(
     model = as_estimate(estimate, "diagnose(estimate=...)")
     recording = as_measurements(
         training_runs(measurements),
-        names=model.robot.joint_names,
+        names=model.problem.channel_names,
         what="diagnose(measurements=...)",
     )
     model.require_joints(recording, "measurements")
@@ -182,7 +182,7 @@ def _read_runs(model: Estimate, source: Source, argument: str) -> Measurements |
     if source is None:
         return None
     return as_measurements(
-        source, names=model.robot.joint_names, what=f"diagnose({argument}=...)"
+        source, names=model.problem.channel_names, what=f"diagnose({argument}=...)"
     )
 
 

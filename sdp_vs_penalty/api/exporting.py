@@ -85,7 +85,7 @@ def judge_as_exported(
     held = exporting.as_exported(model, out)
     if held is None:
         return None
-    runs = as_measurements(measurements, names=model.robot.joint_names)
+    runs = as_measurements(measurements, names=model.problem.channel_names)
     whole, part = compare(
         {"model": model, "as exported": held}, runs, noise_from=noise_from
     )

@@ -160,7 +160,7 @@ def identify(
     robot = with_bounds(as_problem(problem, "identify(problem=...)"), bounds)
     recorded = None
     if noise_from is not None:
-        names, what = robot.robot.joint_names, "identify(noise_from=...)"
+        names, what = robot.channel_names, "identify(noise_from=...)"
         recorded = as_measurements(noise_from, names=names, what=what)
     source = training_runs(measurements)
     estimate, runs = _identify(robot, source, method, options, proof, check)

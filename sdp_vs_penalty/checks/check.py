@@ -88,7 +88,7 @@ def check(
     measurements = as_measurements(
         measurements,
         problem.robot.n,
-        problem.robot.joint_names,
+        problem.channel_names,
         "check(measurements=...)",
         usable=False,
     )

@@ -40,6 +40,7 @@ models model.json ...: Models written by `identify` or `add`.
 --jobs >=1: Number of processes.
 --scheduler tcp://HOST:PORT: Dask scheduler; default: this computer.
 --no-check: No data check before the work.
+--as-written: Names mean what they say, ours SI, whatever values and the arm tell of units and clock.
 --filters 5,8: Filters of states and torque [Hz]; default: chosen.
 --bounds m2=1:5,c2x=-0.1:0.1: Bounds of links [kg, m, kg m^2], in place of the problem's; total=:20: of
     all.

@@ -120,7 +120,11 @@ def _idle_in_all(
 
 
 def runs_from_options(
-    problem: Problem, data: Sequence[Path], window: str | None
+    problem: Problem,
+    data: Sequence[Path],
+    window: str | None,
+    *,
+    as_written: bool = False,
 ) -> tuple[Measurements | BlackBox, Measurements | BlackBox]:
     """Load the runs, or a black box's answers, of the option --data.
 
@@ -132,7 +136,7 @@ def runs_from_options(
     windows = time_windows(window)
     robot = problem.robot
     runs = load_answers(list(data), joints=robot.n) or load_measurements(
-        *data, joints=robot.n, names=robot.joint_names
+        *data, joints=robot.n, names=problem.channel_names, as_written=as_written
     )
     return runs, windowed(runs, windows) if isinstance(runs, Measurements) else runs
 
@@ -202,7 +206,7 @@ def runs_for(
             console.warn(f"{folder}: judged on {formatting.words(files)}")
 
     def loaded(*paths: Path) -> Measurements:
-        runs = load_measurements(*paths, names=robot.joint_names)
+        runs = load_measurements(*paths, names=estimate.problem.channel_names)
         estimate.require_joints(runs, runs.names[0])
         check_plausible(robot, runs)
         return runs

@@ -58,6 +58,7 @@ def load_measurements(
     start: float = 0.0,
     stop: float = np.inf,
     names: Sequence[str] | None = None,
+    as_written: bool = False,
 ) -> Measurements:
     """Read runs from files.
 
@@ -76,6 +77,8 @@ def load_measurements(
         Where it ends [s after its first sample].
     names : sequence of str, optional
         The robot's joint names, for formats that name theirs (ROS).
+    as_written : bool
+        Whether names mean what they say, and ours mean SI, whatever values and arm tell.
 
     Returns
     -------
@@ -89,9 +92,8 @@ def load_measurements(
     """
     if not paths:
         raise InputError("No measurement file is given", "name at least one RUN.csv")
-    return windowed(
-        as_measurements(paths, joints, names), [(float(start), float(stop))]
-    )
+    runs = as_measurements(paths, joints, names, as_written=as_written)
+    return windowed(runs, [(float(start), float(stop))])
 
 
 def as_measurements(
@@ -101,6 +103,7 @@ def as_measurements(
     what: str = "measurements",
     *,
     usable: bool = True,
+    as_written: bool = False,
 ) -> Measurements:
     """Make measurements of what a caller passes: paths, arrays, tables, or a list of
     these.
@@ -119,6 +122,8 @@ def as_measurements(
     usable : bool
         Refuse a run with a clock that does not ascend or numbers that are not finite.
         The data check, which reports such faults itself, sets False.
+    as_written : bool
+        Whether names of files mean what they say, whatever values and arm tell.
 
     Raises
     ------
@@ -133,7 +138,7 @@ def as_measurements(
     if not sources:
         raise InputError("no run is given", "pass at least one", what)
     runs = [
-        _one(part, joints, names, what, number, usable)
+        _one(part, joints, names, what, number, usable, as_written)
         for number, part in enumerate(sources, start=1)
     ]
     if usable and len(runs) > 1:
@@ -161,6 +166,7 @@ def _one(
     what: str,
     number: int,
     usable: bool,
+    as_written: bool,
 ) -> Measurements:
     """Make the measurements of one source: a path, Measurements, or a mapping or
     DataFrame of columns.
@@ -173,7 +179,7 @@ def _one(
     if isinstance(part, Measurements):
         run_read = without_traces(without_held(part, names))
     elif isinstance(part, str | Path):
-        run_read = read_run(part, joints, names)
+        run_read = read_run(part, joints, names, as_written=as_written)
     else:
         from sdp_vs_penalty.data.formats.memory import log_in_memory
 
@@ -187,7 +193,7 @@ def _one(
                 "no measurements", remedy, what.replace("...", quote_value(part))
             )
         _refuse_transposed(part, log.names, what)
-        run_read = run_of(log)
+        run_read = run_of(log, Choice(as_written=as_written))
         if not isinstance(part, Mapping):
             run_read = _without_silent_channels(run_read.names[0], run_read)
         run_read = without_traces(without_held(run_read, names))
@@ -367,6 +373,7 @@ def read_run(
     rate: float | None = None,
     scale: Mapping[str, str] | None = None,
     options: Sequence[str] = (),
+    as_written: bool = False,
 ) -> Measurements:
     """Read one run as it is in its file.
 
@@ -388,6 +395,8 @@ def read_run(
     scale, options
         Factors by our names, and further words, of the `convert` command that is
         running. They are not applied, but stand in the command that repeats it.
+    as_written : bool
+        Whether names mean what they say, and ours mean SI, whatever values and arm tell.
 
     Returns
     -------
@@ -403,7 +412,7 @@ def read_run(
     if rate is not None and not 0.0 < rate < np.inf:
         what = f"rate {rate!r} is not a frequency above 0 Hz"
         raise InputError(what, "give the samples a second, like --rate 1000")
-    choice = Choice(names, topic, rename, rate, scale, options)
+    choice = Choice(names, topic, rename, rate, scale, options, as_written)
     path = Path(path)
     if _is_joined(path):
         from sdp_vs_penalty.data.formats.joined import files_of_run, joined_log

@@ -17,20 +17,20 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.hypotheses.channels import (
-    BY_WORDS,
     Recognition,
     counted_from_zero,
     has_our_names,
 )
 from sdp_vs_penalty.data.log import Log, Values
 from sdp_vs_penalty.data.measurements import COMMANDED, Measurements, columns_of
+from sdp_vs_penalty.data.plausibility import far_outside
 from sdp_vs_penalty.data.store import (
     PART,
     column_range,
@@ -40,9 +40,6 @@ from sdp_vs_penalty.data.store import (
 from sdp_vs_penalty.data.words.tokens import brief_names, group_of, parts_of
 from sdp_vs_penalty.errors import ColumnsRemark, InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.data.hypotheses.arm import ChannelFit
 
 T = TypeVar("T")
 
@@ -57,8 +54,10 @@ _WHOLE = ("temp", "current", "voltage")
 _MOST_GAPS = 0.1
 #: How the set of columns that competes as the torques is told from our groups.
 _RIVAL = "torques: {}"
-#: Odds that a servo's register has a sign bit where it is read so: few have one.
-_ODDS_OF_A_REGISTER = 1e3
+#: Mark of a clock under our name, which counts seconds unless its steps cannot be that.
+_OF_OURS = "ours"
+#: Usual steps of such a clock [s].
+_USUAL_STEPS = (2e-5, 0.1)
 #: Rows that are shown of columns that were guessed.
 _ROWS_SHOWN = 5
 
@@ -80,6 +79,8 @@ class Choice:
     scale: Mapping[str, str] | None = None
     #: Further words of that command.
     options: Sequence[str] = ()
+    #: Whether names mean what they say, and ours mean SI, whatever values and arm tell.
+    as_written: bool = False
 
 
 def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
@@ -112,22 +113,10 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
     remark = ColumnsRemark(said, _rows_shown(run, found.rename), found.rename, others)
     warnings.warn(remark, stacklevel=2)
     run = replace(run, reading=f"{log.path.name}: {sentence}")
-    if _says_unit_of_positions(found):
+    if found.says_unit_of_positions:
         return run
     asking = replace(choice, scale={**(choice.scale or {}), "q": "UNIT"})
     return replace(run, unit_command=repeating_command(log, found, asking))
-
-
-def _says_unit_of_positions(found: Recognition) -> bool:
-    """Return whether names, metadata, values or the program that wrote a file say the unit
-    of positions."""
-    from sdp_vs_penalty.data.words.names import read_name
-    from sdp_vs_penalty.data.words.units import SHARES
-
-    if found.logger != BY_WORDS or "q" in {*found.units, *map(group_of, found.scale)}:
-        return True
-    said = (read_name(y) for x, y in found.rename.items() if group_of(x) == "q")
-    return any(x is not None and x.unit not in ("", *SHARES) for x in said)
 
 
 def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recognition]:
@@ -137,6 +126,23 @@ def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recogn
         _remark(log, f"{log.rate:g} rows a second, as the file's header says")
         choice = replace(choice, rate=log.rate)
     log, found = _channels(log, choice)
+    for group in {*(choice.scale or {})} & {"t", *GROUPS}:
+        found = found.without_unit(group)  # which the user says
+    if choice.as_written and found.unless_confirmed is not None:
+        raise found.unless_confirmed
+    try:
+        run, found = _run_of_columns(log, found, choice)
+    except InputError as error:
+        raise found.unless_confirmed or error from None
+    if found.unless_confirmed is not None:
+        raise found.unless_confirmed
+    return log, run, found
+
+
+def _run_of_columns(
+    log: Log, found: Recognition, choice: Choice
+) -> tuple[Measurements, Recognition]:
+    """Return the run that some columns hold, and what else was decided about them."""
     groups = _groups(found.rename, log, choice)
     names = [*chain(*groups.values()), *filter(None, [found.episode])]
     _require_numbers(log, names)
@@ -165,7 +171,7 @@ def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recogn
 
         in_degrees = {group_of(x) for x, y in found.scale.items() if y == UNITS["deg"]}
         run = unwrapped(run, log.path, [x for x in POSITIONS if x in in_degrees])
-    return log, replace(run, file_rows=rows), found
+    return replace(run, file_rows=rows), found
 
 
 def _remark(log: Log, said: str) -> None:
@@ -203,13 +209,15 @@ def _channels(log: Log, choice: Choice) -> tuple[Log, Recognition]:
             from sdp_vs_penalty.data.words.loggers import episode_of
 
             episode = episode_of([x for x in log.columns if x not in ours])
-        return log, Recognition(ours, episode=episode, order=_order(log, joints))
+        order = _order(log, joints)
+        return log, Recognition(
+            ours, episode=episode, order=order, inferred={"t": _OF_OURS}
+        )
     if log.names[:1] == ["#1"]:
         from sdp_vs_penalty.data.hypotheses.proposals import names_without_header
 
         n_joints = None if joints is None else len(joints)
-        rename = names_without_header(log, n_joints, choice.rate)
-        return log, Recognition(rename, logger="")
+        return log, names_without_header(log, n_joints, choice.rate)
     found = recognised_in(log, joints)
     if found is not None:
         return log, found
@@ -219,7 +227,10 @@ def _channels(log: Log, choice: Choice) -> tuple[Log, Recognition]:
         problem = "columns are counted from 0, and not alike"
         raise lacking(log, problem, ["q", "tau"], None)
     ours = our_columns(log.names)
-    _require_channels(log, ours, choice)
+    if missing := _missing_channels(ours):
+        from sdp_vs_penalty.data.hypotheses.proposals import proposed
+
+        return log, proposed(log, missing, joints)
     return log, Recognition(ours)
 
 
@@ -296,15 +307,22 @@ def _order(log: Log, joints: Sequence[str] | None) -> tuple[int, ...] | None:
     return tuple(in_file.index(x) for x in in_order_of(joints, in_file)[0])
 
 
-def _require_channels(log: Log, rename: Mapping[str, str], choice: Choice) -> None:
-    """Raise InputError where positions, or both torques and commanded positions, are
-    missing. The clock is asked for beside others; alone a rate can replace it."""
+def _missing_channels(rename: Mapping[str, str]) -> list[str]:
+    """List the channels that are missing, of t, q and tau; none where positions, and
+    torques or commanded positions are there: a rate can replace the clock."""
     groups = {group_of(x) for x in rename}
     needed = ["q"] if "qcmd" in groups else ["q", "tau"]
-    if not groups.issuperset(needed):
+    if groups.issuperset(needed):
+        return []
+    return [x for x in ("t", *needed) if x not in groups]
+
+
+def _require_channels(log: Log, rename: Mapping[str, str], choice: Choice) -> None:
+    """Raise InputError where positions, or both torques and commanded positions, are
+    missing."""
+    if missing := _missing_channels(rename):
         from sdp_vs_penalty.data.hypotheses.proposals import lacking
 
-        missing = [x for x in ("t", *needed) if x not in groups]
         raise lacking(log, f"no column {' or '.join(missing)}", missing, choice.joints)
 
 
@@ -515,15 +533,19 @@ def _in_si(
     count = max(first.shape) if first.ndim == 2 else len(first)
     if choice.rate is not None:
         t = np.arange(count) / choice.rate
-    if t is None:
-        if first.size:
-            from sdp_vs_penalty.data.hypotheses.proposals import no_clock
+    if t is None and first.size:
+        from sdp_vs_penalty.data.hypotheses.proposals import no_clock, rate_of
 
-            pairs = [(x, columns[y]) for x, y in found.rename.items() if y in columns]
+        pairs = {x: columns[y] for x, y in found.rename.items() if y in columns}
+        pairs = {x: found.scale.get(x, 1.0) * y for x, y in pairs.items()}
+        rate = None if choice.as_written else rate_of(pairs, is_usual=True)
+        if rate is None:
             named = found.joints if choice.joints else ()
-            raise no_clock(
-                log, {x: found.scale.get(x, 1.0) * y for x, y in pairs}, named
-            )
+            raise no_clock(log, pairs, named)
+        said = f"t = rows at {rate:g} Hz, at which dq is the derivative of q"
+        found = replace(found, rate=rate, said=(*found.said, said))
+        t = np.arange(count) / rate
+    if t is None:
         t = np.zeros(count)
     blocks = {
         group: _block(log, group, [columns[x] for x in names], len(t))
@@ -541,10 +563,11 @@ def _in_si(
         raise InputError(what, "give q, dq and tau a column a joint", log.path)
     if found.order is not None and len(t):
         blocks = {group: x[:, found.order] for group, x in blocks.items()}
-    if not found.is_identity:
-        found, blocks = _with_open_units(found, t, blocks, choice.rate)
-        if len(t) > 1 and "tau" in blocks:
-            found, blocks = _as_the_arm_says(found, t, blocks, choice)
+    found, blocks = _with_open_units(found, blocks)
+    if not choice.as_written:
+        found = _with_unit_of_clock(found, t, blocks, choice.rate)
+    if len(t) > 1 and "tau" in blocks:
+        found, blocks = _as_the_arm_says(found, t, blocks, choice)
     blocks = {group: x for group, x in blocks.items() if group in GROUPS}
     for group, x in blocks.items():
         factors = found.factors(group, x.shape[1])
@@ -596,103 +619,90 @@ def _without_others(
 
 
 def _with_open_units(
-    found: Recognition, t: Array, blocks: dict[str, Array], rate: float | None
+    found: Recognition, blocks: dict[str, Array]
 ) -> tuple[Recognition, dict[str, Array]]:
     """Decide units by the values: of angles, of a servo's angles, of the clock."""
     from sdp_vs_penalty.data.hypotheses import weighing as w
 
-    part = slice(w.ROWS_JUDGED)
     for group, kind in found.inferred.items():
         if group == "t":
             continue
-        unit = w.unit_of_angles(blocks["q"][part], kind)
+        unit = w.unit_of_angles(blocks["q"][: w.ROWS_JUDGED], kind)
         if unit.answer == w.DEGREES_OR_PERCENT and group != "q" and "tau" in blocks:
             # Commands may be in per cent of other ranges.
             blocks = {x: block for x, block in blocks.items() if x != group}
             unit = replace(unit, why="of ranges of its own: it is left out")
         found = found.with_unit(group, unit)
-    if rate is None and "t" in found.inferred and len(t) > 1:
-        moved = [
-            blocks[x][part] * found.factors(x, blocks[x].shape[1])
-            for x in ("q", "dq")
-            if x in blocks
-        ]
-        of_velocities = w.rate_from_velocities(*moved) if len(moved) == 2 else None
-        with np.errstate(all="ignore"):  # steps of numbers that are none
-            ways = np.nan_to_num(np.abs(np.diff(moved[0], axis=0)))
-        way = float(np.max(ways.mean(axis=0)))
-        kind = found.inferred["t"]
-        if kind == w.CLOCK:  # its logger writes seconds or milliseconds
-            way = 0.0
-        unit = w.unit_of_clock(t[part], of_velocities, way, kind=kind)
-        if kind == w.CLOCK or unit.answer != "s":
-            found = found.with_unit("t", unit)
     return found, blocks
+
+
+def _with_unit_of_clock(
+    found: Recognition, t: Array, blocks: Mapping[str, Array], rate: float | None
+) -> Recognition:
+    """Decide the unit of a clock that nothing says, by its steps, the velocities and how
+    fast joints move."""
+    if rate is not None or "t" not in found.inferred or len(t) < 2:
+        return found
+    kind = found.inferred["t"]
+    if kind == _OF_OURS:
+        step = np.median(np.diff(t))
+        if not step > 0.0 or _USUAL_STEPS[0] <= step <= _USUAL_STEPS[1]:
+            return found
+    from sdp_vs_penalty.data.hypotheses import weighing as w
+
+    if kind == _OF_OURS and (dated := w.unit_of_dates(t)):
+        return found.with_unit("t", dated)
+
+    part = slice(w.ROWS_JUDGED)
+    moved = [
+        blocks[x][part] * found.factors(x, blocks[x].shape[1])
+        for x in ("q", "dq")
+        if x in blocks
+    ]
+    of_velocities = w.rate_from_velocities(*moved) if len(moved) == 2 else None
+    with np.errstate(all="ignore"):  # steps of numbers that are none
+        ways = np.nan_to_num(np.abs(np.diff(moved[0], axis=0)))
+    # The logger of CLOCK writes seconds or milliseconds.
+    way = 0.0 if kind == w.CLOCK else float(np.max(ways.mean(axis=0)))
+    unit = w.unit_of_clock(t[part], of_velocities, way, kind=kind)
+    is_said = kind == w.CLOCK or unit.answer != "s" or "t" in found.units
+    return found.with_unit("t", unit) if is_said else found
 
 
 def _as_the_arm_says(
     found: Recognition, t: Array, blocks: dict[str, Array], choice: Choice
 ) -> tuple[Recognition, dict[str, Array]]:
-    """Decide by an arm's dynamics, where the robot is known, what names leave open: which
-    of several sets of channels is the torque, and whether a register has a sign bit."""
-    from sdp_vs_penalty.data.hypotheses.arm import (
-        N_PARTS,
-        fit_arm,
-        signed_register,
-        units_tried,
-    )
-
-    robot = getattr(choice.joints, "robot", None)
-    q = blocks["q"] * found.factors("q", blocks["q"].shape[1])
-    stamps = t * (found.scale.get("t", 1.0) if choice.rate is None else 1.0)
-
-    def fit(tau: Array) -> ChannelFit | None:
-        if robot is None or robot.n != q.shape[1]:
-            return None
-        fits = (fit_arm(robot, stamps, unit * q, tau) for unit in units_tried(q))
-        return min((x for x in fits if x), key=lambda x: x.share, default=None)
-
+    """Decide by an arm's dynamics, where the robot is known, what names leave open."""
     rivals = {x: _RIVAL.format(x) for x in found.torques}
     channels = {x: blocks[y] for x, y in rivals.items() if y in blocks}
-    if len(channels) > 1:
-        from sdp_vs_penalty.data.hypotheses.recognition import is_current, with_torque
-        from sdp_vs_penalty.data.hypotheses.weighing import weigh, which_torque
+    robot = None if choice.as_written else getattr(choice.joints, "robot", None)
+    if robot is not None and robot.n != blocks["q"].shape[1]:
+        robot = None
+    if robot is None and len(channels) < 2:
+        return found, blocks
+    if robot and found.is_identity and not far_outside(robot, blocks["q"]):
+        return found, blocks
+    from sdp_vs_penalty.data.hypotheses import by_arm
 
-        whole = np.isfinite(np.hstack(list(channels.values()))).all(axis=1)
-        first = {x: next(iter(found.torques[x].values())) for x in channels}
-        hypotheses = which_torque(
-            {x: tau[whole] for x, tau in channels.items()},
-            [x for x in channels if not is_current(first[x])],
-            {x: y for x, tau in channels.items() if (y := fit(tau)) is not None},
-        )
-        best = weigh(hypotheses)
-        others = [
-            f"{x.answer} ({x.why})" if x.why else x.answer
-            for x in hypotheses
-            if x is not best
-        ]
-        said = [f"tau: {best.why}"] if best.why else []
-        said.append(
-            f"not used, of the same joints: {formatting.words(others)}: name them in"
-            " --rename to take them"
-        )
-        blocks = {**blocks, "tau": channels[best.answer]}
-        found = with_torque(found, found.torques[best.answer])
-        found = replace(found, said=(*found.said, *said))
-    register, bit = signed_register(blocks["tau"]) if robot is not None else (q, 0)
-    pair = (fit(blocks["tau"]), fit(register)) if bit else (None, None)
-    if pair[0] is not None and pair[1] is not None:
-        odds = (pair[0].share / pair[1].share) ** N_PARTS
-        if odds > _ODDS_OF_A_REGISTER:
-            sign = 1.0 if pair[1].friction > 0.0 else -1.0
-            text = (
-                f"tau is a register whose bit {bit} is its sign: the arm leaves"
-                f" {100.0 * pair[1].share:.2g} % of it, {100.0 * pair[0].share:.2g} % as it"
-                " is written"
-            )
-            blocks = {**blocks, "tau": sign * register}
-            found = replace(found, said=(*found.said, text), is_of_arm=True)
-    return found, blocks
+    def seconds(found: Recognition) -> Array:
+        return t * (found.scale.get("t", 1.0) if choice.rate is None else 1.0)
+
+    def clock_of_positions(q: Array) -> Array:
+        return seconds(_with_unit_of_clock(found, t, {"q": q}, choice.rate))
+
+    if robot is not None and "q" not in (choice.scale or {}):
+        links = getattr(choice.joints, "links", None)
+        of_links = by_arm.fit_of(robot, clock_of_positions, links)
+        before = found
+        found, blocks = by_arm.with_unit_of_positions(found, blocks, robot, of_links)
+        if found is not before:  # so fast joints move in that unit
+            found = _with_unit_of_clock(found, t, blocks, choice.rate)
+        found = by_arm.with_unit_of_velocities(found, t, blocks)
+    fit = by_arm.fit_of(robot, lambda _: seconds(found))
+    found, blocks = by_arm.with_channel_of_torque(found, blocks, channels, fit)
+    if robot is not None and not found.is_identity:
+        found, blocks = by_arm.with_signed_register(found, blocks, fit)
+    return by_arm.confirmed(found, blocks, fit), blocks
 
 
 def _block(log: Log, group: str, parts: Sequence[Array], count: int) -> Array:
@@ -760,8 +770,7 @@ def sentence_and_command(
 
 def repeating_command(log: Log, found: Recognition, choice: Choice) -> str:
     """Format the `convert` command that states a reading of the columns explicitly; ""
-    where the user scales a channel whose unit was recognised, too: one factor is written
-    a channel."""
+    where no command does."""
     from sdp_vs_penalty.data.hypotheses.renaming import rename_words, scale_words
 
     given = choice.scale or {}
@@ -769,15 +778,14 @@ def repeating_command(log: Log, found: Recognition, choice: Choice) -> str:
     if found.is_of_arm:  # it decides again where the robot is named, and no column is
         if "--problem" not in choice.options:
             return ""
-    elif {group_of(x.rstrip("*")) for x in given} & {*map(group_of, found.scale)}:
-        return ""
     else:
         words += ["--rename", rename_words(found.rename, log.names)]
         factors = [scale_words(found.scale, found.rename)] if found.scale else []
         factors += [f"{name}={factor}" for name, factor in given.items()]
         words += ["--scale", ",".join(factors)] if factors else []
         words += ["--joints", ",".join(found.joints)] if found.order else []
-        words += ["--rate", f"{choice.rate:.12g}"] if choice.rate else []
+        rate = choice.rate or found.rate
+        words += ["--rate", f"{rate:.12g}"] if rate else []
     return formatting.convert_command(log.path, *words, *choice.options)
 
 

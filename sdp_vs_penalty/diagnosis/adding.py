@@ -97,7 +97,7 @@ def add(
     estimate = as_estimate(estimate, "add(estimate=...)")
     measurements = as_measurements(
         training_runs(measurements),
-        names=estimate.robot.joint_names,
+        names=estimate.problem.channel_names,
         what="add(measurements=...)",
     )
     estimate.require_joints(measurements)

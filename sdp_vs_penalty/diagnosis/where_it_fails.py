@@ -543,7 +543,7 @@ def where_it_fails(
     estimate = as_estimate(estimate, "where_it_fails(estimate=...)")
     measurements = as_measurements(
         measurements,
-        names=estimate.robot.joint_names,
+        names=estimate.problem.channel_names,
         what="where_it_fails(measurements=...)",
     )
     estimate.require_joints(measurements)

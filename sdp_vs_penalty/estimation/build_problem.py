@@ -493,7 +493,7 @@ def load_and_check(
         For another number of joints or implausible values.
     """
     n = problem.robot.n
-    names = problem.robot.joint_names
+    names = problem.channel_names
     if not isinstance(measurements, FilteredRuns | BlackBox):
         measurements = load_answers(measurements, n) or as_measurements(
             measurements, n, names, what

@@ -382,7 +382,7 @@ class Split:
         self.problem = problem = as_problem(problem, "cross_validate(problem=...)")
         self.weighting = options.weighting
         self.seed = options.seed
-        names = problem.robot.joint_names
+        names = problem.channel_names
         data = as_measurements(
             measurements, problem.robot.n, names, "cross_validate(measurements=...)"
         )

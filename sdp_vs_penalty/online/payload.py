@@ -263,7 +263,7 @@ class PayloadEstimator:
         runs = as_measurements(
             without_payload,
             arm_estimate.robot.n,
-            arm_estimate.robot.joint_names,
+            arm_estimate.problem.channel_names,
             "PayloadEstimator.calibrated(without_payload=...)",
         )
         prior = PayloadPrior() if prior is None else prior

@@ -422,7 +422,7 @@ def _columns_of(
         other set of torques of the same joints. None if the file was not refused for
         its columns, or has too few of them.
     """
-    joints = problem.robot.joint_names
+    joints = problem.channel_names
     with suppress(InputError):
         report = describe_columns(path, joints, taken.rename if taken else None)
         if report is None or not (taken or report.missing or report.problem):
@@ -466,7 +466,7 @@ def _load_run(job: JobRequest, problem: Problem, path: Path) -> Measurements:
     Raises InputError if the file has another number of joints than the robot.
     """
     options = job["options"]
-    names = problem.robot.joint_names
+    names = problem.channel_names
     if not options:
         return load_measurements(path, joints=problem.robot.n, names=names)
     part = convert(
@@ -721,7 +721,7 @@ def robot_facts(job: JobRequest, problem: Problem) -> Answer:
         sentence on limits and filters ("known"), and the public data set of a built-in
         robot ("data"), if there is one.
     """
-    joints = problem.robot.joint_names
+    joints = problem.channel_names
     source = job["robot"]["source"]
     measured = (x for x in DATASETS.values() if x.problem == problem.name == source)
     summary_words = formatting.count(problem.robot.n, "joint") + ", from URDF"

@@ -654,7 +654,7 @@ def convert(
         For a file that cannot be read, or columns that are missing.
     """
     if joints is None and problem is not None:
-        joints = as_problem(problem, "convert(problem=...)").robot.joint_names
+        joints = as_problem(problem, "convert(problem=...)").channel_names
     # Positions of the motors by those of the joints: formulas, or the problem's.
     transmission = None
     if not isinstance(motors, bool | str) and not motors:

@@ -32,6 +32,7 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, nonzero_or_one
 from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.constraint import BarycentricBound, Constraint, ConstraintSet
+from sdp_vs_penalty.robot.joint import ChannelNames
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -297,6 +298,15 @@ class Problem(Shown):
         # All ten parameters are proportional to the mass (where it is not zero).
         factors = new_masses / nonzero_or_one(masses)
         return self.nominal_links * factors[:, None]
+
+    @cached_property
+    def channel_names(self) -> ChannelNames:
+        """(n,) names of the driven joints, with what tells which channels of a log are
+        theirs and in which unit: held joints, the robot, and its links where a file says
+        their masses."""
+        robot, is_guessed = self.robot, self.guessed_links.any()
+        links = None if is_guessed else self.nominal_links
+        return ChannelNames.with_held(robot.joint_names, robot.held, robot, links)
 
     @cached_property
     def known(self) -> Mapping[str, float]:

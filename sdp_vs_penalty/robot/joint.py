@@ -153,21 +153,26 @@ class HeldJoint(JsonRecord):
 
 class ChannelNames(tuple[str, ...]):
     """Names of the driven joints in order; ``held`` are joints that a log may hold
-    besides, and ``robot`` is the :class:`Robot` that tells what a channel is."""
+    besides. ``robot`` is the :class:`Robot` that tells what a channel is, ``links`` its
+    nominal links (n, 10), None where these are not known."""
 
     held: tuple[HeldJoint, ...] = ()
     robot: Any = None
+    links: Any = None
 
     @classmethod
     def with_held(
-        cls, names: Sequence[str], held: Sequence[HeldJoint], robot: Any = None
+        cls,
+        names: Sequence[str],
+        held: Sequence[HeldJoint],
+        robot: Any = None,
+        links: Any = None,
     ) -> "ChannelNames":
         """Return a list of the driven joints' names that also holds, as its attribute
         ``held``, the joints that stand still: readers of logs leave out their channels.
         """
         out = cls(names)
-        out.held = tuple(held)
-        out.robot = robot
+        out.held, out.robot, out.links = tuple(held), robot, links
         return out
 
 

@@ -4,17 +4,20 @@ has a sign bit; and velocities the unit of a clock."""
 import re
 import shlex
 import warnings
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from arms import ELBOW, SHOULDER, TURN, write_urdf
 from commands import run_cli
 from small_runs import small_run
 
 from sdp_vs_penalty import load_measurements
 from sdp_vs_penalty.data import read_run
-from sdp_vs_penalty.errors import ColumnsRemark
+from sdp_vs_penalty.errors import ColumnsRemark, InputError
+from sdp_vs_penalty.problem import load_problem
 
 
 @pytest.fixture(scope="module")
@@ -213,3 +216,81 @@ def test_a_log_whose_names_say_no_unit_brings_the_command_that_does(
         np.testing.assert_allclose(
             read_run(words[-1], 2).q, 2.0 * np.pi * run.q, rtol=1e-6
         )
+
+
+def limited_arm(folder: Path) -> Problem:
+    """Three joints with ranges and masses."""
+    return load_problem(write_urdf(folder / "arm.urdf", "arm", (TURN, SHOULDER, ELBOW)))
+
+
+def reading(path: Path, problem: Problem, **options):
+    """A file's run for a problem's robot, and all that is said."""
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        got = read_run(path, problem.robot.n, problem.channel_names, **options)
+    return got, " ".join(str(x.message) for x in heard)
+
+
+def ours(t, q, tau):
+    """Columns under the names of RUN.csv."""
+    columns = {f"q{k}": x for k, x in enumerate(q.T, 1)}
+    return {"t": t, **columns, **{f"tau{k}": x for k, x in enumerate(tau.T, 1)}}
+
+
+#: What a table holds by its names, and what is said of it.
+CERTAIN = {
+    "degrees": (
+        lambda x: {"time": x.t, "pos": np.degrees(x.q), "trq": x.tau},
+        "q in deg, ",
+    ),
+    "degrees under our names": (
+        lambda x: ours(x.t, np.degrees(x.q), x.tau),
+        "q in deg, outside the joints' ranges as radians, and the arm leaves",
+    ),
+    "degrees that are cut": (
+        lambda x: {"time": x.t, "pos": np.degrees(x.q) % 360.0, "trq": x.tau},
+        "q in deg, ",
+    ),
+    "milliseconds under our names": (
+        lambda x: ours(1e3 * x.t, x.q, x.tau),
+        "t in ms, its steps are",
+    ),
+    "degrees and milliseconds": (
+        lambda x: {"time": 1e3 * x.t, "pos": np.degrees(x.q), "trq": x.tau},
+        "t in ms, its steps are",
+    ),
+    "letters": (
+        lambda x: {"time": x.t, "P": x.q, "V": x.dq, "M": x.tau},
+        "columns recognised (by letters and order)",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CERTAIN)
+def test_what_the_arm_tells_for_certain_is_taken_and_said(case, tmp_path):
+    """Of a file that is read as it is written nothing is told: the same is refused later,
+    or at once, or names no unit."""
+    problem = limited_arm(tmp_path)
+    motion = small_run(problem, seconds=8.0)
+    make, words = CERTAIN[case]
+    path = table(tmp_path / "run.csv", **make(motion))
+    got, said = reading(path, problem)
+    assert words in said
+    np.testing.assert_allclose(got.t, motion.t, atol=1e-9)
+    turns = (got.q - motion.q) / (2.0 * np.pi)
+    np.testing.assert_allclose(
+        turns, np.round(turns[:1]).repeat(len(turns), 0), atol=1e-9
+    )
+    np.testing.assert_allclose(got.tau, motion.tau)
+    with suppress(InputError):
+        assert words not in reading(path, problem, as_written=True)[1]
+
+
+def test_torques_that_no_arm_explains_confirm_no_columns(tmp_path):
+    problem = limited_arm(tmp_path)
+    motion = small_run(problem, seconds=8.0)
+    noise = np.random.default_rng(3).normal(size=motion.q.shape)
+    for tau in (noise, motion.dq):  # a velocity is proportional to friction's column
+        path = table(tmp_path / "run.csv", time=motion.t, P=motion.q, M=tau)
+        with pytest.raises(InputError, match="no column t or q or tau"):
+            reading(path, problem)

@@ -8,7 +8,6 @@ import json
 import lzma
 import re
 import shlex
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -32,11 +31,10 @@ from written_logs import (
 )
 
 from sdp_vs_penalty import convert, load_measurements
-from sdp_vs_penalty.data import describe_columns, read_run, save, unit_of_clock
+from sdp_vs_penalty.data import describe_columns, read_run, unit_of_clock
 from sdp_vs_penalty.data.formats.text_file import PIECE
 from sdp_vs_penalty.data.words.units import unit_of_factor
 from sdp_vs_penalty.errors import ColumnsRemark, Remark
-from sdp_vs_penalty.simulation import experiment
 
 OURS = "t=t; q=q{}; tau=tau{}"
 
@@ -729,13 +727,14 @@ def test_a_rate_is_asked_with_the_columns_where_there_is_no_clock(tmp_path):
     same(read(out)[0])
 
 
-def test_a_rate_is_proposed_across_lost_rows_and_said(tmp_path):
+def test_velocities_tell_the_rate_across_lost_rows(tmp_path):
     path = log(tmp_path / "run.csv", "deg=q_deg_{}; dq=dq_{}; tau=tau_{}")
     lines = path.read_text().splitlines()
     write(path, np.delete(lines, [20, 21, 60]).tolist())
-    refusal(lambda: read(path), "no column t", "--rate 100 ")
-    with pytest.warns(ColumnsRemark, match="--rate 100 --out run_converted.csv"):
-        read_run(path, None, None, rate=100.0)
+    run, said = read(path)
+    np.testing.assert_allclose(run.t, np.arange(147) / 100.0)
+    assert "t = rows at 100 Hz, at which dq is the derivative of q" in said
+    assert "--rate 100 --out run_converted.csv" in said
 
 
 def test_a_column_is_one_channel(tmp_path):
@@ -800,20 +799,6 @@ def test_what_the_check_repairs_is_refused_with_its_command(tmp_path, capsys):
     assert run_cli(*words) == 2
     fixed = f"check two_link --data {path} --fix {tmp_path / 'run_fixed.csv'}"
     assert fixed in capsys.readouterr().err
-
-
-def test_the_command_that_a_refusal_prints_repairs_milliseconds(
-    two_link, tmp_path, capsys
-):
-    run = experiment(two_link).training_run(0).rows(slice(None, None, 4))
-    slow = replace(run, t=1e3 * (run.t - run.t[0]), dq=None)
-    save(slow, tmp_path / "run.csv")
-    words = ("identify", "two_link", "--data", tmp_path / "run.csv")
-    assert run_cli(*words, "--out", tmp_path / "m.json") == 2
-    (printed,) = re.findall(r"`sdp-vs-penalty (check [^`]*)`", capsys.readouterr().err)
-    run_cli(*shlex.split(printed))
-    fixed = load_measurements(tmp_path / "run_fixed.csv")
-    np.testing.assert_allclose(fixed.t, slow.t / 1e3, atol=1e-9)
 
 
 @pytest.mark.parametrize("case", ["a row a joint, turned", "a JSON line a number"])

@@ -494,8 +494,8 @@ def test_the_command_that_repeats_a_conversion_makes_the_same_file(
         assert command.count(option) == 1
 
 
-def test_a_unit_on_top_of_a_recognised_one_has_no_command(two_link, tmp_path):
-    """A channel has one factor in a command: two would need their product."""
+def test_a_stated_factor_stands_in_the_place_of_a_recognised_one(two_link, tmp_path):
+    """It was applied on top of it."""
     run = small_run(two_link)
     save(replace(run, q=np.degrees(run.q)), tmp_path / "ours.csv")
     head, rows = (tmp_path / "ours.csv").read_text().split("\n", 1)
@@ -503,6 +503,6 @@ def test_a_unit_on_top_of_a_recognised_one_has_no_command(two_link, tmp_path):
     (tmp_path / "log.csv").write_text(f"{theirs}\n{rows}")
     with pytest.warns(Remark, match="the same by"):
         convert(tmp_path / "log.csv")
-    with pytest.warns(Remark, match="columns recognised") as said:
-        convert(tmp_path / "log.csv", scale={"q": "0.5"})
-    assert "the same by" not in str(said[0].message)
+    with pytest.warns(Remark, match="--scale q=0.5"):
+        half = convert(tmp_path / "log.csv", scale={"q": "0.5"})
+    np.testing.assert_allclose(half.q, 0.5 * np.degrees(run.q), rtol=1e-6)

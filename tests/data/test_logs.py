@@ -115,14 +115,22 @@ BARE = np.column_stack([RUN.q, RUN.dq, RUN.tau])
 HEAD = "q1,q2,dq1,dq2,tau1,tau2"
 
 
-def test_without_a_clock_the_rate_is_proposed_from_velocities(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    table(Path("bare.csv"), HEAD, BARE)
-    said = refusal(lambda: load_measurements("bare.csv"), "no column t")
-    (command,) = re.findall("`sdp-vs-penalty (.*?)`", said)
-    assert "--rate 50" in command
-    assert run_cli(*shlex.split(command)) == 0
-    np.testing.assert_allclose(load_measurements("run.csv").t, RUN.t, atol=1e-9)
+def test_without_a_clock_velocities_tell_a_usual_rate(tmp_path):
+    """As a run of another program says with its command; what is as written is refused."""
+    path = table(tmp_path / "bare.csv", HEAD, BARE)
+    with pytest.warns(ColumnsRemark, match="t = rows at 50 Hz") as heard:
+        run = load_measurements(path)
+    np.testing.assert_allclose(run.t, RUN.t, atol=1e-9)
+    assert "--rate 50 " in str(heard[0].message)
+    refusal(lambda: read_run(path, as_written=True), "no column t", "--rate 50")
+
+
+@pytest.mark.parametrize("factor", [57.3, 0.73])
+def test_a_rate_at_which_nobody_logs_is_asked_for(factor, tmp_path):
+    """Velocities in another unit than the positions make it."""
+    rows = np.column_stack([RUN.q, factor * RUN.dq, RUN.tau])
+    path = table(tmp_path / "bare.csv", HEAD, rows)
+    refusal(lambda: load_measurements(path), "no column t", "--rate")
 
 
 def test_a_rate_stands_for_the_clock_in_every_format(tmp_path):
@@ -202,7 +210,7 @@ def test_joints_of_the_robot_that_a_log_lacks_do_not_change_the_order():
 
 def test_commands_quote_what_a_shell_would_read(tmp_path):
     path = table(tmp_path / "my $(run).csv", HEAD, BARE)
-    said = refusal(lambda: load_measurements(path), "--rate 50")
+    said = refusal(lambda: read_run(path, as_written=True), "--rate 50")
     (command,) = re.findall("`sdp-vs-penalty (.*?)` \\(", said)
     assert shlex.split(command)[1] == str(path)
 

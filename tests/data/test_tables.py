@@ -126,6 +126,11 @@ t=time; q=X{} (RAD); dq=Xd{} (rad/s); mNm=T{} [mN*m]
 t=elapsed; q=q{}; tau=trq{}
 t=time; q=theta{}; tau=T{} [N*m]
 ms=ms; q=pos{}; tau=trq{}
+t=s; q=pos{}; dq=vel{}; tau=trq{}
+t=min; q=pos{}; dq=vel{}; tau=trq{}
+t=q_min; q=pos{}; dq=vel{}; tau=trq{}
+0=delay_ms; q=pos{}; dq=vel{}; tau=trq{}
+deg=q_deg_{}; deg/s=dq_deg_s_{}; tau=tau_{}
 t=time; q+1=q_d/ActualPosition[{z}]; q=ActualPosition[{z}]; tau=ActualTorque[{z}]
 """  # noqa: RUF001
 
@@ -329,11 +334,6 @@ t=time; deg=P{} in deg; tau=M{} -> --scale q=deg
 unix=time; q=P{}; tau=M{} -> --scale t=ms
 t=time; q=theta{}; tau=G{} [N*m] -> tau1=#5,tau2=#6,tau3=#7
 k=; q=q{}; tau=tau{} -> no column t
-t=s; q=pos{}; dq=vel{}; tau=trq{} -> --rate 100
-t=min; q=pos{}; dq=vel{}; tau=trq{} -> --rate 100
-t=q_min; q=pos{}; dq=vel{}; tau=trq{} -> --rate 100
-0=delay_ms; q=pos{}; dq=vel{}; tau=trq{} -> --rate 100
-deg=q_deg_{}; deg/s=dq_deg_s_{}; tau=tau_{} -> --rate 100
 q=q{}; tau=tau{} -> --rate HZ
 t=t; q=q{} -> no column tau
 t=t; q=q{} -> +TORQUES.csv

@@ -23,6 +23,7 @@ def verb(
     json_: Path | None = None,
     fix: Path | None = None,
     apply: list[str] | None = None,
+    as_written: bool = False,
 ) -> None:
     """Check measurements before identification: units, signs, order, gravity, clock, noise, excitation.
 
@@ -42,7 +43,9 @@ def verb(
 
     files = [file for path in data for file in run_files(path)]
     _refuse(files, fix, apply)
-    robot, runs, reports, hold = _read_and_check(files, problem, gravity, hold)
+    robot, runs, reports, hold = _read_and_check(
+        files, problem, gravity, hold, as_written=as_written
+    )
     command = CheckCommand(
         problem=problem,
         runs=files,
@@ -89,7 +92,12 @@ def _refuse(files: Sequence[Path], fix: Path | None, apply: list[str] | None) ->
 
 
 def _read_and_check(
-    files: Sequence[Path], problem: str, gravity: str | None, hold: str | None
+    files: Sequence[Path],
+    problem: str,
+    gravity: str | None,
+    hold: str | None,
+    *,
+    as_written: bool,
 ) -> tuple[Problem, list[Measurements], Sequence[Report], str | None]:
     """Read the runs and check them.
 
@@ -102,8 +110,8 @@ def _read_and_check(
     from sdp_vs_penalty.data.measurements import Measurements
 
     def read(robot: Problem) -> list[Measurements]:
-        joints = robot.robot.joint_names
-        return [read_run(path, robot.robot.n, joints) for path in files]
+        joints, n = robot.channel_names, robot.robot.n
+        return [read_run(path, n, joints, as_written=as_written) for path in files]
 
     with console.progress("checking") as progress:
         robot, measured, hold = read_and_hold(

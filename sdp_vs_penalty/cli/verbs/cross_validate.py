@@ -35,7 +35,7 @@ def verb(
 
     def read(problem_with_holds: Problem) -> list[Measurements]:
         """Return all runs together, for the problem with its joints held."""
-        joints = problem_with_holds.robot.joint_names
+        joints = problem_with_holds.channel_names
         return [load_measurements(*data, joints=len(joints), names=joints)]
 
     with console.progress("reading the measurements") as progress:

@@ -19,6 +19,7 @@ def verb(
     seed: int = 0,
     window: str | None = None,
     no_check: bool = False,
+    as_written: bool = False,
     proof: Path | None = None,
     gain_uncertainty: float | None = None,
     known_load: list[str] | None = None,
@@ -56,7 +57,9 @@ def verb(
                 problem, gravity, bounds, filters, held
             ),
             hold,
-            lambda robot: runs.runs_from_options(robot, data, window),
+            lambda robot: runs.runs_from_options(
+                robot, data, window, as_written=as_written
+            ),
         )
         check_command = CheckCommand(
             problem=problem, runs=data, hold=hold, gravity=gravity

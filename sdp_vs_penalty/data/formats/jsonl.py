@@ -61,9 +61,19 @@ def read_text(path: Path, refused: InputError) -> Log:
     log = log_of_lists(path, lists)
     if all(x.kind == "text" for x in log.columns.values()):
         raise refused
-    units = content.get("units") if isinstance(content, Mapping) else None
-    said = units.items() if isinstance(units, Mapping) else ()
-    return replace(log, heading=[f"{name} in {unit}" for name, unit in said])
+    said = _units(content) if isinstance(content, Mapping) else {}
+    return replace(log, heading=[f"{name} in {unit}" for name, unit in said.items()])
+
+
+def _units(content: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the first object "units" in nested objects; empty without one."""
+    within = (x for x in content.values() if isinstance(x, Mapping))
+    units = content.get("units")
+    return (
+        units
+        if isinstance(units, Mapping)
+        else next(filter(None, map(_units, within)), {})
+    )
 
 
 def _lists(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, list]]:

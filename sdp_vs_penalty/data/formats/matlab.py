@@ -17,6 +17,8 @@ from sdp_vs_penalty.files import writing
 from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES: tuple[str, ...] = (".mat",)
+#: Fields of a signal's label and values: of Simulink, and of dSPACE.
+_LABELS_AND_VALUES = ("label", "values"), ("Name", "Data")
 
 
 def read(path: Path) -> Log:
@@ -154,13 +156,14 @@ def _by_label_or_number(
 ) -> dict[str, object]:
     """Name the structs of an array: "joint1", "joint2" ...
 
-    Simulink's signals have their values and a label in each struct: they are called by
-    the labels, where these differ.
+    Signals of Simulink and dSPACE have their values and a label in each struct: they are
+    called by the labels, where these differ.
     """
-    labels = [str(struct.get("label", "")).strip() for struct in structs]
-    if all(labels) and len(set(labels)) == len(labels):
-        values = [struct.get("values") for struct in structs]
-        return dict(zip(labels, values, strict=True))
+    for label, values in _LABELS_AND_VALUES:
+        labels = [str(struct.get(label, "")).strip() for struct in structs]
+        if all(labels) and len({*labels}) == len(labels):
+            blocks = [struct.get(values) for struct in structs]
+            return dict(zip(labels, blocks, strict=True))
     return {f"{key}{k}": struct for k, struct in enumerate(structs, start=1)}
 
 

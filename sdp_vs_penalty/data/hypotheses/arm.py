@@ -42,12 +42,15 @@ def units_tried(q: Array) -> tuple[float, ...]:
     return (1.0, 2.0 * np.pi) if largest < 1.0 else (1.0,)
 
 
-def fit_arm(robot: Robot, t: Array, q: Array, tau: Array) -> ChannelFit | None:
+def fit_arm(
+    robot: Robot, t: Array, q: Array, tau: Array, links: Array | None = None
+) -> ChannelFit | None:
     """Fit an arm's ten parameters a link, friction and zeros to the torques of a log.
 
     Masses and frictions are of any size, so that the unit of the torques (N, n) does not
-    matter. Rows beside a gap of the clock t (N,) [s] are left out, for derivatives reach
-    over it. None for a log that is too short, or in which nothing moves.
+    matter. Of nominal links (n, 10) one factor each is fitted: in a wrong unit of positions
+    any links explain much, the arm's do not. Rows beside a gap of the clock t (N,) [s] are
+    left out, for derivatives reach over it. None for a log that is too short, or in which nothing moves.
 
     Parameters
     ----------
@@ -82,6 +85,9 @@ def fit_arm(robot: Robot, t: Array, q: Array, tau: Array) -> ChannelFit | None:
     spreads = nonzero_or_one(np.std(tau, axis=0))
     count, n = tau.shape
     rigid = np.asarray(robot.regressor(q, dq, ddq)).reshape(count, n, -1)
+    if links is not None:
+        of_links = rigid.reshape(count, n, *links.shape)
+        rigid = np.asarray(np.einsum("knlp,lp->knl", of_links, links))
     friction = np.tanh(10.0 * dq / usual_speed)
     laws = np.stack([ddq, np.ones_like(dq), dq, friction])  # of each joint alone
     own = np.einsum("kij,jl->ijkl", laws, np.eye(n)).reshape(count, n, -1)

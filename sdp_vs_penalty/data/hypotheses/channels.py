@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.data.words.tokens import group_of
 from sdp_vs_penalty.data.words.units import UNITS
+from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.data.hypotheses.weighing import ColumnHypothesis
@@ -46,8 +47,14 @@ class Recognition:
     has_other_joints: bool = False
     #: "A" where the torques are motor currents, by their words.
     torque_unit: str = ""
-    #: Whether the arm has told how the torques are written: without it no command does.
+    #: Whether the arm has told what no command says without it.
     is_of_arm: bool = False
+    #: Whether names, metadata or the program that wrote the file say the unit of positions.
+    says_unit_of_positions: bool = True
+    #: Sampling rate [Hz] that velocities tell of a file without a clock.
+    rate: float | None = None
+    #: What is raised where the arm does not confirm these columns; None: nothing is open.
+    unless_confirmed: InputError | None = None
 
     @property
     def has_our_names(self) -> bool:
@@ -58,7 +65,8 @@ class Recognition:
     def is_identity(self) -> bool:
         """Whether nothing was guessed, since the columns have our names, or the file says
         what they are."""
-        return not self.logger or self.has_our_names
+        is_named = not self.logger or self.has_our_names
+        return is_named and not (self.units or self.said)
 
     def with_unit(self, group: str, unit: ColumnHypothesis) -> Recognition:
         """Return the recognition with another unit of a channel group."""
@@ -67,6 +75,20 @@ class Recognition:
         if factor != 1.0:
             scale |= {k: factor for k in self.rename if group_of(k) == group}
         return replace(self, scale=scale, units={**self.units, group: unit})
+
+    def without_unit(self, group: str) -> Recognition:
+        """Return the recognition that says nothing of a channel group's unit."""
+        scale = {k: x for k, x in self.scale.items() if group_of(k) != group}
+        units = {k: x for k, x in self.units.items() if k != group}
+        inferred = {k: x for k, x in self.inferred.items() if k != group}
+        is_said = self.says_unit_of_positions or group == "q"
+        return replace(
+            self,
+            scale=scale,
+            units=units,
+            inferred=inferred,
+            says_unit_of_positions=is_said,
+        )
 
     def factors(self, group: str, n: int) -> list[float]:
         """List the factors to SI of a group's n columns."""

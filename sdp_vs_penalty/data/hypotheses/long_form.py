@@ -105,9 +105,11 @@ def _label_columns(log: Log) -> list[str]:
     channels = [
         name
         for name, x in log.columns.items()
-        if x.kind == "text" and _has_words(name, _CHANNEL_WORDS)
+        if x.kind == "text"
+        and _has_words(name, _CHANNEL_WORDS)
+        and _repeats(log, name, _MOST_CHANNELS)
     ]
-    if not channels or not _repeats(log, channels[-1], _MOST_CHANNELS):
+    if not channels:
         return []
     return list(dict.fromkeys([*joints[:1], channels[-1]]))
 

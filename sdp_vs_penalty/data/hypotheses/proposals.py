@@ -7,9 +7,14 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.catalogue import fetch_remedy
+from sdp_vs_penalty.data.hypotheses.channels import Recognition
 from sdp_vs_penalty.data.hypotheses.recognition import find_clock
 from sdp_vs_penalty.data.hypotheses.renaming import rename_words, scale_words
-from sdp_vs_penalty.data.hypotheses.weighing import rate_from_velocities, unit_of_dates
+from sdp_vs_penalty.data.hypotheses.weighing import (
+    TIME,
+    rate_from_velocities,
+    unit_of_dates,
+)
 from sdp_vs_penalty.data.log import Log
 from sdp_vs_penalty.data.words.names import (
     INITIALS,
@@ -43,17 +48,42 @@ def lacking(
 ) -> InputError:
     """Return the error of a log that lacks columns for channel groups (``missing``, among
     t, q and tau), with the command that names them; ``joints`` are the robot's."""
-    n_joints = None if joints is None else len(joints)
-    how = log.remedy or fetch_remedy(log.path) or _rename_remedy(log, missing, n_joints)
+    how = log.remedy or fetch_remedy(log.path)
+    if not how and log.names:
+        pairs, scale = _propose(log, missing, None if joints is None else len(joints))
+        how = _rename_remedy(log, missing, pairs, scale)
+    how = how or "write numbers, a column or an array a channel (t, q, tau)"
     return InputError(f"{problem} (columns: {brief_names(log.names)})", how, log.path)
 
 
-def _rename_remedy(log: Log, missing: Sequence[str], n_joints: int | None) -> str:
-    """Format the remedy for missing columns: a `convert` command that names them, by the
-    file's names where some fit."""
+def proposed(
+    log: Log, missing: Sequence[str], joints: Sequence[str] | None
+) -> Recognition:
+    """Return the columns that words, letters or their order suggest for channel groups that
+    no name says; the arm has to confirm them. Raises InputError where none are suggested."""
+    error = lacking(log, f"no column {' or '.join(missing)}", missing, joints)
+    if log.remedy or not log.names:
+        raise error
+    pairs, scale = _propose(log, missing, None if joints is None else len(joints))
+    if "NAME" in {y for x, y in pairs.items() if x != "t"}:
+        raise error
+    pairs = {x: y for x, y in pairs.items() if y != "NAME"}
+    return Recognition(
+        pairs,
+        scale,
+        "by letters and order",
+        says_unit_of_positions="q" in map(group_of, scale),
+        inferred={} if "t" in scale else {"t": TIME},
+        unless_confirmed=error,
+    )
+
+
+def _propose(
+    log: Log, missing: Sequence[str], n_joints: int | None
+) -> tuple[dict[str, str], dict[str, float]]:
+    """Propose columns for channel groups by our names, "NAME" where none fits, and their
+    factors to SI."""
     names = log.names
-    if not names:
-        return "write numbers, a column or an array a channel (t, q, tau)"
     pairs = _by_words(log, missing)
     says_nothing = {*map(quantity_of, names)} <= {None, "t"}
     if "NAME" in pairs.values() and {"q", "tau"} <= {*missing} and says_nothing:
@@ -66,12 +96,19 @@ def _rename_remedy(log: Log, missing: Sequence[str], n_joints: int | None) -> st
         dated = unit_of_dates(log.columns[name].head) if ours == "t" else None
         factor = units[0].factor if units else UNITS[dated.answer] if dated else 1.0
         scale |= {ours: factor} if factor != 1.0 else {}
+    return pairs, scale
+
+
+def _rename_remedy(
+    log: Log, missing: Sequence[str], pairs: dict[str, str], scale: Mapping[str, float]
+) -> str:
+    """Format the remedy for missing columns: a `convert` command that names them."""
     is_timeless = (
         [x for x, name in pairs.items() if name == "NAME"] == ["t"] != [*pairs]
     )
     if is_timeless:
         del pairs["t"]
-    words = ["--rename", rename_words(pairs, names)]
+    words = ["--rename", rename_words(pairs, log.names)]
     words += ["--scale", scale_words(scale, pairs)] if scale else []
     words += ["--rate", "HZ"] if is_timeless else []
     how = f"name them with `{formatting.convert_command(log.path, *words)}`"
@@ -223,7 +260,7 @@ def _has_more_than_three(width: int, n_joints: int | None) -> bool:
 
 def names_without_header(
     log: Log, n_joints: int | None, rate: float | None
-) -> dict[str, str]:
+) -> Recognition:
     """Name the columns of a table without a header, by ours: q1..qn, dq1..dqn,
     tau1..taun, as research code writes them, with t in front where one column more is
     there.
@@ -248,7 +285,7 @@ def names_without_header(
         )
     if rate is not None:
         if layout:
-            return dict(zip(layout, log.names, strict=True))
+            return Recognition(dict(zip(layout, log.names, strict=True)), logger="")
         remedy = "keep q, dq and tau of each joint, or name columns by --rename q1=#2"
         raise InputError(f"{width} columns are not three a joint", remedy, log.path)
     remedy = f"put {_HEADER} above them, or "
@@ -260,7 +297,16 @@ def names_without_header(
         )
     else:
         remedy += "name columns by their numbers with `convert --rename t=#1,q1=#2`"
-    raise InputError(problem, fetch_remedy(log.path) or remedy, log.path)
+    error = InputError(problem, fetch_remedy(log.path) or remedy, log.path)
+    if not layout:
+        raise error
+    return Recognition(
+        dict(zip(layout, log.names, strict=True)),
+        logger="by their order",
+        says_unit_of_positions=False,
+        inferred={"t": TIME},
+        unless_confirmed=error,
+    )
 
 
 def _naming_command(log: Log, layout: Sequence[str], rate: float | None) -> str:
@@ -276,17 +322,30 @@ def _naming_command(log: Log, layout: Sequence[str], rate: float | None) -> str:
     return formatting.convert_command(log.path, *words)
 
 
-def rate_of(columns: Mapping[str, Array]) -> float | None:
+#: Mantissas of usual rates, their powers of ten [Hz], and by how much an estimate differs.
+_USUAL_RATES = (1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+_DECADES_OF_RATES = (10.0, 100.0, 1000.0)
+_OF_A_RATE = 5e-3
+
+
+def rate_of(columns: Mapping[str, Array], *, is_usual: bool = False) -> float | None:
     """Estimate the sampling rate [Hz] at which dq is the derivative of q, of columns (N,)
-    or blocks (N, n) by our names; None where there are no velocities, or none fits."""
+    or blocks (N, n) by our names; None where there are no velocities, or none fits. With
+    ``is_usual`` the rate is one at which logs are written, or None: units of positions and
+    velocities that differ make another one."""
     blocks = dict[str, Array]()
     for group in ("q", "dq"):
         parts = [x for name, x in columns.items() if group_of(name) == group]
         if not parts or len({*map(len, parts)}) > 1:
             return None
         blocks[group] = np.column_stack([np.reshape(x, (len(x), -1)) for x in parts])
-    is_alike = blocks["q"].shape == blocks["dq"].shape
-    return rate_from_velocities(blocks["q"], blocks["dq"]) if is_alike else None
+    if blocks["q"].shape != blocks["dq"].shape:
+        return None
+    rate = rate_from_velocities(blocks["q"], blocks["dq"])
+    if rate is None or not is_usual:
+        return rate
+    usual = (x * decade for x in _USUAL_RATES for decade in _DECADES_OF_RATES)
+    return next((x for x in usual if abs(rate / x - 1.0) < _OF_A_RATE), None)
 
 
 def no_clock(

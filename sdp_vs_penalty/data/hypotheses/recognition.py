@@ -11,7 +11,7 @@ two sets of positions are as good, nobody guesses.
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -35,6 +35,7 @@ from sdp_vs_penalty.data.words.names import (
     AMPERES,
     Meaning,
     read_bare_joint,
+    read_commanded_torque,
     read_letter,
     read_name,
     read_time_by_unit,
@@ -135,6 +136,8 @@ def recognise(
             letters = {x: y for x in usable if (y := read_letter(x))}
             letters = {x: y for x, y in letters.items() if _says_nothing(said.get(x))}
             choice = choose_sets(said | letters, len(joints) if joints else None)
+        if choice is None:
+            said, choice = _read_and_choose(usable, columns, joints, _read_or_commanded)
         clock = find_clock({name: columns[name] for name in usable})
     if choice is None:
         return None
@@ -164,6 +167,8 @@ def recognise(
         for x, sets in choice.left_out.items()
         if x in _WORDS_OF_GROUPS
     ]
+    if any(map(read_commanded_torque, _torques_of(choice))):
+        said_of.append("tau is what was commanded, for no other torque is there")
     if outputs:
         said_of.append(
             f"what the controller puts out as {_shortened(outputs)} is not used"
@@ -189,7 +194,19 @@ def recognise(
         found = with_units_of_names(found, said)
     found = _with_stated_units(found, logger, columns)
     found = _with_units_of_heading(found, said, heading)
-    return _with_unit_of_clock(found, columns)
+    found = replace(found, says_unit_of_positions=_says_unit_of_positions(found, said))
+    return with_unit_of_clock(found, columns)
+
+
+def _says_unit_of_positions(found: Recognition, said: Mapping[str, Meaning]) -> bool:
+    """Return whether names, metadata, values or the program that wrote a file say the unit
+    of positions."""
+    if found.logger != BY_WORDS:
+        return found.inferred.get("q") != SERVO
+    if "q" in {*found.units, *map(group_of, found.scale)}:
+        return True
+    meanings = (said.get(y) for x, y in found.rename.items() if group_of(x) == "q")
+    return any(x is not None and x.unit not in ("", *SHARES) for x in meanings)
 
 
 def recognised(
@@ -345,8 +362,16 @@ def _with_units_of_heading(
     return found
 
 
+def _read_or_commanded(name: str, joints: JointNames | None = None) -> Meaning | None:
+    """Read a name, or a torque that was commanded."""
+    return read_name(name, joints) or read_commanded_torque(name, joints)
+
+
 def _read_and_choose(
-    usable: Sequence[str], columns: Columns, joints: Sequence[str] | None
+    usable: Sequence[str],
+    columns: Columns,
+    joints: Sequence[str] | None,
+    read_name: Callable[..., Meaning | None] = read_name,
 ) -> tuple[dict[str, Meaning], SetChoice | None]:
     """Read the columns' names, and choose the sets of columns that hold q, tau and so on.
 
@@ -550,7 +575,7 @@ def joints_of_texts(texts: Sequence[str]) -> list[str]:
     return words if len(words) > 1 else []
 
 
-def _with_unit_of_clock(found: Recognition, columns: Columns) -> Recognition:
+def with_unit_of_clock(found: Recognition, columns: Columns) -> Recognition:
     """Add the unit of a clock whose stamps are dates in that unit, say of a time of day
     in several columns that the date is not read, and mark a unit that nothing says."""
     clock = found.rename.get("t", "")

@@ -67,36 +67,64 @@ class ColumnSet:
         return names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
 
 
-def column_sets(quantity: str, said: Mapping[str, Meaning]) -> list[ColumnSet]:
+def column_sets(
+    quantity: str, said: Mapping[str, Meaning], n_joints: int | None = None
+) -> list[ColumnSet]:
     """Collect the columns of one quantity into sets with one column for each joint, the
-    best first.
+    best first. Numbers may have gaps where there are as many as the robot's joints.
 
     A column can stand in several sets, of different styles. Motors and links have two
     columns for each joint (motor_pos_1 and link_pos_1): they are split by these words,
     and position columns with other ways of numbering by their names.
     """
     groups = dict[tuple[str, int, tuple[str, ...], int], list[str]]()
-    for name, meaning in said.items():
-        if meaning.quantity == quantity:
-            for style, others in _styles_of(meaning):
-                key = style, meaning.rank, others, len(meaning.words)
-                groups.setdefault(key, []).append(name)
+    of_quantity = {x: y for x, y in said.items() if y.quantity == quantity}
+    said = {**said, **_by_number_that_differs(of_quantity)}
+    for name in of_quantity:
+        meaning = said[name]
+        for style, others in _styles_of(meaning):
+            key = style, meaning.rank, others, len(meaning.words)
+            groups.setdefault(key, []).append(name)
     sets = list[ColumnSet]()
     for (style, rank, others, n_words), names in groups.items():
         parts = [names]
-        if not _columns_by_joint(style, names, said):
+        if not _columns_by_joint(style, names, said, n_joints):
             parts = _split(names, lambda x: frozenset(_SIDES & {*split_tokens(x)}))
             if (
                 quantity == "q"
                 and style == "number"
-                and not any(_columns_by_joint(style, part, said) for part in parts)
+                and not any(
+                    _columns_by_joint(style, part, said, n_joints) for part in parts
+                )
             ):
                 parts = _split(names, starred)
         for part in parts:
-            if columns := _columns_by_joint(style, part, said):
+            if columns := _columns_by_joint(style, part, said, n_joints):
                 sets.append(ColumnSet(quantity, rank, style, others, columns, n_words))
     sets = [replace(x, is_qualified=any(map(x.qualifies, sets))) for x in sets]
     return sorted(sets, key=lambda column_set: column_set.preference)
+
+
+def _by_number_that_differs(said: Mapping[str, Meaning]) -> dict[str, Meaning]:
+    """Return what names say whose last number is that of a signal, "A1.r2521": there an
+    earlier one, the only one that differs, is the joint's."""
+    families = dict[Hashable, list[str]]()
+    for name, meaning in said.items():
+        words = tuple("*" if x.isdigit() else x for x in meaning.other_words)
+        if "*" in words and meaning.joint is None:
+            families.setdefault((meaning.words, words, meaning.number), []).append(name)
+    out = dict[str, Meaning]()
+    for names in families.values():
+        columns = [*zip(*(said[x].other_words for x in names), strict=True)]
+        places = [k for k, column in enumerate(columns) if len({*column}) > 1]
+        if len(places) != 1 or len({*columns[places[0]]}) < len(names):
+            continue
+        (k,) = places
+        for name in names:
+            words = said[name].other_words
+            others = (*words[:k], *words[k + 1 :])
+            out[name] = replace(said[name], number=int(words[k]), other_words=others)
+    return out
 
 
 _SIDES = {*_MOTOR_WORDS, *_LINK_WORDS, *_MOTOR_SYMBOLS}
@@ -121,7 +149,10 @@ def _styles_of(meaning: Meaning) -> list[tuple[str, tuple[str, ...]]]:
 
 
 def _columns_by_joint(
-    style: str, names: Sequence[str], said: Mapping[str, Meaning]
+    style: str,
+    names: Sequence[str],
+    said: Mapping[str, Meaning],
+    n_joints: int | None = None,
 ) -> dict[Hashable, str]:
     """Order the columns of one set by what tells their joints apart.
 
@@ -145,6 +176,7 @@ def _columns_by_joint(
         return in_order if len(in_order) == len(names) else {}
     first = next(iter(in_order))
     is_whole = first < 2 and list(in_order) == list(range(first, first + len(names)))
+    is_whole |= len(names) == n_joints
     return dict(enumerate(in_order.values())) if is_whole else {}
 
 
@@ -209,7 +241,7 @@ def choose_sets(
     has_blocks : bool
         Whether one column may hold all joints, a list in each cell.
     """
-    every = {x: column_sets(x, said) for x in WORDS if x != "t"}
+    every = {x: column_sets(x, said, n_joints) for x in WORDS if x != "t"}
     motors = {
         x: [s for s in sets if _is_of_motors(s, sets)] for x, sets in every.items()
     }

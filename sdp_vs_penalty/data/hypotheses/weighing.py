@@ -50,7 +50,7 @@ _EPOCHS = (
 _SHORTEST_STEP = 2e-5
 #: Share of each of several channels that an arm leaves which explains none of them: its
 #: positions, or the clock, are in another unit.
-_EXPLAINS_NONE = 0.3
+EXPLAINS_NONE = 0.3
 #: A measured torque carries noise; less than this share of its scatter is a model's, or
 #: the rounding of one, beside a torque with ten times as much.
 _LEAST_NOISE = 1e-3
@@ -206,7 +206,7 @@ def which_torque(
 
     models = [x for x in channels if is_model(x)]
     shares = {x: fit.share for x, fit in fits.items() if x not in models}
-    if min(shares.values(), default=0.0) > _EXPLAINS_NONE:
+    if min(shares.values(), default=0.0) > EXPLAINS_NONE:
         shares = {}
     out = list[ColumnHypothesis]()
     for k, (name, values) in enumerate(channels.items(), 1):

@@ -20,9 +20,10 @@ from sdp_vs_penalty.data.words.units import (
 WORDS: dict[str, list[str]] = table()["quantities"]
 #: Words that say nothing about a quantity; those of them that say "joint"; those of
 #: clocks whose names say the unit, and of counters otherwise; those of columns that are
-#: something else than was measured.
-_FILLERS, _JOINTS, _COUNTERS, _OTHERS = (
-    frozenset(table()[name]) for name in ("fillers", "joints", "counters", "others")
+#: something else than was measured, and those of them that say what was commanded.
+_FILLERS, _JOINTS, _COUNTERS, _OTHERS, _COMMANDS = (
+    frozenset(table()[name])
+    for name in ("fillers", "joints", "counters", "others", "commands")
 )
 #: Units of time that alone may mean anything else, such as a length or a minimum.
 _OTHER_SYMBOLS = ("s", "min", "mins", "h", "day")
@@ -142,6 +143,16 @@ def read_letter(name: str) -> Meaning | None:
     if len(words) != 1 or words[0] not in letters or len(numbers) != 1:
         return None
     return Meaning("tau", len(WORDS["tau"]) + 1, number=int(numbers[0]))
+
+
+def read_commanded_torque(
+    name: str, joints: JointNames | None = None
+) -> Meaning | None:
+    """Read a name that says a torque and that it was commanded, "TorqueReference_2", as a
+    torque; None for other names."""
+    tokens = split_tokens(name)
+    said = read_name("_".join(x for x in tokens if x not in _COMMANDS), joints)
+    return said if said and said.quantity == "tau" and _COMMANDS & {*tokens} else None
 
 
 def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Meaning | None:

@@ -24,7 +24,7 @@ _DATE = (
     r"|\d{1,2}[-/. ][A-Za-z]{3,9}\.?[-/. ]\d{2,4}|(?:[A-Za-z]{3},? )?[A-Za-z]{3} +\d{1,2}"
 )
 #: Hours, minutes and seconds; minutes and seconds with a fraction, as spreadsheets show.
-_CLOCK = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,:]\d+)?)?|\d{1,3}:\d{2}[.,]\d+"
+_CLOCK = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,:;]\d+)?)?|\d{1,3}:\d{2}[.,]\d+"
 #: Dates and times without marks, 20240501T120000.5: they need the T between them.
 _PLAIN = r"\d{8}T\d{6}(?:[.,]\d+)?"
 #: A zone's letters other than UTC's are those of the place: its offset is not known.
@@ -46,7 +46,7 @@ def has_fraction(text: str) -> bool:
     """Return whether a stamp says more than whole seconds: 12:00:00.005."""
     match = _STAMP.fullmatch(text.strip())
     clock = "" if match is None else match["clock"] or match["plain"]
-    return bool(re.search(r"[.,]\d+$|:\d+:\d+:\d+$", clock))
+    return bool(re.search(r"[.,;]\d+$|:\d+:\d+:\d+$", clock))
 
 
 def fraction_column(names: Sequence[str]) -> str | None:
@@ -164,7 +164,7 @@ def _parse(text: str) -> tuple[datetime.date | None, float]:
     if plain:  # without marks
         date = f"{plain[:4]}-{plain[4:6]}-{plain[6:8]}"
         clock = f"{plain[9:11]}:{plain[11:13]}:{plain[13:]}"
-    parts = re.split(r"[:.,]", clock)
+    parts = re.split(r"[:;.,]", clock)
     if re.fullmatch(r"\d+:\d+[.,]\d+", clock):
         parts = ["0", *parts]  # minutes and seconds
     hours, minutes, seconds = (float(x) for x in (*parts, "0")[:3])

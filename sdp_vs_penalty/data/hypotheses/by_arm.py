@@ -1,0 +1,273 @@
+"""What names leave open the arm decides, where the robot is known: the unit of positions,
+which of several sets of channels is the torque, whether a register has a sign bit, and
+whether columns are at all what their order or their letters suggest."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.hypotheses.arm import (
+    N_PARTS,
+    ChannelFit,
+    fit_arm,
+    signed_register,
+    units_tried,
+)
+from sdp_vs_penalty.data.hypotheses.channels import Recognition
+from sdp_vs_penalty.data.hypotheses.recognition import is_current, with_torque
+from sdp_vs_penalty.data.hypotheses.weighing import (
+    DEGREES_OR_PERCENT,
+    EXPLAINS_NONE,
+    ColumnHypothesis,
+    rate_from_velocities,
+    weigh,
+    which_torque,
+)
+from sdp_vs_penalty.data.plausibility import (
+    far_outside,
+    is_in_ranges,
+    radians_per_percent,
+)
+from sdp_vs_penalty.data.words.tokens import group_of
+from sdp_vs_penalty.data.words.units import UNITS
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
+
+#: Odds from which a reading is certain.
+_CERTAIN = 1e3
+#: Shares of logs whose positions are in a unit, where no name says one: of numbers that are
+#: not radians; of a servo's; of turns; of counts of one size; and of a factor of no unit.
+_DEGREES, _OF_SERVO, _RARE, _NO_UNIT = 0.5, 0.5, 1e-2, 1e-3
+#: Share of logs whose zeros put a joint outside its range.
+_BESIDE_RANGE = 1e-2
+#: Factors beside a unit's that are tried.
+_FACTORS = (0.75, 0.91, 1.1, 1.33)
+#: Bits of an encoder's turn.
+_BITS = range(10, 21)
+_TURN = 2.0 * np.pi
+
+#: Fits the arm to torques (N, n), by positions (N, n).
+Fit = Callable[[Array, Array], ChannelFit | None]
+
+
+@dataclass(frozen=True)
+class _Unit:
+    """A unit of positions: in SI they are scale (n,) times them, plus middle (n,)."""
+
+    words: str
+    prior: float
+    scale: Array
+    middle: Array
+
+    def in_si(self, q: Array) -> Array:
+        """Return positions (N, n) in SI, continued where they were cut at a turn."""
+        return np.unwrap(self.scale * q + self.middle, axis=0)
+
+
+def fit_of(
+    robot: Robot | None, clock: Callable[[Array], Array], links: Array | None = None
+) -> Fit:
+    """Return what fits the arm, or its nominal links, along the clock (N,) [s] of positions
+    (N, n), whose speed may tell its unit; without a robot nothing does."""
+
+    def fit(q: Array, tau: Array) -> ChannelFit | None:
+        is_of_robot = robot is not None and robot.n == q.shape[1] == tau.shape[1]
+        return (
+            fit_arm(robot, clock(q), q, tau, links) if robot and is_of_robot else None
+        )
+
+    return fit
+
+
+def with_unit_of_positions(
+    found: Recognition, blocks: dict[str, Array], robot: Robot, fit: Fit
+) -> tuple[Recognition, dict[str, Array]]:
+    """Decide the unit of positions that no name says and that may not be radians, or that
+    are impossible as radians, if one unit is certain: by the joints' ranges, by what the arm
+    leaves of the torques, and by how usual it is.
+    """
+    q, tau = blocks["q"], blocks["tau"]
+    register, bit = signed_register(tau)
+    torques = [tau, register] if bit else [tau]
+    is_impossible = bool(far_outside(robot, q))
+    largest = np.abs(q[:, _revolute(robot)]).max(initial=0.0)
+    is_open = not found.says_unit_of_positions and not _LITTLE < largest < _TURN
+    stated = found.units.get("q")
+    is_said = stated is not None and stated.answer != DEGREES_OR_PERCENT
+    is_said |= "q" in map(group_of, found.scale)
+    if is_said or not (is_impossible or is_open):
+        return found, blocks
+    shares = list[tuple[float, _Unit]]()
+    for unit in _units(robot, q, found):
+        in_si = unit.in_si(q)
+        fits = [] if far_outside(robot, in_si) else [fit(in_si, x) for x in torques]
+        if known := [x.share for x in fits if x]:
+            is_usual = is_in_ranges(robot, in_si)
+            prior = unit.prior * (1.0 if is_usual else _BESIDE_RANGE)
+            shares.append((min(known), replace(unit, prior=prior)))
+    if not shares:
+        return found, blocks
+    weights = [unit.prior * share**-N_PARTS for share, unit in shares]
+    share, best = shares[int(np.argmax(weights))]
+    others = sorted(weights)[:-1]
+    if share > EXPLAINS_NONE or np.all(best.scale == 1.0):
+        return found, blocks
+    if others and max(weights) < _CERTAIN * others[-1]:
+        return found, blocks
+    for factor in _FACTORS:
+        beside = replace(best, scale=factor * best.scale)
+        for other in filter(None, (fit(beside.in_si(q), x) for x in torques)):
+            if _NO_UNIT * other.share**-N_PARTS > max(weights):
+                return found, blocks
+    why = f"the arm leaves {100.0 * share:.2g} % of the torques"
+    if is_impossible:
+        why = f"outside the joints' ranges as radians, and {why}"
+    if best.words in UNITS and np.all(best.scale == UNITS[best.words]):
+        return found.with_unit("q", ColumnHypothesis(best.words, 1.0, why)), blocks
+    lengths = np.delete(best.scale, _revolute(robot))
+    mm = ", lengths in mm" if np.any(lengths != 1.0) else ""
+    said = f"q in {best.words}{mm}: {why}"
+    found = replace(found, said=(*found.said, said), is_of_arm=True)
+    return found, {**blocks, "q": best.scale * q + best.middle}
+
+
+#: Positions that are less may be turns [rad].
+_LITTLE = 1.0
+
+
+def _revolute(robot: Robot) -> list[int]:
+    """List the joints whose positions are angles."""
+    return [j for j, joint in enumerate(robot.joints) if joint.kind == "revolute"]
+
+
+def _units(robot: Robot, q: Array, found: Recognition) -> Iterator[_Unit]:
+    """Yield the units in which positions (N, n) may be; lengths that no joint reaches are
+    millimetres."""
+    far = far_outside(robot, q)
+    revolute = np.isin(np.arange(robot.n), _revolute(robot))
+    lengths = np.where(np.isin(np.arange(robot.n), far), 1e-3, 1.0)
+
+    def unit(words: str, prior: float, radians: float, middle: float = 0.0) -> _Unit:
+        scale = np.where(revolute, radians, lengths)
+        return _Unit(words, prior, scale, np.where(revolute, middle, 0.0))
+
+    largest = np.abs(q[:, revolute]).max(initial=0.0)
+    yield unit("rad", 1.0, 1.0)
+    if largest < _LITTLE:
+        yield unit("turns", _RARE, _TURN)
+        return
+    yield unit("deg", _DEGREES, UNITS["deg"])
+    yield unit("mrad", 1e-3, 1e-3)
+    of_servo = found.units.get("q")
+    is_of_servo = of_servo is not None and of_servo.answer == DEGREES_OR_PERCENT
+    if percent := radians_per_percent(robot, q):
+        pairs = np.array([percent.get(j, (1.0, 0.0)) for j in range(robot.n)])
+        words = "per cent of each joint's range"
+        yield _Unit(words, _OF_SERVO if is_of_servo else 1e-3, *pairs.T)
+    if np.all(q[:, revolute] == np.round(q[:, revolute])):
+        yield unit("mdeg", 1e-3, UNITS["mdeg"])
+        for bits in _BITS:
+            words = f"counts of an encoder with {2**bits} a turn"
+            yield unit(words, _RARE, _TURN / 2**bits)
+            if bits == 12:
+                yield unit(
+                    f"{words}, the middle at 2048", _RARE, _TURN / 2**bits, -np.pi
+                )
+
+
+def with_unit_of_velocities(
+    found: Recognition, t: Array, blocks: Mapping[str, Array]
+) -> Recognition:
+    """Add to velocities the unit that the arm has told of positions, where by it they are
+    the derivative of these."""
+    unit = found.units.get("q")
+    if unit is None or "dq" not in blocks or "dq" in found.units:
+        return found
+    factors = np.array(found.factors("q", blocks["q"].shape[1]))
+    rate = rate_from_velocities(blocks["q"] * factors, factors * blocks["dq"])
+    step = float(np.median(np.diff(t))) * found.scale.get("t", 1.0)
+    is_derivative = rate is not None and abs(rate * step - 1.0) < _NEARLY
+    so = replace(unit, why="the derivative of q")
+    return found.with_unit("dq", so) if is_derivative else found
+
+
+#: Velocities are the derivative of positions to this share.
+_NEARLY = 0.1
+
+
+def with_channel_of_torque(
+    found: Recognition,
+    blocks: dict[str, Array],
+    channels: Mapping[str, Array],
+    fit: Fit,
+) -> tuple[Recognition, dict[str, Array]]:
+    """Choose the torque among several sets of channels (N, n), by their first and last
+    names, the likeliest by its name first."""
+    if len(channels) < 2:
+        return found, blocks
+    q = blocks["q"] * found.factors("q", blocks["q"].shape[1])
+
+    def best_fit(tau: Array) -> ChannelFit | None:
+        fits = (fit(unit * q, tau) for unit in units_tried(q))
+        return min((x for x in fits if x), key=lambda x: x.share, default=None)
+
+    whole = np.isfinite(np.hstack(list(channels.values()))).all(axis=1)
+    first = {x: next(iter(found.torques[x].values())) for x in channels}
+    hypotheses = which_torque(
+        {x: tau[whole] for x, tau in channels.items()},
+        [x for x in channels if not is_current(first[x])],
+        {x: y for x, tau in channels.items() if (y := best_fit(tau)) is not None},
+    )
+    best = weigh(hypotheses)
+    others = [
+        f"{x.answer} ({x.why})" if x.why else x.answer
+        for x in hypotheses
+        if x is not best
+    ]
+    said = [f"tau: {best.why}"] if best.why else []
+    said.append(
+        f"not used, of the same joints: {formatting.words(others)}: name them in"
+        " --rename to take them"
+    )
+    blocks = {**blocks, "tau": channels[best.answer]}
+    found = with_torque(found, found.torques[best.answer])
+    return replace(found, said=(*found.said, *said)), blocks
+
+
+def with_signed_register(
+    found: Recognition, blocks: dict[str, Array], fit: Fit
+) -> tuple[Recognition, dict[str, Array]]:
+    """Read torques as a servo's registers with a sign bit, where the arm leaves far less of
+    them so."""
+    register, bit = signed_register(blocks["tau"])
+    q = blocks["q"] * found.factors("q", blocks["q"].shape[1])
+    pair = (fit(q, blocks["tau"]), fit(q, register)) if bit else (None, None)
+    if pair[0] is None or pair[1] is None:
+        return found, blocks
+    if (pair[0].share / pair[1].share) ** N_PARTS < _CERTAIN:
+        return found, blocks
+    sign = 1.0 if pair[1].friction > 0.0 else -1.0
+    text = (
+        f"tau is a register whose bit {bit} is its sign: the arm leaves"
+        f" {100.0 * pair[1].share:.2g} % of it, {100.0 * pair[0].share:.2g} % as it is"
+        " written"
+    )
+    found = replace(found, said=(*found.said, text), is_of_arm=True)
+    return found, {**blocks, "tau": sign * register}
+
+
+def confirmed(found: Recognition, blocks: Mapping[str, Array], fit: Fit) -> Recognition:
+    """Return a reading that its order or its letters suggest, where the arm explains the
+    torques by it and they are no velocities; raise its error where it does not."""
+    if found.unless_confirmed is None:
+        return found
+    q, tau = blocks["q"] * found.factors("q", blocks["q"].shape[1]), blocks["tau"]
+    has_velocities = "dq" not in blocks or rate_from_velocities(q, blocks["dq"])
+    of_torques = fit(q, tau) if has_velocities else None
+    is_velocity = rate_from_velocities(q, tau) is not None
+    if of_torques is None or of_torques.share > EXPLAINS_NONE or is_velocity:
+        raise found.unless_confirmed
+    said = f"the arm leaves {100.0 * of_torques.share:.2g} % of the torques so"
+    return replace(found, said=(*found.said, said), unless_confirmed=None)
