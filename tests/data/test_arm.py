@@ -14,7 +14,7 @@ from arms import ELBOW, SHOULDER, TURN, write_urdf
 from commands import run_cli
 from small_runs import small_run
 
-from sdp_vs_penalty import load_measurements
+from sdp_vs_penalty import Problem, load_measurements
 from sdp_vs_penalty.data import read_run
 from sdp_vs_penalty.errors import ColumnsRemark, InputError
 from sdp_vs_penalty.problem import load_problem
