@@ -4,7 +4,6 @@ columns that nobody needs, no clock; the same numbers come out of all of them.""
 import json
 import re
 import shlex
-from pathlib import Path
 
 import numpy as np
 import pytest
