@@ -301,6 +301,23 @@ class Motion:
         kept = ("link_torque", "_derivatives", "_signs", "_legs")
         return self._copy_keeping(kept, torque=torque)
 
+    def with_link_torque(self, torque: Array) -> Motion:
+        """Return the motion with a given torque in place of the current model's links.
+
+        Parameters
+        ----------
+        torque
+            (N, n) ``link_torque`` [N m, N].
+
+        Returns
+        -------
+        Motion
+            A copy without a current model, in which only that torque is known.
+        """
+        out = replace(self, current=None)
+        out.__dict__["link_torque"] = torque
+        return out
+
     def with_sign_width(self, width: float | tuple[float, ...]) -> Motion:
         """Return the motion with other velocities over which signs are smoothed.
 

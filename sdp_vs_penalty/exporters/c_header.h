@@ -87,7 +87,7 @@ static inline void @_torque(const double q[], const double dq[], const double dd
   static const double mass[@_N] = $mass;
   static const double first[@_N][3] = $first;
   static const double inertia[@_N][3][3] = $inertia;
-  double load[@_N]; /* the links' torque on each joint */
+  double load[@_N]; /* torque of the links on each joint */
   @_links(q, dq, ddq, mass, first, inertia, load);
   for (int i = 0; i < @_N; i++) tau[i] = load[i];
 $formulas

@@ -11,10 +11,9 @@ import numpy as np
 from sdp_vs_penalty.effects import effect_in_words
 from sdp_vs_penalty.effects.effect import SimulatorField
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.carried import payload_parameters
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.c_formulas import formulas, has_closed_form
-from sdp_vs_penalty.exporters.content import Content, Options, about_joints
+from sdp_vs_penalty.exporters.content import Content, Options, moved_to_joints
 from sdp_vs_penalty.exporters.held import left_out
 from sdp_vs_penalty.exporters.interface import Written
 from sdp_vs_penalty.robot.arrays import Array
@@ -49,7 +48,7 @@ def write(estimate: Estimate, options: Options) -> Written:
     content = Content.from_estimate(estimate)
     left = left_out(estimate, HOLDS, HOLDS_FORMULAS)
     name = _c_name(robot.name)
-    lines = [*_load_without_payload(estimate, name), *formulas(estimate)]
+    lines = [*_load_of_reference(estimate, name), *formulas(estimate)]
     # "@" in the template is the robot's name as a C identifier.
     template = Template(_TEMPLATE.read_text("utf-8").replace("@", name))
     text = template.substitute(
@@ -101,28 +100,29 @@ def _link_arrays(links: Array) -> dict[str, str]:
     }
 
 
-def _load_without_payload(estimate: Estimate, name: str) -> list[str]:
-    """Return lines of C that set ``load`` to the torque of the links without the
-    payload.
+def _load_of_reference(estimate: Estimate, name: str) -> list[str]:
+    """Return lines of C that set ``load`` to the torque of the model's reference links.
 
-    Friction that depends on load was identified without the payload, which ``tau``
-    holds. Empty if the model lacks one of the two.
+    Friction that depends on load was identified at the torque of the current model of
+    that time (``Model.reference``), without the payload, and
+    :meth:`~sdp_vs_penalty.estimation.estimate.Estimate.predict` takes the same. Empty if
+    no effect of the file reads the load.
     """
-    has_payload = payload_parameters(estimate) is not None
-    formulas_of_load = (
-        e
-        for e in estimate.model.effects
-        if e.needs_links and has_closed_form(e, estimate)
+    model = estimate.model
+    reads_load = any(
+        effect.needs_links and has_closed_form(effect, estimate)
+        for effect in model.effects
     )
-    if not has_payload or not any(formulas_of_load):
+    if not reads_load or model.reference is None:
         return []
-    arrays = _link_arrays(about_joints(estimate.robot, estimate.links))
+    links = model.reference[model.rigid_indices].reshape(-1, 10)
+    arrays = _link_arrays(moved_to_joints(estimate.robot, links))
     return [
-        "/* the links alone, without the payload */",
-        f"static const double bare_mass[{name}_N] = {arrays['mass']};",
-        f"static const double bare_first[{name}_N][3] = {arrays['first']};",
-        f"static const double bare_inertia[{name}_N][3][3] = {arrays['inertia']};",
-        f"{name}_links(q, dq, ddq, bare_mass, bare_first, bare_inertia, load);",
+        "/* what friction by load refers to: the links at which it was identified */",
+        f"static const double load_mass[{name}_N] = {arrays['mass']};",
+        f"static const double load_first[{name}_N][3] = {arrays['first']};",
+        f"static const double load_inertia[{name}_N][3][3] = {arrays['inertia']};",
+        f"{name}_links(q, dq, ddq, load_mass, load_first, load_inertia, load);",
     ]
 
 

@@ -231,14 +231,31 @@ def about_joints(robot: Robot, links: Array) -> Array:
     InputError
         A link is not physically consistent.
     """
-    carriers = [robot.tree[carrier] for carrier in robot.link_joints]
-    moved = [
-        inertia.transform(joint.link_frame) @ link
-        for joint, link in zip(carriers, links, strict=True)
-    ]
-    for k, (joint, link) in enumerate(zip(carriers, moved, strict=True), start=1):
-        require_consistent(link, f"link {k} (on joint {joint.name!r})")
-    return np.stack(moved)
+    moved = moved_to_joints(robot, links)
+    for k, (carrier, link) in enumerate(zip(robot.link_joints, moved, strict=True)):
+        name = robot.tree[carrier].name
+        require_consistent(link, f"link {k + 1} (on joint {name!r})")
+    return moved
+
+
+def moved_to_joints(robot: Robot, links: Array) -> Array:
+    """Return standard parameters about the joints' frames, whether or not the links can
+    exist.
+
+    Parameters
+    ----------
+    robot : Robot
+        The kinematics: joints and their frames.
+    links : (links, 10)
+        About the links' frames [kg, kg m, kg m^2].
+    """
+    frames = [robot.tree[carrier].link_frame for carrier in robot.link_joints]
+    return np.stack(
+        [
+            inertia.transform(frame) @ link
+            for frame, link in zip(frames, links, strict=True)
+        ]
+    )
 
 
 def require_consistent(link: Array, name: str) -> None:

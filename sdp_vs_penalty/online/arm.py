@@ -22,24 +22,27 @@ class ArmModel:
     """Torque of a model and the regressor of a payload at one instant, without
     allocation.
 
-    Links come from Pinocchio's regressor. Effects that follow one joint's velocity are
-    tabulated over it, finer near zero; those that grow with a joint's position or
-    acceleration are slopes. Which is which is read off the effects' own torque.
+    Links come from Pinocchio's regressor. Of the other effects a joint's torque is
+
+        table(dq) + load pull(dq) + |load| rub(dq) + stiffness q + armature ddq,
+
+    with three tables over the joint's velocity, finer near zero. ``load`` is the torque
+    on the joint of the model's reference links, those at which friction by load was
+    identified. Tables and slopes are read off the effects' own torque; between the
+    entries of a table it is interpolated, to some 1e-6 of the effect's torque.
 
     ``torque`` (n,) is that of the last instant, as the channels read it, ``friction``
     (n,) the part of it that follows velocity, ``columns`` (n, 10) those of the payload,
     in the last link's frame, and ``dry_friction`` (n,) half the jump of friction where
-    a joint turns round.
+    a joint turns round, under its mean load by gravity.
     """
 
     def __init__(self, model: Model, theta: Array) -> None:
         """Tabulate the effects of the arm's model (parameters theta (p,)) for the
         control loop.
 
-        The links' torque comes from Pinocchio; friction and other effects from tables
-        over the velocity. A joint turns round between -REST_SPEED and REST_SPEED.
-        Raises InputError for a model without links, and for an effect that does not run
-        in the loop.
+        A joint turns round between -REST_SPEED and REST_SPEED. Raises InputError for a
+        model without links, and for an effect that does not run in the loop.
         """
         if not len(model.rigid_indices):
             raise InputError("the model has no rigid body", "identify one with links")
@@ -57,33 +60,53 @@ class ArmModel:
         for effect, indices in model.parts:
             if not np.array_equal(indices, model.rigid_indices):
                 self._take(effect, self.theta[indices])
-        forwards = np.zeros(robot.n)
-        backwards = np.zeros(robot.n)
-        self._add_table(np.full(robot.n, c.REST_SPEED), forwards)
-        self._add_table(np.full(robot.n, -c.REST_SPEED), backwards)
-        self.dry_friction = 0.5 * self._gains * np.abs(forwards - backwards)
+        self.dry_friction = self._jump_at_reversal()
+
+    def _jump_at_reversal(self) -> Array:
+        """Return half the jump of friction (n,) where a joint turns round, under its
+        mean load by gravity."""
+        still = np.zeros((100, self.n))
+        poses = self.model.robot.random_configurations(len(still), 0)
+        held = self.model.robot.inverse_dynamics(self._reference, poses, still, still)
+        self._load[:] = np.abs(held).mean(axis=0)
+        forwards = np.zeros(self.n)
+        backwards = np.zeros(self.n)
+        self._add_friction(np.full(self.n, c.REST_SPEED), forwards)
+        self._add_friction(np.full(self.n, -c.REST_SPEED), backwards)
+        return 0.5 * self._gains * np.abs(forwards - backwards)
 
     def _place_links(self, robot: Robot) -> None:
         """Put the links' parameters where Pinocchio's regressor expects them.
 
         Sets ``_tree_links`` (10 joints of the tree,), the columns ``_last`` of the
         payload (the last link), and ``_map`` (10, 10) from link-frame to joint-frame
-        parameters.
+        parameters; ``_reference`` (links, 10) and ``_tree_reference`` are the links to
+        which friction by load refers.
         """
         self._regressor = robot._pin.computeJointTorqueRegressor
         self._pinocchio = robot._model
         self._data = robot._model.createData()
-        links = self.theta[self.model.rigid_indices].reshape(-1, 10)
         maps = robot._link_maps
-        self._map = np.eye(10)
-        if maps is not None:
-            links = np.einsum("kij,kj->ki", maps, links)
-            self._map = np.ascontiguousarray(maps[-1])
-        tree = np.zeros((len(robot.tree), 10))
-        tree[list(robot.link_joints)] = links
-        self._tree_links = tree.ravel()
+        self._map = np.eye(10) if maps is None else np.ascontiguousarray(maps[-1])
+        links = self.theta[self.model.rigid_indices].reshape(-1, 10)
+        self._tree_links = self._on_tree(links)
+        self._reference = links
+        if self.model.reference is not None:
+            referred = self.model.reference[self.model.rigid_indices]
+            self._reference = referred.reshape(-1, 10)
+        self._tree_reference = self._on_tree(self._reference)
         first = 10 * robot.link_joints[-1]
         self._last = slice(first, first + 10)
+
+    def _on_tree(self, links: Array) -> Array:
+        """Return parameters of links (links, 10) about their own frames as those of
+        the tree's joints (10 joints of the tree,)."""
+        robot = self.model.robot
+        if robot._link_maps is not None:
+            links = np.einsum("kij,kj->ki", robot._link_maps, links)
+        tree = np.zeros((len(robot.tree), 10))
+        tree[list(robot.link_joints)] = links
+        return tree.ravel()
 
     def _allocate(self, n_tree: int) -> None:
         """Allocate the arrays of an update, for n joints and ``n_tree`` joints of the
@@ -97,6 +120,9 @@ class ArmModel:
         # Entries a unit of arcsinh(velocity / _FINEST), from -_FASTEST to _FASTEST.
         self._scale = (_ENTRIES - 1) / (2.0 * np.arcsinh(_FASTEST / _FINEST))
         self._table = np.zeros(n * _ENTRIES)
+        self._pull = np.zeros(n * _ENTRIES)
+        self._rub = np.zeros(n * _ENTRIES)
+        self._has_load = False
         self._first = _ENTRIES * np.arange(n)  # of each joint's table
         self._index = np.zeros(n, np.intp)
         self._place = np.zeros(n)
@@ -105,6 +131,7 @@ class ArmModel:
         self._stiffness = np.zeros(n)
         self._armature = np.zeros(n)
         self._part = np.zeros(n)
+        self._load = np.zeros(n)
         self.torque = np.zeros(n)
         self.friction = np.zeros(n)
         self.columns = np.zeros((n, 10))
@@ -135,14 +162,13 @@ class ArmModel:
         )
         np.dot(regressor, self._tree_links, out=self._tree_torque)
         np.dot(regressor[:, self._last], self._map, out=self._tree_columns)
-        if self._mechanism is None:
-            np.copyto(self.torque, self._tree_torque)
-            np.copyto(self.columns, self._tree_columns)
-        else:
-            np.dot(self._mechanism.matrix.T, self._tree_torque, out=self.torque)
-            np.dot(self._mechanism.matrix.T, self._tree_columns, out=self.columns)
+        self._drive(self._tree_torque, self.torque)
+        self._drive(self._tree_columns, self.columns)
+        if self._has_load:
+            np.dot(regressor, self._tree_reference, out=self._tree_torque)
+            self._drive(self._tree_torque, self._load)
         self.friction[:] = 0.0
-        self._add_table(dq, self.friction)
+        self._add_friction(dq, self.friction)
         self.torque += self.friction
         self.friction *= self._gains
         np.multiply(self._stiffness, q, out=self._part)
@@ -152,16 +178,34 @@ class ArmModel:
         self.torque *= self._gains
         self.columns *= self._gain_column
 
-    def _add_table(self, dq: Array, torque: Array) -> None:
-        """Add the tabulated torque at velocities dq (n,) to ``torque`` (n,), without
-        allocation.
+    def _drive(self, of_tree: Array, out: Array) -> None:
+        """Write what acts on the joints of the tree (joints, ...) as it acts on the n
+        driven joints, into ``out`` (n, ...)."""
+        if self._mechanism is None:
+            np.copyto(out, of_tree)
+        else:
+            np.dot(self._mechanism.matrix.T, of_tree, out=out)
 
-        Linear interpolation between entries: ``place`` is a fractional index into the
-        table, evenly spaced in arcsinh of the velocity.
-        """
+    def _add_friction(self, dq: Array, torque: Array) -> None:
+        """Add what the tables make of velocities dq (n,) and of the joints' load to
+        ``torque`` (n,), without allocation."""
+        self._find_place(dq)
+        self._read(self._table)
+        torque += self._low
+        if not self._has_load:
+            return
+        self._read(self._pull)
+        self._low *= self._load
+        torque += self._low
+        self._read(self._rub)
+        np.absolute(self._load, out=self._part)
+        self._low *= self._part
+        torque += self._low
+
+    def _find_place(self, dq: Array) -> None:
+        """Find the places of velocities dq (n,) in the tables: ``_index`` (n,) of the
+        entry below, and ``_place`` (n,), the share of the way to the next one."""
         place = self._place
-        low = self._low
-        high = self._high
         np.divide(dq, _FINEST, out=place)
         np.arcsinh(place, out=place)
         place *= self._scale
@@ -169,62 +213,74 @@ class ArmModel:
         # Below the last entry, so that the next one exists.
         np.clip(place, 0.0, _ENTRIES - 1.001, out=place)
         np.copyto(self._index, place, casting="unsafe")
-        place -= self._index  # now the share of the way to the next entry
+        place -= self._index
         self._index += self._first  # the joints' tables stand end to end
-        np.take(self._table, self._index, out=low, mode="clip")
+
+    def _read(self, table: Array) -> None:
+        """Interpolate a table at the places that were found, into ``_low`` (n,)."""
+        np.take(table, self._index, out=self._low, mode="clip")
         self._index += 1
-        np.take(self._table, self._index, out=high, mode="clip")
-        high -= low
-        high *= place
-        torque += low
-        torque += high
+        np.take(table, self._index, out=self._high, mode="clip")
+        self._index -= 1
+        self._high -= self._low
+        self._high *= self._place
+        self._low += self._high
 
     def _take(self, effect: Effect, theta: Array) -> None:
-        """Represent an effect in the control loop: torque(dq) + stiffness q + armature
-        ddq.
+        """Represent an effect in the control loop by tables and slopes.
 
-        The table torque(dq) and the slopes are read off the effect's own torque; theta
-        (k,) are its parameters. All effects are added up in one table. Raises
-        InputError unless they reproduce the effect's torque at random states to
-        _TOLERANCE.
+        They are read off the effect's own torque; theta (k,) are its parameters. All
+        effects are added up. Raises InputError unless they reproduce the effect's
+        torque at random states to _TOLERANCE.
         """
-        # 400 random states (400, n), on which table and slopes are checked below.
+        # 400 random states and loads (400, n), on which all is checked below.
         rng = np.random.default_rng(0)
-        q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 400, self.n))
+        q, dq, ddq, load = rng.uniform(-1.0, 1.0, (4, 400, self.n))
         try:
-            exact = self._torque(effect, theta, q, dq, ddq)
-            # Torque over velocity, joint after joint (n entries,).
+            exact = self._torque(effect, theta, q, dq, ddq, load)
+            # Torque over velocity, without load and under a unit of it either way.
             nodes = self._nodes()[:, None] * np.ones(self.n)
             still = np.zeros_like(nodes)
-            table = self._torque(effect, theta, still, nodes, still).T.ravel()
+            without, forth, back = (
+                self._torque(effect, theta, still, nodes, still, still + unit)
+                for unit in (0.0, 1.0, -1.0)
+            )
             # Torque of unit position and unit acceleration, less that of zero state.
             one = np.ones((1, self.n))
             zero = np.zeros((1, self.n))
-            constant = self._torque(effect, theta, zero, zero, zero)[0]
-            stiffness = self._torque(effect, theta, one, zero, zero)[0] - constant
-            armature = self._torque(effect, theta, zero, zero, one)[0] - constant
+            constant = self._torque(effect, theta, zero, zero, zero, zero)[0]
+            by_q = self._torque(effect, theta, one, zero, zero, zero)[0]
+            by_ddq = self._torque(effect, theta, zero, zero, one, zero)[0]
         except (ValueError, AttributeError, AssertionError) as error:
             raise self._refusal(effect) from error
-        # The effect's table alone, to compare it with the effect.
-        previous_table = self._table
-        self._table = table
+        before = self._table, self._pull, self._rub, self._has_load
+        # The effect's tables alone (n entries,), joint after joint.
+        self._table = without.T.ravel()
+        self._pull = 0.5 * (forth - back).T.ravel()
+        self._rub = (0.5 * (forth + back) - without).T.ravel()
+        self._has_load = bool(self._pull.any() or self._rub.any())
+        stiffness = by_q - constant
+        armature = by_ddq - constant
         approximate = stiffness * q + armature * ddq
-        for row, velocities in zip(approximate, dq, strict=True):
-            self._add_table(velocities, row)
-        self._table = previous_table
+        for row, velocities, self._load[:] in zip(approximate, dq, load, strict=True):
+            self._add_friction(velocities, row)
         size = np.abs(exact).max(initial=1e-12)
         if not np.allclose(approximate, exact, rtol=0.0, atol=_TOLERANCE * size):
             raise self._refusal(effect)
-        self._table = self._table + table
+        self._table += before[0]
+        self._pull += before[1]
+        self._rub += before[2]
+        self._has_load |= before[3]
         self._stiffness = self._stiffness + stiffness
         self._armature = self._armature + armature
 
     def _refusal(self, effect: Effect) -> InputError:
         """Return the InputError for an effect that cannot run in the control loop."""
         return InputError(
-            f"effect {effect.name} cannot run in the loop: it needs more than the"
-            " velocity of one joint at one instant",
-            "identify the arm without it for this purpose",
+            f"effect {effect.name} cannot run in the loop: it needs more than one"
+            " joint's state and load at one instant",
+            "identify the arm without it for this purpose, or let `export` write a"
+            " model.h, which says at its top whether C holds it",
         )
 
     def _nodes(self) -> Array:
@@ -233,14 +289,15 @@ class ArmModel:
         return np.asarray(_FINEST * np.sinh(place / self._scale), float)
 
     def _torque(
-        self, effect: Effect, theta: Array, q: Array, dq: Array, ddq: Array
+        self, effect: Effect, theta: Array, q: Array, dq: Array, ddq: Array, load: Array
     ) -> Array:
-        """Return the torque (N, n) of one effect at N independent states (N, n).
+        """Return the torque (N, n) of one effect at N independent states (N, n), under
+        a load (N, n) of the joints.
 
-        theta (k,) are the effect's parameters. An effect that needs more than the
-        states (such as a temperature) may raise an error.
+        theta (k,) are the effect's parameters. An effect that needs more (such as a
+        temperature) may raise an error.
         """
         # The states are unrelated: their instants [s] have no meaning.
         clock = 1e-3 * np.arange(len(q), dtype=float)
         motion = Motion(clock, q, dq, ddq, sign_width=self.model.sign_width)
-        return effect.torque(theta, motion)
+        return effect.torque(theta, motion.with_link_torque(load))

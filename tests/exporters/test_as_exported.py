@@ -162,6 +162,10 @@ def test_plain_json_holds_every_effect_with_its_values(tmp_path):
     assert_allclose(values, estimate.theta, rtol=0.0, atol=0.0)
     names = [e["effect"] for e in content["effects"]]
     assert names == [e.name for e in estimate.model.effects]
+    model = estimate.model
+    referred = model.reference[model.rigid_indices].reshape(-1, 10)
+    masses = [link["mass_kg"] for link in content["reference_links"]]
+    assert_allclose(masses, referred[:, 0], rtol=0.0, atol=0.0)
 
 
 @pytest.fixture(scope="module")

@@ -177,7 +177,9 @@ FULL = "rigid_body,viscous_friction,coulomb_friction,rotor_inertia"
 
 
 def estimate_of(robot, effects, seed, links=None):
-    """An estimate with random consistent links and random positive other parameters."""
+    """An estimate with random consistent links and random positive other parameters; what
+    friction by load refers to is another model.
+    """
     rng = np.random.default_rng(seed)
     model = Model(robot, parse_effects(effects, robot))
     theta = rng.uniform(0.05, 2.0, len(model.parameters))
@@ -187,7 +189,7 @@ def estimate_of(robot, effects, seed, links=None):
         )
     theta[model.rigid_indices] = links.ravel()[: len(model.rigid_indices)]
     if model.needs_reference:
-        model = Model(robot, model.effects, theta)
+        model = Model(robot, model.effects, 0.8 * theta)
     p = len(theta)
     n = robot.n
     pairs = zip(model.parameters, theta.tolist(), strict=True)

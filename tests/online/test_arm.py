@@ -1,11 +1,14 @@
 """The arm at one instant is the arm of the model; the filters have the stated delay."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from sdp_vs_penalty import InputError, identify, load_problem
 from sdp_vs_penalty.effects import Model, Motion, parse_effects
+from sdp_vs_penalty.effects.effect import JointEffect
 from sdp_vs_penalty.online import ArmModel, SmoothingFilter
 
 EFFECTS = (
@@ -41,6 +44,39 @@ def test_a_models_controller_makes_its_torque(hidden):
     assert_allclose(loop.torque, estimate.predict(*state)[0], atol=1e-4)
 
 
+class GearDrag(JointEffect):
+    """Viscous friction that grows with the load, as a user may write it."""
+
+    equation = "g |tau_l| dq"
+    symbol = "g"
+    needs_links = True
+
+    def column(self, motion, joint):
+        return np.abs(motion.link_torque[:, joint]) * motion.dq[:, joint]
+
+
+@pytest.mark.parametrize("name", ["panda", "two_link", "dvrk_psm"])
+@pytest.mark.parametrize("own", [False, True])
+def test_friction_by_load_refers_to_the_links_of_its_identification(name, own):
+    """As the model's columns do: to those of ``reference``, not of theta."""
+    robot = load_problem(name).robot
+    plain = Model(robot, parse_effects("rigid_body,coulomb_friction", robot))
+    by_load = (GearDrag(robot),)
+    if not own:
+        by_load = parse_effects("load_dependent_friction", robot)
+    model = Model(robot, (*plain.effects, *by_load))
+    theta, reference = np.random.default_rng(0).normal(size=(2, len(model.parameters)))
+    model = replace(model, reference=reference)
+    one = ArmModel(model, theta)
+    q, dq, ddq = np.random.default_rng(1).normal(size=(3, one.n))
+    one.update(q, dq, ddq)
+    motion = Motion(np.zeros(1), q[None], dq[None], ddq[None])
+    expected = model.torque(theta, motion)[0]
+    assert_allclose(one.torque, expected, rtol=1e-4, atol=1e-4)
+    without_load = ArmModel(plain, theta[: len(plain.parameters)]).dry_friction
+    assert np.any(one.dry_friction != without_load)
+
+
 @pytest.mark.parametrize("name", ["panda", "ur10e", "dvrk_psm"])
 def test_the_columns_are_the_payloads_effect(name):
     one = arm(name, EFFECTS)
@@ -62,7 +98,7 @@ def test_gains_scale_torque_and_columns():
 
 
 @pytest.mark.parametrize(
-    "effect", ["presliding_hysteresis", "load_dependent_friction", "torque_ripple"]
+    "effect", ["presliding_hysteresis", "elastic_joint", "torque_ripple"]
 )
 def test_an_effect_that_needs_more_is_refused_by_name(effect):
     with pytest.raises(InputError, match=effect):
