@@ -536,14 +536,14 @@ def _issues_with_runs(
 ) -> list[tuple[dict[str, Any], list[dict[str, Any]]]]:
     """Return each issue of the check once, with the runs that have it.
 
-    Issues are the same if kind, sentence and remedy are equal. Example:
-    [({"kind": "torque sign", ...}, [run 1, run 2])].
+    Issues are the same if kind, place and remedy are equal; the first run's sentence
+    stands for all. Example: [({"kind": "torque sign", ...}, [run 1, run 2])].
     """
     groups: dict[tuple[str, str, str], tuple[dict[str, Any], list[dict[str, Any]]]] = {}
     for run in session.runs:
         for issue in run["findings"]:
-            text = (issue["kind"], issue["what"], issue["remedy"])
-            groups.setdefault(text, (issue, []))[1].append(run)
+            key = (issue["kind"], issue["where"], issue["remedy"])
+            groups.setdefault(key, (issue, []))[1].append(run)
     return list(groups.values())
 
 
