@@ -165,6 +165,8 @@ def test_a_file_of_version_0_1_loads_and_is_written_as_it_was(name, load):
         assert again.pop("judged_rmse_with_sure") is None
         for finding in written["effects"]:  # what is no longer judged
             finding.pop("is_shown_beside_all")
+        for finding in again["effects"]:
+            assert not finding.pop("helps")
         for finding in (*written["effects"], *again["effects"]):  # derived: a sentence
             finding.pop("explanation")
     for content in (again, written):  # derived: later versions may write more

@@ -228,7 +228,10 @@ def add_certain_findings(
     if not measurements.torque_logged:
         return diagnosis, None
     better = None
-    if diagnosis.sure:
+    n_added = None
+    # Its sizes may show that a torque is not there, which is then not added.
+    while diagnosis.sure and n_added != len(diagnosis.sure):
+        n_added = len(diagnosis.sure)
         progress("adding what is sure")
         try:
             better = add(
@@ -243,6 +246,8 @@ def add_certain_findings(
             remark = f"What is sure cannot be added to this model: {error}"
             return replace(diagnosis, remarks=(*diagnosis.remarks, remark)), None
         diagnosis = with_sizes_of(diagnosis, better)
+    if not diagnosis.sure:
+        better = None
     if test is not None and diagnosis.held_out_source == "test":
         progress("judging on the test run")
         models = [model] if better is None else [model, better]

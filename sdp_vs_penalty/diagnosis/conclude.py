@@ -18,6 +18,7 @@ from sdp_vs_penalty.diagnosis.confidence import (
     invisible_effects,
     reasons_for_doubt,
 )
+from sdp_vs_penalty.diagnosis.constants import MINOR, SURE_HELP
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.doubts import Doubt
@@ -79,12 +80,14 @@ class Conclusion:
         remaining = self.left
         noise = self.data.noise
         held_out = self.ladder.held_out
-        findings = self.findings_alone
-        harmful = self.harmful_together
+        helpful = self.help_together
         # The flags of re-estimated constants come first, then those of findings.
-        for i, is_harmful in enumerate(harmful[self.ladder.n_own :]):
-            if is_harmful:
-                findings[i] = _weakened(findings[i], "alone")
+        findings = [
+            replace(finding, helps=True) if helps else _weakened(finding, "alone")
+            for finding, helps in zip(
+                self.findings_alone, helpful[self.ladder.n_own :], strict=True
+            )
+        ]
         # By joint (from 0): RMS torque beyond the noise [N m or N].
         unexplained = {
             j: float(remaining.beyond[j]) for j in remaining.joints_unexplained
@@ -122,7 +125,7 @@ class Conclusion:
             held_out_source=held_out.source,
             frozen=self.data.frozen,
             new_motion_share=self.new_motion_share,
-            retuned=self.retunes(harmful),
+            retuned=self.retunes(helpful),
             curves=self.described_curves,
             torque_units=self.explanation.estimate.torque_units,
             remains=tuple(Remaining(j + 1, torque) for j, torque in by_joint),
@@ -143,7 +146,7 @@ class Conclusion:
     def findings_alone(self) -> list[Finding]:
         """The findings with sizes and reasons for doubt, each judged by itself.
 
-        Harm that findings do together (:attr:`harmful_together`) is not considered.
+        Whether they help together (:attr:`help_together`) is not considered.
         """
         search = self.search
         torque_in_doubt = torque_errors(self.data, self.explanation.estimate)
@@ -160,29 +163,24 @@ class Conclusion:
         return findings
 
     @cached_property
-    def harmful_together(self) -> list[bool]:
-        """Flags: which constants and findings raise the error on data left out.
+    def help_together(self) -> list[bool]:
+        """Flags: which constants and findings lower the error on data left out, together.
 
         First come the flags of re-estimated shape constants, then those of findings.
-        The certain ones are judged together, without the weak ones.
         """
-        findings = self.findings_alone
-        is_sure = [f.torque_is_certain for f in findings]
-        may_be_zero = [
-            any(doubt.reason == "insignificant" for doubt in f.doubts) for f in findings
-        ]
-        return self.ladder.harmful_together(is_sure, may_be_zero, self.known_floor)
+        least_help = [least_help_of(finding) for finding in self.findings_alone]
+        return self.ladder.help_together(least_help, self.known_floor)
 
     @property
     def known_floor(self) -> Array:
         """(n,) noise floor [N m or N], zero where the noise is not known."""
         return self.data.noise.floor * self.data.noise_is_known
 
-    def retunes(self, harmful: Sequence[bool]) -> tuple[Retune, ...]:
+    def retunes(self, helpful: Sequence[bool]) -> tuple[Retune, ...]:
         """Describe the shape constants of the model that should change.
 
-        ``harmful`` holds a flag for each of these constants first, then one for each
-        finding: whether it raises the error on data left out.
+        ``helpful`` holds a flag for each of these constants first, then one for each
+        finding: whether it lowers the error on data left out.
         """
         return tuple(
             retune(
@@ -191,7 +189,7 @@ class Conclusion:
                 robot=self.explanation.estimate.robot,
                 before=self.ladder.errors_without(k),
                 after=self.ladder.errors[-1],
-                is_harmful=harmful[k],
+                is_harmful=not helpful[k],
             )
             for k, constant in enumerate(self.explanation.shapes)
         )
@@ -223,6 +221,22 @@ class Conclusion:
             None if has_test_run else _FOLDS,
         )
         return tuple(text for text in sentences if text)
+
+
+def least_help_of(finding: Finding) -> float:
+    """Return by how much a finding has to lower the sum of log errors to be added.
+
+    A torque that may not be there has to lower it by 5 %, one whose size may be zero by
+    1 %; where both are in doubt it is not added, and this is infinite. Without such
+    doubts it is 0.
+    """
+    may_be_zero = Doubt("insignificant") in finding.doubts
+    is_forbidden = any(doubt.forbids_adding for doubt in finding.doubts)
+    if is_forbidden or (finding.has_open_torque and may_be_zero):
+        return np.inf
+    if finding.has_open_torque:
+        return SURE_HELP
+    return MINOR if may_be_zero else 0.0
 
 
 def _weakened(finding: Finding, reason: str) -> Finding:

@@ -54,6 +54,8 @@ MINOR = 0.01
 #: Fall of the sum of log errors by an effect that is not judged again while another one
 #: does harm; the last round judges all of them.
 SURE_HELP = 0.05
+#: Fewest rows in which a joint slides that a fit can do with.
+FEWEST_SLIDING = 60
 #: Fall of that sum by an effect in least squares that shows its help: on 6 logs
 #: constraints and their prior changed 120 such falls by 0.35 at most.
 CLEAR_HELP = 0.5

@@ -17,7 +17,8 @@ REASONS: Mapping[str, str] = {
     "small_here": "its gain is small here, though it lowers the error on data left out",
     "not_held_out": "adding it lowers no joint's error on data left out by 1 %",
     "raises": "on data left out its joints' errors rise more than they fall with it",
-    "alone": "beside what is sure it lowers no held-out error, or raises one",
+    "alone": "beside what is added it does not lower the error on data left out, or"
+    " raises a joint's",
     "held": "its joint hardly moves: dry friction that does not slide holds any torque",
     "sticks": "where the joints slide it has another size, or is not evident: friction"
     " that sticks at reversals looks so",
@@ -43,24 +44,20 @@ NAME_IS_OPEN = {"rivals", "explained"}
 #: Reasons of which each says that the size of a torque is open.
 SIZE_IS_OPEN = {"uncertain", "insignificant", "shared"}
 
-#: Reasons that leave open whether a torque is there. All others leave open which of
-#: several effects makes how much of it: on 28 arms of another author's simulator
-#: findings without these reasons keep .976 of the mean log gain of all findings on fresh
-#: motion (95 %: .960 to .988), and confident findings alone .59.
-TORQUE_IS_OPEN = (
+#: Reasons for which a finding is not added.
+NOT_ADDED = {"alone", "few_splits", "held", "log", "at_end"}
+
+#: Reasons that leave open whether a torque is there, unless adding it helps on data left
+#: out. All others leave open which of several effects makes how much of it.
+TORQUE_IS_OPEN = {
     "small",
     "not_held_out",
     "raises",
-    "few_splits",
-    "alone",
-    "held",
     "sticks",
     "looks_like",
     "no_torque",
     "stand_in",
-    "log",
-    "at_end",
-)
+}
 
 
 @dataclass(frozen=True)
@@ -80,5 +77,10 @@ class Doubt(JsonRecord):
 
     @property
     def leaves_torque_open(self) -> bool:
-        """Whether it leaves open that a torque is there at all."""
+        """Whether it leaves open that a torque is there."""
         return self.reason in TORQUE_IS_OPEN
+
+    @property
+    def forbids_adding(self) -> bool:
+        """Whether a finding with it is not added."""
+        return self.reason in NOT_ADDED

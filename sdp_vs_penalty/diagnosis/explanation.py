@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sdp_vs_penalty.diagnosis.constants import MINOR, SURE_HELP
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, HeldOutData
 from sdp_vs_penalty.diagnosis.late_torque import beside_model, delays_torque, refer_once
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
@@ -147,8 +148,8 @@ def drop_harmful(
     n_own = len(explanation.constants)
     # Evidence against a noise that is guessed proves nothing by itself.
     every = range(len(terms))
-    needed = () if search.data.noise_is_known else every
-    order = held_out.drop_harmful(every, needed)
+    least_help = {} if search.data.noise_is_known else dict.fromkeys(every, MINOR)
+    order = held_out.drop_harmful(every, least_help)
     constants = [terms[k] for k in order if k < n_own]
     findings = [terms[k] for k in order if k >= n_own]
     if len(order) < len(terms):
@@ -204,39 +205,37 @@ class Ladder:
         others = [i for i in self.offered if i != self.offered[k]]
         return self.held_out.errors(others)
 
-    def harmful_together(
-        self, is_sure: Sequence[bool], may_be_zero: Sequence[bool], floor: Array
-    ) -> list[bool]:
-        """Return for each constant and each finding whether it does harm beside the
-        certain ones.
+    def help_together(self, least_help: Sequence[float], floor: Array) -> list[bool]:
+        """Return for each constant and each finding whether it helps, beside all others
+        that help: what `add` takes.
 
-        Harm is a higher sum of the joints' log errors, or an error of one joint on one
-        recording left out that is above 1.05 times that without any effect. A finding
-        whose size may be zero does harm unless it lowers that sum: laws that share a
-        joint's torque are each uncertain, and still needed together.
+        It lowers the sum of the joints' log errors in the rows that tell of it, and no
+        joint's error on one recording left out is above 1.05 times that without any
+        effect.
 
         Parameters
         ----------
-        is_sure
-            Whether each finding is certain; re-estimated constants all count as
-            certain.
-        may_be_zero
-            Whether the size of each finding is not told from zero.
+        least_help
+            By how much each finding has to lower that sum; infinite for one that cannot
+            help. Where it is 0, and for re-estimated constants, they may raise it by 1 %.
         floor
             (n,) noise of the joints [N m or N], zero where it is not known.
 
         Returns
         -------
         list of bool
-            Constants first, then findings; False for findings that are not certain.
+            Constants first, then findings.
         """
-        certain = list(self.offered[: self.n_own])
         findings = self.offered[self.n_own :]
-        for number, is_certain in zip(findings, is_sure, strict=True):
-            if is_certain:
-                certain.append(number)
-        needed = [k for k, zero in zip(findings, may_be_zero, strict=True) if zero]
-        harmless = self.held_out.drop_harmful(certain, needed)
-        harmless = self.held_out.drop_harmful_to_a_joint(harmless, floor)
-        harmful = set(certain).difference(harmless)
-        return [number in harmful for number in self.offered]
+        of_findings = dict(zip(findings, least_help, strict=True))
+        in_doubt = {k: least for k, least in of_findings.items() if least > 0.0}
+        torque_in_doubt = [k for k, least in in_doubt.items() if least >= SURE_HELP]
+        helpful = [k for k in self.offered if in_doubt.get(k, 0.0) < np.inf]
+        n_before = len(helpful) + 1
+        while len(helpful) < n_before:
+            n_before = len(helpful)
+            helpful = self.held_out.drop_harmful(helpful, in_doubt)
+            helpful = self.held_out.drop_harmful_to_a_joint(
+                helpful, floor, torque_in_doubt
+            )
+        return [number in helpful for number in self.offered]

@@ -67,6 +67,8 @@ class Rated(JsonRecord):
     confidence: str
     #: The reasons for doubt; without any it is confident.
     doubts: tuple[Doubt, ...]
+    #: Whether adding it lowers the error on data left out.
+    helps: bool = False
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -97,17 +99,23 @@ class Rated(JsonRecord):
         return grades[self.rating], why
 
     @property
-    def torque_is_certain(self) -> bool:
-        """Whether the torque is certainly present, though its name or size may be open.
+    def has_open_torque(self) -> bool:
+        """Whether a doubt leaves open that the torque is there."""
+        return any(doubt.leaves_torque_open for doubt in self.doubts)
 
-        True for a confident finding. Also true for a weak one if none of its doubts
-        leaves the torque open (TORQUE_IS_OPEN): they then concern only which of several
-        effects makes how much of the torque.
+    @property
+    def torque_is_certain(self) -> bool:
+        """Whether the torque is certainly present, though its name or size may be open:
+        `add --confident` takes it.
+
+        True for a confident finding. Also true for a weak one if no doubt forbids to
+        add it, and none leaves the torque open, or adding it helps on data left out.
         """
         if self.confidence == "confident":
             return True
-        leave_open = [doubt.leaves_torque_open for doubt in self.doubts]
-        return bool(leave_open) and not any(leave_open)
+        if not self.doubts or any(doubt.forbids_adding for doubt in self.doubts):
+            return False
+        return self.helps or not self.has_open_torque
 
 
 #: A finding or a re-estimated constant.
@@ -189,6 +197,9 @@ class Finding(Rated):
     gain: float
     #: Why the finding is weak, if it is.
     doubts: tuple[Doubt, ...] = ()
+    #: Whether adding it lowers the error on data left out, where the joints slide, by
+    #: 5 % if its torque is in doubt.
+    helps: bool = False
     #: The shape constants in words, with units.
     constants: str = ""
     #: Number of splits of one run that were compared.

@@ -15,13 +15,14 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, S
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import groupby
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import (
     CLEAR_HELP,
+    FEWEST_SLIDING,
     MAX_JOINT_HARM,
     MINOR,
     SURE_HELP,
@@ -69,6 +70,10 @@ class HeldOutSplit:
     sliding: tuple[Regression, ...]
     #: Whether the model is held fixed.
     frozen: bool
+
+    def fitted_rows(self, sliding: bool) -> Regression:
+        """Return the rows to fit to: all, or those in which the joints slide."""
+        return self.sliding[-1] if sliding else self.train
 
     def columns_of(self, estimate: Estimate, chosen: Sequence[int]) -> Columns:
         """Select the columns of a model with some of the effects.
@@ -131,11 +136,11 @@ class HeldOut:
     #: Computes such errors for folds of the training motion, the second opinion before
     #: an effect is removed; None if there is none.
     make_second: Callable[[], HeldOut] | None = None
-    #: Sums of squared errors computed before, by the chosen effects' numbers.
-    _known_squares: dict[tuple[int, ...], Array] = field(default_factory=dict)
-    #: (n,) errors of least-squares fits computed before, by the chosen effects'
-    #: numbers.
-    _least_squares_errors: dict[tuple[int, ...], Array] = field(default_factory=dict)
+    #: Sums of squared errors computed before, by the chosen effects' numbers
+    #: and whether they are fitted where the joints slide.
+    _known_squares: dict[tuple[Any, ...], Array] = field(default_factory=dict)
+    #: Those of least-squares fits.
+    _least_squares: dict[tuple[Any, ...], Array] = field(default_factory=dict)
 
     @cached_property
     def second(self) -> HeldOut | None:
@@ -145,16 +150,29 @@ class HeldOut:
         """
         return None if self.make_second is None else self.make_second()
 
-    def errors(self, chosen: Sequence[int]) -> Array:
+    def errors(self, chosen: Sequence[int], judged: int | None = None) -> Array:
         """Return the RMS errors (n,) [N m or N] of the joints on data left out.
 
         The model with the chosen effects (their numbers) is fitted by the model's
-        method, under its constraints. Each choice is computed once.
+        method, under its constraints. Each choice is computed once. Rows fitted to and
+        judged on are those that tell of the effect ``judged``, or all.
         """
+        sliding = self._is_told_by_sliding(judged)
+        return self._rms(self._squares(chosen, sliding), sliding)
+
+    def _is_told_by_sliding(self, judged: int | None) -> bool:
+        """Return whether the rows in which the joints slide tell of an effect (its
+        number): friction that sticks holds any torque, and is told by all rows."""
+        return judged is not None and not self.splits[0].effects[judged].at_rest
+
+    def _rms(self, squares: Array, sliding: bool) -> Array:
+        """Return the root mean squares (n,) of errors, whose sums of squares are given,
+        of the rows left out or of those in which the joints slide."""
         n_tests = len(self.splits[0].tests)
-        squares = self._squares(chosen)[:, :n_tests].sum(axis=(0, 1))
-        n_rows = self._n_rows[:, :n_tests].sum(axis=(0, 1))
-        return np.asarray(np.sqrt(squares / np.maximum(n_rows, 1)))
+        which = slice(n_tests, 2 * n_tests) if sliding else slice(0, n_tests)
+        n_rows = self._n_rows[:, which].sum(axis=(0, 1))
+        mean_squares = squares[:, which].sum(axis=(0, 1)) / np.maximum(n_rows, 1)
+        return np.asarray(np.sqrt(mean_squares))
 
     def errors_by_recording(self, chosen: Sequence[int]) -> Array:
         """Return the RMS errors (R + 1, n) [N m or N] of each of R recordings left out,
@@ -166,7 +184,7 @@ class HeldOut:
         the numbers of the effects.
         """
         n_tests = len(self.splits[0].tests)
-        squares = self._squares(chosen)[:, n_tests:].sum(axis=0)
+        squares = self._squares(chosen, False)[:, n_tests:].sum(axis=0)
         n_rows = self._n_rows[:, n_tests:].sum(axis=0)
         return np.asarray(np.sqrt(squares / np.maximum(n_rows, 1)))
 
@@ -179,22 +197,24 @@ class HeldOut:
             [[x.joint_rows() for x in (*s.tests, *s.sliding)] for s in self.splits]
         )
 
-    def _squares(self, chosen: Sequence[int]) -> Array:
+    def _squares(self, chosen: Sequence[int], sliding: bool) -> Array:
         """Return the sums (splits, 2 R + 1, n) of squared errors [(N m)^2 or N^2] on these
         rows.
 
         Each choice of effects (their numbers) is computed once.
         """
-        key = tuple(sorted(chosen))
+        key = (*sorted(chosen), sliding)
         if key not in self._known_squares:
-            self._known_squares[key] = np.array(list(self._fitted_squares(key)))
+            squares = list(self._fitted_squares(sorted(chosen), sliding))
+            self._known_squares[key] = np.array(squares)
         return self._known_squares[key]
 
-    def _fitted_squares(self, chosen: Sequence[int]) -> Iterator[Array]:
+    def _fitted_squares(self, chosen: Sequence[int], sliding: bool) -> Iterator[Array]:
         """Yield the sums (2 R + 1, n) of squared errors of each split.
 
         The model with the chosen effects (their numbers) is fitted to a split's
-        training rows, and judged on its test rows, and where the joints slide. Splits
+        training rows, all or those in which the joints slide, and judged on its test
+        rows, and where the joints slide. Splits
         with the same effects are fitted together, so that constraints and columns are
         set up once.
         """
@@ -206,7 +226,9 @@ class HeldOut:
         for _, splits in groupby(self.splits, key=identities):
             same_effects = list(splits)
             columns = same_effects[0].columns_of(self.estimate, chosen)
-            trains = [s.train.keeping(columns.kept) for s in same_effects]
+            trains = [
+                s.fitted_rows(sliding).keeping(columns.kept) for s in same_effects
+            ]
             fits = fitted_parameters(
                 self.estimate, columns.own, columns.new, trains, self.frozen
             )
@@ -215,48 +237,50 @@ class HeldOut:
                 rows = (*split.tests, *split.sliding)
                 yield np.array([x.joint_losses(all_parameters) for x in rows])
 
-    def least_squares_errors(self, chosen: Sequence[int]) -> Array:
+    def least_squares_errors(
+        self, chosen: Sequence[int], judged: int | None = None
+    ) -> Array:
         """Return the RMS errors (n,) [N m or N] on data left out, by least squares.
 
         This is faster than :meth:`errors`: no constraints apply, only priors from the
-        effects' plausible sizes. ``chosen`` are the numbers of the effects. Each choice
-        is computed once.
+        effects' plausible sizes. ``chosen`` are the numbers of the effects, ``judged``
+        is that whose rows count. Each choice is computed once.
         """
-        key = tuple(sorted(chosen))
-        if key not in self._least_squares_errors:
-            squares = np.zeros(self.estimate.robot.n)
-            rows = np.zeros(self.estimate.robot.n)
+        sliding = self._is_told_by_sliding(judged)
+        key = (*sorted(chosen), sliding)
+        if key not in self._least_squares:
+            squares = []
             for split in self.splits:
                 columns = split.columns_of(self.estimate, chosen)
-                train = split.train.keeping(columns.kept)
+                train = split.fitted_rows(sliding).keeping(columns.kept)
                 theta = least_squares_parameters(self.estimate, columns, train)
                 all_parameters = columns.with_zeros(theta)
-                for test in split.tests:
-                    squares += test.joint_losses(all_parameters)
-                    rows += test.joint_rows()
-            self._least_squares_errors[key] = np.sqrt(squares / np.maximum(rows, 1))
-        return self._least_squares_errors[key]
+                rows = (*split.tests, *split.sliding)
+                squares.append([x.joint_losses(all_parameters) for x in rows])
+            self._least_squares[key] = np.array(squares)
+        return self._rms(self._least_squares[key], sliding)
 
     def drop_harmful(
-        self, candidates: Sequence[int], needed: Collection[int] = ()
+        self, candidates: Sequence[int], least_help: Mapping[int, float]
     ) -> list[int]:
         """Drop effects that raise the error on data left out, the most harmful first,
         and those in doubt that do not lower it.
 
         The harm of an effect is the sum over joints of log(error with it / error
-        without it), beside all others. After each drop the others are judged again:
-        those that helped by much (SURE_HELP) only if no other one does harm. An effect
-        stays if it lowers the error on the second data, folds of the training
-        motion, by 1 %: one motion alone does not decide.
+        without it), beside all others, in the rows that tell of it. After each drop the
+        others are judged again: those that helped by much (SURE_HELP) only if no other
+        one does harm. An effect stays if it helps on the second data, folds of the
+        training motion: one motion alone does not decide.
 
-        Least squares suffice for an effect that helps by far, or that has helped by
-        much (SURE_HELP) in a fit under all constraints and still does.
+        Without doubt, least squares suffice for an effect that helps by far, or has
+        helped by much (SURE_HELP) in a fit under all constraints and still does.
 
         Parameters
         ----------
-        needed
-            Effects in doubt, which stay only if they lower the error by MINOR (1 %).
-            Any other one is dropped only if it raises the error by as much.
+        least_help
+            By the number of an effect in doubt: by how much it has to lower the sum of
+            log errors to stay. Any other one is dropped only if it raises it by MINOR
+            (1 %).
 
         Returns
         -------
@@ -268,14 +292,15 @@ class HeldOut:
         sure = set[int]()  # they helped by much in the last round
         while accepted:
             in_doubt = set(accepted) - confirmed
-            harms = self._harms(in_doubt - sure, accepted, needed, -CLEAR_HELP)
+            harms = self._harms(in_doubt - sure, accepted, least_help, -CLEAR_HELP)
             if max(harms.values(), default=-np.inf) < 0.0:
-                harms |= self._harms(in_doubt & sure, accepted, needed, -SURE_HELP)
-            sure.update(k for k, x in harms.items() if x < -SURE_HELP)
+                harms |= self._harms(in_doubt & sure, accepted, least_help, -SURE_HELP)
+            helped = {k for k, x in harms.items() if x < -SURE_HELP}
+            sure |= helped.difference(least_help)
             worst = max(harms, key=harms.__getitem__, default=None)
             if worst is None or harms[worst] < 0.0:
                 break
-            if self._helps_elsewhere(worst, accepted):
+            if self._helps_elsewhere(worst, accepted, least_help):
                 confirmed.add(worst)
             else:
                 accepted.remove(worst)
@@ -285,52 +310,51 @@ class HeldOut:
         self,
         judged: Set[int],
         accepted: Sequence[int],
-        needed: Collection[int],
+        least_help: Mapping[int, float],
         by_least_squares: float,
     ) -> dict[int, float]:
         """Return the harm of each of the ``judged`` effects beside all accepted ones,
         above what is allowed to it.
 
         It is the sum over joints of log(error with it / error without it), less MINOR,
-        or more MINOR for one that is ``needed``. Errors are those of fits under all
-        constraints, but where the harm of least squares is below ``by_least_squares``.
+        or plus the least help of an effect in doubt. Errors are those of fits under all
+        constraints, but for effects without doubt whose harm by least squares is below
+        ``by_least_squares``.
         """
         out = {}
         for k in accepted:
             if k not in judged:
                 continue
-            without = _without(accepted, k)
-            allowed = -MINOR if k in needed else MINOR
-            out[k] = self._harm_by(self.least_squares_errors, without, accepted)
-            out[k] -= allowed
-            if out[k] >= by_least_squares:
-                out[k] = self._harm_by(self.errors, without, accepted) - allowed
+            allowed = -least_help.get(k, -MINOR)
+            out[k] = self._harm_of(k, self.least_squares_errors, accepted) - allowed
+            if k in least_help or out[k] >= by_least_squares:
+                out[k] = self._harm_of(k, self.errors, accepted) - allowed
         return out
 
     @staticmethod
-    def _harm_by(
-        errors: Callable[[Sequence[int]], Array],
-        without: Sequence[int],
-        accepted: Sequence[int],
+    def _harm_of(
+        k: int, errors: Callable[[Sequence[int], int], Array], accepted: Sequence[int]
     ) -> float:
-        """Return the harm of the effect that ``without`` lacks of those accepted, by
-        errors (n,) of such choices."""
-        return harm(errors(without), errors(accepted))
+        """Return the harm of effect k of those accepted, by errors (n,) of such choices
+        in the rows that tell of it."""
+        return harm(errors(_without(accepted, k), k), errors(accepted, k))
 
-    def _helps_elsewhere(self, k: int, accepted: Sequence[int]) -> bool:
-        """Return whether effect k lowers the error on the second data by 1 % (MINOR).
+    def _helps_elsewhere(
+        self, k: int, accepted: Sequence[int], least_help: Mapping[int, float]
+    ) -> bool:
+        """Return whether effect k lowers the error on the second data by 1 % (MINOR), or
+        by the least help of an effect in doubt.
 
         These are folds of the training motion. ``accepted`` are the numbers of all
         effects of the fit, k among them. False if there are no second data.
         """
         if self.second is None:
             return False
-        without = _without(accepted, k)
-        before = self.second.least_squares_errors(without)
-        return harm(before, self.second.least_squares_errors(accepted)) < -MINOR
+        harm_elsewhere = self._harm_of(k, self.second.errors, accepted)
+        return harm_elsewhere < -least_help.get(k, MINOR)
 
     def drop_harmful_to_a_joint(
-        self, accepted: Sequence[int], floor: Array
+        self, accepted: Sequence[int], floor: Array, in_doubt: Collection[int] = ()
     ) -> list[int]:
         """Drop effects that raise the error of one joint, where it slides, on one
         recording left out, or on the rows fitted to, by more than 5 % (MAX_JOINT_HARM),
@@ -340,7 +364,7 @@ class HeldOut:
         which all folds are taken together. The effects are judged together, against the
         errors without any effect: for the error that has risen by most, the effect is
         dropped without which it is lowest, unless another joint's error on the same
-        recording would then rise by more.
+        recording would then rise by more; one in doubt is dropped all the same.
         Each effect may raise errors that others lower by more: beside them even true
         effects do.
 
@@ -348,6 +372,8 @@ class HeldOut:
         ----------
         floor
             (n,) noise [N m or N]; errors below it count as that large.
+        in_doubt
+            Numbers of the effects in doubt.
 
         Returns
         -------
@@ -370,7 +396,8 @@ class HeldOut:
                 break
             without = {k: errors(_without(accepted, k)) for k in accepted}
             worst = min(accepted, key=lambda k: float(without[k][place]))
-            if error_ratios(now, without[worst])[place[0]].max() > rise[place]:
+            rise_without = error_ratios(now, without[worst])[place[0]].max()
+            if worst not in in_doubt and rise_without > rise[place]:
                 is_paid_for[place] = True
             else:
                 accepted.remove(worst)
@@ -511,10 +538,12 @@ class HeldOutData:
             ),
             sliding=(
                 *(
-                    test.compressed(effects, rows_of_run & test.rows.slides)
+                    test.compressed(
+                        effects, rows_of_run & where_joints_slide(test.rows)
+                    )
                     for rows_of_run in rows_by_run(test.rows)
                 ),
-                table.compressed(effects, rows.keep & rows.slides),
+                table.compressed(effects, where_joints_slide(rows)),
             ),
             frozen=self.frozen,
         )
@@ -540,6 +569,7 @@ class HeldOutData:
             By the number of an effect: the effect to use for each fold instead.
         """
         fold = folds_of(table.rows, THIRDS)
+        slides = where_joints_slide(table.rows)
         splits = []
         for f in range(fold.max() + 1):
             effects_of_fold = effects
@@ -558,7 +588,7 @@ class HeldOutData:
                     for its_rows in rows_by_run(table.rows)
                 ),
                 sliding=tuple(
-                    table.compressed(effects_of_fold, its_rows & table.rows.slides)
+                    table.compressed(effects_of_fold, its_rows & slides)
                     for its_rows in (
                         *(test_rows & run for run in rows_by_run(table.rows)),
                         train_rows,
@@ -607,6 +637,16 @@ def rows_outside(rows: SegmentedRuns, effect: Effect) -> NDArray[np.bool_]:
         s.low_pass @ effect.outside(s.motion).astype(float) for s in rows.segments
     ]
     return np.asarray(np.concatenate(share_of_row) > 0.5)
+
+
+def where_joints_slide(rows: SegmentedRuns) -> NDArray[np.bool_]:
+    """Return the flags (M, n): which rows count for which joint, and it slides in them.
+
+    A joint that slides in too few of them keeps all.
+    """
+    slides = rows.keep & rows.slides
+    has_enough = slides.sum(axis=0) >= FEWEST_SLIDING
+    return np.where(has_enough, slides, rows.keep)
 
 
 def rows_by_run(rows: SegmentedRuns) -> list[NDArray[np.bool_]]:

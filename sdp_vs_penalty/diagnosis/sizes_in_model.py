@@ -26,6 +26,10 @@ from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.regression.base_parameters import base_rows
 
+#: Share of its standard deviation below which a size is held at its bound, zero: one
+#: that is free is as near to zero once in a thousand times.
+_AT_BOUND = 1e-3
+
 
 def with_sizes_of(diagnosis: Diagnosis, model: Estimate) -> Diagnosis:
     """Replace the sizes and intervals of a diagnosis's findings by those of a model.
@@ -45,7 +49,8 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
     A confident finding becomes weak if its size there is less than five standard
     deviations from zero. Its doubt says whether the size is uncertain, or may be zero.
     The tolerated error of its law is no such doubt: another law changes the number, but
-    hardly the torque.
+    hardly the torque. A finding whose torque is in doubt does not help if its size there
+    may be zero.
 
     Parameters
     ----------
@@ -68,11 +73,15 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
     size, std = size_of(effect, theta, covariance)
     doubts = finding.doubts
     std_without_law = max(std**2 - finding.std_of_law**2, 0.0) ** 0.5
-    if finding.confidence == "confident":
-        if is_insignificant(size, std_without_law):
+    may_be_zero = is_insignificant(size, std_without_law)
+    if abs(size) < _AT_BOUND * std:
+        doubts = (*doubts, Doubt("no_torque"))
+    elif finding.confidence == "confident":
+        if may_be_zero:
             doubts = (Doubt("insignificant"),)
         elif is_uncertain(size, std_without_law):
             doubts = (Doubt("uncertain"),)
+    is_open = any(doubt.leaves_torque_open for doubt in doubts)
     return replace(
         finding,
         confidence="weak" if doubts else "confident",
@@ -81,6 +90,7 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
         size=size,
         std=std,
         doubts=doubts,
+        helps=finding.helps and not (may_be_zero and is_open),
         parameters={
             p.name: float(value)
             for p, value in zip(effect.parameters, theta, strict=True)

@@ -336,6 +336,7 @@ class JointZeroError(LinkDeviation):
     symbol = "e_0"
     units = ("rad", "m")
     usual = (0.05, 0.01)  # an arm that was homed by eye
+    faults = ("encoder offset",)
 
     def deviated(self, motion: Motion, joint: int) -> Array:
         """Return the torque (N, n) per radian or metre of zero error of one joint:

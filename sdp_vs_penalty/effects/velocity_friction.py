@@ -44,6 +44,7 @@ class CoulombFriction(JointEffect):
     simulator_field = "friction"
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
     symbol = "f_c"
+    at_rest = "turns"
     lower = 0.0
     shapes = {
         "v_s": ShapeConstant(

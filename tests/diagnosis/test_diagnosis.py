@@ -196,7 +196,7 @@ def test_a_joint_that_does_not_move(panda):
 def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
     first = replace(found.effects[0], indistinguishable_from=(), confidence="confident")
     assert first.undecided is None
-    weak = replace(first, confidence="weak", doubts=(Doubt("small"),))
+    weak = replace(first, confidence="weak", doubts=(Doubt("alone"),))
     assert weak.undecided == first.text
     for effects, said in (
         ((first, weak), "the confident findings"),

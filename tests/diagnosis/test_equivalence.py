@@ -148,9 +148,13 @@ def test_no_drive_looks_ahead(problem):
         (("stand_in",), False),
         (("rivals", "small"), False),
         (("alone",), False),
+        (("rivals", "sticks", "helps"), True),
+        (("sticks", "helps", "log"), False),
     ],
 )
 def test_a_torque_may_be_certain_and_its_name_or_size_not(reasons, certain):
+    helps = "helps" in reasons
+    reasons = [reason for reason in reasons if reason != "helps"]
     finding = Finding(
         effect="joint_spring",
         joints=(1,),
@@ -166,6 +170,7 @@ def test_a_torque_may_be_certain_and_its_name_or_size_not(reasons, certain):
         physics="",
         text="joint_spring:1",
         gain=30.0,
+        helps=helps,
     )
     doubted = replace(finding, doubts=tuple(map(Doubt, reasons)))
     assert doubted.torque_is_certain == certain

@@ -234,6 +234,29 @@ def test_a_size_that_the_model_does_not_know_is_no_confident_finding(
     assert sized.torque_is_certain == torque_is_certain
 
 
+@pytest.mark.parametrize(
+    ("size", "doubts", "torque_is_certain"),
+    [
+        (1.0, ("sticks",), True),
+        (0.1, ("sticks",), False),  # it may be zero, and its torque is in doubt
+        (0.1, ("uncertain",), True),
+        (1e-14, (), False),  # it is held at its bound
+    ],
+)
+def test_what_may_be_zero_in_the_model_is_not_added_by_its_help_alone(
+    spring, size, doubts, torque_is_certain
+):
+    searched = finding(
+        "joint_spring",
+        1,
+        confidence="weak" if doubts else "confident",
+        doubts=tuple(map(Doubt, doubts)),
+        helps=True,
+    )
+    sized = size_in_model(searched, model_with((spring, size, 0.1)))
+    assert sized.torque_is_certain == torque_is_certain
+
+
 def test_two_estimates_of_a_size_widen_its_interval(spring):
     """The search says 1.0 +- 0.1, the model 1.3 +- 0.05: what both lack differs."""
     searched = finding("joint_spring", 1, std_of_rows=0.1, size_in_search=1.0)

@@ -14,7 +14,9 @@ from sdp_vs_penalty.diagnosis import (
     reasons_for_doubt,
     remainder,
 )
-from sdp_vs_penalty.diagnosis.conclude import _standstill
+from sdp_vs_penalty.diagnosis.conclude import _standstill, least_help_of
+from sdp_vs_penalty.diagnosis.doubts import Doubt
+from sdp_vs_penalty.diagnosis.held_out import HeldOutSplit
 from sdp_vs_penalty.diagnosis.sizes import TorqueMade
 from sdp_vs_penalty.signals import REPETITION
 
@@ -104,7 +106,7 @@ class Told(HeldOut):
         super().__init__(None, False, (), "folds")
         self.rule = rule
 
-    def errors(self, chosen):
+    def errors(self, chosen, judged=None):
         return np.array(self.rule(frozenset(chosen)), float)
 
     def errors_by_recording(self, chosen):
@@ -115,39 +117,44 @@ class Told(HeldOut):
 
 
 @pytest.mark.parametrize(
-    ("rule", "needed", "kept"),
+    ("rule", "least_help", "kept"),
     [
-        (lambda c: [1.0 - 0.3 * (0 in c), 1.0 + 0.05 * (1 in c)], (), [0]),
-        (lambda c: [1.0 - 0.3 * (0 in c), 1.0 + 0.01 * (1 in c)], (), [0, 1]),
+        (lambda c: [1.0 - 0.3 * (0 in c), 1.0 + 0.05 * (1 in c)], {}, [0]),
+        (lambda c: [1.0 - 0.3 * (0 in c), 1.0 + 0.01 * (1 in c)], {}, [0, 1]),
         (
             lambda c: [1.0 - 0.3 * (0 in c), 1.0 - 0.005 * (1 in c)],
-            range(2),
+            {0: 0.01, 1: 0.01},
             [0],
         ),  # the noise is a guess
         (
             lambda c: [1.0 - 0.005 * (0 in c), 1.0 - 0.005 * (1 in c)],
-            [1],
+            {1: 0.01},
             [0],
         ),  # only the size of one may be zero
         (
+            lambda c: [1.0 - 0.3 * (0 in c), 1.0 - 0.03 * (1 in c)],
+            {1: 0.05},
+            [0],
+        ),  # whether one is there is in doubt
+        (
             lambda c: [1.1 if c == {0} else 1.0 - 0.1 * len(c)],
-            (),
+            {},
             [0, 1],
         ),  # beside a later one
         (
             lambda c: [1.0 - 0.7 * (0 in c), 1.0 + 0.04 * (0 in c)],
-            (),
+            {},
             [0, 1],
         ),  # repaid elsewhere
         (
             lambda c: [1.0 - 0.1 * bool(c) + 0.1 * (1 in c)],
-            (),
+            {},
             [0],
         ),  # the least useful one goes
     ],
 )
-def test_what_raises_errors_beside_all_others_is_not_offered(rule, needed, kept):
-    assert Told(rule).drop_harmful(range(2), needed) == kept
+def test_what_raises_errors_beside_all_others_is_not_offered(rule, least_help, kept):
+    assert Told(rule).drop_harmful(range(2), least_help) == kept
 
 
 @pytest.mark.parametrize(("elsewhere", "kept"), [(0.7, [0, 1]), (1.0, [0])])
@@ -156,7 +163,7 @@ def test_what_helps_on_another_split_of_the_motion_stays(elsewhere, kept):
     held_out = Told(lambda c: [1.0 - 0.3 * (0 in c) + 0.02 * (1 in c)])
     second = Told(lambda c: [elsewhere if 1 in c else 1.0])
     held_out.make_second = lambda: second
-    assert held_out.drop_harmful(range(2)) == kept
+    assert held_out.drop_harmful(range(2), {}) == kept
 
 
 @pytest.mark.parametrize(
@@ -180,6 +187,60 @@ def test_what_raises_one_joints_error_by_a_twentieth_goes(rule, floor, kept):
     held_out = Told(rule)
     held_out.make_second = lambda: Told(lambda c: [1.0 - 0.5 * len(c)] * 2)
     assert held_out.drop_harmful_to_a_joint([0, 1], np.full(1, floor)) == kept
+
+
+def test_what_is_in_doubt_may_raise_no_joints_error_whatever_it_does_to_others():
+    held_out = Told(lambda c: [1.0 - 0.7 * (1 in c), 1.0 + 0.06 * (1 in c)])
+    assert held_out.drop_harmful_to_a_joint([0, 1], np.zeros(1), [1]) == [0]
+
+
+@pytest.mark.parametrize(
+    ("reasons", "least"),
+    [
+        ((), 0.0),
+        (("rivals", "uncertain"), 0.0),
+        (("insignificant",), 0.01),
+        (("sticks", "uncertain"), 0.05),
+        (("sticks", "insignificant"), np.inf),
+        (("held",), np.inf),
+    ],
+)
+def test_the_more_a_torque_is_in_doubt_the_more_it_has_to_help(reasons, least):
+    doubts = tuple(map(Doubt, reasons))
+    finding = SimpleNamespace(
+        doubts=doubts, has_open_torque=any(d.leaves_torque_open for d in doubts)
+    )
+    assert least_help_of(finding) == least
+
+
+def test_a_torque_of_sliding_is_judged_where_joints_slide(monkeypatch):
+    """Friction that sticks makes 5 N m of error in rows that say nothing of a spring."""
+    effects = [SimpleNamespace(at_rest=x) for x in ("", "turns")]
+    regressions = {"all": (25.0, "all"), "sliding": (1.0, "sliding")}
+
+    def of_rows(name):
+        squares, rows = regressions[name]
+        return SimpleNamespace(
+            joint_rows=lambda: np.array([1]), squares=squares, rows=rows
+        )
+
+    split = HeldOutSplit(
+        tuple(effects),
+        of_rows("all"),
+        (of_rows("all"),),
+        (of_rows("sliding"),) * 2,
+        False,
+    )
+    held_out = HeldOut(None, False, [split], "test")
+    fitted = []
+
+    def squares_of_fit(self, chosen, sliding):
+        fitted.append(split.fitted_rows(sliding).rows)
+        yield np.array([[x.squares] for x in (*split.tests, *split.sliding)])
+
+    monkeypatch.setattr(HeldOut, "_fitted_squares", squares_of_fit)
+    assert [held_out.errors([0, 1], k)[0] for k in (0, 1)] == [1.0, 5.0]
+    assert fitted == ["sliding", "all"]
 
 
 #: What is changed of a finding that nothing speaks against, and what then does.
