@@ -12,7 +12,6 @@ import shlex
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -394,11 +393,9 @@ def test_the_hobby_arm(tmp_path, monkeypatch, capsys):
 def test_the_demo_tells_the_whole_story(tmp_path, capsys):
     """What is hidden is found without being told, and the error of its joint falls."""
     pytest.importorskip("plotly")
-    begin = time.process_time()
     code = run_cli("demo", "--out", tmp_path / "demo")
     shown = capsys.readouterr()
     assert code == 0, shown.err
-    assert time.process_time() - begin < 20.0  # 7 s where nothing else runs
     text = " ".join(shown.out.split())
     assert f"Missing: {effect_name(HIDDEN)} on joint 7" in text
     fall = text.partition("neither has seen: joint 7: ")[2].partition(" %)")[0]
