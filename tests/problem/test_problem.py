@@ -200,6 +200,15 @@ def test_a_nominal_link_is_a_tube_between_half_actuators(length, efforts):
     assert_allclose(last[1:4], 0.0, atol=1e-12)
 
 
+def test_moments_about_the_frame_are_bounded_by_steiner(panda):
+    """The largest of a link: its largest moments, its mass in its farthest corner."""
+    mass, com, moments = panda.link_sizes
+    about_com = np.zeros((panda.robot.n, 6))
+    about_com[:, [0, 2, 5]] = panda.box[:, [4, 6, 9], 1]
+    largest = inertia.standard_from_barycentric(np.column_stack([mass, com, about_com]))
+    assert_allclose(largest[:, [4, 6, 9]], moments, rtol=1e-12)
+
+
 def test_what_bounds_a_link_by_default_is_the_largest_that_is_known():
     """1 m, 1.5 times the reach, the stroke, twice a given mass's root mean square; 100
     kg or thrice."""
