@@ -54,6 +54,8 @@ _WHOLE = ("temp", "current", "voltage")
 _MOST_GAPS = 0.1
 #: How the set of columns that competes as the torques is told from our groups.
 _RIVAL = "torques: {}"
+#: A joint that moves by less does not move [rad, m].
+_AT_REST = 1e-3
 #: Mark of a clock under our name, which counts seconds unless its steps cannot be that.
 _OF_OURS = "ours"
 #: Usual steps of such a clock [s].
@@ -251,7 +253,11 @@ def _as_chosen(log: Log, choice: Choice) -> tuple[Log, Recognition]:
     """Return the columns that the user chose, and those that have our names; where only
     torques are chosen, what is recognised beside them. Names that a table with a row a
     joint does not have are those of the log with a column a joint."""
-    from sdp_vs_penalty.data.hypotheses.recognition import find_clock, with_torque
+    from sdp_vs_penalty.data.hypotheses.recognition import (
+        find_clock,
+        with_torque,
+        with_units_of_columns,
+    )
     from sdp_vs_penalty.data.hypotheses.renaming import expanded
     from sdp_vs_penalty.data.words.loggers import episode_of
 
@@ -290,7 +296,8 @@ def _as_chosen(log: Log, choice: Choice) -> tuple[Log, Recognition]:
             raise InputError(what, "give --rename one column a channel", log.path)
     order = _order(log, choice.joints)
     episode = episode_of([x for x in names if x not in rename.values()])
-    return log, Recognition(rename, logger="", order=order, episode=episode)
+    found = Recognition(rename, logger="", order=order, episode=episode)
+    return log, with_units_of_columns(found, log.columns)
 
 
 def _order(log: Log, joints: Sequence[str] | None) -> tuple[int, ...] | None:
@@ -592,16 +599,26 @@ def _in_si(
 def _without_others(
     log: Log, run: Measurements, found: Recognition, choice: Choice
 ) -> tuple[Measurements, Recognition]:
-    """Leave out the joints beyond the robot's whose torque is exactly zero in every row: a
-    gripper's. The others are counted anew, so that the printed command reads the same."""
+    """Leave out the joints beyond the robot's whose torque is exactly zero in every row, a
+    gripper's, or that do not move at all while the others do, another arm's. The others
+    are counted anew, so that the printed command reads the same."""
     n = len(choice.joints or ()) + len(getattr(choice.joints, "held", ()))
     if not choice.joints or run.n <= n or not run.torque_logged or not len(run.t):
         return run, found
-    idle = np.flatnonzero(~np.any(column_range(run.tau), axis=0)).tolist()
-    if len(idle) != run.n - n:
+    low, high = column_range(run.q)
+    kinds = {
+        "has no torque in any row": ~np.any(column_range(run.tau), axis=0),
+        "does not move": high - low < _AT_REST,
+    }
+    what, is_idle = next(
+        ((x, y) for x, y in kinds.items() if np.count_nonzero(y) == run.n - n),
+        ("", None),
+    )
+    if is_idle is None:
         return run, found
+    idle = np.flatnonzero(is_idle).tolist()
     shown = formatting.words([f"joint {k + 1}" for k in idle])
-    _remark(log, f"{shown} of the log has no torque in any row: left out")
+    _remark(log, f"{shown} of the log {what}: left out")
     stays = [k + 1 for k in range(run.n) if k not in idle]
     ours = {f"{x}{k}": f"{x}{new}" for x in GROUPS for new, k in enumerate(stays, 1)}
     left_out = {f"{x}{k + 1}" for x in GROUPS for k in idle}
@@ -755,7 +772,7 @@ def sentence_and_command(
         ends = [[*x][:: max(len(x) - 1, 1)] for x in (pairs, pairs.values())]
         shown.append(f"{ours.join(ends[0])} = {theirs.join(ends[1])}")
     units = (f"{group} in {x.answer}, {x.why}" for group, x in found.units.items())
-    said = [f"columns recognised ({found.logger}): {', '.join(shown)}"]
+    said = [f"columns recognised ({found.logger or 'as chosen'}): {', '.join(shown)}"]
     said += [*units, *found.said]
     if found.joints:
         other = " in the file's order, for the robot's have other names"

@@ -292,6 +292,32 @@ def melted(folder, head, label):
     return write(folder / "run.csv", [head, *rows])
 
 
+def tidy(folder):
+    """A row a channel, with its unit in each."""
+    rows = [
+        f"{t},{name},{field},{block[k, j]},{unit}"
+        for k, t in enumerate(T)
+        for j, name in enumerate(JOINTS)
+        for field, block, unit in (
+            ("angle", np.degrees(Q), "deg"),
+            ("torque", TAU, "Nm"),
+        )
+    ]
+    return write(folder / "run.csv", ["time,joint,signal,value,unit", *rows])
+
+
+def influx(folder):
+    """A row a channel, as InfluxDB annotates it."""
+    rows = [
+        f",,0,{t},{block[k, j]},{field},joint_state,{name}"
+        for field, block in (("position", Q), ("effort", TAU))
+        for j, name in enumerate(JOINTS)
+        for k, t in enumerate(T)
+    ]
+    head = ",result,table,_time,_value,_field,_measurement,joint"
+    return write(folder / "run.csv", ["#group,false", head, *rows])
+
+
 def several(folder, **texts):
     """Files by their names, with a dot in place of two underlines; and the folder."""
     for name, row in texts.items():
@@ -415,6 +441,8 @@ FORMS = {
     "a row a joint, turned": lambda x: long_rows(x, JOINTS, SORTED, head="name"),
     "a row a channel": lambda x: melted(x, "time,variable,value", "{}_{}"),
     "a row a joint's channel": lambda x: melted(x, "time,joint,field,value", "{},{}"),
+    "a row a channel with its unit": tidy,
+    "a row a channel of InfluxDB": influx,
     "units in cells": units_in_cells,
     "LeRobot": lerobot,
     "a file a quantity": lambda x: several(

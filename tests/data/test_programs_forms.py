@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from commands import run_cli
 from recorded import refusal
+from scipy.io import savemat
 from written_logs import DQ, JOINTS, RATE, TAU, Q, T, cells_of, log, read, same, write
 
 from sdp_vs_penalty import Measurements
@@ -502,6 +503,30 @@ def hdf5(path, arrays, userblock=0):
     with h5py.File(path, "w", userblock_size=userblock) as file:
         for name, array in arrays.items():
             file[name] = array
+
+
+def with_units(path):
+    """Data sets whose attributes say their units."""
+    hdf5(path, {"time": 1e6 * T, "angle": np.degrees(Q), "torque": TAU})
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "r+") as file:
+        for name, unit in {"time": "us", "angle": b"deg", "torque": "Nm"}.items():
+            file[name].attrs["unit"] = unit
+
+
+def dspace(path):
+    """A recording of ControlDesk."""
+    signals = np.zeros((1, 6), [(x, "O") for x in ("Name", "Data", "Unit")])
+    for k in range(3):
+        signals[0, k] = (f"phi_{k + 1}", np.degrees(Q[:, k]), "deg")
+        signals[0, 3 + k] = (f"M_ist_{k + 1}", TAU[:, k], "Nm")
+    savemat(path, {"rec": {"X": {"Data": T, "Unit": "s"}, "Y": signals}})
+
+
+def test_units_and_names_that_stand_beside_the_numbers_are_read(tmp_path):
+    for name, make in {"run.h5": with_units, "run.mat": dspace}.items():
+        make(tmp_path / name)
+        same(read(tmp_path / name)[0])
 
 
 def matlab_7_3(path):

@@ -8,6 +8,8 @@ import pytest
 from recorded import refusal
 from written_logs import JOINTS, SORTED, Q, T, log, read, same
 
+from sdp_vs_penalty import convert
+
 READ = """
 t=t; q=q{z}; dq=dq{z}; tau=tau{z}
 t=TIME; q=POS_{}; dq=VEL_{}; tau=TORQUE_{}
@@ -131,6 +133,12 @@ t=min; q=pos{}; dq=vel{}; tau=trq{}
 t=q_min; q=pos{}; dq=vel{}; tau=trq{}
 0=delay_ms; q=pos{}; dq=vel{}; tau=trq{}
 deg=q_deg_{}; deg/s=dq_deg_s_{}; tau=tau_{}
+t=time; deg=A{}_S.r2521: LR Position [deg]; tau=A{}_S.r80: Torque [Nm]
+ms=tick; q=q{}; dq=dq{}; tau=tau{}
+@%H:%M:%S;%f=Time; q=J{}.ActualPosition; tau=J{}.TorqueReference
+t=time; q=axis {} position_rad; tau=axis {} torque_ref_Nm
+t=time; q=pos{}; tau=tauRaw{}
+t=tm; q=feedBack.joints[{z}]; q+1=planned.joints[{z}]; tau=MotorTorque[{z}]
 t=time; q+1=q_d/ActualPosition[{z}]; q=ActualPosition[{z}]; tau=ActualTorque[{z}]
 """  # noqa: RUF001
 
@@ -382,6 +390,16 @@ def test_letters_and_words_tell_joints_apart(joints, tmp_path):
     path = log(tmp_path / "run.csv", OURS, head=[",".join(["time", *names])])
     same(read(path)[0])
     same(read(path, None)[0])
+
+
+def test_units_of_columns_that_are_chosen_are_those_of_their_names(tmp_path):
+    """They were dropped without a word. A stated factor replaces them."""
+    path = log(tmp_path / "run.csv", "ms=clock [ms]; deg=A{} [deg]; mNm=B{} [mNm]")
+    pairs = {"t": "clock [ms]"}
+    for k in (1, 2, 3):
+        pairs |= {f"q{k}": f"A{k} [deg]", f"tau{k}": f"B{k} [mNm]"}
+    same(read(path, rename=pairs)[0])
+    same(convert(path, rename=pairs, scale={"q": "deg", "t": "ms", "tau": "mNm"}))
 
 
 def test_joints_in_brackets_are_no_units(tmp_path):

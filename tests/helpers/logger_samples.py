@@ -74,6 +74,8 @@ class Columns:
             "degrees": degrees,
             "degrees asked": degrees + 0.01,
             "degrees from 0": degrees % 360.0,
+            "turns": degrees / 360.0,
+            "turns/s": np.degrees(run.dq) / 360.0,
             "degrees/s": np.degrees(run.dq),
             "external tau": 0.1 * run.tau,
             "current": 0.3 * run.tau,
@@ -114,6 +116,21 @@ TABLES = {
         {**_FRANKA, "tau_ext_hat_filtered[{}]": "external tau"},
         mark=", ",
         ones=" success rate",
+    ),
+    "odrive": Columns(
+        SECONDS,
+        {
+            "axis{}.pos_estimate": "turns",
+            "axis{}.vel_estimate": "turns/s",
+            "axis{}.torque_estimate": "tau",
+        },
+    ),
+    "odrive_current": Columns(
+        SECONDS,
+        {
+            "axis{}.encoder.pos_estimate": "turns",
+            "axis{}.motor.current_control.Iq_measured": "tau",
+        },
     ),
     # Currents in per cent.
     "kuka_rsi": Columns(

@@ -18,6 +18,8 @@ SUFFIXES: tuple[str, ...] = (".h5", ".hdf5")
 _INTERNAL = ("#refs#", "#subsystem#", "_i_table")
 #: Data sets of pandas: the names of a block's columns, and its values.
 _ITEMS, _VALUES = "_items", "_values"
+#: Attributes that say a unit, and more letters than one has.
+_UNITS, _LONGEST_UNIT = ("unit", "units", "Unit", "Units"), 12
 #: What stands between the name of a table and that of its column.
 _WITHIN = "\n"
 
@@ -61,7 +63,7 @@ def load_h5py() -> None:
 def numeric_data_sets(path: str) -> Iterator[dict[str, Array]]:
     """Parse the numeric data sets of a file, one at a time: a name and its numbers (N,)
     or (N, n); the name of a column of a table has the table's before it, in a line of
-    its own.
+    its own, and a unit that an attribute says stands behind a name, "q [deg]".
 
     To be run in a process of its own. Links to other files, and data that lie in them,
     are not followed. Data sets of more than two dimensions, such as pictures, are left
@@ -94,7 +96,10 @@ def _columns_of(file: Any, name: str, data_set: Any) -> Iterator[tuple[str, Arra
         return
     items = name.removesuffix(_VALUES) + _ITEMS
     if not (name.endswith(_VALUES) and items in file):
-        yield name, np.asarray(data_set[()], float)
+        stated = next((data_set.attrs[x] for x in _UNITS if x in data_set.attrs), "")
+        unit = stated.decode(errors="replace") if isinstance(stated, bytes) else stated
+        is_said = isinstance(unit, str) and 0 < len(unit) < _LONGEST_UNIT
+        yield f"{name} [{unit}]" if is_said else name, np.asarray(data_set[()], float)
         return
     for place, item in enumerate(file[items][()]):
         label = item.decode() if isinstance(item, bytes) else str(item)

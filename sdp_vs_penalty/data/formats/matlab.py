@@ -162,8 +162,12 @@ def _by_label_or_number(
     for label, values in _LABELS_AND_VALUES:
         labels = [str(struct.get(label, "")).strip() for struct in structs]
         if all(labels) and len({*labels}) == len(labels):
+            units = [str(struct.get("Unit", "")).strip() for struct in structs]
+            names = [
+                f"{x} [{y}]" if y else x for x, y in zip(labels, units, strict=True)
+            ]
             blocks = [struct.get(values) for struct in structs]
-            return dict(zip(labels, blocks, strict=True))
+            return dict(zip(names, blocks, strict=True))
     return {f"{key}{k}": struct for k, struct in enumerate(structs, start=1)}
 
 

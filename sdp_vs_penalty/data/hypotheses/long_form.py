@@ -22,6 +22,7 @@ _CHANNEL_WORDS = {
     *("variable", "field", "signal", "channel", "key", "metric", "quantity", "tag"),
     *("measurement", "topic", "property", "item", "type", "name"),
 }
+_UNIT_WORDS = {"unit", "units", "einheit", "unidad", "unite"}
 _VALUE_WORDS = {"value", "values", "val", "reading"}
 #: Robots have no more joints, and logs no more channels.
 _MOST_JOINTS, _MOST_CHANNELS = 100, 1000
@@ -79,6 +80,11 @@ def widened(log: Log) -> Log:
             "number", [f"{x:.9g}" for x in wide[name][~gaps[name]][:50]]
         )
     columns = {name: columns[name] for name in wide}
+    unit_of = [x for x in log.columns if _has_words(x, _UNIT_WORDS)][:1]
+    units = [row[0] for row in log.texts(unit_of)] if is_by_channel and unit_of else []
+    for label, unit in {*zip(rows, units, strict=False)}:
+        name = "/".join(label)
+        columns[name] = replace(columns[name], unit=unit)
 
     def read(names: Sequence[str]) -> Values:
         return Values(

@@ -357,7 +357,7 @@ def no_clock(
     what = f"no column t (columns: {brief_names(log.names)})"
     if log.remedy:
         return InputError(what, log.remedy, log.path)
-    rate = rate_of(columns)
+    rate = rate_of(columns, is_usual=True)
     why = "HZ being its samples a second"
     if rate is not None:
         why = "dq is the derivative of q at this rate"

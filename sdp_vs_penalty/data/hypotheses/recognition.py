@@ -34,6 +34,7 @@ from sdp_vs_penalty.data.words.loggers import clock_of, episode_of, find_logger
 from sdp_vs_penalty.data.words.names import (
     AMPERES,
     Meaning,
+    is_counter,
     read_bare_joint,
     read_commanded_torque,
     read_letter,
@@ -48,7 +49,7 @@ from sdp_vs_penalty.data.words.stamps import (
     has_fraction,
 )
 from sdp_vs_penalty.data.words.tokens import group_of
-from sdp_vs_penalty.data.words.units import SHARES, UNITS
+from sdp_vs_penalty.data.words.units import SHARES, UNITS, units_of_name
 from sdp_vs_penalty.errors import InputError
 
 #: Columns of names, of a log that says in each row which joint is which.
@@ -120,7 +121,7 @@ def recognise(
     outputs = list[str]()
     if logger:
         choice = choose_sets(said, None)
-        clock = clock_of(logger, usable)
+        clock = clock_of(logger, usable) or find_clock(columns)
     else:
         # What a controller puts out counts where it has no feedback beside it.
         outputs = [
@@ -239,7 +240,8 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
     Among several, the best word wins ("time" before "tick"), then the name with the
     fewest other words. Where no name says it, the only column of stamps is the clock, or
     else an index without a name that rises in fractions, or else the only column of
-    unknown words that ends with a unit of time and rises ("run_minutes").
+    unknown words that ends with a unit of time and rises ("run_minutes"), or a counter
+    that rises by the same in every row, and not by 1 ("tick").
     """
     if not isinstance(columns, Mapping):
         columns = columns_called(columns)
@@ -275,6 +277,11 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
             for x in names
             if not said.get(x) and read_time_by_unit(x) and _rises(columns[x])
         ],
+        [
+            x
+            for x in names
+            if is_counter(x) and _rises(columns[x]) and _is_even(columns[x])
+        ],
     )
     clock = min(clocks)[2] if clocks else None
     clock = clock or next((found[0] for found in weaker if len(found) == 1), None)
@@ -294,6 +301,12 @@ def _rises(column: Column, unit: float = 0.0) -> bool:
     is_whole = unit > 0.0 and not np.any(head % unit)
     rises = len(head) > 2 and bool(np.all(np.diff(head) >= 0.0)) and head[-1] > head[0]
     return bool(rises) and not is_whole
+
+
+def _is_even(column: Column) -> bool:
+    """Return whether the first numbers of a column rise by the same step, other than 1."""
+    steps = {*np.diff(column.head).tolist()}
+    return len(steps) == 1 and steps != {1.0}
 
 
 def _our_name(group: str, key: Hashable, number: int) -> str:
@@ -508,6 +521,17 @@ def with_units_of_names(found: Recognition, said: Mapping[str, Meaning]) -> Reco
         said=(*more, *found.said),
         torque_unit="A" if are_currents else next(iter(of_rating), ""),
     )
+
+
+def with_units_of_columns(found: Recognition, columns: Columns) -> Recognition:
+    """Add the units that names of chosen columns end with, and that metadata say."""
+    said = dict[str, Meaning]()
+    for ours, name in found.rename.items():
+        group = group_of(ours)
+        unit = next((x for x in units_of_name(name) if x.quantity == group), None)
+        if unit is not None and unit.factor != 1.0 and name in columns:
+            said[name] = Meaning(group, 0, unit=unit.text, factor=unit.factor)
+    return _with_stated_units(with_units_of_names(found, said), {}, columns)
 
 
 def is_current(name: str) -> bool:

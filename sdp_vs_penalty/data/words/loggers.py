@@ -39,7 +39,8 @@ def find_logger(names: Sequence[str]) -> tuple[dict[str, Any], dict[str, Meaning
             for key, name in columns.items()
         }
         quantities = {x.quantity for x in said.values()}
-        if not clock_of(logger, names) or not quantities & {"tau", "qcmd"}:
+        is_timed = "t" not in logger or clock_of(logger, names)
+        if not is_timed or not {"q"} < quantities or not quantities & {"tau", "qcmd"}:
             continue
         if "tau" in quantities:
             return logger, said

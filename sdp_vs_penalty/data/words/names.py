@@ -63,6 +63,12 @@ def is_no_measurement(name: str) -> bool:
     return not _OTHERS.isdisjoint(split_tokens(name))
 
 
+def is_counter(name: str) -> bool:
+    """Return whether a name says nothing but a counter, which may count time: "tick"."""
+    words = {*split_tokens(name)}
+    return bool(words & _COUNTERS) and words <= _COUNTERS | _FILLERS
+
+
 def is_word_for_joint(words: Sequence[str]) -> bool:
     """Return whether words mean a joint: "joint", "arm axis"."""
     return not _JOINTS.isdisjoint(words) and _FILLERS.issuperset(words)
@@ -210,7 +216,7 @@ def read_time_by_unit(name: str) -> Meaning | None:
 def read_bare_joint(name: str) -> Meaning | None:
     """Read a name that says nothing but a joint's number, "j1" or "AxisAct_A1", as a
     position that ranks behind all names with a word; None for other names."""
-    tokens = split_tokens(name)
+    tokens = _join_compounds(split_tokens(name))
     numbers = [token for token in tokens if token.isdigit()]
     if len(numbers) != 1 or not is_word_for_joint([x for x in tokens if x.isalpha()]):
         return None
