@@ -35,6 +35,7 @@ from sdp_vs_penalty.estimation.sensitivity import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import linear_spread
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
+from sdp_vs_penalty.problem.constants import DEFAULT_LINK_MASS
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.ranges.interior_point import Ball, InteriorPoint
 from sdp_vs_penalty.regression.linalg import column_space
@@ -59,7 +60,6 @@ _KIND_BY_FAMILY = {
 }
 #: Family of the limits that only keep the set finite: masses and distances beyond which
 #: the problem takes no link to be, and so many times the largest of a joint's parameters.
-#: An end that rests on them is open.
 FAR = "far limit"
 _FAR_PARAMETER = 10.0
 
@@ -229,6 +229,32 @@ def far_limits(problem: Problem, task: Task) -> tuple[ConstraintSet, Array]:
     return ConstraintSet(tuple(out)).with_known(task.model.known_values), bound
 
 
+def stated(problem: Problem, task: Task) -> list[Constraint]:
+    """Return the constraints of a task without the limits of masses that nobody stated:
+    those that the program assumes where the robot's file and the user say none. Above,
+    they are far limits; below, a mass is not negative."""
+    least = DEFAULT_LINK_MASS[0]
+    greatest = {
+        f"link {k + 1}": mass for k, mass in enumerate(problem.link_defaults[:, 0])
+    }
+    out = []
+    for x in (*task.constraints.convex, *task.bodies):
+        if x.family != "mass":
+            out.append(x)
+            continue
+        slopes = x.coefficients[:1].sum(axis=0)  # none where the mass is known
+        assumed = np.where(
+            slopes > 0.0, -x.constant <= least, x.constant >= greatest[x.name]
+        )
+        assumed &= slopes != 0.0
+        if not assumed.all():
+            coefficients = x.coefficients[:, ~assumed]
+            out.append(
+                replace(x, constant=x.constant[~assumed], coefficients=coefficients)
+            )
+    return out
+
+
 def allowed_set(
     posed: EstimationProblem,
     theta: Array,
@@ -265,7 +291,7 @@ def allowed_set(
         structure=_structure(posed, floor),
     )
     limits, far_bound = far_limits(posed.problem, task)
-    convex = (*task.constraints.convex, *task.bodies)
+    convex = tuple(stated(posed.problem, task))
     allowed = AllowedSet(
         task,
         ball,

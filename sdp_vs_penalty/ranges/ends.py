@@ -119,18 +119,14 @@ class End:
 
     @property
     def limited_by(self) -> tuple[str, ...]:
-        """Names of the bounds that the end follows."""
-        return tuple(
-            name
-            for name, moves in self.bounds.items()
-            if moves > CHANGES and name != FAR
-        )
+        """Names of the bounds that the end follows, the far limits as one."""
+        return tuple(name for name, moves in self.bounds.items() if moves > CHANGES)
 
     @property
     def decided_by(self) -> str:
-        """What decides the end, in a word: "open" (only a far limit does), "bound",
+        """What decides the end, in a word: "open" (it has a :attr:`ray`), "bound",
         "data", "consistency", or "data and consistency"."""
-        if self.bounds.get(FAR, 0.0) > CHANGES:
+        if self.ray is not None:
             return "open"
         if self.limited_by:
             return "bound"
@@ -146,8 +142,9 @@ class End:
     @cached_property
     def ray(self) -> Array | None:
         """(p,) direction along which the function goes beyond the end by 1, and on
-        without end; None for an end that is not open, or that no ray was found for."""
-        if self.decided_by != "open":
+        without end; None where none was found, and for an end that does not follow the
+        far limits."""
+        if FAR not in self.limited_by:
             return None
         return certified_ray(self.allowed, self.g, self.c)
 

@@ -20,7 +20,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.proofs import posed_again
 from sdp_vs_penalty.estimation.verdict import noise_level
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.ranges.allowed import KINDS, AllowedSet, allowed_set
+from sdp_vs_penalty.ranges.allowed import FAR, KINDS, AllowedSet, allowed_set
 from sdp_vs_penalty.ranges.centres import NonlinearEnd, inertias, ratios
 from sdp_vs_penalty.ranges.ends import End, EndSearch
 from sdp_vs_penalty.ranges.functions import TOTAL, Function, functions_by_name
@@ -44,22 +44,20 @@ class RangeEnd(JsonRecord):
     value: float
     #: "data", "consistency", "data and consistency", "bound" or "open".
     decided_by: str
-    #: Names of the bounds that it follows, the strongest first.
+    #: Names of the bounds that it follows, the strongest first; "far limit" where links
+    #: of the far limits' mass and distance are among them.
     limited_by: tuple[str, ...] = ()
     #: Whether the true end may lie inside: a relaxation's bound.
     is_outer: bool = False
     #: Value of a consistent model that fits, on the inner side.
     attained: float = np.nan
     #: Of an open end a change of parameters, by name: any multiple of it leaves models
-    #: consistent and shows no torque, and the function goes on by 1 each time. Empty
-    #: where the end is open up to the far limits and no ray was found.
+    #: consistent and shows no torque, and the function goes on by 1 each time.
     ray: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def reason(self) -> str:
         """What decides the end; a bound by the name of the first one."""
-        if self.ray:
-            return "open, certified"
         if self.decided_by != "bound":
             return self.decided_by
         first, *others = self.limited_by
@@ -212,13 +210,14 @@ class Ranges(Record, JsonRecord):
         ]
         if self._has_open_end:
             out.append(
-                f"Open: nothing limits the end up to links of {mass:g} kg within"
-                f" {distance:.3g} m of their frames."
+                "Open: nothing limits the end. A change of the links that no torque shows"
+                " keeps them consistent however often it is made, or a centre is that of"
+                " a mass that may be zero."
             )
-        if any(e.ray for r in self.ranges for e in (r.least, r.greatest)):
+        if any(FAR in e.limited_by for r in self.ranges for e in (r.least, r.greatest)):
             out.append(
-                "Open, certified: a change of the links that no torque shows keeps them"
-                " consistent however often it is made."
+                "Far limit: the end holds as long as no link has more than"
+                f" {mass:g} kg, or mass beyond {distance:.3g} m of its frame."
             )
         if any(e.is_outer for r in self.ranges for e in (r.least, r.greatest)):
             out.append(
@@ -478,11 +477,16 @@ def ranges_of(
     main = _ends(allowed, chosen)
     progress("with the model's error, and under fewer constraints")
     structure = allowed.ball.structure
-    with_error = _ends(allowed, chosen, structure) if structure > 0.0 else None
-    fewer = {
-        kind: _ends(allowed.with_kinds(KINDS[: KINDS.index(kind) + 1]), chosen)
-        for kind in kinds
-    }
+    narrowest = [_values(ends) for ends in main]
+    with_error = None
+    if structure > 0.0:
+        with_error = _holding(narrowest, _ends(allowed, chosen, structure))
+    # From the most constraints to the fewest: each set holds the one before it.
+    fewer = dict[str, list[tuple[float, float]]]()
+    values = narrowest
+    for kind in sorted(kinds, key=KINDS.index, reverse=True):
+        set_of_kinds = allowed.with_kinds(KINDS[: KINDS.index(kind) + 1])
+        values = fewer[kind] = _holding(values, _ends(set_of_kinds, chosen))
     nominal = posed.problem.nominal(task.model)
     mass, distance = posed.problem.link_defaults.max(axis=0).tolist()
     return Ranges(
@@ -496,8 +500,8 @@ def ranges_of(
                 greatest=RangeEnd.from_end(main[k][1]),
                 value=f.value(theta, task.links),
                 nominal=f.value(nominal, task.links),
-                with_model_error=None if with_error is None else _values(with_error[k]),
-                under={kind: _values(ends[k]) for kind, ends in fewer.items()},
+                with_model_error=None if with_error is None else with_error[k],
+                under={kind: fewer[kind][k] for kind in kinds},
             )
             for k, f in enumerate(chosen)
         ),
@@ -510,6 +514,20 @@ def _values(ends: tuple[End | NonlinearEnd, End | NonlinearEnd]) -> tuple[float,
     """Return least and greatest value, infinite where open."""
     low, high = (RangeEnd.from_end(end).value for end in ends)
     return low, high
+
+
+def _holding(
+    inner: Sequence[tuple[float, float]],
+    ends: Sequence[tuple[End | NonlinearEnd, End | NonlinearEnd]],
+) -> list[tuple[float, float]]:
+    """Return least and greatest values over a set that holds another one, whose values
+    are ``inner``: what is allowed there is allowed here, however near each search came."""
+    return [
+        (min(low, inner_low), max(high, inner_high))
+        for (low, high), (inner_low, inner_high) in zip(
+            map(_values, ends), inner, strict=True
+        )
+    ]
 
 
 def _ends(
