@@ -2,7 +2,8 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -250,13 +251,30 @@ def percent(share: float, digits: int = 3) -> str:
     return f"{number(100.0 * share, digits)} %"
 
 
+#: Files of --plugin, which every command needs that this process writes.
+_PLUGIN_FILES: list[str] = []
+
+
+@contextmanager
+def naming_plugins(files: Sequence[str | Path]) -> Iterator[None]:
+    """Name files of plug-ins in every command that this process writes meanwhile."""
+    before = list(_PLUGIN_FILES)
+    _PLUGIN_FILES[:] = map(str, files)
+    try:
+        yield
+    finally:
+        _PLUGIN_FILES[:] = before
+
+
 def command(*words: object) -> str:
-    """Return a command of this program as one line that can be pasted into a shell.
+    """Return a command of this program as one line that can be pasted into a shell, with
+    the plug-ins of this process (:func:`naming_plugins`).
 
     >>> command("convert", "my run.csv", "--rate", 200)
     "sdp-vs-penalty convert 'my run.csv' --rate 200"
     """
-    return command_line(["sdp-vs-penalty", *words])
+    plugins = ["--plugin", *_PLUGIN_FILES] if _PLUGIN_FILES else []
+    return command_line(["sdp-vs-penalty", *words, *plugins])
 
 
 def given_options(options: Mapping[str, object]) -> list[str]:

@@ -59,7 +59,8 @@ def register_file(path: Path) -> None:
     Raises
     ------
     InputError
-        Where the file cannot be imported, or holds no plug-in.
+        Where the file cannot be imported, or holds no plug-in, or an effect in it is
+        broken.
     """
     name, file = path.stem, path.resolve()
     if not (path.suffix == ".py" and name.isidentifier()):
@@ -87,6 +88,20 @@ def register_file(path: Path) -> None:
         raise InputError("no plug-in in it", remedy, path)
     for plugin in plugins:
         register(plugin)
+        if EFFECTS.accepts(plugin):
+            _try_effect(plugin, path)
+
+
+def _try_effect(kind: type[Any], path: Path) -> None:
+    """Try an effect of a file on an arm of seven joints; InputError, located in the file,
+    for one that is broken."""
+    from sdp_vs_penalty.effects import trial
+    from sdp_vs_penalty.problem.load import load_problem
+
+    try:
+        trial.try_effect(kind, load_problem("panda").robot)
+    except InputError as error:
+        raise error.within(path) from error
 
 
 def registry_of(plugin: Any) -> Registry[Any]:

@@ -16,8 +16,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Grid
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli.time_left import TimeLeft
-from sdp_vs_penalty.errors import command_line, printable
+from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.results.table import Table
 
@@ -135,9 +136,9 @@ def save_json(path: Path | None, content: object) -> None:
 
 def next_step(words: Sequence[object]) -> None:
     """Print the command to run next, ready to be copied."""
-    command = command_line(["sdp-vs-penalty", *words])
-    transcript.next.append(command)
-    _line(f"Next: {command}")
+    line = formatting.command(*words)
+    transcript.next.append(line)
+    _line(f"Next: {line}")
 
 
 def _line(text: str) -> None:

@@ -21,13 +21,13 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TextIO
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli.options import Parser
 from sdp_vs_penalty.errors import (
     InputError,
     Remark,
     RepairableError,
     Terminated,
-    command_line,
     printable,
     require_known,
 )
@@ -247,11 +247,16 @@ def _run(words: Sequence[str]) -> None:
                 opened(path)
     _require_writable(parser, arguments)
     is_quiet = arguments.pop("quiet")
-    _register(arguments.pop("plugin"))
+    plugins = arguments.pop("plugin")
+    _register(plugins)
     has_own_json = "json_" in parser.options
     json_file = None if has_own_json else arguments.pop("json_")
     try:
-        with _ending_politely(), _transcribed(words, is_quiet, json_file):
+        with (
+            formatting.naming_plugins(plugins),
+            _ending_politely(),
+            _transcribed(words, is_quiet, json_file),
+        ):
             verb(**arguments)
     except RepairableError as error:
         raise _naming_the_repair(error, arguments) from error
@@ -315,7 +320,7 @@ def _naming_the_repair(
     )
     words = command.repair_words if error.is_known else command.words
     effect = "writes a repaired copy" if error.is_known else "says which it is"
-    printed = command_line(["sdp-vs-penalty", *words])
+    printed = formatting.command(*words)
     remedy = f"{error.remedy}; `{printed}` {effect}"
     return InputError(error.what, remedy, error.where)
 

@@ -157,7 +157,7 @@ class Parser(argparse.ArgumentParser):
             type=Path,
             metavar="my_effects.py",
             help="File of Python that is run, and whose effects, methods, solvers or "
-            "formats are used.",
+            "formats are used; several: --plugin a.py b.py.",
         )
         if "json_" not in self.options:
             self.add_argument(
@@ -261,6 +261,8 @@ class Parser(argparse.ArgumentParser):
         for word in words:  # what begins like a number is a value: --gravity -9.81,0,0
             if re.match(r"-[\d.]", word) and joined and joined[-1] in known:
                 joined[-1] += f"={word}"
+            elif word.endswith(".py") and joined[-2:-1] == ["--plugin"]:
+                joined += ["--plugin", word]  # --plugin a.py b.py
             else:
                 joined.append(word)
         values = vars(self.parse_intermixed_args(joined))

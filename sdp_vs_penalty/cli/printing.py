@@ -11,7 +11,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.console import out, paragraph, say
 from sdp_vs_penalty.diagnosis.comparison import Comparison
-from sdp_vs_penalty.errors import command_line, printable
+from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.gains import channel_gains, drive_gains, loop_gains
 from sdp_vs_penalty.estimation.verdict import Verdict
@@ -385,5 +385,5 @@ def _issue(issue: Issue, files: Files) -> None:
     for change in issue.changes:
         words = command_of(change, files) if change.verb == "read" else None
         if words is not None:
-            printed = command_line(["sdp-vs-penalty", *words])
+            printed = formatting.command(*words)
             say(f"    To {change.words}: {printed}")

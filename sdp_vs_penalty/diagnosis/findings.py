@@ -23,7 +23,7 @@ from sdp_vs_penalty.effects import (
     effect_types,
     on_the_arm,
 )
-from sdp_vs_penalty.errors import InputError, command_line
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
@@ -431,7 +431,7 @@ class Finding(Rated):
             "--out",
             f"tell{self.number}.csv",
         ]
-        return command_line(["sdp-vs-penalty", *words])
+        return formatting.command(*words)
 
     @property
     def main_joint(self) -> int:

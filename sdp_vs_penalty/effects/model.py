@@ -264,7 +264,7 @@ class Model:
             motion = replace(motion, current=self._current(self._referred))
         for k, effect in dependent.items():
             if not effect.needs_torque:
-                blocks[k] = effect.blocks(motion)
+                blocks[k] = _blocks_of(effect, motion)
         if needs_current_model and any(e.needs_torque for e in dependent.values()):
             torque = self._made(blocks, self._referred, motion)
             for k, effect in enumerate(self.effects):
@@ -274,7 +274,7 @@ class Model:
             motion = replace(motion, torque=torque)
         for k, effect in dependent.items():
             if effect.needs_torque:
-                blocks[k] = effect.blocks(motion)
+                blocks[k] = _blocks_of(effect, motion)
         return {k: columns for k, columns in blocks.items() if k not in known}
 
     def _independent_blocks(
@@ -286,7 +286,9 @@ class Model:
         effects to skip.
         """
         return {
-            k: effect.blocks(smooth if smooth is not None and effect.smooth else motion)
+            k: _blocks_of(
+                effect, smooth if smooth is not None and effect.smooth else motion
+            )
             for k, effect in enumerate(self.effects)
             if not depends(effect) and k not in left_out
         }
@@ -457,6 +459,27 @@ class Model:
         for effect, indices in self.parts:
             total = total + effect.torque(theta[indices], motion)
         return total * np.array(self.gains or (1.0,))
+
+
+def _blocks_of(effect: Effect, motion: Motion) -> list[Block]:
+    """Return the columns of an effect; InputError, which names it, where the code of
+    another package's effect breaks or makes columns of another length."""
+    if type(effect).__module__.startswith("sdp_vs_penalty."):
+        return effect.blocks(motion)
+    advice = "correct the class; `sdp_vs_penalty.testing.contracts` tries all of it"
+    try:
+        blocks = effect.blocks(motion)
+    except InputError:
+        raise
+    except Exception as error:
+        what = f"effect {effect.name}: {type(error).__name__}: {error}"
+        raise InputError(what, advice) from error
+    for block in blocks:
+        shape, expected = block.columns.shape, (len(motion.t), len(block.parameters))
+        if shape != expected:
+            what = f"effect {effect.name}: columns of shape {shape}, not {expected}"
+            raise InputError(what, advice)
+    return blocks
 
 
 def plausible_sizes(effects: Sequence[Effect]) -> Array:

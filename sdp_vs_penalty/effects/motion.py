@@ -437,7 +437,8 @@ class Motion:
         one."""
         if self.torque is None:
             raise ValueError(
-                "this effect needs Motion.torque, the current model's prediction"
+                "this effect needs Motion.torque, the current model's prediction:"
+                " declare needs_torque = True"
             )
         return self.torque
 
@@ -531,7 +532,8 @@ class Motion:
         """The current model; ValueError in a motion without one."""
         if self.current is None:
             raise ValueError(
-                "this effect needs Motion.current, the current model's links"
+                "this effect needs Motion.current, the current model's links:"
+                " declare needs_links = True"
             )
         return self.current
 

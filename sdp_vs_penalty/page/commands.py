@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from sdp_vs_penalty.errors import command_line
+from sdp_vs_penalty import formatting
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.model_step import ModelStep
@@ -35,7 +35,7 @@ def commands_of(
     """
     commands = [[*words] for words in prepared]
     if not history:
-        return [command_line(["sdp-vs-penalty", *words]) for words in commands]
+        return [formatting.command(*words) for words in commands]
     source = robot["file"] or robot["source"]
     first = history[0]
     data = data_words(runs)
@@ -81,7 +81,7 @@ def commands_of(
         if "--test-window" in test:
             judged += ["--window", test[-1]]
         commands.append(["compare", *names, *judged])
-    return [command_line(["sdp-vs-penalty", *words]) for words in commands]
+    return [formatting.command(*words) for words in commands]
 
 
 def data_words(runs: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -259,9 +259,8 @@ def _demand_columns_of(effect: Effect, bare: Motion, are_there: bool) -> None:
     """Demand that an effect makes columns of a bare motion, or that it refuses."""
     try:
         effect.blocks(bare)
-    except ValueError:
-        if are_there:
-            raise
+    except ValueError as error:
+        demand(not are_there, f"{effect.text} needs what it does not declare: {error}")
         return
     demand(are_there, f"{effect.text} has columns without what it needs")
 

@@ -1,6 +1,8 @@
 """A file of the user's own brings plug-ins to every verb: --plugin."""
 
 import json
+import re
+import shlex
 import shutil
 import sys
 from pathlib import Path
@@ -41,6 +43,8 @@ def test_a_model_with_an_effect_of_a_file_names_the_file(
     words = ["identify", "two_link", "--data", run, "--out", model, "--no-check"]
     effects = ["--effects", "rigid_body,rubber_spring:2"]
     assert run_cli(*words, *effects, "--plugin", file) == 0
+    (line,) = re.findall("^Next: (.*)$", capsys.readouterr().out, re.M)
+    assert shlex.split(line)[-2:] == ["--plugin", str(file)]
     plugins = json.loads(model.read_text())["provenance"]["plugins"]
     assert plugins == {"rubber_spring": "my_rubber"}
     forget()
@@ -69,3 +73,61 @@ def test_a_file_that_brings_nothing_is_refused(
     assert words in capsys.readouterr().err
     if name != "json.py":
         sys.modules.pop(path.stem, None)
+
+
+def test_several_files_follow_one_option(file, tmp_path, capsys):
+    other = tmp_path / "my_drag.py"
+    other.write_text(DRAG)
+    assert run_cli("list", "effects", "--plugin", file, other) == 0
+    printed = capsys.readouterr().out
+    assert "rubber_spring" in printed
+    assert "drag" in printed
+    sys.modules.pop("my_drag")
+
+
+#: An effect as a user writes it, whole.
+DRAG = """
+import numpy as np
+from sdp_vs_penalty.effects.effect import JointEffect
+
+class Drag(JointEffect):
+    equation = "g |tau_l| dq"
+    explanation = "Drag that grows with the load."
+    reference = "a thesis"
+    symbol = "f_drag"
+    units = ("s/rad", "s/m")
+    needs_links = True
+
+    def column(self, motion, joint):
+        return np.abs(motion.link_torque[:, joint]) * motion.dq[:, joint]
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "words"),
+    [
+        ("need", "    needs_links = True\n", "", "write needs_links = True"),
+        ("word", "    reference", "    # ", "Drag has no reference"),
+        ("symbol", '"f_drag"', '"f_v"', "symbol 'f_v' is that of viscous_friction"),
+        ("without", "    symbol", "    # ", "no attribute 'symbol'"),
+        ("short", "[:, joint]\n", "[:, joint][1:]\n", "its columns cannot be computed"),
+        ("length", "return ", "return np.ones(3) # ", "shape (3, 1) for 50 instants"),
+        (
+            "width",
+            "return ",
+            "return motion.q[:, :2] # ",
+            "14 columns, but 7 parameters",
+        ),
+    ],
+)
+def test_a_broken_effect_is_one_sentence_before_anything_runs(
+    name, old, new, words, file, tmp_path, capsys
+):
+    path = tmp_path / f"my_broken_{name}.py"
+    path.write_text(DRAG.replace(old, new, 1 if name != "short" else -1))
+    assert run_cli("diagnose", "no.json", "--data", "no.csv", "--plugin", path) == 2
+    error = capsys.readouterr().err
+    assert f"{path}: effect Drag" in error
+    assert words in error
+    assert "internal error" not in error
+    sys.modules.pop(path.stem)

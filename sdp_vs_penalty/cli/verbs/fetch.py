@@ -1,5 +1,6 @@
 from pathlib import Path
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.errors import command_line
 
@@ -21,8 +22,8 @@ def verb(names: list[str] | None = None, folder: Path | None = None) -> None:
         for path in paths:
             console.say(str(path))
         robot = dataset(name).problem
-        words = ["sdp-vs-penalty", "check", robot, "--data", str(paths[0])]
-        console.hint(f"Next: {command_line(words)}")
+        line = formatting.command("check", robot, "--data", str(paths[0]))
+        console.hint(f"Next: {line}")
     target = folder or cache_folder()
     variable = command_line([f"SDP_VS_PENALTY_DATA={target}"])
     console.hint(f"sdp-vs-penalty: for the tables, set {variable}")

@@ -1,8 +1,9 @@
 import time
 from pathlib import Path
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.errors import Infeasible, command_line
+from sdp_vs_penalty.errors import Infeasible
 
 
 def verb(
@@ -104,7 +105,7 @@ def verb(
     if found is not None and found.widest is not None:
         name = found.widest.name
         more = ["ranges", str(out), "--data", *given_words, "--next", name]
-        line = command_line(["sdp-vs-penalty", *more])
+        line = formatting.command(*more)
         console.say(f"What would shorten the range of {name}: {line}")
     for path in filter(None, (out, proof)):
         console.written(path)
