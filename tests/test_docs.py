@@ -273,7 +273,9 @@ def run_page(page, capsys):
 def test_a_plugin_of_one_file_is_used_and_judged(
     rehearsed, tmp_path, monkeypatch, capsys
 ):
-    """The page's own file: listed, diagnosed beside ours, added, and put to contracts."""
+    """The page's own file: listed, diagnosed beside ours, added, and put to contracts;
+    and its own method, whose optimum is certified."""
+    pytest.importorskip("cvxpy")
     in_copy(rehearsed, tmp_path, monkeypatch)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     for registry in REGISTRIES:
@@ -288,6 +290,7 @@ def test_a_plugin_of_one_file_is_used_and_judged(
             registry.forget()
     check_printed("contracts.md", said)
     assert said.count("kept:") > 5
+    assert float(re.search(r"optimality gap: (\S+)", said)[1]) < 1e-6
 
 
 @pytest.mark.nightly

@@ -143,7 +143,7 @@ class Certificate(Shown, JsonRecord):
         if np.isnan(self.loss):
             return "not known, as the loss"
         if self.gap is None:
-            return "no lower bound: this method is not convex, or has no constraints"
+            return "no lower bound: the method gave no multipliers of constraints"
         # Once each: a joint may have its effect with a shape constant of its own.
         kinds = dict.fromkeys(re.split("[:@]", text)[0] for text in self.held)
         held = f", with {', '.join(kinds)} held fixed" if self.held else ""
