@@ -213,7 +213,11 @@ def _channels(log: Log, choice: Choice) -> tuple[Log, Recognition]:
             episode = episode_of([x for x in log.columns if x not in ours])
         order = _order(log, joints)
         return log, Recognition(
-            ours, episode=episode, order=order, inferred={"t": _OF_OURS}
+            ours,
+            logger="by our names",
+            episode=episode,
+            order=order,
+            inferred={"t": _OF_OURS},
         )
     if log.names[:1] == ["#1"]:
         from sdp_vs_penalty.data.hypotheses.proposals import names_without_header
@@ -638,12 +642,13 @@ def _without_others(
 def _with_open_units(
     found: Recognition, blocks: dict[str, Array]
 ) -> tuple[Recognition, dict[str, Array]]:
-    """Decide units by the values: of angles, of a servo's angles, of the clock."""
+    """Decide units of angles, and of a servo's, by the values."""
+    angles = {group: kind for group, kind in found.inferred.items() if group != "t"}
+    if not angles:
+        return found, blocks
     from sdp_vs_penalty.data.hypotheses import weighing as w
 
-    for group, kind in found.inferred.items():
-        if group == "t":
-            continue
+    for group, kind in angles.items():
         unit = w.unit_of_angles(blocks["q"][: w.ROWS_JUDGED], kind)
         if unit.answer == w.DEGREES_OR_PERCENT and group != "q" and "tau" in blocks:
             # Commands may be in per cent of other ranges.
