@@ -52,7 +52,7 @@ FINDINGS_FORMAT = 2
 #: Effects besides the main one that a cause names; more are counted.
 _MOST_NAMED = 2
 #: What is said where the residual was taken for noise, which it then equals.
-_NOT_KNOWN = f"is not known: {NOISE_UNKNOWN}, so noise and error look alike."
+_MAY_HIDE = f"small effects may hide, since {NOISE_UNKNOWN}."
 #: How far a finding is to be believed; see :attr:`Rated.rating`.
 Rating = Literal["confident", "near-tie", "weak"]
 
@@ -1100,7 +1100,7 @@ class Diagnosis(Record, JsonRecord):
             if settings:
                 text += f" Settings to re-estimate: {named_on_joints(settings)}."
             if not self.noise_known:
-                text += f" Whether more is missing {_NOT_KNOWN}"
+                text += f" Other {_MAY_HIDE}"
             return text
         if settings:
             return (
@@ -1109,7 +1109,7 @@ class Diagnosis(Record, JsonRecord):
             )
         if self.noise_known:
             return self._nothing
-        return f"Nothing found to be missing; whether that is so {_NOT_KNOWN}"
+        return f"Nothing was found to be missing; {_MAY_HIDE}"
 
     @property
     def _nothing(self) -> str:

@@ -196,13 +196,15 @@ def weak_title(n_weak: int, n_added: int = 0) -> str:
 _OF_SIZE = {Doubt("uncertain"), Doubt("insignificant")}
 #: Rating of a finding with these alone.
 SIZE_UNCERTAIN = "size uncertain"
+#: Rating of a finding with others whose torque is there all the same.
+CAUSE_UNCERTAIN = "cause uncertain"
 
 
 def _badge_of(rated: Finding | Retune) -> str:
     """Return how sure a finding is, in a word or two."""
-    is_of_size = rated.torque_is_certain and {*rated.doubts} <= _OF_SIZE
-    is_weak = rated.rating == "weak"
-    return SIZE_UNCERTAIN if is_weak and is_of_size else rated.rating
+    if rated.rating != "weak" or not rated.torque_is_certain:
+        return rated.rating
+    return SIZE_UNCERTAIN if {*rated.doubts} <= _OF_SIZE else CAUSE_UNCERTAIN
 
 
 def doubt_of(rated: Finding | Retune, shared: Collection[Doubt] = ()) -> str:

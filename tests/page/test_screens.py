@@ -249,7 +249,7 @@ def test_show_me_is_the_whole_job_on_the_demos_arm(story, monkeypatch):
     """Each step in turn; what was found for sure is added."""
     (one,) = story.session.history[0].findings.effects
     doubt = (Doubt("small"),)
-    weak = replace(one, confidence="weak", text="x", doubts=doubt)
+    weak = replace(one, confidence="weak", text="x", doubts=doubt, helps=False)
     found = replace(story.session.history[0].findings, effects=(one, weak))
     session = Sessions(Here()).new()
     called = []
@@ -411,6 +411,7 @@ def show_every_kind(story):
         "indistinguishable_from": ("torque_ripple",),
         "confidence": "weak",
         "doubts": (Doubt("small"),),
+        "helps": False,
     }
     rival = replace(one, text="presliding_hysteresis:1@d=0.1", **weak)
     sure = replace(one, effect="joint_spring", text="joint_spring:2", joints=(2,))
