@@ -254,6 +254,8 @@ class LogTransform:
 
     def within_limits(self, tau: Array) -> Array:
         """Return torques (..., n) no larger than the drives' limits."""
+        if not any(self.limit):
+            return tau
         largest = np.where(self.limit, self.limit, np.inf)
         return np.clip(tau, -largest, largest)
 

@@ -138,13 +138,11 @@ class LogView:
     @property
     def motion(self) -> LogView:
         """The view without what is done to torques alone: columns depend on no more."""
-        chain = self.chain.motion_part
-        parts = tuple((part, c.motion_part) for part, c in self.parts)
-        none = LogTransform.unchanged(chain.n, self.chain.gravity)
-        parts = tuple(
-            (part, c) for part, c in parts if replace(c, gravity=none.gravity) != none
+        parts = ((part, c.motion_part) for part, c in self.parts)
+        moved = tuple(
+            (part, c) for part, c in parts if c != c.unchanged(c.n, c.gravity)
         )
-        return LogView(chain, parts, self.further)
+        return LogView(self.chain.motion_part, moved, self.further)
 
     def with_part(self, part: Part, chain: LogTransform) -> LogView:
         """Return the view with one more transform of a part, before what it has."""
