@@ -1035,7 +1035,7 @@ class Diagnosis(Record, JsonRecord):
         if main is not None:
             likeness = "" if main.effect_is_certain else "something like "
             text = f"Joint {main.main_joint} errs: {likeness}{effect_name(main.effect)}"
-            text += f" ({main.rating})" if main.rating != "weak" else ""
+            text += f" ({'uncertain' if main.rating == 'weak' else main.rating})"
             others = [found for found in self.sure if found is not main]
             if len(others) > _MOST_NAMED:
                 return f"{text}, and {len(others)} more."

@@ -155,7 +155,8 @@ def _taken(session: Session) -> str:
     if len(session.history) == 1:
         return ""
     before, after = (step.comparison["rmse"] for step in session.history[-2:])
-    return f"{describe_taken(session.current.added, before, after)} "
+    floor = session.current.comparison["noise_floor"]
+    return f"{describe_taken(session.current.added, before, after, floor)} "
 
 
 def _motion_to_record(view: View) -> NextStep | None:

@@ -52,7 +52,7 @@ from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.gains import limited_drives, open_torques
-from sdp_vs_penalty.estimation.verdict import changes
+from sdp_vs_penalty.estimation.verdict import changes, over_noise
 from sdp_vs_penalty.formatting import number, plain_unit
 from sdp_vs_penalty.render.tables import SOURCES
 from sdp_vs_penalty.results.remedy import Remedy
@@ -533,12 +533,17 @@ def describe_outcome(
 
 
 def describe_taken(
-    effects: Sequence[str], before: Sequence[float], after: Sequence[float]
+    effects: Sequence[str],
+    before: Sequence[float],
+    after: Sequence[float],
+    floor: Sequence[float] | None,
 ) -> str:
     """Say how much added effects, as `add` writes them, took of a joint's error: of the
-    joint whose error, before and after (n,) in the units of torque, fell most."""
+    joint whose error, before and after (n,) in the units of torque, fell most times its
+    noise ``floor`` (n,), or most where that is not known."""
     falls = np.array(before) - np.array(after)
-    j = int(np.argmax(falls))
+    over = over_noise(falls, floor)
+    j = int(np.argmax(falls if over is None else over))
     added = "What was added"
     if 0 < len(effects) <= 2:
         added = formatting.sentence(effects_in_words(effects))
