@@ -251,6 +251,10 @@ def test_answers_print_what_they_show(page, rehearsed, tmp_path, monkeypatch, ca
     assert "verify" not in said or "accepted" in said["verify"]
     made = Path("endeffector-config.json")
     assert page != "tool.md" or "mass" in made.read_text()
+    for code in blocks((DOCS / page).read_text(encoding="utf-8"), "python"):
+        for extra in ("matplotlib", "jinja2"):  # plots, and pandas' LaTeX
+            pytest.importorskip(extra)
+        exec(code, {})  # our own page
 
 
 def run_page(page, capsys):

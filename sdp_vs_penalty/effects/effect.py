@@ -115,6 +115,39 @@ class Effect(ABC):
     :attr:`parameters` and :meth:`blocks`. Everything that anyone asks of an effect is
     declared here: nothing outside this folder knows an effect or a shape constant by
     its name.
+
+    Attributes
+    ----------
+    equation, explanation, reference : str
+        The law, what it is on the arm in a sentence or two, and where it is from.
+    symbol, units : str, (str, str)
+        Prefix of the parameters' names, which no other effect has, and their unit on a
+        revolute and on a prismatic joint.
+    lower, range : float
+        Least value of a parameter (0 where physics fixes the sign), and largest size, in
+        ``units``.
+    usual : (float, float), optional
+        Size on machines as they are built, on a revolute and a prismatic joint, in
+        ``units``: a standard deviation about zero.
+    shapes : mapping of str to ShapeConstant
+        Constants on which the columns depend non-linearly.
+    needs_links, needs_torque, needs_temperature, needs_command, needs_motors : bool
+        Which fields of :class:`Motion` the columns read beside t, q, dq and ddq.
+    has_memory, follows_clock : bool
+        Whether a column depends on earlier motion, or on the time of day.
+    whole_robot, joins, several : bool
+        One parameter for the robot; one for the effect's joints together; several of it
+        on one joint, with other shape constants.
+    sought, frozen_only : bool
+        Whether a diagnosis tries it; only beside links that are held fixed.
+    refines, generalises, resembles : tuple of str
+        Effects of which it is a finer form; that it holds as special cases; that no log
+        tells from it.
+    forward : {"torque", "channel", "drive", "left out"}
+        What it is when the model runs forward; ``at_rest`` what it does as dry friction.
+    signless, smooth : bool
+        Whether no column turns with a velocity's sign; whether columns are products of
+        states and sines, as the links' are.
     """
 
     #: That of the class, in snake case.

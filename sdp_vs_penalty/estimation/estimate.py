@@ -354,9 +354,21 @@ class Estimate(Record):
         """Lines (label, text) on bounds that decide in place of the data, and on guessed
         bodies that the data enlarged, for the user."""
         lines = []
-        if bounds := self.details.get("on_bounds"):
-            advice = f"{', '.join(bounds)}: widen the bounds, or measure more"
+        assumed = {
+            f"mass of link {k}"
+            for k, ends in enumerate(self.problem.assumed_masses, start=1)
+            if ends.any()
+        }
+        on_bounds = self.details.get("on_bounds") or []
+        if stated := [bound for bound in on_bounds if bound not in assumed]:
+            advice = f"{', '.join(stated)}: widen the bounds, or measure more"
             lines.append(("on their bounds", advice))
+        if wide := [bound for bound in on_bounds if bound in assumed]:
+            advice = (
+                f"{', '.join(wide)}: nothing narrower holds them; state"
+                " bounds (--bounds), or take a method with a prior (lmi-sdp)"
+            )
+            lines.append(("at our widest limits", advice))
         enlarged = [
             f"link {k} ({body.enlarged:g} times)"
             for k, body in enumerate(self.problem.link_bodies, start=1)

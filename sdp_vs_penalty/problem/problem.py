@@ -265,6 +265,17 @@ class Problem(Shown):
         return np.column_stack([largest_mass, radius])
 
     @cached_property
+    def assumed_masses(self) -> Mask:
+        """(n, 2) whether the least and the greatest mass of each link are limits that
+        nobody stated: those that keep the set of all links finite."""
+        least, greatest = self.box[:, 0].T
+        is_assumed = (
+            least <= c.DEFAULT_LINK_MASS[0],
+            greatest >= self.link_defaults[:, 0],
+        )
+        return np.column_stack(is_assumed)
+
+    @cached_property
     def link_bodies(self) -> tuple[Body, ...]:
         """Ellipsoid of each link, in its frame, in which its mass lies."""
         if self.bodies is not None:

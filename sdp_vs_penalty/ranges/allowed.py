@@ -35,7 +35,6 @@ from sdp_vs_penalty.estimation.sensitivity import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import linear_spread
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
-from sdp_vs_penalty.problem.constants import DEFAULT_LINK_MASS
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.ranges.interior_point import Ball, InteriorPoint
 from sdp_vs_penalty.regression.linalg import column_space
@@ -233,20 +232,17 @@ def stated(problem: Problem, task: Task) -> list[Constraint]:
     """Return the constraints of a task without the limits of masses that nobody stated:
     those that the program assumes where the robot's file and the user say none. Above,
     they are far limits; below, a mass is not negative."""
-    least = DEFAULT_LINK_MASS[0]
-    greatest = {
-        f"link {k + 1}": mass for k, mass in enumerate(problem.link_defaults[:, 0])
-    }
+    assumed_of_place = dict(
+        zip(task.links[:, 0].tolist(), problem.assumed_masses, strict=True)
+    )
     out = []
     for x in (*task.constraints.convex, *task.bodies):
         if x.family != "mass":
             out.append(x)
             continue
-        slopes = x.coefficients[:1].sum(axis=0)  # none where the mass is known
-        assumed = np.where(
-            slopes > 0.0, -x.constant <= least, x.constant >= greatest[x.name]
-        )
-        assumed &= slopes != 0.0
+        least, greatest = assumed_of_place[int(x.indices[0])]
+        slopes = x.coefficients[0]  # zero where the mass is known
+        assumed = np.where(slopes > 0.0, least, greatest) & (slopes != 0.0)
         if not assumed.all():
             coefficients = x.coefficients[:, ~assumed]
             out.append(

@@ -54,6 +54,9 @@ _DISPERSION = 0.9
 #: Eigenvalues of the metric below this share of the largest are rounding.
 _THIN = 1e-14
 
+#: Chains that many times as long are the longest that a sentence advises.
+_LONGEST = 16
+
 #: -2 log of a prior (chains,) at theta (chains, p).
 Penalty = Callable[[Array], Array]
 
@@ -76,6 +79,8 @@ class Samples:
     steps: int = 0
     #: Masses that pile up at their bound, which decides them: "m1 (below 100 kg)".
     bounded: tuple[str, ...] = ()
+    #: Chains ran so many times as long as by default.
+    longer: int = 1
 
     @property
     def is_stationary(self) -> bool:
@@ -88,8 +93,8 @@ class Samples:
         word = "stationary"
         if not self.is_stationary:
             word = (
-                "not yet stationary: the slowest parameters' spread may be off; longer"
-                " chains mend it (longer=4; --longer 4)"
+                "not yet stationary: the slowest parameters' spread may be off;"
+                f" {self._advice}"
             )
         text = (
             f"{len(self.theta)} consistent models from likelihood and {self.prior} prior;"
@@ -103,6 +108,17 @@ class Samples:
                 " you believe (--bounds) make these fit to randomise with"
             )
         return text
+
+    @property
+    def _advice(self) -> str:
+        """What would make the chains stationary."""
+        more = 4 * self.longer
+        if more <= _LONGEST:
+            return f"longer chains mend it (longer={more}; --longer {more})"
+        return (
+            "narrower bounds of what the data leave open (`ranges`, --bounds) mend it"
+            " sooner than even longer chains"
+        )
 
     def __str__(self) -> str:
         """Return the sentence."""
@@ -201,6 +217,7 @@ def sample_models(
         seed,
         chains.n_steps,
         masses_by_bounds(flat, allowed.task),
+        longer,
     )
 
 

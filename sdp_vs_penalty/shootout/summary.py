@@ -35,6 +35,7 @@ from sdp_vs_penalty.shootout.statistics import (
     level,
     wilson,
 )
+from sdp_vs_penalty.solvers import SOLVERS
 
 #: Accuracies at which every setting is judged.
 SHOWN = (1e-4, 1e-6, 1e-8)
@@ -305,7 +306,18 @@ def _advice(runs: pandas.DataFrame, accuracy: float, name: str, form: str) -> li
         said += (
             f"; {words(proving)} {'prove' if len(proving) > 1 else 'proves'} each claim"
         )
+    own = [name for name in table.index if SOLVERS.provider(name) and name not in good]
+    for solver in own:
+        said += f". {_share(table, solver, 'right')}: {_other_answers(cells, solver)}"
     return [f"{said}{_doubtful(table, cells)}."]
+
+
+def _other_answers(cells: pandas.DataFrame, name: str) -> str:
+    """List what a contestant's answers are that are not right, the most frequent first."""
+    kinds = cells["class"][cells["solver"] == name].value_counts()
+    others = [f"{kind} {n}" for kind, n in kinds.items() if kind != "right"]
+    hint = " (--time-limit gives more time)" if "timeout" in kinds.index else ""
+    return f"{words(others)}{hint}"
 
 
 def _doubtful(table: pandas.DataFrame, cells: pandas.DataFrame) -> str:

@@ -6,12 +6,14 @@ import shlex
 import shutil
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from commands import run_cli
 from small_runs import write_run
 
-from sdp_vs_penalty.api.registration import REGISTRIES
+from sdp_vs_penalty.api.registration import REGISTRIES, register_file
+from sdp_vs_penalty.cli.verbs import diagnose
 
 THEIRS = Path(__file__).parents[1] / "testing" / "theirs" / "theirs"
 
@@ -131,3 +133,23 @@ def test_a_broken_effect_is_one_sentence_before_anything_runs(
     assert words in error
     assert "internal error" not in error
     sys.modules.pop(path.stem)
+
+
+@pytest.mark.parametrize(
+    ("named", "in_model", "words"),
+    [
+        ((), (), "Your effect rubber spring was tried"),
+        (("rubber_spring:2@q_0=0.5",), (), ""),
+        ((), ("rubber_spring",), ""),
+    ],
+)
+def test_a_diagnosis_says_what_became_of_ones_own_effect(
+    named, in_model, words, file, capsys
+):
+    register_file(Path(file))
+    finding = SimpleNamespace(effect="viscous_friction", indistinguishable_from=named)
+    result = SimpleNamespace(effects=(finding,), invisible=())
+    diagnose._say_what_became_of_plugins(result, set(in_model))
+    printed = " ".join(capsys.readouterr().out.split())
+    assert words in printed
+    assert bool(words) == bool(printed)

@@ -51,6 +51,22 @@ def test_a_stated_body_holds_against_the_data(runs):
     assert "body of link 2" in dict(model.held_by_bounds)["on their bounds"]
 
 
+def test_at_a_limit_that_nobody_stated_the_advice_is_to_state_one(runs):
+    """Wider bounds would free what is too free already."""
+    problem = load_problem("two_link")
+    box = problem.box.copy()
+    box[:, 0] = [[0.01, 100.0], [1.0, 5.0]]
+    stated = replace(problem, box=box)
+    assert stated.assumed_masses.all(axis=1).tolist() == [True, False]
+    model = identify("two_link", runs.train, check=False)
+    details = {**model.details, "on_bounds": ["mass of link 1", "mass of link 2"]}
+    on = replace(model, problem=stated, details=details).held_by_bounds
+    texts = {label: text for label, text in on if label != "guessed bodies"}
+    assert "mass of link 2: widen the bounds" in texts["on their bounds"]
+    assert "mass of link 1: " in texts["at our widest limits"]
+    assert "--bounds" in texts["at our widest limits"]
+
+
 def test_a_guess_that_the_data_allow_stays(runs):
     """Without a contradiction nothing is said of bodies."""
     problem = load_problem("two_link")

@@ -18,6 +18,7 @@ from sdp_vs_penalty.ranges import (
 )
 from sdp_vs_penalty.ranges.samples import (
     Chains,
+    Samples,
     diagnose_chains,
     dispersed_starts,
     masses_by_bounds,
@@ -124,6 +125,16 @@ def test_a_measurement_leaves_a_shorter_range(model):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(
+    ("longer", "words"), [(1, "--longer 4"), (4, "--longer 16"), (16, "--bounds")]
+)
+def test_the_advice_goes_on_from_what_was_run(longer, words):
+    samples = Samples(
+        np.zeros((1, 1)), "flat", np.ones(1), np.full(1, 2.0), 0, longer=longer
+    )
+    assert words in samples.sentence
+
+
 def test_longer_chains_forget_more_of_their_starts(model):
     short, long = (find_samples(model, 8, longer=k) for k in (1, 8))
     assert long.steps == 8 * short.steps

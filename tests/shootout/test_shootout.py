@@ -757,6 +757,15 @@ def test_sentences_begin_with_who_is_right_most_often_and_name_who_is_wrong():
     )
 
 
+def test_a_solver_of_the_users_own_is_named_however_it_fares(monkeypatch):
+    monkeypatch.setattr(
+        summary.SOLVERS, "provider", lambda name: "mine" if name == "poor" else ""
+    )
+    rows = [*many("good", 10, 0.2, **FAILED), *many("poor", 2, 0.01, **FAILED)]
+    (said,) = summary.sentences(pandas.DataFrame(rows))[1:2]
+    assert "poor (2 of 10): failed 8" in said
+
+
 def test_a_contestant_is_ranked_by_its_share_of_the_problems_posed_to_it():
     """9 of 9 come before 8 of 10, and behind 10 of 10."""
     rows = [*many("all", 10), *many("most", 8, **FAILED), *many("few", 10)[:-1]]

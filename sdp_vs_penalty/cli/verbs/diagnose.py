@@ -1,9 +1,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.formatting import given_options
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.diagnosis.findings import Diagnosis
 
 #: Said where the command to add takes some of the findings.
 CURVES_LEFT_OUT = (
@@ -80,8 +84,28 @@ def verb(
     what = next_command(result.remedies, files)
     units = estimate.torque_units
     printing.diagnosis(result, units, model, what is not None, verbose)
+    _say_what_became_of_plugins(result, {e.name for e in estimate.model.effects})
     console.save_json(json_, result.to_dict())
     if what is not None:
         if json_ is not None and result.leaves_curves_out:
             console.paragraph(CURVES_LEFT_OUT)
         console.next_step(what)
+
+
+def _say_what_became_of_plugins(result: Diagnosis, in_model: set[str]) -> None:
+    """Say of the user's own effects, which the model does not hold and no finding names,
+    that they were tried."""
+    from sdp_vs_penalty.effects import EFFECTS, effect_in_words
+
+    named = {x.effect for x in result.effects} | {x.effect for x in result.invisible}
+    for finding in result.effects:
+        named |= {text.partition(":")[0] for text in finding.indistinguishable_from}
+    for name, kind in EFFECTS.all().items():
+        if name in named | in_model or not EFFECTS.provider(name):
+            continue
+        became = (
+            "was tried, and explains nothing here better than what is named above"
+            if kind.sought
+            else "was not tried: it declares sought = False"
+        )
+        console.paragraph(f"Your effect {effect_in_words(name)} {became}.")
