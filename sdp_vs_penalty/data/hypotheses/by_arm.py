@@ -38,12 +38,13 @@ from sdp_vs_penalty.robot.robot import Robot
 #: Odds from which a reading is certain.
 _CERTAIN = 1e3
 #: Shares of logs whose positions are in a unit, where no name says one: of numbers that are
-#: not radians; of a servo's; of turns; of counts of one size; and of a factor of no unit.
-_DEGREES, _OF_SERVO, _RARE, _NO_UNIT = 0.5, 0.5, 1e-2, 1e-3
+#: not radians; of a servo's; of turns, and of counts of one size.
+_DEGREES, _OF_SERVO, _RARE = 0.5, 0.5, 1e-2
 #: Share of logs whose zeros put a joint outside its range.
 _BESIDE_RANGE = 1e-2
-#: Factors beside a unit's that are tried.
-_FACTORS = (0.75, 0.91, 1.1, 1.33)
+#: Factors beside a unit's that are tried, as gears have: odds of one from which a unit is not
+#: certain.
+_FACTORS, _ODDS_OF_A_GEAR = (0.6, 0.75, 0.91, 1.1, 1.33, 1.7), 5.0
 #: Bits of an encoder's turn.
 _BITS = range(10, 21)
 _TURN = 2.0 * np.pi
@@ -60,6 +61,8 @@ class _Unit:
     prior: float
     scale: Array
     middle: Array
+    #: Whether there are units of nearly that size, as of encoders: no arm tells them apart.
+    is_of_any_size: bool = False
 
     def in_si(self, q: Array) -> Array:
         """Return positions (N, n) in SI, continued where they were cut at a turn."""
@@ -116,10 +119,12 @@ def with_unit_of_positions(
         return found, blocks
     if others and max(weights) < _CERTAIN * others[-1]:
         return found, blocks
+    if best.is_of_any_size:
+        return found, blocks
     for factor in _FACTORS:
         beside = replace(best, scale=factor * best.scale)
         for other in filter(None, (fit(beside.in_si(q), x) for x in torques)):
-            if _NO_UNIT * other.share**-N_PARTS > max(weights):
+            if (share / other.share) ** N_PARTS > _ODDS_OF_A_GEAR:
                 return found, blocks
     why = f"the arm leaves {100.0 * share:.2g} % of the torques"
     if is_impossible:
@@ -170,7 +175,7 @@ def _units(robot: Robot, q: Array, found: Recognition) -> Iterator[_Unit]:
         yield unit("mdeg", 1e-3, UNITS["mdeg"])
         for bits in _BITS:
             words = f"counts of an encoder with {2**bits} a turn"
-            yield unit(words, _RARE, _TURN / 2**bits)
+            yield replace(unit(words, _RARE, _TURN / 2**bits), is_of_any_size=True)
             if bits == 12:
                 yield unit(
                     f"{words}, the middle at 2048", _RARE, _TURN / 2**bits, -np.pi
