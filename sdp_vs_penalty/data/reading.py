@@ -236,7 +236,7 @@ def _channels(log: Log, choice: Choice) -> tuple[Log, Recognition]:
     if missing := _missing_channels(ours):
         from sdp_vs_penalty.data.hypotheses.proposals import proposed
 
-        return log, proposed(log, missing, joints)
+        return log, proposed(log, missing, joints, ours)
     return log, Recognition(ours)
 
 

@@ -294,3 +294,18 @@ def test_torques_that_no_arm_explains_confirm_no_columns(tmp_path):
         path = table(tmp_path / "run.csv", time=motion.t, P=motion.q, M=tau)
         with pytest.raises(InputError, match="no column t or q or tau"):
             reading(path, problem)
+
+
+@pytest.mark.parametrize(
+    "factor", [80.0, np.array([50.0, 85.0, 120.0]), 36000.0 / (2.0 * np.pi)]
+)
+def test_angles_of_motors_and_counts_are_in_no_certain_unit(factor, tmp_path):
+    """They are near degrees, and near counts of a power of two: the check weighs them."""
+    problem = limited_arm(tmp_path)
+    motion = small_run(problem, seconds=8.0)
+    q = factor * motion.q
+    q = np.round(q) if np.max(factor) > 1000.0 else q
+    path = table(tmp_path / "run.csv", time=motion.t, pos=q, trq=motion.tau)
+    got, said = reading(path, problem)
+    assert "q in " not in said
+    np.testing.assert_allclose(got.q, q)

@@ -42,9 +42,9 @@ _CERTAIN = 1e3
 _DEGREES, _OF_SERVO, _RARE = 0.5, 0.5, 1e-2
 #: Share of logs whose zeros put a joint outside its range.
 _BESIDE_RANGE = 1e-2
-#: Factors beside a unit's that are tried, as gears have: odds of one from which a unit is not
-#: certain.
-_FACTORS, _ODDS_OF_A_GEAR = (0.6, 0.75, 0.91, 1.1, 1.33, 1.7), 5.0
+#: Factors beside a unit's that are tried, as gears have, of all joints and of one: odds of
+#: one from which a unit is not certain.
+_FACTORS, _OF_ONE, _ODDS_OF_A_GEAR = (0.6, 0.75, 0.91, 1.1, 1.33, 1.7), (0.6, 1.7), 5.0
 #: Bits of an encoder's turn.
 _BITS = range(10, 21)
 _TURN = 2.0 * np.pi
@@ -121,8 +121,10 @@ def with_unit_of_positions(
         return found, blocks
     if best.is_of_any_size:
         return found, blocks
-    for factor in _FACTORS:
-        beside = replace(best, scale=factor * best.scale)
+    of_all = [np.full(robot.n, factor) for factor in _FACTORS]
+    of_one = [1.0 + (x - 1.0) * row for x in _OF_ONE for row in np.eye(robot.n)]
+    for factors in (*of_all, *(of_one if robot.n > 1 else ())):
+        beside = replace(best, scale=factors * best.scale)
         for other in filter(None, (fit(beside.in_si(q), x) for x in torques)):
             if (share / other.share) ** N_PARTS > _ODDS_OF_A_GEAR:
                 return found, blocks

@@ -57,17 +57,21 @@ def lacking(
 
 
 def proposed(
-    log: Log, missing: Sequence[str], joints: Sequence[str] | None
+    log: Log,
+    missing: Sequence[str],
+    joints: Sequence[str] | None,
+    ours: Mapping[str, str],
 ) -> Recognition:
     """Return the columns that words, letters or their order suggest for channel groups that
-    no name says; the arm has to confirm them. Raises InputError where none are suggested."""
+    no name says, beside those with our names (``ours``); the arm has to confirm them.
+    Raises InputError where none are suggested."""
     error = lacking(log, f"no column {' or '.join(missing)}", missing, joints)
     if log.remedy or not log.names:
         raise error
     pairs, scale = _propose(log, missing, None if joints is None else len(joints))
     if "NAME" in {y for x, y in pairs.items() if x != "t"}:
         raise error
-    pairs = {x: y for x, y in pairs.items() if y != "NAME"}
+    pairs = {**ours, **{x: y for x, y in pairs.items() if y != "NAME"}}
     return Recognition(
         pairs,
         scale,
