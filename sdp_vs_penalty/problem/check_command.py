@@ -34,12 +34,12 @@ class CheckCommand:
     def for_runs(cls, problem: Problem, runs: Sequence[str | Path]) -> Self:
         """Return the command that checks runs of a loaded problem.
 
-        A problem is named as it was loaded; that of a model.json by its own name, with
-        the ending of a robot's file unless it is built in. Gravity is an option where
-        it is not the standard one.
+        A problem is named as it was loaded. One that was not, or whose file is not
+        there, has its own name, with the ending of a robot's file unless it is built
+        in. Gravity is an option where it is not the standard one.
         """
-        name = problem.source or problem.name
-        if problem.source is None and problem.name not in problem_names():
+        name = problem.name if problem.source is None else str(problem.source)
+        if name not in problem_names() and not Path(name).exists():
             name = f"{problem.name}.urdf"
         gravity = None
         if problem.robot.gravity != STANDARD_GRAVITY:

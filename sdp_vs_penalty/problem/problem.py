@@ -143,8 +143,7 @@ class Problem(Shown):
         Parameters that are no link's, by name (I_a1, f_v1), where the robot's file has
         them.
     source : str or Path, optional
-        What a user names to load it: a built-in name, a folder or a file. Unknown for
-        the problem of a model.json.
+        What a user names to load it: a built-in name, a folder or a file.
 
     Raises
     ------
@@ -715,6 +714,8 @@ class ProblemFields(JsonRecord):
     gains: tuple[float, ...] | None = None
     #: Nominal values of parameters that belong to no link, by name.
     nominal_values: Mapping[str, float] = field(default_factory=dict)
+    #: What the user named to load it, from the folder that he was in.
+    source: str | None = None
 
     @classmethod
     def from_problem(cls, problem: Problem) -> ProblemFields:
@@ -740,6 +741,7 @@ class ProblemFields(JsonRecord):
             base_parameters=problem.independent,
             gains=problem.gains,
             nominal_values=dict(problem.nominal_values),
+            source=None if problem.source is None else str(problem.source),
         )
 
     def problem(self, robot: Robot) -> Problem:
@@ -785,6 +787,7 @@ class ProblemFields(JsonRecord):
             nominal_from=self.nominal_from,
             gains=self.gains or None,
             nominal_values=dict(self.nominal_values),
+            source=self.source,
         )
 
 

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from arms import THREE, write_urdf
@@ -12,6 +13,7 @@ from sdp_vs_penalty.checks import Issue
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.gate import explanations_in_a_line
 from sdp_vs_penalty.data import save
+from sdp_vs_penalty.problem import ProblemFields
 from sdp_vs_penalty.problem.check_command import CheckCommand
 
 
@@ -47,6 +49,18 @@ def test_the_gravity_of_a_problem_on_its_side_is_carried(two_link):
     problem = two_link.with_gravity((9.81, 0.0, 0.0))
     assert CheckCommand.for_runs(problem, ["a.csv"]).gravity == "9.81,0,0"
     assert CheckCommand.for_runs(two_link, ["a.csv"]).gravity is None
+
+
+def test_a_model_names_the_file_that_its_robot_is_from(tmp_path, monkeypatch):
+    """The printed command runs where the user is; without the file it names the arm."""
+    monkeypatch.chdir(tmp_path)
+    write_urdf(Path("robot.urdf"), "another_name", THREE)
+    problem = load_problem("robot.urdf")
+    kept = ProblemFields.from_problem(problem).problem(problem.robot)
+    assert CheckCommand.for_runs(kept, ["a.csv"]).problem == "robot.urdf"
+    Path("robot.urdf").rename("other.urdf")
+    command = CheckCommand.for_runs(kept, ["a.csv"])
+    assert command.problem == f"{problem.name}.urdf"
 
 
 def test_the_line_about_explanations_names_the_command_that_tries_them():
