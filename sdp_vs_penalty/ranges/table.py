@@ -115,7 +115,16 @@ class Range(JsonRecord):
 
     @property
     def sentence(self) -> str:
-        """What is known of the function: its range, and what decides each end."""
+        """What is known of the function: its range, what decides each end, and the range
+        where the model may err."""
+        if self.with_model_error is None:
+            return self._narrow_sentence
+        wide = _pair(self.with_model_error)
+        return f"{self._narrow_sentence} With the model's error: {wide} {self.unit}."
+
+    @property
+    def _narrow_sentence(self) -> str:
+        """What is known where the model is right: the range, and what decides it."""
         below, above = self.least, self.greatest
         lower, upper = (
             f"{_end_text(below)} {self.unit}",

@@ -134,6 +134,13 @@ def test_the_true_masses_lie_in_their_ranges(hidden, model):
     assert Ranges.from_dict(json.loads(json.dumps(found.to_dict()))) == found
 
 
+def test_a_sentence_names_both_ranges_where_the_model_errs(model):
+    known = model.range("m2")
+    assert "model's error" not in replace(known, with_model_error=None).sentence
+    erring = replace(known, with_model_error=(0.0, 13.1))
+    assert erring.sentence.endswith("With the model's error: 0 to 13.1 kg.")
+
+
 def test_the_estimate_says_one_range(model):
     assert model.range("m2").name == "m2"
 
