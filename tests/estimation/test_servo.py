@@ -297,7 +297,8 @@ def test_the_page_shows_the_torque_that_the_servos_make(found, tmp_path):
     bounded = replace(found, details=found.details | {"on_bounds": ["mass of link 1"]})
     shown = summary(asked, bounded)
     assert shown["servo"]
-    assert shown["on_bounds"] == ["mass of link 1"]
+    (on_bounds,) = shown["on_bounds"]
+    assert "mass of link 1" in on_bounds
     with np.load(tmp_path / "model-1.npz") as read:  # the second of its runs
         t = read["t"]
         torque = read["torque"][:, 0]
