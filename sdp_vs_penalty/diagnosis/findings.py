@@ -893,11 +893,11 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def leaves_curves_out(self) -> bool:
-        """Whether the sure findings are added without the measured curves: these were
-        measured beside weak findings, which would be added as well.
+        """Whether what is sure is added without the measured curves: these were measured
+        beside weak findings, which would be added as well.
         """
         are_certain = [f.torque_is_certain for f in self.beside_curves]
-        return bool(self.curves) and bool(self.sure) and not all(are_certain)
+        return bool(self.curves) and not all(are_certain)
 
     @property
     def remedies(self) -> tuple[Remedy, ...]:
@@ -905,7 +905,8 @@ class Diagnosis(Record, JsonRecord):
         re-estimated constant and finding, then the runs that decide what is open.
         """
         remedies = [*self.log_faults]
-        if self.sure or self.curves or self.passing:
+        adds_curves = bool(self.curves) and not self.leaves_curves_out
+        if self.sure or adds_curves or self.passing:
             remedies.append(self._all_that_is_sure)
         remedies += [constant.remedy for constant in self.retuned]
         remedies += self.remedies_by_finding
@@ -932,7 +933,7 @@ class Diagnosis(Record, JsonRecord):
         texts = [f.text for f in self.sure]
         takes_all = bool(self.curves) and not self.leaves_curves_out
         words = "add what was measured and has no name"
-        if not self.curves:
+        if not takes_all:
             words = "leave out the spans in which something passes"
         if len(texts) == 1:
             words = f"add {named_on_joints(self.sure)}"

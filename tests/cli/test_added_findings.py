@@ -136,6 +136,14 @@ def test_the_next_command_adds_what_is_sure(
     assert ("measured beside the weak findings" in said) == leaves_curves_out
 
 
+def test_a_curve_beside_weak_findings_alone_is_not_offered(run, two_link, monkeypatch):
+    """It was measured beside them, and nothing of them is sure: there is no `add`."""
+    found = with_curve(springs(two_link, SMALL, SMALL), 1)
+    monkeypatch.setattr("sdp_vs_penalty.api.diagnose", lambda *_, **__: found)
+    said = run("diagnose", "model.json", "--data", "run.csv", "--json", "found.json")
+    assert "add model.json" not in said
+
+
 def test_printed_errors_are_explained(run):
     """A table and the check's sentence say that they mean RMS torques."""
     data = ("--data", "run.csv")
