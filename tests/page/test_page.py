@@ -304,12 +304,17 @@ def test_a_column_is_dragged_to_what_it_is(context, server, tmp_path):
     page.wait_for_selector(key("drop-runs"), state="attached")
     idle(page)
     page.set_input_files(key("drop-runs"), [str(runs[0])])
+    page.locator(key("columns-0")).wait_for()
+    idle(page)
+    page.locator(key("columns-0")).click()  # the arm has told them: the form is folded
     field = page.locator(key("map-0-q1"))
     column = page.locator(".of-file", has_text="#3")
+    field.scroll_into_view_if_needed()
     expect(field).not_to_have_value("#3")
     column.drag_to(field)
     expect(field).to_have_value("#3")
     page.reload()
+    page.locator(key("columns-0")).click()
     expect(page.locator(key("map-0-q1"))).to_have_value("#3")
 
 
