@@ -293,6 +293,14 @@ def test_a_letter_s_columns_are_weighed_against_currents():
     assert sorted(found.torques) == ["T1 to T3", "current1 to current3"]
 
 
+def test_the_letter_of_a_joint_is_no_unit():
+    """trq_a is the first joint's torque beside trq_b, and no current in amperes."""
+    names = [f"{word}_{letter}" for word in ("ang", "trq") for letter in "abc"]
+    found = recognise(["t", *names])
+    assert found.rename["tau1"] == "trq_a"
+    assert found.torque_unit == ""
+
+
 def test_an_object_of_units_says_those_of_a_json_file(tmp_path):
     path = tmp_path / "run.json"
     units = {"angle": "deg", "torque": "mNm", "time": "ms"}

@@ -510,7 +510,8 @@ def with_units_of_names(found: Recognition, said: Mapping[str, Meaning]) -> Reco
             " of them"
         )
     torques = groups.get("tau", {}).values()
-    are_currents = any(map(is_current, torques))
+    # One alone may have its joint's letter: trq_a, trq_b, ...
+    are_currents = bool(torques) and all(map(is_current, torques))
     of_rating = {x.unit for y in torques if (x := said.get(y)) and x.unit in SHARES}
     if are_currents:
         more.append("tau is a current in A: --scale tau=... makes torques of it")
