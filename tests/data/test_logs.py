@@ -293,12 +293,17 @@ def test_a_letter_s_columns_are_weighed_against_currents():
     assert sorted(found.torques) == ["T1 to T3", "current1 to current3"]
 
 
-def test_the_letter_of_a_joint_is_no_unit():
+def test_the_letter_of_a_joint_is_no_unit(tmp_path):
     """trq_a is the first joint's torque beside trq_b, and no current in amperes."""
-    names = [f"{word}_{letter}" for word in ("ang", "trq") for letter in "abc"]
-    found = recognise(["t", *names])
-    assert found.rename["tau1"] == "trq_a"
-    assert found.torque_unit == ""
+    path = tmp_path / "run.csv"
+    letters = "abcdefg"[: RUN.q.shape[1]]
+    names = [f"{word}_{letter}" for word in ("ang", "trq") for letter in letters]
+    rows = np.column_stack([RUN.t, RUN.q, RUN.tau])
+    np.savetxt(path, rows, delimiter=",", header=",".join(["t", *names]), comments="")
+    with pytest.warns(ColumnsRemark):
+        run = load_measurements(path)
+    np.testing.assert_allclose(run.tau, RUN.tau)
+    assert run.torque_unit == ""
 
 
 def test_an_object_of_units_says_those_of_a_json_file(tmp_path):
