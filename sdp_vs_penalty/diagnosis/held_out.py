@@ -529,6 +529,7 @@ class HeldOutData:
             return by_folds()
         # Torque-dependent columns follow from the same model as in the searched rows.
         test = _Table(self.test.with_model(*rows.attached), estimate, self.frozen)
+        test_slides = where_joints_slide(test.rows)
         split = HeldOutSplit(
             effects=tuple(effects),
             train=table.compressed(effects, rows.keep),
@@ -538,9 +539,7 @@ class HeldOutData:
             ),
             sliding=(
                 *(
-                    test.compressed(
-                        effects, rows_of_run & where_joints_slide(test.rows)
-                    )
+                    test.compressed(effects, rows_of_run & test_slides)
                     for rows_of_run in rows_by_run(test.rows)
                 ),
                 table.compressed(effects, where_joints_slide(rows)),

@@ -2,7 +2,7 @@
 which of several sets of channels is the torque, whether a register has a sign bit, and
 whether columns are at all what their order or their letters suggest."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -115,19 +115,12 @@ def with_unit_of_positions(
     weights = [unit.prior * share**-N_PARTS for share, unit in shares]
     share, best = shares[int(np.argmax(weights))]
     others = sorted(weights)[:-1]
-    if share > EXPLAINS_NONE or np.all(best.scale == 1.0):
+    if share > EXPLAINS_NONE or np.all(best.scale == 1.0) or best.is_of_any_size:
         return found, blocks
     if others and max(weights) < _CERTAIN * others[-1]:
         return found, blocks
-    if best.is_of_any_size:
+    if _may_be_behind_gears(best, share, q, torques, fit):
         return found, blocks
-    of_all = [np.full(robot.n, factor) for factor in _FACTORS]
-    of_one = [1.0 + (x - 1.0) * row for x in _OF_ONE for row in np.eye(robot.n)]
-    for factors in (*of_all, *(of_one if robot.n > 1 else ())):
-        beside = replace(best, scale=factors * best.scale)
-        for other in filter(None, (fit(beside.in_si(q), x) for x in torques)):
-            if (share / other.share) ** N_PARTS > _ODDS_OF_A_GEAR:
-                return found, blocks
     why = f"the arm leaves {100.0 * share:.2g} % of the torques"
     if is_impossible:
         why = f"outside the joints' ranges as radians, and {why}"
@@ -138,6 +131,22 @@ def with_unit_of_positions(
     said = f"q in {best.words}{mm}: {why}"
     found = replace(found, said=(*found.said, said), is_of_arm=True)
     return found, {**blocks, "q": best.scale * q + best.middle}
+
+
+def _may_be_behind_gears(
+    unit: _Unit, share: float, q: Array, torques: Sequence[Array], fit: Fit
+) -> bool:
+    """Return whether the arm leaves clearly less of the torques than ``share``, by positions
+    q (N, n) in a unit times a factor that gears have: of all joints, or of one."""
+    n = q.shape[1]
+    of_all = [np.full(n, factor) for factor in _FACTORS]
+    of_one = [1.0 + (x - 1.0) * row for x in _OF_ONE for row in np.eye(n)]
+    for factors in (*of_all, *(of_one if n > 1 else ())):
+        beside = replace(unit, scale=factors * unit.scale)
+        for other in filter(None, (fit(beside.in_si(q), x) for x in torques)):
+            if (share / other.share) ** N_PARTS > _ODDS_OF_A_GEAR:
+                return True
+    return False
 
 
 #: Positions that are less may be turns [rad].
