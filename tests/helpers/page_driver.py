@@ -160,7 +160,9 @@ def choose(page, robot, data):
 
 
 def errors(page):
-    """RMS errors of the history's table: a list a joint, of its models."""
+    """RMS errors of the history's table, once it is there: a list a joint, of its
+    models."""
+    page.wait_for_selector("[data-part=history] table.history", state="attached")
     rows = page.locator("[data-part=history] table.history tbody tr").all()
     heads = page.locator(
         "[data-part=history] table.history thead th"
