@@ -32,8 +32,7 @@ from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import prior_of_one_of
 from sdp_vs_penalty.race.race import Race
 from sdp_vs_penalty.race.records import Further, Hypothesis
-from sdp_vs_penalty.race.rows import random_rows
-from sdp_vs_penalty.regression.base_parameters import structure
+from sdp_vs_penalty.race.rows import base_columns
 
 Array = NDArray[np.float64]
 
@@ -48,7 +47,7 @@ class WhiteLog:
         parts = list(zip(model.effects, model.indices, strict=True))
         links = [(e, k) for e, k in parts if not isinstance(e, JointEffect)]
         shared = Model(model.robot, tuple(e for e, _ in links)) if links else None
-        independent = () if shared is None else structure(random_rows(shared))[1]
+        dependence, independent = base_columns(shared)
         of_links = [int(i) for _, k in links for i in k]
         X = white.X[:, rows]
         self.n = white.n
@@ -69,12 +68,14 @@ class WhiteLog:
         still = np.zeros((count, self.n))
         self.data = SimpleNamespace(
             shared=shared,
+            dependence=dependence,
             independent=independent,
             own_columns=columns,
-            velocity_gain=np.nan,
+            velocity_sign=0.0,
+            run=white.rows.run[rows],
             motion=Motion(white.rows.t[rows], still, still, still),
         )
-        self._columns = SimpleNamespace(size=0)
+        self.n_kept = 0
 
     def select_rows(self, rows: slice) -> "WhiteLog":
         """Return some of the rows."""
@@ -100,7 +101,7 @@ class WhiteLog:
         """Return no velocities: that friction takes power is no evidence of effects."""
         return cast(Motion, self.data.motion)
 
-    def _prepare_columns(self, chains: Any) -> None:
+    def prepare_columns(self, chains: Any) -> None:
         """Columns are there already."""
 
 
@@ -112,7 +113,7 @@ class LibraryRace(Race):
         self.kinds = (cast(ModuleType, self),)
         self.is_doubtful = False
         self.looked_at = {}
-        self.all = Evidence(cast(Any, WhiteLog(white)), white.rows.run)
+        self.all = Evidence(cast(Any, WhiteLog(white)))
         self.few = self.all.thinned(c.THIN)
         self.forms = dict[Hypothesis, Candidate]()
         batches = list_candidates(white).batches

@@ -43,7 +43,6 @@ from sdp_vs_penalty.race.kinds import KINDS, SHOWN_BY_A_POOR_MOTION, list_faults
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.race import Claim, Race, RaceOutcome
 from sdp_vs_penalty.race.rows import RegressionData
-from sdp_vs_penalty.race.run_log import RunLog
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -137,7 +136,7 @@ class LoggerJudge:
                 report = self.reports[number]
                 self.reports[number] = with_issues(report, not_measured)
             return self.reports
-        shifts = RegressionData.clock_shifts([log.data for log in logs])
+        shifts = common.data.clock_shifts
         self.clock_shifts = dict(zip(self.logs, shifts, strict=True))
         reports = [self.reports[number] for number in self.logs]
         kinds = KINDS
@@ -167,7 +166,7 @@ class LoggerJudge:
         """
         net = verdict.told(common)
         runs = [
-            RunLog(log, self._of_run(number, net), self.reports[number].run)
+            (self.reports[number].run, log, self._of_run(number, net))
             for number, log in self.logs.items()
         ]
         stated = issues_of_all(common, verdict, net, runs)
@@ -318,13 +317,20 @@ class LoggerJudge:
         run, and the instants of its own by its own clock."""
         said = []
         for issue in stated:
-            if issue.by_clock is None:
-                said.append(issue)
-                continue
-            at = self._time_in_run(number, issue.figures["t"])
-            if at is not None:
-                cuts = _cuts_at(self.reports[number], at)
-                said.append(replace(issue.by_clock(at), changes=cuts))
+            figures = dict(issue.figures)
+            if "t" in figures:
+                at = self._time_in_run(number, figures["t"])
+                if at is None:
+                    continue
+                figures["t"] = at
+                issue = replace(
+                    issue,
+                    what=issue.what.format(t=at),
+                    where=issue.where.format(t=at),
+                    figures=figures,
+                    changes=_cuts_at(self.reports[number], at),
+                )
+            said.append(issue)
         return said
 
 

@@ -13,9 +13,9 @@ from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.constants import LIKELY
 from sdp_vs_penalty.race.fault import Fault, joints_text
 from sdp_vs_penalty.race.kinds import list_faults
+from sdp_vs_penalty.race.kinds.events import DRIFT, drift_of_runs
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.race import Claim, RaceOutcome, Scored
-from sdp_vs_penalty.race.run_log import RunLog
+from sdp_vs_penalty.race.race import Claim, RaceOutcome
 from sdp_vs_penalty.results.remedy import Change
 
 #: Standard deviations of a 95 % interval; what the model lacks widens it (Student's t of
@@ -45,7 +45,10 @@ _RIVALS = {"another load": "a load on the last link", "another arm": "other link
 
 
 def issues_of_all(
-    log: Likelihood, verdict: RaceOutcome, net: LogTransform, runs: Sequence[RunLog]
+    log: Likelihood,
+    verdict: RaceOutcome,
+    net: LogTransform,
+    runs: Sequence[tuple[str, Likelihood, LogTransform]],
 ) -> list[Issue]:
     """List an issue for each fault that all rows share.
 
@@ -55,8 +58,8 @@ def issues_of_all(
         Rows of all runs.
     net : LogTransform
         What the verdict tells of all rows.
-    runs : sequence of RunLog
-        Each run as repaired; the words of several runs where there are several.
+    runs : sequence of tuple
+        Name and rows of each run, and how they are repaired.
     """
     faults = list_faults(log, net)
     issues = []
@@ -67,8 +70,8 @@ def issues_of_all(
             if claim.hypothesis.kind == fault.kind
             and _is_within(claim.hypothesis.joints, fault.joints)
         ]
-        if fault.by_run is not None and len(runs) > 1:
-            fault = fault.by_run(runs)
+        if fault.kind == DRIFT and len(runs) > 1:
+            fault = drift_of_runs(fault, runs)
         issues.append(graded(_of_fault(log, fault, claims, net), verdict, claims))
     for claim in verdict.claims:
         if claim.hypothesis.by_controller:
@@ -134,7 +137,9 @@ def _of_fault(
     rivals = [x for claim in claims for x in claim.rivals]
     faults = [x for x in rivals if not x.hypothesis.effect]
     words = [
-        text for x in faults if (text := _words_of_rival(log, x, claims)) != fault.what
+        text
+        for x in faults
+        if (text := _words_of_rival(log, x, claims)) != fault.sentence
     ]
     if words:
         words = [text.rstrip(".") for text in words]
@@ -145,11 +150,6 @@ def _of_fault(
         ]
 
     is_repaired = fault.is_repairable and is_known
-
-    def by_clock(at: float) -> Issue:
-        """Return the issue with its instant by another clock [s]."""
-        assert fault.by_clock is not None
-        return _of_fault(log, fault.by_clock(at), claims, net)
 
     issue = Issue(
         kind=fault.kind,
@@ -165,7 +165,6 @@ def _of_fault(
         gravity=_measured_gravity(net) if fault.is_of_gravity else None,
         apply=fault.apply if is_repaired else "",
         equivalents=tuple(words),
-        by_clock=by_clock if fault.by_clock else None,
     )
     effects = [x.hypothesis.effect for x in rivals if x.hypothesis.effect]
     return with_rival_effects(issue, effects)
@@ -180,17 +179,13 @@ def _asked(fault: Fault) -> tuple[Change, ...]:
     return (Change("read", words, {"scale": {"q": None}}),)
 
 
-def _words_of_rival(log: Likelihood, rival: Scored, claims: Sequence[Claim]) -> str:
+def _words_of_rival(log: Likelihood, rival: Claim, claims: Sequence[Claim]) -> str:
     """Say what else explains a log as well as claims do."""
     h = rival.hypothesis
-    known = {fault.what for fault in list_faults(log, claims[0].before.chain)}
-    new = [
-        fault
-        for fault in list_faults(log, rival.fit.chain)
-        if fault.what not in known and h.part is None
-    ]
-    if new:
-        return new[0].what
+    known = {x.sentence for x in list_faults(log, claims[0].before.chain)}
+    for fault in list_faults(log, rival.fit.chain):
+        if fault.sentence not in known and h.part is None:
+            return fault.sentence
     return f"{h.kind} of {joints_text(h.joints)} in a part of the log"
 
 

@@ -53,12 +53,6 @@ class Issue(WritesJson):
     #: Changes beside the repair and the gravity above that may mend it: other readings
     #: of the file, a motion to record.
     changes: tuple[Change, ...] = ()
-    #: For an issue that happens at an instant, figures["t"] [s] in the log of all runs
-    #: together: returns the issue in the words of that instant by one run's clock [s];
-    #: None for what happens at no instant.
-    by_clock: "Callable[[float], Issue] | None" = field(
-        default=None, metadata=NOT_STORED
-    )
 
     def __post_init__(self) -> None:
         """Refuse an explanation that is called an error: only facts are errors."""

@@ -409,7 +409,7 @@ def _left_by_weight(log: Likelihood) -> Array:
     of each joint leave, by one least-squares fit to all joints of equal weight."""
     fit = log.fit(log.as_logged)
     mask = log.torque_mask(log.as_logged)[:, :, None]
-    weight = mask * log.shared(log.as_logged, speed=0.0, push=0.0)  # (n, M, s)
+    weight = mask * log.shared(log.as_logged, is_still=True)  # (n, M, s)
     offsets = np.eye(log.n)[:, None, :] * mask
     # Each joint's torque is scaled to energy 1, so that residuals are shares.
     size = np.sqrt(np.maximum(fit.energy, 1e-280))[:, None]

@@ -33,8 +33,6 @@ from sdp_vs_penalty.race.likelihood import (
     without_inertial_power,
 )
 from sdp_vs_penalty.race.records import Hypothesis, LogView, Number, Part
-from sdp_vs_penalty.race.rows import random_rows
-from sdp_vs_penalty.regression.base_parameters import structure
 from sdp_vs_penalty.regression.evidence import independent_rows, jackknifed
 from sdp_vs_penalty.regression.normal_equations import NormalEquations
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
@@ -128,21 +126,21 @@ class ViewFit:
 class Evidence:
     """The evidence of views of one log, of M rows and n joints.
 
-    log : the rows, with each joint's laws among its own columns; runs (M,) : the run of
-    each row.
+    log : the rows, with each joint's laws among its own columns.
     """
 
-    def __init__(self, log: Likelihood, runs: NDArray[np.intp]) -> None:
+    def __init__(self, log: Likelihood) -> None:
         """Take the rows."""
         self.log = log
-        self.runs = runs
         self._prior = self._prior_of_links()
-        self._columns = recent(8, self._make_columns_of_one)
 
     def thinned(self, step: int) -> Evidence:
         """Return the evidence of one row in ``step``."""
-        rows = slice(None, None, step)
-        return Evidence(self.log.select_rows(rows), self.runs[rows])
+        return Evidence(self.log.select_rows(slice(None, None, step)))
+
+    def rows_of(self, part: Part) -> NDArray[np.bool_]:
+        """Return which rows (M,) belong to a part."""
+        return part.rows(self.log.data.run, self.log.data.motion.t)
 
     # -- what is known beforehand
 
@@ -157,7 +155,7 @@ class Evidence:
         data, problem = self.log.data, self.log.problem
         if data.shared is None:
             return np.zeros(0), np.zeros((0, 0)), 0.0
-        dependence, _ = structure(random_rows(data.shared), data.independent)
+        dependence = data.dependence
         links = problem.prior_links
         reach = np.maximum(problem.robot.link_reach(), 0.05)
         reach = np.resize(reach, len(links))
@@ -202,13 +200,14 @@ class Evidence:
 
     # -- rows as seen
 
-    def _make_columns_of_one(self, motion: LogView) -> _Columns:
-        """Make what all fits to one motion share; :attr:`_columns` caches it."""
+    @recent(8)
+    def _columns(self, motion: LogView) -> _Columns:
+        """Make what all fits to one motion share."""
         return self._make_columns([motion])[0]
 
     def _make_columns(self, motions: Sequence[LogView]) -> list[_Columns]:
         """Make what all fits to each of several motions share."""
-        self.log._prepare_columns([motion.chain for motion in motions])
+        self.log.prepare_columns([motion.chain for motion in motions])
         seen = zip(*map(self._columns_of, motions), strict=True)
         basis, raw, mask, states = map(_stacked, seen)
         states = states - states.mean(axis=-1, keepdims=True)
@@ -230,7 +229,7 @@ class Evidence:
             raw, states, mask = raw.copy(), states.copy(), mask.copy()
             own = log.data.own_columns[list(chain.order)].copy()
             for part, beside in motion.parts:
-                at = part.rows(self.runs, log.data.motion.t)
+                at = self.rows_of(part)
                 other = beside.followed_by(chain)
                 raw[:, at] = log.raw(other)[:, at]
                 mask[:, at] = log.torque_mask(other)[:, at]
@@ -254,7 +253,7 @@ class Evidence:
         """Return the torque (n, M) of a view."""
         torque = self.log.channels(view.chain)
         for part, beside in view.parts:
-            at = part.rows(self.runs, self.log.data.motion.t)
+            at = self.rows_of(part)
             of_part = self.log.channels(beside.followed_by(view.chain))
             torque = np.where(at, of_part, torque)
         return torque
@@ -268,7 +267,7 @@ class Evidence:
         if view.parts:
             total = np.sum(self.log.channels(view.chain) ** 2, axis=1)
         for part, beside in view.parts:
-            share = np.mean(part.rows(self.runs, self.log.data.motion.t))
+            share = np.mean(self.rows_of(part))
             total = total * np.abs(beside.gain) ** (2.0 * share)
         return np.maximum(total, _TINY)
 
@@ -449,11 +448,11 @@ class Evidence:
         One that was measured is the derivative of true positions over true time; one
         that the logger derived from the rows says nothing.
         """
-        gain = self.log.data.velocity_gain
-        if not np.isfinite(gain):
+        sign = self.log.data.velocity_sign
+        if not sign:
             return 0.0
-        is_as_measured = (gain < 0.0) == chain.reversed
-        is_as_derived = gain > 0.0
+        is_as_measured = (sign < 0.0) == chain.reversed
+        is_as_derived = sign > 0.0
         p = (1.0 - c.DERIVED) * is_as_measured + c.DERIVED * is_as_derived
         return float(np.log(p + 1e-4))
 
@@ -475,18 +474,6 @@ class Evidence:
         return max(1.0, residual.shape[1] / independent_rows(residual))
 
     # -- numbers, to first order
-
-    def changes(
-        self, fit: ViewFit, chains: Sequence[LogTransform], now: LogTransform
-    ) -> Array:
-        """Return by how much the arm's unexplained torque is less under other transforms
-        than ``now``, (n, M, r), the links as they are."""
-        torque = self.log.unexplained(now, fit.links)
-        self.log._prepare_columns(chains[: self.log._columns.size])
-        falls = np.empty((*torque.shape, len(chains)))
-        for k, chain in enumerate(chains):
-            falls[:, :, k] = torque - self.log.unexplained(chain, fit.links)
-        return falls
 
     def slopes(
         self, fit: ViewFit, hypotheses: Sequence[Hypothesis], sizes: Sequence[float]
@@ -513,35 +500,38 @@ class Evidence:
                 then = h.at_size(fit.chain, size + number.step)
                 moved.append((places, number.step, now, then))
         chains = [*dict.fromkeys(x for _, _, now, then in moved for x in (now, then))]
-        self.log._prepare_columns(chains[: self.log._columns.size])
+        self.log.prepare_columns(chains[: self.log.n_kept])
         unexplained = {x: self.log.unexplained(x, fit.links) for x in chains}
         for places, step, now, then in moved:
             slope = (unexplained[now] - unexplained[then]) / step
             slopes[:, :, places] = slope[:, :, None]
         for k, h in enumerate(hypotheses):
             if h.part is not None:
-                slopes[:, ~h.part.rows(self.runs, self.log.data.motion.t), k] = 0.0
+                slopes[:, ~self.rows_of(h.part), k] = 0.0
         return slopes
 
     def score_test(
         self, fit: ViewFit, columns: Array, sd: Array
-    ) -> tuple[Array, Array, Array]:
-        """Score further columns (n, M, r), each alone, the noise as it is.
+    ) -> tuple[Array, Array]:
+        """Return the likeliest sizes (r,) of further columns (n, M, r), each alone, the
+        noise as it is, and what the rows tell of them (r,).
 
         Parameters
         ----------
         sd : (r,) array
             Standard deviations of their sizes beforehand.
-
-        Returns
-        -------
-        gains, sizes, information : (r,) arrays
-            Log-odds, the likeliest sizes, and what the rows tell of them.
         """
-        information, score = self._beside_arm(fit, columns)
-        h = np.diagonal(information)
-        sizes = score / np.maximum(h + sd**-2.0, _TINY)
-        return 0.5 * score * sizes - 0.5 * np.log1p(sd**2 * h), sizes, h
+        moving = self.log.moving
+        rows = fit.columns.rows
+        z = rows.project_out_own(columns)[moving]
+        weighted = fit.weights[moving][:, None, None] * z
+        with_arm = np.tensordot(rows.projected[moving], weighted, ((0, 1), (0, 1)))
+        alone = np.einsum("jmr,jmr->r", z, weighted)
+        taken = np.sum(with_arm * np.linalg.solve(fit.information, with_arm), axis=0)
+        # Rounding leaves nothing of what the arm's parameters span.
+        information = np.maximum(alone - taken, 1e-9 * alone)
+        score = np.einsum("jmr,jm->r", weighted, self.residual(fit)[moving])
+        return score / np.maximum(information + sd**-2.0, _TINY), information
 
     def screen(
         self, fit: ViewFit, columns: Array, sizes: Sequence[int], sd: Array
@@ -609,26 +599,6 @@ class Evidence:
         odds = np.log(after / left) @ n_rows + np.sum((x / sd) ** 2, axis=1)
         return -0.5 * (odds + np.linalg.slogdet(scaled)[1]), x[:, 0]
 
-    def _beside_arm(self, fit: ViewFit, columns: Array) -> tuple[Array, Array]:
-        """Return information (r, r) and score (r,) of further columns (n, M, r), the
-        arm's parameters taken out."""
-        moving = self.log.moving
-        rows = fit.columns.rows
-        z = rows.project_out_own(columns)[moving]
-        weights = fit.weights[moving]
-        weighted = weights[:, None, None] * z
-        joints_and_rows = ((0, 1), (0, 1))
-        alone = np.tensordot(z, weighted, joints_and_rows)
-        with_arm = np.tensordot(rows.projected[moving], weighted, joints_and_rows)
-        taken = with_arm.T @ np.linalg.solve(fit.information, with_arm)
-        score = np.einsum("jmr,jm->r", weighted, self.residual(fit)[moving])
-        information = alone - taken
-        # Rounding leaves nothing of what the arm's parameters span.
-        diagonal = np.diag_indices(len(score))
-        least = 1e-9 * alone[diagonal]
-        information[diagonal] = np.maximum(information[diagonal], least)
-        return information, score
-
     # -- the second witness
 
     def held_out(
@@ -660,7 +630,7 @@ class Evidence:
         grams = np.zeros((c.PARTS, len(together), *2 * together.shape[2:]))
         at = np.ones(together.shape[1], bool)
         if span is not None:
-            at = span.rows(self.runs, self.log.data.motion.t)
+            at = self.rows_of(span)
         for rows_ in (together[:, at], together[:, ~at]):
             for k, part in enumerate(np.array_split(rows_, c.PARTS, axis=1)):
                 grams[k] += part.swapaxes(1, 2) @ part

@@ -12,7 +12,6 @@ from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.constants import LOG_ODDS_AGAINST_FAULT
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Number
-from sdp_vs_penalty.race.run_log import RunLog
 
 #: Factors of units, and what a channel is in whose torque has to be multiplied by one.
 UNITS = {
@@ -100,7 +99,7 @@ class Fault:
     kind: str
     #: Joints that have the fault, from 0.
     joints: tuple[int, ...]
-    #: What is wrong, in one sentence.
+    #: What is wrong, in one sentence; "{t:.4g}" stands for the instant figures["t"] [s].
     what: str
     #: What to do, in one sentence.
     remedy: str
@@ -119,13 +118,11 @@ class Fault:
     is_repairable: bool = True
     #: Numbers behind the fault, for JSON.
     figures: Mapping[str, Any] = field(default_factory=dict)
-    #: For a fault that happens at an instant, figures["t"] [s]: returns the fault in
-    #: the words of that instant by another clock [s]; None for what happens at no
-    #: instant.
-    by_clock: "Callable[[float], Fault] | None" = None
-    #: For a fault whose size belongs to each run: returns the fault in the words of
-    #: several runs; None for what all runs share.
-    by_run: "Callable[[Sequence[RunLog]], Fault] | None" = None
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong, by the clock of all runs together."""
+        return self.what.format(**self.figures)
 
     @property
     def is_of_gravity(self) -> bool:

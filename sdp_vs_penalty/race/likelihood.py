@@ -14,12 +14,10 @@ matter.
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import _lru_cache_wrapper, cached_property, lru_cache
+from functools import cached_property, wraps
 from typing import Any, TypeVar
-from weakref import WeakMethod
 
 import numpy as np
 
@@ -52,40 +50,29 @@ _TINY = 1e-300
 _LARGEST_SHARE_OF_LIMIT = 0.999
 
 
-def recent(size: int, method: Callable[..., T]) -> _lru_cache_wrapper[T]:
-    """Return a method of an object that remembers its last results, as many as ``size``,
-    and does not keep the object alive: rows are large, and a cycle waits for the garbage
-    collector."""
-    of_object = WeakMethod(method)
-
-    def made(*arguments: Any) -> T:
-        make = of_object()
-        assert make is not None
-        return make(*arguments)
-
-    return lru_cache(size)(made)
+def keep_recent(results: dict[Any, T], key: Any, result: T, size: int) -> T:
+    """Put a result behind the others, of which ``size`` are kept; return it."""
+    results.pop(key, None)
+    results[key] = result
+    if len(results) > size:
+        del results[next(iter(results))]
+    return result
 
 
-class ColumnCache:
-    """The columns used last, up to a number of arrays; the key says of what."""
+def recent(size: int) -> Callable[[Callable[..., T]], Callable[..., T]]:
+    """Let a method remember its last results, as many as ``size``, in its object: with it
+    they go, since rows are large."""
 
-    def __init__(self, size: int) -> None:
-        """Prepare an empty cache of at most ``size`` arrays."""
-        self.size = size
-        self._arrays: OrderedDict[Hashable, Array] = OrderedDict()
+    def remembering(method: Callable[..., T]) -> Callable[..., T]:
+        @wraps(method)
+        def remembered(self: Any, *key: Any) -> T:
+            results = self.__dict__.setdefault(f"_last{method.__name__}", {})
+            result = results[key] if key in results else method(self, *key)
+            return keep_recent(results, key, result, size)
 
-    def get(self, key: Hashable) -> Array | None:
-        """Return the array of a key; None where it is not in the cache."""
-        if key in self._arrays:
-            self._arrays.move_to_end(key)
-        return self._arrays.get(key)
+        return remembered
 
-    def put(self, key: Hashable, columns: Array) -> None:
-        """Add an array; the one that was not used for longest is dropped if there are
-        too many."""
-        self._arrays[key] = columns
-        if len(self._arrays) > self.size:
-            self._arrays.popitem(last=False)
+    return remembering
 
 
 class Likelihood:
@@ -111,15 +98,10 @@ class Likelihood:
         kinds = [joint.kind for joint in problem.robot.joints]
         self.revolute = [j for j in self.joints if kinds[j] == "revolute"]
         self.as_logged = LogTransform.unchanged(self.n, problem.robot.gravity)
-        # Cache sizes: about the repairs of one round of a search; large arrays fewer.
-        self._columns = ColumnCache(128 if data.count <= FEW_ROWS else 12)
-        self._fit = recent(8, self._make_fit)
-        self._rows = recent(6, self._make_rows)
-        self._raw = recent(6, self._make_raw)
-        self._model = recent(12, self._make_model)
-        self._basis = recent(20, self._make_basis)
-        self._basis_of_channels = recent(4, self._make_basis_of_channels)
-        self._channels_at = recent(40, self._interpolate_channels)
+        # About the repairs of one round of a search; of many rows fewer.
+        self.n_kept = 128 if data.count <= FEW_ROWS else 12
+        #: The columns used last, by transform and whether the arm stands still.
+        self._kept: dict[tuple[LogTransform, bool], Array] = {}
 
     @classmethod
     def of_all_runs(cls, logs: Sequence[Likelihood]) -> Likelihood:
@@ -188,13 +170,13 @@ class Likelihood:
         """
         if not any((*repair.lead, *repair.lag, *repair.bend)):
             # Most repairs leave time and shape of the channels as they are.
-            values, _ = self._channels_at(0.0)
+            values, _ = self.channels_at(0.0)
             ordered = values.T[list(repair.tau_order)]
             torque = repair.torque_factors[:, None] * ordered
             return repair.within_limits(torque.T).T
         repaired = np.empty((self.n, self.data.count))
         for j, k in enumerate(repair.tau_order):
-            values, rates = self._channels_at(repair.lead[j])
+            values, rates = self.channels_at(repair.lead[j])
             value = values[:, k]
             if repair.bend[j]:
                 limit = float(self.data.largest[k]) / repair.bend[j]
@@ -212,7 +194,8 @@ class Likelihood:
         """
         return self.data.torque_mask.T[list(repair.order)]
 
-    def _interpolate_channels(self, lead: float) -> tuple[Array, Array]:
+    @recent(40)
+    def channels_at(self, lead: float) -> tuple[Array, Array]:
         """Return all torque channels (M, n) and their time derivatives (M, n), ``lead``
         seconds after each row; instants beyond the log are moved to its ends.
         """
@@ -220,24 +203,18 @@ class Likelihood:
         instants = np.clip(self.data.motion.t + lead, torque.x[0], torque.x[-1])
         return torque(instants), torque(instants, 1)
 
-    def motion(
-        self, repair: LogTransform, speed: float = 1.0, push: float = 1.0
-    ) -> Motion:
+    def motion(self, repair: LogTransform, is_still: bool = False) -> Motion:
         """Return the repaired motion of M rows, for the columns of an arm.
 
         q_j = scale_j raw_order[j] + zero_j, and time runs ``rate`` times as fast as in
         the file, so that velocities are divided by rate and accelerations by rate^2.
-        The factors ``speed`` and ``push`` separate parts of the torque: with both 0 the
-        arm's torque is its weight; with speed 0 alone it is weight and inertia.
 
         Parameters
         ----------
         repair : LogTransform
             How the log is repaired.
-        speed : float
-            Factor of the velocity: 0 leaves friction and Coriolis torques out [-].
-        push : float
-            Factor of the acceleration: 0 leaves inertia out [-].
+        is_still : bool
+            Whether the arm stands still at each row: its torque is then its weight.
 
         Returns
         -------
@@ -246,12 +223,12 @@ class Likelihood:
         """
         logged = self.data.motion
         order = list(repair.order)
-        scale = repair.position_factors
+        scale = (not is_still) * repair.position_factors
         return Motion(
             logged.t[0] + repair.rate * (logged.t - logged.t[0]),
             repair.positions(logged.q),
-            repair.of_joints(speed * scale * logged.dq[:, order] / repair.rate),
-            repair.of_joints(push * scale * logged.ddq[:, order] / repair.rate**2),
+            repair.of_joints(scale * logged.dq[:, order] / repair.rate),
+            repair.of_joints(scale * logged.ddq[:, order] / repair.rate**2),
         )
 
     # -- columns
@@ -275,8 +252,9 @@ class Likelihood:
         """
         return self._rows(repair.motion_part)
 
-    def _make_rows(self, repair: LogTransform) -> RepairedRows:
-        """Make the rows of a repair of the motion; :meth:`rows` caches the result."""
+    @recent(6)
+    def _rows(self, repair: LogTransform) -> RepairedRows:
+        """Make the rows of a repair of the motion."""
         return RepairedRows.from_basis(self.basis(repair), self.raw(repair))
 
     def basis(self, repair: LogTransform) -> Array:
@@ -305,17 +283,18 @@ class Likelihood:
         """
         return self._raw(repair.motion_part.with_defaults("events"))
 
-    def _make_raw(self, repair: LogTransform) -> Array:
-        """Make the columns (n, M, s) of a repair of the motion; :meth:`raw` caches the
-        result."""
+    @recent(6)
+    def _raw(self, repair: LogTransform) -> Array:
+        """Make the columns (n, M, s) of a repair of the motion."""
         columns = self.shared(repair)
         if any(repair.lacks):
-            weight = self.shared(repair, speed=0.0, push=0.0)
+            weight = self.shared(repair, is_still=True)
             columns = columns - np.array(repair.lacks)[:, None, None] * weight
         columns *= self.torque_mask(repair)[:, :, None]
         return columns
 
-    def _make_model(self, gravity: tuple[float, ...], longer: Numbers) -> Model | None:
+    @recent(12)
+    def _model(self, gravity: tuple[float, ...], longer: Numbers) -> Model | None:
         """Return the model of the links, with a changed base and changed lengths.
 
         gravity : of the base frame [m/s^2]; longer (n,) : by how much each joint is
@@ -333,9 +312,7 @@ class Likelihood:
         robot = replace(self.problem.robot, gravity=gravity, joints=tuple(joints))
         return on_robot(self.data.shared, robot)
 
-    def columns(
-        self, repair: LogTransform, speed: float = 1.0, push: float = 1.0
-    ) -> Array:
+    def columns(self, repair: LogTransform, is_still: bool = False) -> Array:
         """Return the columns (n, M, p) of all p parameters of the links, linearly
         dependent ones too.
 
@@ -343,37 +320,33 @@ class Likelihood:
         ----------
         repair : LogTransform
             How the log is repaired; only its :attr:`~LogTransform.arm_part` counts.
-        speed : float
-            Factor of the velocity: 0 leaves friction and Coriolis torques out [-].
-        push : float
-            Factor of the acceleration: 0 leaves inertia out [-].
+        is_still : bool
+            Whether they are of the weight alone.
 
         Returns
         -------
         (n, M, p) array
             Torque per unit of each parameter; p is 0 where joints share none.
         """
-        key = (repair.arm_part, speed, push)
-        columns = self._columns.get(key)
+        key = repair.arm_part, is_still
+        columns = self._kept.get(key)
         if columns is None:
-            columns = self._make_columns(key[:1], speed, push)[0]
-            self._columns.put(key, columns)
-        return columns
+            columns = self._make_columns(key[:1], is_still)[0]
+        return keep_recent(self._kept, key, columns, self.n_kept)
 
     def _make_columns(
-        self, arms: Sequence[LogTransform], speed: float = 1.0, push: float = 1.0
+        self, arms: Sequence[LogTransform], is_still: bool = False
     ) -> list[Array]:
         """Make the columns (n, M, p) of the links under each of several repairs, by the
         logged motors.
 
         The repairs have the same gravity and the same lengths, so that one model makes
-        all columns, from the rows of all repaired motions one after the other. speed,
-        push : factors of the velocity and of the acceleration [-].
+        all columns, from the rows of all repaired motions one after the other.
         """
         model = self._model(arms[0].gravity, arms[0].longer)
         if model is None:
             return [np.zeros((self.n, self.data.count, 0)) for _ in arms]
-        motions = [self.motion(arm, speed, push) for arm in arms]
+        motions = [self.motion(arm, is_still) for arm in arms]
         rows = motions[0] if len(motions) == 1 else joined(motions)
         columns = np.split(model.dense_columns(rows), len(arms), axis=1)
         for k, arm in enumerate(arms):
@@ -381,12 +354,12 @@ class Likelihood:
                 columns[k] = np.tensordot(a.T, columns[k], 1)
         return columns
 
-    def _prepare_columns(self, repairs: Sequence[LogTransform]) -> None:
+    def prepare_columns(self, repairs: Sequence[LogTransform]) -> None:
         """Compute and cache the columns of the links under all these repairs that are
         not cached yet, many motions at a time."""
         missing: dict[tuple[tuple[float, ...], Numbers], list[LogTransform]] = {}
         for arm in dict.fromkeys(repair.arm_part for repair in repairs):
-            if self._columns.get((arm, 1.0, 1.0)) is None:
+            if (arm, False) not in self._kept:
                 missing.setdefault((arm.gravity, arm.longer), []).append(arm)
         size = max(1, ROWS_AT_A_TIME // self.data.count)
         for arms in missing.values():
@@ -397,52 +370,32 @@ class Likelihood:
             for first in range(0, len(arms), size):
                 some = arms[first : first + size]
                 for arm, columns in zip(some, self._make_columns(some), strict=True):
-                    self._columns.put((arm, 1.0, 1.0), columns)
+                    keep_recent(self._kept, (arm, False), columns, self.n_kept)
 
-    def shared(
-        self, repair: LogTransform, speed: float = 1.0, push: float = 1.0
-    ) -> Array:
+    def shared(self, repair: LogTransform, is_still: bool = False) -> Array:
         """Return the columns (n, M, s) of s linearly independent parameters of the
-        links.
-
-        They span the same torques as the columns of all parameters.
-
-        Parameters
-        ----------
-        repair : LogTransform
-            How the log is repaired.
-        speed : float
-            Factor of the velocity: 0 leaves friction and Coriolis torques out [-].
-        push : float
-            Factor of the acceleration: 0 leaves inertia out [-].
-
-        Returns
-        -------
-        (n, M, s) array
-            Torque per unit of each parameter.
-        """
-        columns = self.columns(repair, speed, push)
+        links, which span the same torques as those of all; see :meth:`columns`."""
+        columns = self.columns(repair, is_still)
         return np.take(columns, self.data.independent, axis=2)
 
-    def nominal(self, repair: LogTransform, speed: float = 1.0) -> Array:
+    def nominal(self, repair: LogTransform, is_still: bool = False) -> Array:
         """Return the torque (M, n) of the problem's nominal links on the repaired
-        motion [N m or N], velocity and acceleration times ``speed``; 0: the full
-        weight.
+        motion [N m or N]; of an arm that is still its full weight.
 
         It stands for a plausible arm. Weight that a controller took out of the torques
         is left out.
         """
         model = self.data.shared
         rigid = np.arange(0) if model is None else model.rigid_indices
-        columns = self.columns(repair, speed, speed)[:, :, rigid]
+        columns = self.columns(repair, is_still)[:, :, rigid]
         links = self.problem.prior_links.ravel()[: len(rigid)]
         torque = np.asarray((columns @ links).T, float)
-        if speed and any(repair.lacks):
-            weight = self.nominal(repair, speed=0.0)
-            torque = torque - np.array(repair.lacks) * weight
+        if not is_still and any(repair.lacks):
+            torque = torque - np.array(repair.lacks) * self.nominal(repair, True)
         return torque
 
-    def _make_basis(self, order: Order, events: tuple[LogEvent, ...]) -> Array:
+    @recent(20)
+    def _basis(self, order: Order, events: tuple[LogEvent, ...]) -> Array:
         """Make an orthonormal basis (n, M, k) of each joint's own columns.
 
         These are friction, rotor inertia, offset, and events of the log, 0 where the
@@ -451,7 +404,7 @@ class Likelihood:
         joints have k.
         """
         # Each channel takes its columns along to the joint that it belongs to.
-        basis = self._basis_of_channels()[list(order)]
+        basis = self._basis_of_channels[list(order)]
         if not events:
             return basis
         columns = [self.data.own_columns[list(order)]]
@@ -466,9 +419,10 @@ class Likelihood:
         with_events[joints] = orthonormal(used[joints])
         return with_events
 
-    def _make_basis_of_channels(self) -> Array:
-        """Make an orthonormal basis (n, M, k) of the own columns that each position
-        channel makes, without events."""
+    @cached_property
+    def _basis_of_channels(self) -> Array:
+        """An orthonormal basis (n, M, k) of the own columns that each position channel
+        makes, without events."""
         return orthonormal(self.data.own_columns * self.data.torque_mask.T[:, :, None])
 
     def _columns_of_event(self, event: LogEvent) -> Array:
@@ -488,17 +442,13 @@ class Likelihood:
 
     # -- fits
 
+    @recent(8)
     def fit(self, repair: LogTransform) -> ArmFit:
         """Fit one arm of the largest likelihood to the log under a repair.
 
-        The fits used last are cached. Each joint's own parameters (friction, offset) are
-        eliminated: their columns are projected out of the shared columns and of the
-        torque.
+        Each joint's own parameters (friction, offset) are eliminated: their columns are
+        projected out of the shared columns and of the torque.
         """
-        return self._fit(repair)
-
-    def _make_fit(self, repair: LogTransform) -> ArmFit:
-        """Fit one arm under one repair; :meth:`fit` caches the result."""
         rows, torque = self.rows(repair), self.channels(repair)
         beside_own = rows.project_out_own(torque[:, :, None])[:, :, 0]
         equations = NormalEquations(

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from types import ModuleType
 
 import numpy as np
@@ -42,7 +42,7 @@ _LOOSE = 10.0
 
 
 @dataclass(frozen=True)
-class Scored:
+class Claim:
     """A hypothesis at its best size, beside an incumbent."""
 
     #: What is judged.
@@ -51,28 +51,22 @@ class Scored:
     log_odds: float
     #: The fit where it holds.
     fit: ViewFit
+    #: The fit without it.
+    before: ViewFit
     #: Its size, in its own unit; of a load its mass [kg].
     size: float = 0.0
     #: Standard deviation of the size.
     spread: float = 0.0
     #: What its freedom costs.
     occam: float = 0.0
+    #: What is as likely, the likeliest first, where it was taken.
+    rivals: tuple[Claim, ...] = ()
 
-    def beside(self, base: ViewFit, fit: ViewFit) -> Scored:
+    def beside(self, before: ViewFit, fit: ViewFit) -> Claim:
         """Return it with its odds beside another fit of the incumbent, both with the
         same number of rows worth one."""
-        odds = fit.value - base.value + self.hypothesis.log_prior + self.occam
-        return replace(self, log_odds=odds, fit=fit)
-
-
-@dataclass(frozen=True)
-class Claim(Scored):
-    """A hypothesis that was taken."""
-
-    #: The fit without it.
-    before: ViewFit = field(kw_only=True)
-    #: What is as likely, the likeliest first.
-    rivals: tuple[Scored, ...] = ()
+        odds = fit.value - before.value + self.hypothesis.log_prior + self.occam
+        return replace(self, log_odds=odds, fit=fit, before=before)
 
     @property
     def is_usual(self) -> bool:
@@ -152,13 +146,9 @@ class Race:
         is_doubtful: bool = False,
     ) -> None:
         """Take the rows of all runs, thinned to as many as one run has."""
-        n = len(logs)
-        counts = [len(range(0, log.data.count, n)) for log in logs]
-        runs = np.repeat(np.arange(n), counts)
-        log = Likelihood.of_all_runs(logs)
         self.kinds = kinds
         self.is_doubtful = is_doubtful
-        self.all = Evidence(log.with_all_laws, runs)
+        self.all = Evidence(Likelihood.of_all_runs(logs).with_all_laws)
         self.few = self.all.thinned(c.THIN)
         #: Log-odds of changes at the first look, by key and place among those of a key.
         self.looked_at: dict[object, float] = {}
@@ -208,7 +198,7 @@ class Race:
         """Return the verdict of the race that begins from a unit of positions, beside the
         fit as logged; None where beside all else that is taken the unit is not likely."""
         seen = self._incumbent(h.seen(logged.view))
-        first = Claim(hypothesis=h, log_odds=np.inf, fit=seen, before=logged)
+        first = Claim(h, np.inf, seen, logged)
         verdict = self._taken([first])
         chain = verdict.view.chain
         scale, zero = np.array(chain.scale), np.array(chain.zero)
@@ -220,12 +210,10 @@ class Race:
         before = self.all.fit(
             replace(h, chain=undone).seen(verdict.view), verdict.fit.v
         )
-        scored = Scored(h, 0.0, verdict.fit).beside(before, verdict.fit)
-        if scored.log_odds <= c.LOG_ODDS_OF_A_CLAIM or not self._is_confirmed(
-            scored, before
-        ):
+        claim = first.beside(before, verdict.fit)
+        is_likely = claim.log_odds > c.LOG_ODDS_OF_A_CLAIM
+        if not is_likely or not self._is_confirmed(claim, before):
             return None
-        claim = replace(first, log_odds=scored.log_odds, fit=verdict.fit, before=before)
         return replace(verdict, claims=(claim, *verdict.claims[1:]))
 
     def _incumbent(self, view: LogView) -> ViewFit:
@@ -243,24 +231,14 @@ class Race:
         best = next((x for x in witnessed if x is not None), None)
         if best is None:
             return None
-        rivals: dict[object, Scored] = {}
+        rivals: dict[object, Claim] = {}
         for x in likely:
             if best.log_odds - x.log_odds < c.AS_LIKELY and not _is_same(x, best):
                 rivals.setdefault(x.hypothesis.key, x)
         rivals.pop(best.hypothesis.key, None)
-        before = self.all.worth(fit, best.fit.v)
-        return Claim(
-            hypothesis=best.hypothesis,
-            log_odds=best.log_odds,
-            fit=best.fit,
-            size=best.size,
-            spread=best.spread,
-            occam=best.occam,
-            before=before,
-            rivals=tuple(rivals.values()),
-        )
+        return replace(best, rivals=tuple(rivals.values()))
 
-    def rank(self, fit: ViewFit, explained: float = np.inf) -> list[Scored]:
+    def rank(self, fit: ViewFit, explained: float = np.inf) -> list[Claim]:
         """List the hypotheses that may be likelier than an incumbent, the likeliest
         first: all on few rows, the best on all rows at their best size.
 
@@ -334,7 +312,7 @@ class Race:
 
     def _exact(
         self, h: Hypothesis, step: float, fit: ViewFit, few: ViewFit
-    ) -> Scored | None:
+    ) -> Claim | None:
         """Return a hypothesis at its best size, on all rows; None where few rows, of which
         the incumbent's fit is ``few``, speak against it at that size."""
         number, size, spread, occam = h.number, 0.0, 0.0, 0.0
@@ -374,7 +352,7 @@ class Race:
             if h.further.is_positive:
                 occam = float(np.log(2.0) + log_ndtr(size / spread))
         base = self.all.worth(fit, v)
-        return Scored(h, 0.0, found, size, spread, occam).beside(base, found)
+        return Claim(h, 0.0, found, base, size, spread, occam).beside(base, found)
 
     @staticmethod
     def _refined(
@@ -394,7 +372,7 @@ class Race:
             fit = evidence.fit(h.seen(view, size), v)
             slope = evidence.slopes(fit, [h], [size])
             sd = np.array([_LOOSE * number.sd])
-            _, change, information = evidence.score_test(fit, slope, sd)
+            change, information = evidence.score_test(fit, slope, sd)
             spread = float(1.0 / np.sqrt(max(information[0], 1e-300)))
             far = _LARGEST_STEP * number.sd
             better = size + float(np.clip(change[0], -far, far))
@@ -405,7 +383,7 @@ class Race:
                 break
         return size, spread
 
-    def _witnessed(self, x: Scored, fit: ViewFit) -> Scored | None:
+    def _witnessed(self, x: Claim, fit: ViewFit) -> Claim | None:
         """Return a hypothesis with the spread of its size that parts of the log show, if
         this second witness speaks for it; else None.
 
@@ -425,7 +403,7 @@ class Race:
                 return None
         return x if self._is_confirmed(x, fit) else None
 
-    def _is_confirmed(self, x: Scored, fit: ViewFit) -> bool:
+    def _is_confirmed(self, x: Claim, fit: ViewFit) -> bool:
         """Whether parts of the log that nothing was fitted to confirm a hypothesis."""
         number = x.hypothesis.number
         part = x.hypothesis.part
@@ -450,7 +428,7 @@ class Race:
         return bool(clearness > c.WITNESS_SIGMAS and is_large)
 
 
-def _is_same(x: Scored, other: Scored) -> bool:
+def _is_same(x: Claim, other: Claim) -> bool:
     """Whether two hypotheses do the same to the log, but for a tenth of the positions'
     unit: counts of an encoder may be thousandths of a degree."""
     chains = x.fit.chain, other.fit.chain

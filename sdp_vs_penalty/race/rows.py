@@ -10,7 +10,7 @@ explain is the model's matter, and no fault of the log.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,14 +47,13 @@ def _bristles(motion: Motion, travels: Sequence[float]) -> list[Array]:
     return columns
 
 
-#: Laws of a joint that arms have and models lack, (N, n) columns by its motion: as
-#: strong as they may be, they are no fault of the log.
-LAWS: dict[str, Callable[[Motion], list[Array]]] = {
-    "a spring": lambda m: [m.q],
-    "drag": lambda m: [m.dq * np.abs(m.dq)],
-    "friction that differs by direction": lambda m: [np.abs(m.dq)],
-    "hysteresis": lambda m: _bristles(m, TRAVELS["hysteresis"]),
-}
+def _laws(motion: Motion) -> list[Array]:
+    """List the columns (N, n) of laws of a joint that arms have and models lack, by its
+    motion: a spring, drag, friction that differs by direction, hysteresis. As strong as
+    they may be, they are no fault of the log."""
+    speed = np.abs(motion.dq)
+    laws = [motion.q, motion.dq * speed, speed]
+    return laws + _bristles(motion, TRAVELS["hysteresis"])
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,10 @@ class RegressionData:
 
     #: Effects whose columns joints share (links, couplings); None without any.
     shared: Model | None
-    #: Indices of their columns that span all of them, however the arm is mounted.
+    #: (s, p) coefficients by which s of their columns make all p, however the arm is
+    #: mounted.
+    dependence: Array
+    #: Indices of these s columns.
     independent: tuple[int, ...]
     #: States (M, n) at the rows.
     motion: Motion
@@ -71,8 +73,8 @@ class RegressionData:
     torque: CubicSpline
     #: (n, M, k) columns that a joint's own motion makes (friction, rotor, offset).
     own_columns: Array
-    #: Columns (n, M, r) of LAWS, by name.
-    laws: dict[str, Array]
+    #: (n, M, r) columns of laws that the model may lack.
+    laws: Array
     #: (M, n) 1 where a joint slides, 0 where its torque is not used.
     torque_mask: Array
     #: (n,) whether a joint moves.
@@ -84,8 +86,12 @@ class RegressionData:
     #: Time from the log's first row to its last, of which the filters cut both ends
     #: [s].
     seconds: float
-    #: Logged velocity over the positions' derivative [-]; NaN where none was logged.
-    velocity_gain: float = np.nan
+    #: (M,) number of each row's run, from 0.
+    run: NDArray[np.intp]
+    #: By how much the clock of each run is put forward here [s].
+    clock_shifts: tuple[float, ...] = (0.0,)
+    #: Sign of the logged velocity over the positions' derivative; 0 where none was logged.
+    velocity_sign: float = 0.0
 
     @property
     def count(self) -> int:
@@ -94,17 +100,17 @@ class RegressionData:
 
     def select_rows(self, rows: slice) -> RegressionData:
         """Return the data of a slice of the rows."""
-        laws = {name: columns[:, rows] for name, columns in self.laws.items()}
         return replace(
             self,
             motion=self.motion.part(rows),
             own_columns=self.own_columns[:, rows],
-            laws=laws,
+            laws=self.laws[:, rows],
             torque_mask=self.torque_mask[rows],
+            run=self.run[rows],
         )
 
     def with_laws(self, torque: Array) -> RegressionData:
-        """Return the data with more own columns: LAWS, Coulomb friction that is
+        """Return the data with more own columns: laws, Coulomb friction that is
         proportional to the size of a torque (M, n) that loads the joints [N m or N], and
         the acceleration before the torque's low-pass: what the filters differ by."""
         load = np.abs(torque)
@@ -116,7 +122,7 @@ class RegressionData:
             self.own_columns,
             np.stack(load_friction, axis=2),
             self.motion.ddq.T[:, :, None],
-            *self.laws.values(),
+            self.laws,
         ]
         return replace(self, own_columns=np.concatenate(columns, axis=2))
 
@@ -136,53 +142,42 @@ class RegressionData:
             clock begins a second after the end of the log before. Each log has an
             offset of its torques of its own, as further own columns.
         """
-        n_logs = len(logs)
-        thinned = _thinned(logs)
-        shifts = _seconds_to_follow_each_other(thinned)
-        moved = [
-            log.with_later_clock(shift)
-            for log, shift in zip(thinned, shifts, strict=True)
-        ]
-        own_columns = []
-        for number, log in enumerate(moved):
-            offsets = _offset_columns(log, number, n_logs)
-            own_columns.append(np.concatenate([log.own_columns, offsets], axis=2))
-        laws = {}
-        for name in logs[0].laws:
-            laws[name] = np.concatenate([log.laws[name] for log in moved], axis=1)
+        parts: list[RegressionData] = []
+        shifts: list[float] = []
+        begin = 0.0
+        for number, of_log in enumerate(logs):
+            log = of_log.select_rows(slice(None, None, len(logs)))
+            t, knots = log.motion.t, log.torque.x
+            first, last = min(t[0], knots[0]), max(t[-1], knots[-1])
+            shifts.append(begin - float(first))
+            begin += float(last - first) + _SECONDS_BETWEEN_LOGS
+            # 1 in a column of its own; the first log's offset is a column of every log.
+            offsets = np.zeros((*log.own_columns.shape[:2], len(logs) - 1))
+            offsets[:, :, max(number - 1, 0) : number] = 1.0
+            moved = replace(
+                log,
+                motion=replace(log.motion, t=t + shifts[-1]),
+                own_columns=np.concatenate([log.own_columns, offsets], axis=2),
+                torque_mask=log.torque_mask * log.moving,
+                run=np.full(log.count, number),
+            )
+            parts.append(moved)
+        clocks = [x.torque.x + shift for x, shift in zip(logs, shifts, strict=True)]
+        torques = [x.torque(x.torque.x) for x in logs]
         return replace(
             logs[0],
-            motion=joined([log.motion for log in moved]),
-            torque=_one_spline([log.torque for log in moved]),
-            own_columns=np.concatenate(own_columns, axis=1),
-            laws=laws,
-            torque_mask=np.concatenate([log.torque_mask * log.moving for log in moved]),
-            moving=np.any([log.moving for log in logs], axis=0),
-            largest=np.max([log.largest for log in logs], axis=0),
-            cutoff=min(log.cutoff for log in logs),
-            seconds=sum(log.seconds for log in logs),
+            motion=joined([x.motion for x in parts]),
+            torque=CubicSpline(np.concatenate(clocks), np.concatenate(torques)),
+            own_columns=np.concatenate([x.own_columns for x in parts], axis=1),
+            laws=np.concatenate([x.laws for x in parts], axis=1),
+            torque_mask=np.concatenate([x.torque_mask for x in parts]),
+            moving=np.any([x.moving for x in logs], axis=0),
+            largest=np.max([x.largest for x in logs], axis=0),
+            cutoff=min(x.cutoff for x in logs),
+            seconds=sum(x.seconds for x in logs),
+            run=np.concatenate([x.run for x in parts]),
+            clock_shifts=tuple(shifts),
         )
-
-    @staticmethod
-    def clock_shifts(logs: Sequence[RegressionData]) -> list[float]:
-        """List the time [s] by which :meth:`concatenate` puts each log's clock forward;
-        0 for a log alone.
-
-        Parameters
-        ----------
-        logs : sequence of RegressionData
-            Of one robot and one logger.
-        """
-        if len(logs) < 2:
-            return [0.0] * len(logs)
-        return _seconds_to_follow_each_other(_thinned(logs))
-
-    def with_later_clock(self, seconds: float) -> RegressionData:
-        """Return the data with the clock of motion and torque put forward by
-        ``seconds`` [s]."""
-        torque = CubicSpline(self.torque.x + seconds, self.torque(self.torque.x))
-        motion = replace(self.motion, t=self.motion.t + seconds)
-        return replace(self, motion=motion, torque=torque)
 
     @classmethod
     def from_run(
@@ -225,7 +220,8 @@ class RegressionData:
             grid = np.arange(half, part.count - half, filters.stride)
             times.append(part.clock(grid))
             torques.append(filters.torque(part, grid))
-        motion = joined([states for states, _ in pieces])
+        states, own_columns, laws = zip(*pieces, strict=True)
+        motion = joined(states)
         # A joint whose torque channel is dead counts as one that does not move.
         moving = moving_joints(run) & (np.ptp(run.tau, axis=0) > 0.0)
         slides = is_sliding(motion.dq)
@@ -234,73 +230,31 @@ class RegressionData:
         if not len(rows):
             what = "no joint both moves and has a torque that changes"
             raise InputError(what, "record such a run", run.names[0])
-        motion = motion.part(rows)
-        columns = np.concatenate(
-            [columns_of_piece for _, columns_of_piece in pieces], axis=1
-        )[:, rows]
-        own_columns, laws = _without_laws(columns, motion)
+        dependence, independent = base_columns(shared)
         return cls(
             shared=shared,
-            independent=_independent(shared),
-            motion=motion,
+            dependence=dependence,
+            independent=independent,
+            motion=motion.part(rows),
             torque=CubicSpline(np.concatenate(times), np.concatenate(torques)),
-            own_columns=own_columns,
-            laws=laws,
+            own_columns=np.concatenate(own_columns, axis=1)[:, rows],
+            laws=np.concatenate(laws, axis=1)[:, rows],
             torque_mask=slides[rows].astype(float),
             moving=moving,
             largest=np.abs(run.tau).max(axis=0),
             cutoff=cutoff,
             seconds=seconds,
-            velocity_gain=_velocity_gain(run),
+            run=np.zeros(len(rows), np.intp),
+            velocity_sign=_velocity_sign(run),
         )
 
 
-def _velocity_gain(run: Measurements) -> float:
-    """Return the factor from the positions' derivative to the logged velocity, by least
-    squares; NaN where none was logged."""
+def _velocity_sign(run: Measurements) -> float:
+    """Return the sign of the logged velocity over the positions' derivative; 0 where
+    none was logged."""
     if run.dq is None:
-        return np.nan
-    slope = np.gradient(run.q, axis=0) / np.gradient(run.t)[:, None]
-    energy = float(np.sum(slope**2))
-    return float(np.sum(run.dq * slope)) / energy if energy > 0.0 else np.nan
-
-
-def _one_spline(torques: Sequence[CubicSpline]) -> CubicSpline:
-    """Return one spline through the knots of several splines, whose times follow each
-    other."""
-    times = np.concatenate([torque.x for torque in torques])
-    values = np.concatenate([torque(torque.x) for torque in torques])
-    return CubicSpline(times, values)
-
-
-def _thinned(logs: Sequence[RegressionData]) -> list[RegressionData]:
-    """Return every L-th row of each of L logs."""
-    return [log.select_rows(slice(None, None, len(logs))) for log in logs]
-
-
-def _seconds_to_follow_each_other(logs: Sequence[RegressionData]) -> list[float]:
-    """List the time [s] to add to the clock of each log, so that it begins a second
-    after the end of the log before; the first begins at 0."""
-    shifts = []
-    begin = 0.0
-    for log in logs:
-        first = min(float(log.motion.t[0]), float(log.torque.x[0]))
-        last = max(float(log.motion.t[-1]), float(log.torque.x[-1]))
-        shifts.append(begin - first)
-        begin += last - first + _SECONDS_BETWEEN_LOGS
-    return shifts
-
-
-def _offset_columns(log: RegressionData, number: int, n_logs: int) -> Array:
-    """Return the columns (n, M, n_logs - 1) of the torque offsets of all logs but the
-    first, at the rows of log ``number``: 1 in its own column, 0 in the others.
-
-    The offset of the first log is an own column of every log.
-    """
-    columns = np.zeros((*log.own_columns.shape[:2], n_logs - 1))
-    if number > 0:
-        columns[:, :, number - 1] = 1.0
-    return columns
+        return 0.0
+    return float(np.sign(np.sum(run.dq[1:] * np.diff(run.q, axis=0))))
 
 
 def _chosen_rows(
@@ -334,9 +288,9 @@ def _filter_stretch(
     part: Stretch,
     at: NDArray[np.int64],
     frictions: Sequence[JointEffect],
-) -> tuple[Motion, Array]:
-    """Return the low-passed states and own columns (n, M, k) of a stretch without gaps,
-    at its rows ``at`` (M,).
+) -> tuple[Motion, Array, Array]:
+    """Return the low-passed states, own columns (n, M, k) and columns of laws (n, M, r)
+    of a stretch without gaps, at its rows ``at`` (M,).
 
     Columns are made of the motion at every ``stride``-th row, and then low-passed as
     the torque is.
@@ -349,35 +303,23 @@ def _filter_stretch(
     local = np.rint((at - at[0] + reach) / filters.stride).astype(np.int64)
     local = np.clip(local, half, len(dense.t) - 1 - half)
     low_pass = Decimator(filters.coarse, local)
-    columns = [(low_pass @ column).T for column in _own_columns(dense, frictions)]
-    return dense.part(local), np.stack(columns, axis=2)
+    own, laws = (
+        np.stack([(low_pass @ column).T for column in columns], axis=2)
+        for columns in (_own_columns(dense, frictions), _laws(dense))
+    )
+    return dense.part(local), own, laws
 
 
 def _own_columns(motion: Motion, frictions: Sequence[JointEffect]) -> list[Array]:
     """List the columns (N, n) that each joint's own motion makes, for parameters of
     that joint alone: a rotor's inertia, a torque offset, viscous friction, the model's
-    frictions, Coulomb friction of several widths, gear bristles; LAWS come last."""
+    frictions, Coulomb friction of several widths, gear bristles."""
     columns = [motion.ddq, np.ones_like(motion.q), motion.dq]
     for effect in frictions:
         of_joints = [effect.column(motion, j) for j in effect.joints]
         columns.append(np.column_stack(of_joints))
     columns += [np.tanh(motion.dq / width) for width in COULOMB_WIDTHS]
-    columns += _bristles(motion, TRAVELS["gear"])
-    for law in LAWS.values():
-        columns += law(motion)
-    return columns
-
-
-def _without_laws(columns: Array, motion: Motion) -> tuple[Array, dict[str, Array]]:
-    """Split own columns (n, M, k) into those without LAWS and, by name, those of LAWS,
-    which come last."""
-    laws: dict[str, Array] = {}
-    two_rows = motion.part(slice(0, 2))  # enough to count a law's columns
-    for name, law in reversed(LAWS.items()):
-        n_columns = len(law(two_rows))
-        laws[name] = columns[:, :, -n_columns:]
-        columns = columns[:, :, :-n_columns]
-    return columns, laws
+    return columns + _bristles(motion, TRAVELS["gear"])
 
 
 def split(model: Model) -> tuple[list[JointEffect], Model | None]:
@@ -417,18 +359,18 @@ def on_robot(model: Model, robot: Robot) -> Model:
     return Model(robot, tuple(effects))
 
 
-def random_rows(shared: Model) -> Array:
-    """Return the columns (N, p) of the shared effects for random states under a random
-    direction of gravity: they span the columns however the arm is mounted."""
+def base_columns(shared: Model | None) -> tuple[Array, tuple[int, ...]]:
+    """Return how s columns of the shared effects make all p, (s, p), and their numbers:
+    one for each base parameter.
+
+    They are those for random states under a random direction of gravity, and span the
+    columns however the arm is mounted.
+    """
+    if shared is None:
+        return np.zeros((0, 0)), ()
     gravity = tuple(np.random.default_rng(0).normal(size=3).tolist())
     model = on_robot(shared, replace(shared.robot, gravity=gravity))
     n_rows = 2 * len(model.parameters) // shared.robot.n + 1
     q, dq, ddq = shared.robot.random_states
     motion = Motion(np.zeros(n_rows), q[:n_rows], dq[:n_rows], ddq[:n_rows])
-    return np.concatenate(model.dense_columns(motion))
-
-
-def _independent(shared: Model | None) -> tuple[int, ...]:
-    """Return the numbers of s columns of the shared effects that span all of them: one
-    for each base parameter."""
-    return () if shared is None else structure(random_rows(shared))[1]
+    return structure(np.concatenate(model.dense_columns(motion)))

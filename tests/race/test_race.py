@@ -46,8 +46,7 @@ def pushed_for_a_second(run):
 
 @pytest.fixture(scope="module")
 def evidence():
-    log = rows_of(RUN)
-    return Evidence(log.with_all_laws, np.zeros(log.data.count, int))
+    return Evidence(rows_of(RUN).with_all_laws)
 
 
 def test_rows_are_given_back_without_the_garbage_collector():
@@ -139,7 +138,7 @@ def test_the_evidence_knows_no_unit_of_a_channel(evidence):
     by itself."""
     log = rows_of(scaled(RUN, (1e3, 1e3)))
     view = LogView(evidence.log.as_logged)
-    other = Evidence(log.with_all_laws, evidence.runs).fit(view, 2.0)
+    other = Evidence(log.with_all_laws).fit(view, 2.0)
     fit = evidence.fit(view, 2.0)
     assert other.scale == pytest.approx(1e3 * fit.scale, rel=0.05)
     assert other.shares == pytest.approx(fit.shares, rel=0.05)
@@ -168,9 +167,8 @@ def test_a_score_is_the_evidence_to_first_order(evidence):
     fit = evidence.fit(view, 2.0)
     number = Number("lead", (0, 1), sd=1e-3, step=1e-4)
     late = Hypothesis("delay", (0, 1), 0.0, fit.chain, number)
-    _, sizes, information = evidence.score_test(
-        fit, evidence.slopes(fit, [late], [0.0]), np.array([1e-3])
-    )
+    slopes = evidence.slopes(fit, [late], [0.0])
+    sizes, information = evidence.score_test(fit, slopes, np.array([1e-3]))
     values = {
         x: evidence.fit(LogView(number.at(fit.chain, x)), 2.0).value
         for x in (-1e-4, 0.0, 1e-4)

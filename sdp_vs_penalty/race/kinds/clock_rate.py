@@ -32,7 +32,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     torques."""
     now = fit.chain
     back = replace(now, reversed=not now.reversed)
-    is_velocity_turned = evidence.log.data.velocity_gain < 0.0
+    is_velocity_turned = evidence.log.data.velocity_sign < 0.0
     yield Hypothesis(
         kind="time reversed",
         joints=(),

@@ -55,7 +55,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     # along F: it is linear in F_k and r_i F_k.
     static = model.rigid_indices[-_PARAMETERS_OF_A_LINK:][:_STATIC]
     columns = [
-        log.columns(replace(now, gravity=tuple(axis)), 0.0, 0.0)[:, :, static]
+        log.columns(replace(now, gravity=tuple(axis)), is_still=True)[:, :, static]
         for axis in np.eye(3).tolist()
     ]
     sd = np.tile([_FORCE, _MOMENT, _MOMENT, _MOMENT], 3)
@@ -65,7 +65,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     spans = _worst_spans(evidence, fit)
     odds = -c.LOG_ODDS_AGAINST_DIFFERENCE - float(np.log(c.ROWS))
     for span in spans:
-        at = span.rows(evidence.runs, log.data.motion.t)[None, :, None]
+        at = evidence.rows_of(span)[None, :, None]
         pushed = Further(force.columns * at, force.sd, span=span)
         yield Hypothesis("passing force", (), odds, now, part=span, further=pushed)
     for pair in pairwise(range(log.n)):
@@ -90,7 +90,7 @@ def _worst_spans(evidence: Evidence, fit: ViewFit) -> list[Part]:
     errors = fit.weights @ evidence.residual(fit) ** 2  # (M,)
     for taken in fit.view.further:
         if taken.span is not None:
-            errors[taken.span.rows(evidence.runs, t)] = 0.0
+            errors[evidence.rows_of(taken.span)] = 0.0
     summed = np.concatenate([[0.0], np.cumsum(errors)])
     spans = []
     for seconds in _SPANS:

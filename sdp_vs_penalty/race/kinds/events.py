@@ -4,7 +4,6 @@ the arm leaves, against the residual."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -16,8 +15,8 @@ from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis
-from sdp_vs_penalty.race.run_log import RunLog
 
+DRIFT = "torque drift"
 #: Smallest share of the rows before a step, and of those after it, in which the joint
 #: moves either way: of a joint that only turns back, friction makes a step.
 _SMALLEST_SHARE_EACH_WAY = 0.15
@@ -34,7 +33,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         return
     prior = prior_of_one_of(log.n) - c.LOG_ODDS_AGAINST_EVENT + c.LOG_ODDS_AGAINST_FAULT
     for j in log.joints:
-        yield Hypothesis("torque drift", (j,), prior, now.with_event(LogEvent(j)))
+        yield Hypothesis(DRIFT, (j,), prior, now.with_event(LogEvent(j)))
     for event in _likeliest_step(log, now, log.fit(now)):
         chain = now.with_event(event)
         odds = prior - float(np.log(c.ROWS // c.PARTS))
@@ -45,10 +44,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     """Yield a fault for each drift and each step that is taken out of a joint's
     torque."""
     for event in chain.events:
-        if event.at is None:
-            yield _drift(log, chain, event)
-        else:
-            yield _step(log, chain, event, event.at)
+        yield (_drift if event.at is None else _step)(log, chain, event)
 
 
 def _likeliest_step(
@@ -113,7 +109,7 @@ def _drift(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
     size = _drift_from_end_to_end(log, repair, event)
     unit = log.problem.robot.torque_units[event.joint]
     return Fault(
-        kind="torque drift",
+        kind=DRIFT,
         joints=(event.joint,),
         what=f"the torque of {joints_text([event.joint])} drifts by {size:+.3g} {unit}"
         " from the first row to the last.",
@@ -121,47 +117,49 @@ def _drift(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
         without=repair.without_event(event),
         is_repairable=False,
         figures={"size": size},
-        by_run=partial(_drift_of_runs, log, repair, event),
     )
 
 
-def _drift_of_runs(
-    log: Likelihood, repair: LogTransform, event: LogEvent, runs: Sequence[RunLog]
+def drift_of_runs(
+    fault: Fault, runs: Sequence[tuple[str, Likelihood, LogTransform]]
 ) -> Fault:
     """Return the fault that a joint's torque drifts, in the words of several runs: by
     how much from the first row of a run to its last, in the run that drifts most.
 
-    The ramp over the rows of all runs, ``log``, has an offset in each run: its size is
-    no change that any run shows.
+    The ramp over the rows of all runs has an offset in each run: its size is no change
+    that any run shows.
+
+    Parameters
+    ----------
+    runs : sequence of tuple
+        Name and rows of each run, and how they are repaired.
     """
-    sizes = [_drift_from_end_to_end(run.log, run.repair, event) for run in runs]
+    event = LogEvent(fault.joints[0])
+    sizes = [_drift_from_end_to_end(log, repair, event) for _, log, repair in runs]
     largest = int(np.argmax(np.abs(sizes)))
-    size = sizes[largest]
+    name, log, _ = runs[largest]
     unit = log.problem.robot.torque_units[event.joint]
     return replace(
-        _drift(log, repair, event),
-        what=f"the torque of {joints_text([event.joint])} drifts by up to {size:+.3g}"
-        f" {unit} from the first row of a run to its last ({runs[largest].name}).",
-        figures={"size": size, "sizes": sizes},
-        by_run=None,
+        fault,
+        what=f"the torque of {joints_text(fault.joints)} drifts by up to"
+        f" {sizes[largest]:+.3g} {unit} from the first row of a run to its last ({name}).",
+        figures={"size": sizes[largest], "sizes": sizes},
     )
 
 
-def _step(log: Likelihood, repair: LogTransform, event: LogEvent, t: float) -> Fault:
-    """Return the fault that a joint's torque steps and stays there: at the instant t
-    [s], by the clock in whose words it is told."""
+def _step(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
+    """Return the fault that a joint's torque steps and stays there."""
     size = _size(log, repair, event)
     name = joints_text([event.joint])
     unit = log.problem.robot.torque_units[event.joint]
     return Fault(
         kind="torque step",
         joints=(event.joint,),
-        what=f"the torque of {name} steps by {size:+.3g} {unit} at t = {t:.4g} s and"
+        what=f"the torque of {name} steps by {size:+.3g} {unit} at t = {{t:.4g}} s and"
         " stays there.",
         remedy="cut the run there, or find out what touched the arm",
         without=repair.without_event(event),
-        place=f"{name}, t = {t:.4g} s",
+        place=f"{name}, t = {{t:.4g}} s",
         is_repairable=False,
-        figures={"size": size, "t": t},
-        by_clock=partial(_step, log, repair, event),
+        figures={"size": size, "t": event.at},
     )

@@ -45,14 +45,17 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         return
     across = np.linalg.svd(gravity[None, :])[2][1:]  # (2, 3)
     chains = [_with_gravity(now, gravity + size * _STEP * x) for x in across]
-    columns = evidence.changes(fit, chains, now) / _STEP
-    angles = evidence.score_test(fit, columns, np.full(2, _SD))[1]
+    log = evidence.log
+    log.prepare_columns(chains)
+    tilted = [log.unexplained(x, fit.links) for x in chains]
+    columns = log.unexplained(now, fit.links)[:, :, None] - np.stack(tilted, axis=2)
+    angles = evidence.score_test(fit, columns / _STEP, np.full(2, _SD))[0]
     angles = np.clip(angles, -_FIRST_ORDER, _FIRST_ORDER)
     turned = gravity + size * angles @ across
-    tilted = _with_gravity(now, size * turned / np.linalg.norm(turned))
+    chain = _with_gravity(now, size * turned / np.linalg.norm(turned))
     is_usual = bool(np.linalg.norm(angles) < 2.0 * c.CALIBRATED)
     odds = prior - _ODDS_AGAINST_TILT
-    yield Hypothesis(kind, (), odds, tilted, is_usual=is_usual)
+    yield Hypothesis(kind, (), odds, chain, is_usual=is_usual)
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:

@@ -32,7 +32,7 @@ _CONTRADICTS = 1e-3
 def parts_of(evidence: Evidence) -> list[Part]:
     """List the parts that may differ: each of several runs, or what follows an instant
     of a single one."""
-    runs = np.unique(evidence.runs)
+    runs = np.unique(evidence.log.data.run)
     if len(runs) > 1:
         return [Part(run=int(run)) for run in runs]
     t = evidence.log.data.motion.t
@@ -56,7 +56,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     every = tuple(range(log.n))
     contradicts = bool((fit.shares > _CONTRADICTS).any())
     for part in parts:
-        at = part.rows(evidence.runs, log.data.motion.t)[None, :, None]
+        at = evidence.rows_of(part)[None, :, None]
         for number in numbers:
             kind = "torque gain" if number.field == "gain" else "encoder offset"
             yield Hypothesis(kind, number.joints, of_joint, none, number, part)
