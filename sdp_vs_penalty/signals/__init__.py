@@ -13,7 +13,6 @@ __getattr__ = lazy_exports(
     repetition="Repeat repeat_period",
     runs="interpolated",
     splines="CubicSpline",
-    coloured_noise="nonnegative_fit",
     segments="segmented SegmentedRuns subsample_sentence window_subsample",
     encoder="read_again",
     motion="MotionRecord record_motion",

@@ -33,9 +33,6 @@ RARE = 0.15
 #: The same probability beside a model's error, whose tail is known from the other
 #: windows only.
 FALSE_LONE = 1e-2
-#: Pull of a coefficient at zero, over the largest pull at the begin of a fit, that is
-#: rounding.
-_NO_PULL = 1e-12
 
 
 class Pieces(tuple[Indices, ...]):
@@ -299,50 +296,12 @@ def noise_profile(white: Array, rates: Array, at: Array) -> Array:
     squares = white[used] ** 2
     squares = np.minimum(squares, (3.0 * robust_scale(white[used])) ** 2)
     columns = np.column_stack([np.ones(len(squares)), rates[used] / size])
-    law = nonnegative_fit(columns, squares)
+    law = scipy.optimize.nnls(columns, squares)[0]
     level = float(law.sum())
     if level <= 0.0:
         return np.ones(len(at))
     variance = (law[0] + (at / size) @ law[1:]) / level
     return np.sqrt(np.clip(variance, 1.0 / ABOVE, ABOVE))
-
-
-def nonnegative_fit(columns: Array, target: Array) -> Array:
-    """Fit a target (M,) by least squares in a few columns (M, k) with coefficients (k,)
-    that are not negative.
-
-    The method is Lawson and Hanson's, as in scipy.optimize.nnls, which takes longer to
-    import than to run.
-    """
-    Q, R = np.linalg.qr(columns)
-    z = Q.T @ target
-    k = columns.shape[1]
-    fit = np.zeros(k)
-    is_free = np.zeros(k, bool)  # the others are zero
-    for _ in range(3 * k):
-        pull = np.where(is_free, 0.0, R.T @ (z - R @ fit))
-        if pull.max() <= _NO_PULL * np.abs(R.T @ z).max():
-            break
-        is_free[np.argmax(pull)] = True
-        fit = _nonnegative_step(R, z, fit, is_free)
-    return fit
-
-
-def _nonnegative_step(R: Array, z: Array, fit: Array, is_free: Mask) -> Array:
-    """Return the least-squares fit (k,) of z (k,) by the free columns of R (k, k); those
-    whose coefficient would become negative on the way from ``fit`` are freed no more.
-    """
-    while True:
-        best = np.zeros(len(fit))
-        best[is_free] = np.linalg.lstsq(R[:, is_free], z, rcond=None)[0]
-        blocks = is_free & (best <= 0.0)
-        if not blocks.any():
-            return best
-        # As far as the first coefficient that becomes zero.
-        shares = fit[blocks] / np.maximum(fit[blocks] - best[blocks], 1e-300)
-        fit = fit + shares.min() * (best - fit)
-        is_free[np.flatnonzero(blocks)[np.argmin(shares)]] = False
-        fit[~is_free] = 0.0
 
 
 def robust_scale(white: Array) -> float:

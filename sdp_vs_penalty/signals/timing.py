@@ -12,7 +12,6 @@ import numpy as np
 import scipy
 
 from sdp_vs_penalty.robot.arrays import Array, Indices
-from sdp_vs_penalty.signals.coloured_noise import nonnegative_fit
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 #: Chance that the scatter of an error of timing makes it larger than its limit.
@@ -78,5 +77,7 @@ def largest_timing_errors(
     steepest = np.array([np.max(rates[rows] ** 2) for rows in used])
     size = max(float(steepest.mean()), np.finfo(float).tiny)
     columns = np.column_stack([np.ones(len(used)), steepest / size])
-    variance = float(nonnegative_fit(columns, squares)[1]) / size  # of delta [s^2]
+    variance = (
+        float(scipy.optimize.nnls(columns, squares)[0][1]) / size
+    )  # of delta [s^2]
     return np.sqrt(float(scipy.special.chdtri(1, _CHANCE)) * variance) * rates

@@ -1,4 +1,4 @@
-"""Splines and non-negative fits that need no slow imports: the same as SciPy's."""
+"""Splines that need no slow imports: the same as SciPy's."""
 
 import subprocess
 import sys
@@ -6,12 +6,11 @@ import sys
 import numpy as np
 import pytest
 import scipy.interpolate
-import scipy.optimize
 from numpy.testing import assert_allclose
 from small_runs import write_run
 
 from sdp_vs_penalty import load_problem
-from sdp_vs_penalty.signals import CubicSpline, nonnegative_fit
+from sdp_vs_penalty.signals import CubicSpline
 
 
 @pytest.mark.parametrize("order", [0, 1])
@@ -36,32 +35,6 @@ def test_coefficients_of_a_spline_are_those_of_scipy():
 def test_knots_that_do_not_ascend_are_refused(x):
     with pytest.raises(ValueError, match="ascend"):
         CubicSpline(x, np.zeros((len(x), 1)))
-
-
-@pytest.mark.parametrize("seed", range(30))
-def test_a_nonnegative_fit_is_that_of_scipy(seed):
-    rng = np.random.default_rng(seed)
-    k = 1 + seed % 4
-    columns = rng.normal(size=(40, k)) + 0.5 * (seed % 3)
-    target = rng.normal(size=40) + columns @ rng.normal(size=k)
-    right = scipy.optimize.nnls(columns, target)[0]
-    assert_allclose(nonnegative_fit(columns, target), right, atol=1e-9)
-
-
-def test_a_nonnegative_fit_of_dependent_columns_fits_as_well():
-    rng = np.random.default_rng(1)
-    column = rng.uniform(size=(50, 1))
-    columns = np.hstack([column, 2.0 * column, np.zeros((50, 1))])
-    target = 3.0 * column[:, 0] + rng.normal(size=50)
-    fit = nonnegative_fit(columns, target)
-    right = scipy.optimize.nnls(columns, target)[1]
-    assert fit.min() >= 0.0
-    assert np.linalg.norm(columns @ fit - target) == pytest.approx(right)
-
-
-def test_a_nonnegative_fit_can_be_zero():
-    columns = np.ones((5, 1))
-    assert nonnegative_fit(columns, -np.ones(5)).tolist() == [0.0]
 
 
 SLOW = ["scipy.interpolate", "scipy.ndimage", "scipy.optimize"]
