@@ -33,7 +33,6 @@ from sdp_vs_penalty.estimation.model_file import (
     CovarianceBlock,
     ModelFile,
     ParameterEntry,
-    UncertaintyFields,
 )
 from sdp_vs_penalty.estimation.uncertainty import (
     Interval,
@@ -860,7 +859,7 @@ class Estimate(Record):
             robot=self.robot,
             effects=tuple(e.entry for e in self.model.effects),
             preprocessing=self.preprocessing,
-            uncertainty=UncertaintyFields.from_uncertainty(self.uncertainty),
+            uncertainty=self.uncertainty,
             details=self.details,
             provenance={**self.provenance, **self._plugins()},
             known=dict(self.model.known),
@@ -1004,8 +1003,8 @@ def estimate_of_file(data: Mapping[str, Any]) -> Estimate:
         problem=problem,
         model=model,
         theta=np.array([entries[name].value for name in names]),
-        uncertainty=file.uncertainty.with_intervals(
-            tuple(entries[name].interval for name in names)
+        uncertainty=replace(
+            file.uncertainty, standard=tuple(entries[name].interval for name in names)
         ),
         method=file.method,
         certificate=file.certificate,

@@ -15,7 +15,7 @@ from sdp_vs_penalty.effects.effect import EffectEntry
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
-from sdp_vs_penalty.estimation.uncertainty import LEVEL, Interval, Uncertainty
+from sdp_vs_penalty.estimation.uncertainty import Interval, Uncertainty
 from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict
 from sdp_vs_penalty.estimators import ESTIMATORS
 from sdp_vs_penalty.files import require_format
@@ -62,37 +62,6 @@ class CovarianceBlock(JsonRecord):
     parameters: tuple[str, ...]
     #: (k, k) covariance, in the order of the names.
     matrix: Array
-
-
-@dataclass(frozen=True)
-class UncertaintyFields(JsonRecord):
-    """An Uncertainty less the intervals of the model's parameters, which stand with
-    these."""
-
-    #: Intervals of the combinations that make torque.
-    base: tuple[Interval, ...]
-    #: (p, r) factor of the covariance of everything that the data show.
-    spread: Array
-    #: (p, n) change of the parameters for a unit relative error of each torque
-    #: channel's gain.
-    gain_response: Array
-    #: (n,) standard deviation of the torque that the model leaves [N m, N].
-    torque_noise: Array
-    #: (n, e) factor of the covariance of the gains' relative errors.
-    gain_errors: Array
-    #: Probability of all intervals.
-    level: float = LEVEL
-
-    @classmethod
-    def from_uncertainty(cls, uncertainty: Uncertainty) -> UncertaintyFields:
-        """Return what the file holds of an uncertainty."""
-        names = [f.name for f in fields(cls) if f.name != "level"]
-        return cls(**{name: getattr(uncertainty, name) for name in names})
-
-    def with_intervals(self, standard: tuple[Interval, ...]) -> Uncertainty:
-        """Return the uncertainty with the intervals of the model's parameters."""
-        names = [f.name for f in fields(self) if f.name != "level"]
-        return Uncertainty(standard, **{name: getattr(self, name) for name in names})
 
 
 @dataclass(frozen=True)
@@ -258,7 +227,7 @@ class ModelFile(JsonRecord):
     #: Filters, resolved.
     preprocessing: Preprocessing
     #: What the training runs say of the parameters, less the intervals above.
-    uncertainty: UncertaintyFields
+    uncertainty: Uncertainty
     #: What method and posing report, as plain JSON; DetailsFields are read again.
     details: Mapping[str, Any]
     #: Where the model is from, as plain JSON; ProvenanceFields are read again.

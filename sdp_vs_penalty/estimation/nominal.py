@@ -45,7 +45,7 @@ def nominal_model(problem: Problem) -> Estimate:
         problem=problem,
         model=model,
         theta=theta,
-        uncertainty=Uncertainty(intervals, (), *nothing),
+        uncertainty=Uncertainty((), *nothing, standard=intervals),
         method=NOMINAL,
         certificate=certificate_without_data(problem, model, theta),
         preprocessing=problem.preprocessing,

@@ -27,9 +27,9 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy
@@ -39,7 +39,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95, POOLED, WIDTHS, WINDOW
 from sdp_vs_penalty.estimation.sensitivity import ON_A_GRID
 from sdp_vs_penalty.estimators.estimator import Task, white_variance
-from sdp_vs_penalty.records import JsonRecord
+from sdp_vs_penalty.records import NOT_STORED, JsonRecord
 from sdp_vs_penalty.regression.base_parameters import BaseParameters
 from sdp_vs_penalty.regression.linalg import column_space, min_norm_lstsq
 from sdp_vs_penalty.regression.regression import Regression
@@ -417,8 +417,9 @@ class Uncertainty(JsonRecord):
     Raises ValueError for arrays that do not belong together.
     """
 
-    #: Intervals of all parameters of the model.
-    standard: tuple[Interval, ...]
+    derived = ("level",)
+    #: Probability of all intervals.
+    level: ClassVar[float] = LEVEL
     #: Intervals of the combinations that make torque.
     base: tuple[Interval, ...]
     #: (p, r) factor of the covariance of everything that the data show.
@@ -431,10 +432,12 @@ class Uncertainty(JsonRecord):
     #: (n, e) factor of the covariance of the gains' relative errors, which the
     #: covariance holds as well.
     gain_errors: Array
+    #: Intervals of all parameters of the model; a file has them with its parameters.
+    standard: tuple[Interval, ...] = field(default_factory=tuple, metadata=NOT_STORED)
 
     def __post_init__(self) -> None:
         """Raise ValueError for arrays whose shapes or sizes cannot belong to a model."""
-        p = len(self.standard)
+        p = len(self.standard) or len(self.gain_response)
         n = len(self.torque_noise)
         # p parameters, n joints; spread (p, r) and gain_errors (n, e) have any width.
         shapes = (

@@ -237,7 +237,7 @@ def test_threads_read_intervals_that_one_of_them_works_out():
     """Every thread comes while the first one still works them out; none works them out
     again."""
     one = Interval("m1", "kg", 1.0, std=0.1)
-    known = Uncertainty((one,), (), *map(np.ones, ((1, 2), (1, 1), 1, (1, 1))))
+    known = Uncertainty((), *map(np.ones, ((1, 2), (1, 1), 1, (1, 1))), standard=(one,))
     calls = []
     together = threading.Barrier(8)
 

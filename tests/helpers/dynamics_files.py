@@ -195,7 +195,7 @@ def estimate_of(robot, effects, seed, links=None):
     pairs = zip(model.parameters, theta.tolist(), strict=True)
     intervals = tuple(Interval(q.name, q.unit, x) for q, x in pairs)
     nothing = np.zeros((p, 0)), np.zeros((p, n)), np.zeros(n), np.zeros((n, 0))
-    unknown = Uncertainty(intervals, (), *nothing)
+    unknown = Uncertainty((), *nothing, standard=intervals)
     made = Certificate({}, 0.0)
     provenance = {"data_hash": "", "runs": [], "samples": 0, "versions": {}}
     settings = (Preprocessing(), {}, {}, provenance)
