@@ -4,7 +4,7 @@ import os
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,6 @@ from sdp_vs_penalty import identify, load_measurements, load_problem
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.build_problem import build_problem
-from sdp_vs_penalty.estimation.resampling import bootstrap
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.problem.problem import Problem
@@ -72,16 +71,6 @@ def fits(inputs: Inputs) -> list[Figure]:
             f"other: Clarabel; certified gaps {gaps[0]:.0e}, {gaps[1]:.0e} of the loss"
         )
         rows.append(Figure.of_pairs(f"certified fit, {name}", pairs, "ms", note))
-    draws = 50
-    spent = in_turn(
-        partial(bootstrap, inputs.problem, inputs.run, 1),
-        partial(bootstrap, inputs.problem, inputs.run, 1 + draws),
-        3,
-        scale=1e3,
-    )
-    one = float(np.median(spent[:, 1] - spent[:, 0])) / draws
-    note = "blocks of time drawn anew, with their certified optimum"
-    rows.append(Figure.single("draw of a bootstrap", one, "ms", note))
     return rows
 
 

@@ -6,7 +6,6 @@ __getattr__ = lazy_exports(
     __name__,
     certificate="Certificate",
     excitation="Limits Regressor",
-    resampling="bootstrap",
     sensitivity="free_constants prior_deviation fit_constants_jointly ShapeSensitivity",
     identify="certify on_bounds",
     proofs="verify_proof_file",

@@ -1,20 +1,9 @@
-"""How well a method's models predict motion that they have not seen, and how far they
-would move.
+"""How well a method's models predict motion that they have not seen.
 
 In :func:`cross_validate` each fold leaves out one stretch of every motion's clock
 (:mod:`~sdp_vs_penalty.signals.phases`), all its repetitions and a guard of the filters'
 reach around it, identifies from the rest, shape constants included, as ``identify``
 does, and is judged on what it left out. Every row is judged once.
-
-:func:`bootstrap` is the block bootstrap of the certified estimate: how far parameters that are held by
-physics and priors move when other stretches of the same motion had been measured.
-
-Intervals of :mod:`uncertainty` are of least squares, cut where constraints begin. Here
-blocks of time are drawn anew (Kuensch, Annals of Statistics 1989) and each draw is
-solved and certified as the estimate itself is. In the coordinates in which all rows
-together have the identity for their products, G_b are those of block b, and a draw that
-holds it w_b times has the factor chol(sum_b w_b G_b) R: no row is looked at again, and
-no digit is lost, since the sum of all G_b is at most one.
 """
 
 from __future__ import annotations
@@ -51,18 +40,12 @@ from sdp_vs_penalty.estimators.estimator import (
     make_task,
     no_progress,
 )
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.records import WritesJson, stored_as
 from sdp_vs_penalty.regression.evidence import relative_error
-from sdp_vs_penalty.regression.linalg import column_space
-from sdp_vs_penalty.regression.regression import (
-    LeastSquares,
-    Regression,
-    compress_cells,
-)
+from sdp_vs_penalty.regression.regression import Regression, compress_cells
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
@@ -70,7 +53,6 @@ from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT
 
 if TYPE_CHECKING:
     import pandas
@@ -497,93 +479,6 @@ class Split:
         if any(shape.after != shape.before for shape in shapes):
             model = replace(model, effects=with_shapes(model.effects, shapes))
         return with_reference(self.problem, model, compressed, self.weighting)
-
-
-def bootstrap(
-    problem: str | Path | Problem,
-    measurements: Source,
-    draws: int = 200,
-    method: str | Estimator = DEFAULT_METHOD,
-    *,
-    effects: str | Sequence[str | Effect] | None = None,
-    seed: int = 0,
-) -> pandas.DataFrame:
-    """Estimate the parameters from resampled blocks of time, each with a certificate.
-
-    Blocks of a twentieth of a run are drawn with replacement. Shape constants and the
-    joints' weights stay those of all measurements.
-
-    Parameters
-    ----------
-    method : str or Estimator
-        A method that solves the torque SDP.
-
-    Returns
-    -------
-    DataFrame
-        One row a draw, one column a parameter [SI], and "gap", the certified gap
-        relative to the loss.
-
-    Raises
-    ------
-    InputError
-        For input that cannot be used, and for a method that solves no torque SDP.
-    """
-    import pandas
-
-    estimator = make_estimator(method)
-    if not isinstance(estimator, LmiSdp):
-        raise InputError(
-            f"method {estimator.name} is not drawn anew",
-            "choose lmi-sdp, or one named so",
-        )
-    posed = build_problem(problem, measurements, PoseOptions(effects, seed=seed))
-    task = posed.task
-    regression = posed.regression
-    sdp = PosedSdp(task, estimator.posed(task), estimator.solver)
-    data = sdp.problem.least_squares
-    first = sdp.fit(estimator.accuracy)
-    p = len(task.bound)
-    n_blocks = len(regression.blocks)
-    # 1. [R rho] with the residual's row: (p + 1 columns). In coordinates z of its
-    # visible directions V it is orthonormal, and the blocks' Gram matrices add up to 1.
-    stacked = np.vstack(
-        [
-            np.column_stack([data.R, data.rho]),
-            np.append(np.zeros(p), data.residual_norm),
-        ]
-    )
-    U, V = column_space(stacked)
-    grams = np.zeros((n_blocks, V.shape[1], V.shape[1]))
-    to_parameters = U.T @ stacked
-    for joint, indices, blocks, rows in regression.by_joint():
-        visible_rows = task.weights[joint] * rows @ V[np.append(indices, p)]
-        grams[blocks] += visible_rows.swapaxes(1, 2) @ visible_rows
-    # The priors belong to no block; rounding stands for directions that no drawn block
-    # shows.
-    identity = np.eye(V.shape[1])
-    rounding = len(V) * np.finfo(float).eps
-    priors = identity * (1.0 + rounding) - grams.sum(axis=0)
-    # 2. Draw blocks with replacement, form the data that they make, and solve the SDP.
-    draws_of_parameters = np.empty((draws, p + 1))  # theta, gap
-    rng = np.random.default_rng(seed)
-    for row in draws_of_parameters:
-        times_drawn = rng.multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks))
-        gram = priors + np.tensordot(times_drawn, grams, 1)
-        rows = np.linalg.cholesky(gram).T @ to_parameters
-        drawn = LeastSquares(
-            R=rows[:, :p],
-            rho=rows[:, p],
-            residual_norm=0.0,
-            tau_squared=float(rows[:, p] @ rows[:, p]),
-            rows=data.rows,
-        )
-        again = sdp.with_problem(replace(sdp.problem, least_squares=drawn))
-        fit = again.fit(0.5 * TIGHT, near=first)
-        row[:] = np.append(task.model.with_known(fit.theta), fit.gap)
-    return pandas.DataFrame(
-        draws_of_parameters, columns=[*(q.name for q in task.model.parameters), "gap"]
-    )
 
 
 def _require_long_folds(folds: int, runs: FilteredRuns) -> None:

@@ -7,7 +7,7 @@ For the rows Y theta = tau of one joint in one block, the QR factorisation
 
 keeps everything that least squares can ask:
 |Y theta - tau|^2 = |R theta - rho|^2 + residual_norm^2 for every theta. Factors merge by factorising
-their stack, so that joint weights, cross-validation over blocks, bootstrap and measurements from many
+their stack, so that joint weights, cross-validation over blocks and measurements from many
 files cost no pass over the samples.
 """
 
@@ -255,32 +255,22 @@ class Regression:
         Parameters
         ----------
         blocks : iterable of int
-            Indices into ``blocks``. A block that comes k times, as in a bootstrap,
-            counts k times: its rows are multiplied by sqrt(k).
+            Indices into ``blocks``.
 
         Returns
         -------
         Regression
             With these blocks, renumbered in ascending order.
         """
-        requested = np.fromiter(blocks, np.intp)
-        numbers, counts = np.unique(requested, return_counts=True)
-        new_number = {int(old): new for new, old in enumerate(numbers)}
-        factors = []
-        for factor in self.factors:
-            if factor.block not in new_number:
-                continue
-            number = new_number[factor.block]
-            count = int(counts[number])
-            triangle = factor.triangle
-            if count > 1:
-                triangle = float(np.sqrt(count)) * triangle
-            n_rows = count * factor.rows
-            factors.append(
-                replace(factor, block=number, triangle=triangle, rows=n_rows)
-            )
+        numbers = sorted(blocks)
+        new_number = {old: new for new, old in enumerate(numbers)}
+        factors = tuple(
+            replace(factor, block=new_number[factor.block])
+            for factor in self.factors
+            if factor.block in new_number
+        )
         chosen = tuple(self.blocks[block] for block in numbers)
-        return replace(self, blocks=chosen, factors=tuple(factors))
+        return replace(self, blocks=chosen, factors=factors)
 
     def keeping(self, kept_columns: Mask) -> Regression:
         """Return the data in the parameters that ``kept_columns`` (p,) flags, in the

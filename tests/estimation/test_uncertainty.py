@@ -14,7 +14,6 @@ from random_robots import repeating_run
 from small_runs import small_run
 from unchecked import identify
 
-from sdp_vs_penalty import InputError
 from sdp_vs_penalty.estimation import (
     LEVEL,
     NORMAL_95,
@@ -22,19 +21,16 @@ from sdp_vs_penalty.estimation import (
     Interval,
     Sandwich,
     Uncertainty,
-    bootstrap,
     counts,
     regression_uncertainty,
 )
-from sdp_vs_penalty.estimation.build_problem import build_problem
 from sdp_vs_penalty.estimation.uncertainty import LateUncertainty, unit_by
-from sdp_vs_penalty.estimators import LmiSdp, PosedSdp, make_task
+from sdp_vs_penalty.estimators import LmiSdp, make_task
 from sdp_vs_penalty.regression import base_rows, compress
 from sdp_vs_penalty.robot import inertia, random_trajectory
 from sdp_vs_penalty.signals import FilteredRuns, filtered
 from sdp_vs_penalty.simulation import Sensor
 from sdp_vs_penalty.simulation.experiments import simulate
-from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 
@@ -72,30 +68,6 @@ def told(problem, model, run):
     return regression_uncertainty(
         make_task(problem, model, data), data, base_rows(model, problem.independent)
     )
-
-
-def test_a_draw_of_the_bootstrap_is_the_certified_fit_of_its_rows(two_link):
-    model = two_link.model(EFFECTS)
-    run = measured(two_link, model, 0, 20.0)
-    method = LmiSdp(joint_prior=0.0, total_spread=0.0)  # priors are no rows
-    found = bootstrap(two_link, run, 3, method)
-    posed = build_problem(two_link, run)
-    theta = found.drop(columns="gap").to_numpy()
-    task = posed.task
-    assert found["gap"].max() <= TIGHT
-    assert [*found] == [*(q.name for q in task.model.parameters), "gap"]
-    assert np.ptp(theta, axis=0).max() > 0.0
-    count = len(posed.regression.blocks)
-    drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count))
-    rows = posed.regression.select(np.repeat(np.arange(count), drawn)).least_squares(
-        task.weights
-    )
-    again = replace(method.posed(task), least_squares=rows)
-    best = PosedSdp(task, again).fit()
-    base = task.base.rows
-    assert_allclose(base @ theta[0], base @ best.theta, rtol=1e-4, atol=1e-4)
-    with pytest.raises(InputError, match="not drawn anew"):
-        bootstrap(two_link, run, 1, "ols")
 
 
 def test_intervals_hold_the_truth(two_link):
