@@ -11,7 +11,7 @@ import collections.abc
 import re
 import types
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import cache
 from typing import (
     TYPE_CHECKING,
@@ -75,8 +75,8 @@ class WritesJson:
         if written is not self:
             return to_json(written)  # type: ignore[no-any-return]
         out = {
-            json_name: to_json(getattr(self, name))
-            for name, json_name in _stored_fields(type(self)).items()  # type: ignore[arg-type]
+            name: to_json(getattr(self, field.name))
+            for name, field in _stored_fields(type(self)).items()  # type: ignore[arg-type]
         }
         for name in self.derived:
             value = getattr(self, name)
@@ -121,8 +121,6 @@ def to_json(value: Any) -> Any:
         return value.to_dict()
     if is_dataclass(value) and not isinstance(value, type):
         return {f.name: to_json(getattr(value, f.name)) for f in fields(value)}
-    if isinstance(value, tuple) and hasattr(value, "_asdict"):  # a NamedTuple
-        return to_json(value._asdict())
     if isinstance(value, Mapping):
         return {str(name): to_json(x) for name, x in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -212,22 +210,10 @@ _kinds = cache(get_type_hints)
 
 
 @cache
-def _stored_fields(kind: Any) -> Mapping[str, str]:
-    """Return the names in files of a dataclass's fields, by the fields' names."""
-    names = {
-        field.name: field.metadata.get("json", field.name) for field in fields(kind)
-    }
-    return {name: json_name for name, json_name in names.items() if json_name}
-
-
-@cache
-def _optional_fields(kind: Any) -> frozenset[str]:
-    """Return the names of a dataclass's fields that have a default."""
-    return frozenset(
-        field.name
-        for field in fields(kind)
-        if field.default is not MISSING or field.default_factory is not MISSING
-    )
+def _stored_fields(kind: Any) -> Mapping[str, Field[Any]]:
+    """Return the fields of a dataclass that files hold, by their names in files."""
+    named = {field.metadata.get("json", field.name): field for field in fields(kind)}
+    return {name: field for name, field in named.items() if name}
 
 
 def _with_defaults(kind: Any, value: Any) -> Any:
@@ -243,8 +229,6 @@ def _with_defaults(kind: Any, value: Any) -> Any:
     if isinstance(value, Mapping):
         if is_dataclass(kind):
             return _fields_with_defaults(kind, value)
-        if hasattr(kind, "_fields"):
-            return _named_tuple_with_defaults(kind, value)
         if get_origin(kind) in (collections.abc.Mapping, dict):
             kind_of_values = get_args(kind)[1]
             return {k: _with_defaults(kind_of_values, x) for k, x in value.items()}
@@ -269,24 +253,19 @@ def _items_with_defaults(kind: Any, value: Sequence[Any]) -> Sequence[Any]:
     ]
 
 
-def _named_tuple_with_defaults(kind: Any, data: Mapping[str, Any]) -> list[Any]:
-    """Return the fields of a NamedTuple in order, as :func:`_with_defaults` says."""
-    if missing := [name for name in kind._fields if name not in data]:
-        what = f"the field {missing[0]!r} is missing"
-        raise InputError(what, "write the file anew")
-    kinds = _kinds(kind)
-    return [_with_defaults(kinds[name], data[name]) for name in kind._fields]
-
-
 def _fields_with_defaults(kind: Any, data: Mapping[str, Any]) -> dict[str, Any]:
     """Return a record's fields, by their names in the record, as
     :func:`_with_defaults` says."""
     if issubclass(kind, JsonRecord):
         data = kind.upgraded(data)
     kinds = _kinds(kind)
-    optional = _optional_fields(kind)
     return {
-        name: _with_defaults(kinds[name], data[json_name])
-        for name, json_name in _stored_fields(kind).items()
-        if json_name in data and not (data[json_name] is None and name in optional)
+        field.name: _with_defaults(kinds[field.name], data[name])
+        for name, field in _stored_fields(kind).items()
+        if name in data and not (data[name] is None and _has_default(field))
     }
+
+
+def _has_default(field: Field[Any]) -> bool:
+    """Return whether a field may be left out."""
+    return field.default is not MISSING or field.default_factory is not MISSING

@@ -123,7 +123,8 @@ MEANINGS = {
 }
 
 
-class TurnWave(NamedTuple):
+@dataclass(frozen=True)
+class TurnWave:
     """A wave of a joint's error over the joint's turns."""
 
     #: Waves per revolution.
@@ -134,7 +135,8 @@ class TurnWave(NamedTuple):
     over_surroundings: float
 
 
-class Hum(NamedTuple):
+@dataclass(frozen=True)
+class Hum:
     """A hum of a joint's torque."""
 
     #: Frequency [Hz].
@@ -143,7 +145,8 @@ class Hum(NamedTuple):
     amplitude: float
 
 
-class FailingStretch(NamedTuple):
+@dataclass(frozen=True)
+class FailingStretch:
     """A stretch of a run in which an error is large."""
 
     #: Name of the run.
@@ -368,11 +371,18 @@ def _wave_sentences(failure: JointFailure, unit: str) -> list[str]:
     """Say at which frequencies a joint hums, and which waves per turn its error has."""
     out = []
     if failure.hums:
-        hums = words([f"{f:.3g} Hz ({a:.2g} {unit})" for f, a in failure.hums[:3]])
+        hums = words(
+            [
+                f"{h.frequency:.3g} Hz ({h.amplitude:.2g} {unit})"
+                for h in failure.hums[:3]
+            ]
+        )
         out.append(f"It hums at {hums}, which the filters take out.")
     if failure.orders:
         waves = ", ".join(
-            f"{k} ({a:.2g} {unit}, {r:.0f}x)" for k, a, r in failure.orders
+            f"{wave.per_revolution} ({wave.amplitude:.2g} {unit},"
+            f" {wave.over_surroundings:.0f}x)"
+            for wave in failure.orders
         )
         out.append(
             f"Waves per revolution (amplitude, that over its surroundings): {waves}."
@@ -619,7 +629,7 @@ class _Judge:
             explainable = max(0.0, 1.0 - (floor / rmse) ** 2)
         series = _full_rate(self.runs, self.rows, j)
         orders = self.orders(j, series)
-        waves_per_turn = [order for order, _, _ in orders]
+        waves_per_turn = [wave.per_revolution for wave in orders]
         hums = self.hums_by_joint.get(j, ())
         shares = self.shares(JointError(j, error, waves_per_turn))
         shares = shares.with_fast_hum(_energy_of(hums) / max(rmse**2, 1e-300))

@@ -613,7 +613,7 @@ def shown_waves(failure: JointFailure, finding: Finding | None = None) -> float:
     """
     if finding is not None and "k" in finding.shape:
         return finding.shape["k"]
-    return float(failure.orders[0][0]) if failure.orders else 1.0
+    return float(failure.orders[0].per_revolution) if failure.orders else 1.0
 
 
 def picture_title(before: Comparison, after: Comparison, joint: int, cause: str) -> str:

@@ -221,11 +221,11 @@ def test_a_ripple_is_seen_by_its_order_and_amplitude(two_link, base, every):
     tau = run.tau + [[0.0, 0.6]] * np.sin(40.0 * run.q)
     rippled = Measurements(run.t[::every], run.q[::every], tau[::every])
     first, second = where_it_fails(model, rippled)
-    order, amplitude, over = second.orders[0]
-    assert order == 40
-    assert amplitude == pytest.approx(0.6, rel=0.02)
-    assert over > 6.0
-    assert 40 not in [k for k, *_ in first.orders]
+    wave = second.orders[0]
+    assert wave.per_revolution == 40
+    assert wave.amplitude == pytest.approx(0.6, rel=0.02)
+    assert wave.over_surroundings > 6.0
+    assert 40 not in [wave.per_revolution for wave in first.orders]
 
 
 @pytest.mark.parametrize(
