@@ -235,8 +235,6 @@ def _write_arm(inputs: Inputs, folder: Path) -> None:
         armature=zero,
         stiffness=zero,
         offset=zero,
-        springs=(),
-        others=(),
     )
     (folder / "arm.urdf").write_bytes(make_urdf(robot, content))
     (folder / "arm.xml").write_bytes(make_mjcf(robot, content))

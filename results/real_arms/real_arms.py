@@ -30,6 +30,8 @@ from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.results.table import markdown_lines
 
 HERE = Path(__file__).parent
+#: The variable that names the folder of the measurements.
+DATA = "SDP_VS_PENALTY_DATA"
 #: s: the Panda's motion repeats after so long; it stands still at first.
 PERIOD = 13.334
 STANDSTILL = 1.1
@@ -108,9 +110,12 @@ ARMS: dict[str, Callable[[], Iterator[Split]]] = {
 }
 
 
-def joint_errors(model: Estimate, runs: Measurements) -> NDArray[np.float64]:
-    """Return each joint's RMS error (n,) [N m or N] over all runs, by their length."""
-    compared = compare(model, runs)
+def joint_errors(
+    model: Estimate | Path, runs: Measurements, filtered_as: Estimate
+) -> NDArray[np.float64]:
+    """Return each joint's RMS error (n,) [N m or N] over all runs, by their length, behind
+    the filters of a model."""
+    compared = compare(model, runs, filtered_as.preprocessing)
     squares = np.array([np.square(c.rmse) for c in compared])
     seconds = np.array([c.judged_seconds for c in compared])
     return np.asarray(np.sqrt(seconds @ squares / seconds.sum()))
@@ -120,10 +125,10 @@ def rows_of(split: Split) -> Iterator[dict[str, object]]:
     """Yield a row for each joint: errors bare, with confident and with all findings."""
     bare = identify(split.problem, split.train, check=False)
     diagnosis = diagnose(bare, split.train, check=False)
-    errors = {"bare": joint_errors(bare, split.unseen)}
+    errors = {"bare": joint_errors(bare, split.unseen, bare)}
     for name, findings in (("confident", diagnosis.sure), ("all", diagnosis.effects)):
         model = add(bare, list(findings), split.train) if findings else bare
-        errors[name] = joint_errors(model, split.unseen)
+        errors[name] = joint_errors(model, split.unseen, bare)
     errors |= file_errors(split, bare)
     for joint in range(bare.robot.n):
         yield {
@@ -139,9 +144,8 @@ def file_errors(split: Split, bare: Estimate) -> dict[str, NDArray[np.float64]]:
     """Return the errors by the robot's file, behind the filters of the bare model."""
     if not split.file:
         return {}
-    path = Path(os.environ["SDP_VS_PENALTY_DATA"]) / split.file
-    compared = compare(path, split.unseen, bare.preprocessing)
-    return {"file": np.asarray(compared[0].rmse)}
+    path = Path(os.environ[DATA]) / split.file
+    return {"file": joint_errors(path, split.unseen, bare)}
 
 
 def mean_ratio(rows: pandas.DataFrame, column: str) -> float:
@@ -213,15 +217,22 @@ def with_kept(rows: pandas.DataFrame, path: Path) -> pandas.DataFrame:
     return pandas.concat([kept[~kept["split"].isin(rows["split"])], rows])
 
 
+def read_options(
+    parser: argparse.ArgumentParser, arguments: Sequence[str] | None
+) -> argparse.Namespace:
+    """Return the options of a program of this folder; DATA is where runs are read."""
+    parser.add_argument("--data", type=Path, default=os.environ.get(DATA))
+    parser.add_argument("--out", type=Path, default=HERE)
+    options = parser.parse_args(arguments)
+    os.environ[DATA] = str(options.data)
+    return options
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure the chosen arms, and write both files."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("arms", nargs="*", default=list(ARMS))
-    parser.add_argument("--data", type=Path)
-    parser.add_argument("--out", type=Path, default=HERE)
-    chosen = parser.parse_args(arguments)
-    if chosen.data is not None:
-        os.environ["SDP_VS_PENALTY_DATA"] = str(chosen.data)
+    chosen = read_options(parser, arguments)
     splits = (split for arm in chosen.arms for split in ARMS[arm]())
     made = [row for split in splits for row in rows_of(split)]
     path = chosen.out / "real_arms.csv"

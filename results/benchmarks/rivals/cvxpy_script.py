@@ -41,10 +41,15 @@ def read_rows(folder: Path, joints: int) -> Rows:
     """Read the authors' text files, filter and decimate."""
     names = ("time", "positions", "torques")
     t, *channels = (np.loadtxt(folder / f"exciting_traj_{name}.txt") for name in names)
+    return filtered_rows(t, *(channel.reshape(-1, joints) for channel in channels))
+
+
+def filtered_rows(t: Array, q: Array, tau: Array) -> Rows:
+    """Resample positions and torques (N, n), filter and decimate."""
     grid = np.arange(t[0], t[-1], 1.0 / RATE_HZ)
     q, tau = (
-        np.column_stack([np.interp(grid, t, x) for x in channel.reshape(-1, joints).T])
-        for channel in channels
+        np.column_stack([np.interp(grid, t, x) for x in channel.T])
+        for channel in (q, tau)
     )
     q = low_pass(q, POSITION_CUTOFF_HZ)
     dq = np.gradient(q, 1.0 / RATE_HZ, axis=0)
@@ -60,23 +65,26 @@ def low_pass(x: Array, cutoff_hz: float) -> Array:
     return signal.filtfilt(b, a, x, axis=0)
 
 
-def columns(model: Any, q: Array, dq: Array, ddq: Array) -> Array:
-    """Y (M, n, 13 n): rigid body, viscous, Coulomb, offset."""
+def columns(
+    model: Any, q: Array, dq: Array, ddq: Array, *, with_rotors: bool = False
+) -> Array:
+    """Y (M, n, 13 n): rigid body, viscous, Coulomb, offset; n more for rotors."""
     data = model.createData()
     n = q.shape[1]
     stack = []
     for x, dx, ddx in zip(q, dq, ddq, strict=True):
         rigid = pin.computeJointTorqueRegressor(model, data, x, dx, ddx).copy()
         friction = [np.diag(dx), np.diag(np.tanh(dx / SIGN_WIDTH)), np.eye(n)]
-        stack.append(np.hstack([rigid, *friction]))
+        rotors = [np.diag(ddx)] if with_rotors else []
+        stack.append(np.hstack([rigid, *friction, *rotors]))
     return np.array(stack)
 
 
 def solve(y: Array, tau: Array, basis: Array, triangle: bool = True) -> Array:
-    """theta (13 n,) of least squares with positive semidefinite pseudo-inertias and
-    friction >= 0.
+    """theta (p,) of least squares with positive semidefinite pseudo-inertias, friction
+    and rotors >= 0.
 
-    y (M, n, 13 n), tau (M, n); basis (10, 4, 4) : of the pseudo-inertia. Columns are
+    y (M, n, p) as of `columns`, tau (M, n); basis (10, 4, 4) : of the pseudo-inertia. Columns are
     scaled to unit length: without that Clarabel's answer is wrong. triangle : CVXPY gets
     the rows' R factor, else the rows themselves.
     """
@@ -89,7 +97,8 @@ def solve(y: Array, tau: Array, basis: Array, triangle: bool = True) -> Array:
     norms = np.linalg.norm(rows[:, :-1], axis=0)
     scale = 1.0 / np.maximum(norms, 1e-6 * norms.max())
     x = cp.Variable(y.shape[2])
-    demands: list[Any] = [x[10 * links : 12 * links] >= 0]
+    friction, rotors = slice(10 * links, 12 * links), slice(13 * links, None)
+    demands: list[Any] = [x[friction] >= 0, x[rotors] >= 0]
     for k in range(links):
         link = slice(10 * k, 10 * k + 10)
         matrix = (basis.reshape(10, 16) * scale[link, None]).T

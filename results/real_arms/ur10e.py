@@ -1,0 +1,127 @@
+"""What each way to a model of the UR10e errs on motion that it has not seen, by joint.
+
+    python results/real_arms/ur10e.py [--data DATA] [--out FOLDER]
+
+All are fitted to one run and judged on two others, behind the same low-pass and against
+the same measured torque. An ordinary script stands for what people do by hand: SciPy's
+zero-phase filter, Pinocchio's regressor, and least squares or CVXPY, as on the Panda in
+results/benchmarks. It has the terms of `identify`: links, viscous and dry friction, rotors,
+offsets. Files of export are judged as
+they hold the model. Writes ur10e.csv and ur10e.md.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import numpy as np
+import pandas
+from benchmarks.rivals import base_script, cvxpy_script
+from numpy.typing import NDArray
+from real_arms import joint_errors, read_options, ur10e_splits
+
+from sdp_vs_penalty import Estimate, Measurements, add, diagnose, identify
+from sdp_vs_penalty.estimation.nominal import nominal_model
+from sdp_vs_penalty.exporters.export import as_exported, effects_left_out
+from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.results.table import markdown_lines
+from sdp_vs_penalty.robot import inertia
+
+Array = NDArray[np.float64]
+#: What an ordinary model has beside the links, in the order of the script's columns.
+TERMS = "viscous_friction,coulomb_friction,torque_offset,rotor_inertia"
+
+
+def by_hand(file: Estimate, run: Measurements, solve: Callable[..., Array]) -> Estimate:
+    """Return the model of an ordinary script: filter, regressor, solve for theta."""
+    rows = cvxpy_script.filtered_rows(run.t, run.q, run.tau)
+    columns = cvxpy_script.columns(file.robot._model, *rows.states, with_rotors=True)
+    return file.with_theta(solve(columns, rows.tau))
+
+
+def by_cvxpy(columns: Array, tau: Array) -> Array:
+    """Least squares under positive semidefinite pseudo-inertias, friction >= 0."""
+    return cvxpy_script.solve(columns, tau, inertia.PSEUDO_INERTIA_BASIS)
+
+
+def ways(run: Measurements, file: Path) -> Mapping[str, Estimate]:
+    """Return every model that is judged, by its name in the table."""
+    problem = load_problem(file)
+    with_terms = nominal_model(problem).with_effects(
+        lambda effect: effect.name in ("rigid_body", *TERMS.split(","))
+    )
+    links = replace(
+        with_terms.with_effects(lambda effect: effect.name == "rigid_body"),
+        method="ols",  # of what is fitted beside the links
+    )
+    bare = identify("ur10e", run, check=False)
+    found = diagnose(bare, run, check=False)
+    named = [finding for finding in found.sure if finding.rating != "weak"]
+    in_c = [finding for finding in found.sure if is_held_by_c(bare, finding, run)]
+    for_c = add(bare, in_c, run)
+    everything = add(bare, list(found.sure), run)
+    return {
+        "maker's file: links, no friction": links,
+        "maker's links, fitted friction, rotors, offsets": add(
+            links, TERMS, run, frozen=True
+        ),
+        "script, least squares": by_hand(with_terms, run, base_script.solve),
+        "script, CVXPY, links can exist": by_hand(with_terms, run, by_cvxpy),
+        "identify": bare,
+        "identify, as URDF": as_exported(bare, "arm.urdf"),
+        "with effects whose name is sure": add(bare, named, run),
+        "with all that is sure": everything,
+        "with what C holds, as C": as_exported(for_c, "model.h"),
+    }
+
+
+def is_held_by_c(bare: Estimate, finding: object, run: Measurements) -> bool:
+    """Return whether a C header has a place for an effect that was found."""
+    return not effects_left_out(add(bare, [finding], run), "model.h")
+
+
+def table(rows: pandas.DataFrame) -> list[str]:
+    """Return a table a judged run: a row a way, a column a joint [N m]."""
+    text: list[str] = []
+    for run, of_run in rows.groupby("judged_on", sort=False):
+        joints = [c for c in rows.columns if c.startswith("joint_")]
+        cells = [
+            [str(row["model"]), *(f"{row[joint]:.3g}" for joint in joints)]
+            for _, row in of_run.iterrows()
+        ]
+        header = ["model", *(joint.removeprefix("joint_") for joint in joints)]
+        text += ["", f"## Judged on {run} [N m]", "", *markdown_lines(header, cells)]
+    return text
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Fit every model once, judge it on both runs, and write both files."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    options = read_options(parser, arguments)
+    splits = list(ur10e_splits())
+    models = ways(splits[0].train, options.data / splits[0].file)
+    made = []
+    for split in splits:
+        for name, model in models.items():
+            errors = joint_errors(model, split.unseen, models["identify"])
+            joints = {f"joint_{k}": e for k, e in enumerate(errors.tolist(), start=1)}
+            made.append({"judged_on": split.name.split()[-1], "model": name, **joints})
+    rows = pandas.DataFrame(made)
+    rows.to_csv(options.out / "ur10e.csv", index=False, float_format="%.6g")
+    text = [
+        "# The UR10e by several ways: RMS error of the torque on unseen motion",
+        "",
+        "Fitted to the run of 12 February 2020, judged on two of 19 February. By"
+        " `python results/real_arms/ur10e.py`.",
+        *table(rows),
+    ]
+    write_text(options.out / "ur10e.md", "\n".join(text) + "\n")
+
+
+if __name__ == "__main__":
+    main()
