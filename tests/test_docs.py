@@ -12,6 +12,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,18 @@ from sdp_vs_penalty.api.registration import REGISTRIES
 from sdp_vs_penalty.cli.main import VERBS, import_verb
 from sdp_vs_penalty.cli.options import Parser
 from sdp_vs_penalty.data import save
+from sdp_vs_penalty.diagnosis.curves.curve import Curve
+from sdp_vs_penalty.diagnosis.doubts import Doubt
+from sdp_vs_penalty.diagnosis.events import Event
+from sdp_vs_penalty.diagnosis.findings import (
+    Diagnosis,
+    Finding,
+    Invisible,
+    Remaining,
+    Retune,
+)
+from sdp_vs_penalty.diagnosis.notices import Notice
+from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, Span
 from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.reports.demo import HIDDEN
 from sdp_vs_penalty.simulation import experiment
@@ -204,6 +217,18 @@ def test_every_kind_of_issue_has_a_row_in_troubleshooting():
     assert not [kind for kind in kinds if kind not in rows]
 
 
+RECORDS = (Diagnosis, Finding, Retune, Curve, PassingCause, Span, Event, Notice)
+
+
+@pytest.mark.parametrize("record", [*RECORDS, Invisible, Remaining, Doubt])
+def test_every_field_of_findings_json_is_said(record):
+    text = (DOCS / "files.md").read_text(encoding="utf-8")
+    rows = text.partition("## findings.json")[2]
+    names = [*(field.name for field in fields(record)), *record.derived]
+    assert names
+    assert not [name for name in names if f"`{name}`" not in rows]
+
+
 def test_every_public_name_is_in_the_reference():
     reference = (DOCS / "api.md").read_text(encoding="utf-8")
     public = {name: getattr(sdp_vs_penalty, name) for name in sdp_vs_penalty.__all__}
@@ -286,10 +311,12 @@ def test_a_plugin_of_one_file_is_used_and_judged(
         monkeypatch.setattr(registry, "_registered", [])
     text = (DOCS / "contracts.md").read_text(encoding="utf-8")
     Path("my_effects.py").write_text(blocks(text, "python")[0])
+    shutil.copy(DOCS / "my_method.py", tmp_path)
     try:
         said = run_page("contracts.md", capsys)
     finally:
-        sys.modules.pop("my_effects", None)
+        for name in ("my_effects", "my_method"):
+            sys.modules.pop(name, None)
         for registry in REGISTRIES:
             registry.forget()
     check_printed("contracts.md", said)
@@ -379,13 +406,11 @@ def test_the_hobby_arm(tmp_path, monkeypatch, capsys):
     joint."""
     pytest.importorskip("mujoco")
     monkeypatch.chdir(tmp_path)
-    before, after = blocks(
-        (DOCS / "hobby-arm.md").read_text(encoding="utf-8"), "python"
-    )
-    names = {}
-    exec(before, names)  # our own page
+    runpy.run_path(str(DOCS / "hobby_arm.py"), run_name="__main__")
     said = run_all(commands("hobby-arm.md"), capsys)[""]
-    exec(after, names)
+    monkeypatch.syspath_prepend(DOCS)
+    (code,) = blocks((DOCS / "hobby-arm.md").read_text(encoding="utf-8"), "python")
+    exec(code, {})  # our own page
     followed = capsys.readouterr().out
     check_printed("hobby-arm.md", said + followed)
     given, identified = (
@@ -484,52 +509,44 @@ def test_the_recipe_of_a_control_loop_renews_a_certified_fit():
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """The files that the README's examples name."""
+    """The files that the README's examples name: a spring is hidden in their arm."""
     out = tmp_path_factory.mktemp("readme")
     problem = load_problem(write_urdf(out / "my_arm.urdf", "my_arm", SCARA[1:3]))
-    for seed, name in enumerate(("run1.csv", "run2.csv", "test.csv", "new.csv")):
-        write_run(out / name, problem, seed=seed)
+    runs = hidden_runs(problem, [("joint_spring", [1])], "strong", 24, 4).runs
+    names = ("run1.csv", "run2.csv", "new.csv", "test.csv")
+    for run, name in zip(runs, names, strict=True):
+        save(run.rows(slice(None, None, 4)), out / name)
     return out
 
 
-def test_your_robot_in_five_commands(folder, monkeypatch, capsys):
+def hidden_is_added(path):
+    """Whether the model of a file has the hidden spring."""
+    effects = load_estimate(path).model.effects
+    return "joint_spring" in [effect.name for effect in effects]
+
+
+def test_your_robot_in_eight_commands(folder, monkeypatch, capsys):
     pytest.importorskip("plotly")
     monkeypatch.chdir(folder)
-    assert len(commands("../README.md")) == 5
+    assert len(commands("../README.md")) == 8
     run_all(commands("../README.md"), capsys)
-    assert (folder / "report.html").exists()
-    assert (folder / "my_arm_identified.xml").exists()
+    assert hidden_is_added("better.json")
+    assert not hidden_is_added("model.json")
+    assert "my_arm_torque" in Path("model.h").read_text()
+    assert Path("identified.urdf").exists()
+    assert Path("report.html").exists()
 
 
-def test_the_python_runs(folder, monkeypatch, capsys):
+def test_the_python_adds_what_it_has_found(folder, monkeypatch, capsys):
     (code,) = blocks(README, "python")
     (folder / "example.py").write_text(code)
     monkeypatch.chdir(folder)
     runpy.run_path("example.py")
     assert "certified lower bound" in capsys.readouterr().out
-    assert (folder / "model.json").exists()
-    assert not (folder / "better.json").exists()  # nothing is hidden in these runs
-
-
-@pytest.mark.long
-def test_the_python_adds_what_it_has_found(tmp_path, two_link, monkeypatch, capsys):
-    """Whatever is hidden: the better model has it, and the first one stays."""
-    (code,) = blocks(README, "python")
-    runs = hidden_runs(two_link, [("joint_spring", [1])], "strong", 24, 3).runs
-    for run, name in zip(runs, ("run1.csv", "run2.csv", "test.csv"), strict=True):
-        save(run.rows(slice(None, None, 4)), tmp_path / name)
-    shutil.copy(tmp_path / "test.csv", tmp_path / "new.csv")
-    (tmp_path / "example.py").write_text(code.replace("my_arm.urdf", "two_link"))
-    monkeypatch.chdir(tmp_path)
-    runpy.run_path("example.py")
-    better = load_estimate(tmp_path / "better.json")
-    assert "joint_spring" in [effect.name for effect in better.model.effects]
-    model = load_estimate(tmp_path / "model.json")
-    assert "joint_spring" not in [effect.name for effect in model.model.effects]
+    assert hidden_is_added("better.json")
 
 
 def test_the_table_equals_the_generated_one():
-    assert TOOL["with_results"](README, TOOL["headline"]()) == README
     results = (ROOT / "results" / "README.md").read_text(encoding="utf-8")
     assert TOOL["dated"](TOOL["with_results"](results, TOOL["all_routes"]())) == results
     headings = re.findall(r"^#+ (.*)$", README, re.MULTILINE)
@@ -552,22 +569,16 @@ def test_constraints_pin_exact_versions_and_name_no_host():
     assert not re.search(r"://|--", "\n".join(lines))
 
 
-# --- figures whose cell a comment names: 93.2<!--speed.md :: one; two :: seconds--> -----------------
+# --- figures that texts quote, as results/tables/cited.txt says --------------------------
 
-MARKED = [ROOT / "README.md", *sorted((ROOT / "results").glob("**/README.md")), *PAGES]
 TOOL = runpy.run_path(str(ROOT / "results" / "tables" / "update_readme.py"))
+CITED = TOOL["citations"]()
 
 
-@pytest.mark.parametrize("page", MARKED, ids=lambda p: f"{p.parent.name}/{p.name}")
-def test_marked_figures_are_their_sources(page):
-    assert TOOL["refreshed"](page.read_text()) == page.read_text()
-
-
-@pytest.mark.parametrize("page", MARKED, ids=lambda p: f"{p.parent.name}/{p.name}")
-def test_no_comment_splits_a_cell_of_a_table(page):
-    """A pipe ends a cell even inside a comment."""
-    comments = re.findall(r"<!--.*?-->", page.read_text(), re.DOTALL)
-    assert not [comment for comment in comments if "|" in comment]
+@pytest.mark.parametrize("page", CITED, ids=lambda p: f"{p.parent.name}/{p.name}")
+def test_quoted_figures_are_their_sources(page):
+    text = page.read_text()
+    assert TOOL["refreshed"](text, CITED[page]) == (text, CITED[page])
 
 
 # --- every block of code is run, or says why not -------------------------------------
@@ -590,7 +601,10 @@ NOT_RUN = {
 }
 #: Pages whose other blocks are run, by the tests of this file or of that one.
 RUN_BY = {
-    "README.md": (test_your_robot_in_five_commands, test_the_python_runs),
+    "README.md": (
+        test_your_robot_in_eight_commands,
+        test_the_python_adds_what_it_has_found,
+    ),
     "docs/benchmarks.md": (test_pages_of_real_logs_run,),
     "docs/commands.md": (test_every_command_runs_in_order,),
     "docs/contracts.md": (test_a_plugin_of_one_file_is_used_and_judged,),

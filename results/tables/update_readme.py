@@ -1,18 +1,17 @@
-"""Make the results in README.md and results/README.md anew from results/: text and tables
-between marker lines, figures whose cells a comment below them names, two pictures.
+"""Make results/README.md anew from results/, the figures that texts quote, and two pictures.
 
     python results/tables/update_readme.py [--no-pictures]
 
-On README.md, any README of results/ and any page of docs/ may stand
+cited.txt beside this program says where each figure of a README or of a page of docs/ comes
+from, page by page and in their order:
 
-    <!-- figures by results/tables/update_readme.py
-    falls to 0.058 = FILE of results/ :: words of its row; more :: column
-    -->
+    # docs/security.md
+    made 400 = FILE of results/ :: words of its row; more :: column
 
-a line for each figure above it, in their order, after words that stand before the figure where
-it alone may be another one; a fourth part says which number of the cell it is, if it is not
-the first. tests/test_docs.py checks that all are as results/ say. The pictures,
-results/figures/data.png and results/figures/joint_7.png, need the extra [plot].
+Words before the figure find the place where it alone may be another one; a fourth part says
+which number of the cell it is, if it is not the first. tests/test_docs.py checks that all
+are as results/ say. The pictures, results/figures/data.png and results/figures/joint_7.png,
+need the extra [plot].
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ import csv
 import re
 import statistics
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from sdp_vs_penalty.colours import AFTER, BEFORE, PALETTE
@@ -227,12 +226,6 @@ def two_steps_with_effects() -> str:
     return f"{words(told) or 'are told apart on none'}"
 
 
-def _holds_zero(cell: str) -> bool:
-    """Whether an interval holds zero: its two figures are not told apart."""
-    low, high = (float(end) for end in cell.split(" to "))
-    return low <= 0.0 <= high
-
-
 def points(row: Mapping[str, str], method: str) -> str:
     """A difference of errors [percentage points] with its interval."""
     value = float(row[f"{method}_less_sdp_points"])
@@ -369,52 +362,6 @@ def published_draws() -> str:
 
 #: The default's name in the table of the Monte Carlo.
 DEFAULT = "SDP, entropic (default)"
-#: The row of the links that the default pulls to.
-PRIOR_ALONE = "the prior alone"
-#: The README's small table: a method's name there, in table_routes.csv and in
-#: table_monte_carlo.csv.
-HEADLINE_METHODS = (
-    ("**`lmi-sdp`**: SDP, prior", "SDP, default (entropic prior)", DEFAULT),
-    ("SDP, no prior: `lmi-sdp-thickness`; simulated: `lmi-sdp-plain`", "SDP", "SDP"),
-    ("`penalty`: ours, one step", "penalty, one-step", "penalty, one-step"),
-    ("`penalty-two-step`: ours", "penalty, two-step", "penalty, two-step"),
-    (
-        "`penalty-paper`: as published, one step",
-        "penalty as published, one-step",
-        "penalty as published, one-step",
-    ),
-    (
-        "`penalty-paper-two-step`: as published",
-        "penalty as published, two-step",
-        "penalty as published, two-step",
-    ),
-    (
-        "`ols`: least squares; simulated: weighted",
-        "least squares",
-        "weighted least squares",
-    ),
-)
-
-
-#: What stands in the README's table in place of yes or no.
-PROVED = {"least squares": "closed form", "penalty, one-step": "yes, where convex"}
-
-
-def on_rich_motion() -> str:
-    """How near to the default our methods of the README's table end in the other settings
-    of the Monte Carlo."""
-    methods = [m for _, _, m in HEADLINE_METHODS if "as published" not in m]
-    rows = [
-        row
-        for row in table("monte_carlo")
-        if row["method"] in methods and row["setting"] != "poor excitation"
-    ]
-    n_settings = len(dict.fromkeys(row["setting"] for row in rows))
-    far = max(abs(float(row["less_default_points"] or 0.0)) for row in rows)
-    return (
-        f"On rich motion ([{n_settings} more settings](results/tables/table_monte_carlo.md))"
-        f" our methods end within {far:.1g} points of the default."
-    )
 
 
 def times() -> str:
@@ -438,84 +385,6 @@ def quick_times() -> str:
             for name, row in found.items()
         ]
     )
-
-
-def headline() -> str:
-    """The README's results: a small table as results/ have it, and how to read it."""
-    measured = {row["method"]: row for row in table("routes")}
-    simulated = {
-        row["method"]: row
-        for row in table("monte_carlo")
-        if row["setting"] == "poor excitation"
-    }
-    most_draws = max(int(row["draws"]) for row in simulated.values() if row["draws"])
-    rows = []
-    for name, method, simulated_method in HEADLINE_METHODS:
-        row, drawn = measured[method], simulated[simulated_method]
-        draws = int(drawn["draws"])
-        few = f" ({draws} draws)" if draws < most_draws else ""
-        low, high = map(float, row["interval_percent"].split(" to "))
-        can_exist = float(row["links_violation"]) == 0.0
-        rows.append(
-            [
-                name,
-                "yes" if can_exist else "no",
-                PROVED.get(method, "yes" if row["gap"] else "no"),
-                f"{float(row['unseen_error_percent']):.2f} ({low:.1f} to {high:.1f})",
-                f"{float(drawn['error_percent']):.1f}{few}",
-                f"{float(row['seconds']):.2g}",
-            ]
-        )
-    heads = [
-        "method",
-        "links can exist",
-        "optimum proved",
-        "torque error, real Panda, unseen motion [%] (95 % interval)",
-        "error, poor excitation, simulated [%]",
-        "CPU time of the solve [s]",
-    ]
-    return "\n\n".join(
-        [
-            markdown(heads, rows),
-            "\n".join(
-                [
-                    "- *Error*: norm of the torque's error over that of the torque. *Unseen*: five"
-                    " stretches of the authors' log, left out in turn;"
-                    f" {told_apart()} differs from the SDP's by more than chance.",
-                    f"- *Simulated*: {most_draws} draws of an arm that moves little. The prior"
-                    f" helps though {masses_of_the_prior()} and its links err"
-                    f" {float(simulated[PRIOR_ALONE]['error_percent']):.3g} % alone."
-                    f" {on_rich_motion()}",
-                    "- *Unseen* is of the Panda, with the bounds that its authors state. On a"
-                    " plain URDF, whose masses nobody bounds, what the data leave open only a"
-                    " prior or your `--bounds` hold: compare methods with the same bounds.",
-                    "- *One step* fits torque; *two steps* fit base parameters first, then links"
-                    " to these. *As published* is our code of the authors' random search, one"
-                    " run. [More](results/README.md#sdp-against-penalty).",
-                ]
-            ),
-        ]
-    )
-
-
-def masses_of_the_prior() -> str:
-    """How far the masses of the Monte Carlo's prior are off, by the notes of its table."""
-    notes = (TABLES / "table_monte_carlo.md").read_text(encoding="utf-8")
-    found = re.search(r"Their masses are (\d+ to \d+ %) off", notes)
-    assert found, "table_monte_carlo.md does not say how far the prior's masses are off"
-    return f"its masses are {found[1]} off,"
-
-
-def told_apart() -> str:
-    """Which methods of the README's table the folds of the real run tell from the SDP."""
-    apart = [
-        name
-        for name, method, _ in HEADLINE_METHODS
-        for row in table("routes")
-        if row["method"] == method
-        and not _holds_zero(row["less_sdp_interval"] or "0 to 0")
-    ]
-    return f"the error of {words(apart)}" if apart else "no method's error"
 
 
 def all_routes() -> str:
@@ -581,18 +450,17 @@ def all_routes() -> str:
     return "\n\n".join(parts)
 
 
-# --- figures whose cells a comment names ------------------------------------------------
+# --- figures that texts quote ------------------------------------------------------------
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
-FIGURES = "<!-- figures by results/tables/update_readme.py\n"
-#: Such a comment, and its lines.
-BLOCK = re.compile(rf"{re.escape(FIGURES)}((?:[^\n]+\n)+?)-->")
+CITED = TABLES / "cited.txt"
 
 
-def marked_pages() -> list[Path]:
-    """The pages whose figures may be marked."""
-    pages = [ROOT / "README.md", *(ROOT / "results").glob("**/README.md")]
-    return sorted([*pages, *(ROOT / "docs").glob("**/*.md")])
+def citations() -> dict[Path, list[str]]:
+    """The lines of cited.txt, by page."""
+    _, *parts = re.split(r"^# (.+)\n", CITED.read_text(), flags=re.MULTILINE)
+    pages = zip(parts[::2], parts[1::2], strict=True)
+    return {ROOT / page: lines.split("\n") for page, lines in pages}
 
 
 def cell(file: str, words: str, column: str) -> str:
@@ -618,26 +486,25 @@ def cell(file: str, words: str, column: str) -> str:
     raise AssertionError(f"{file}: no row with {wanted} under {column!r}")
 
 
-def refreshed(text: str) -> str:
-    """A page with every such figure as its cell has it, with as many digits as it had."""
-    # What stands above the first comment, its lines, what stands above the next, ...
-    *pairs, rest = BLOCK.split(text)
-    anew = ""
-    for above, comment in zip(pairs[::2], pairs[1::2], strict=True):
-        lines, done = [], ""
-        for line in comment.splitlines():
-            said, source = line.split(" = ", 1)
-            file, words, column, *place = (part.strip() for part in source.split("::"))
-            *before, figure = said.split()
-            now = as_said(figure, cell(file, words, column), *map(int, place))
-            shown_as = r"\s+".join(map(re.escape, said.split()))
-            found_at = re.search(rf"(?<![\d.]){shown_as}(?!\.?\d)", above)
-            assert found_at, f"{line}: no {said} above, or not in this order"
-            done += above[: found_at.end() - len(figure)] + now
-            above = above[found_at.end() :]
-            lines.append(f"{' '.join([*before, now])} = {source}\n")
-        anew += f"{done}{above}{FIGURES}{''.join(lines)}-->"
-    return anew + rest
+def refreshed(text: str, lines: Iterable[str]) -> tuple[str, list[str]]:
+    """A page and its lines of cited.txt with every figure as its cell has it, with as many
+    digits as it had."""
+    done, rest, anew = "", text, []
+    for line in lines:
+        if not line:
+            anew.append(line)
+            continue
+        said, source = line.split(" = ", 1)
+        file, words, column, *place = (part.strip() for part in source.split("::"))
+        *before, figure = said.split()
+        now = as_said(figure, cell(file, words, column), *map(int, place))
+        shown_as = r"\s+".join(map(re.escape, said.split()))
+        found_at = re.search(rf"(?<![\d.]){shown_as}(?!\.?\d)", rest)
+        assert found_at, f"{line}: no {said} on the page, or not in this order"
+        done += rest[: found_at.end() - len(figure)] + now
+        rest = rest[found_at.end() :]
+        anew.append(f"{' '.join([*before, now])} = {source}")
+    return done + rest, anew
 
 
 def as_said(said: str, cell: str, place: int = 1) -> str:
@@ -763,11 +630,14 @@ def draw_joint(path: Path, joint: int = 7, method: str = "lmi-sdp") -> None:
 
 
 if __name__ == "__main__":
-    for page, results in ((ROOT, headline()), (ROOT / "results", all_routes())):
-        readme = page / "README.md"
-        readme.write_text(dated(with_results(readme.read_text(), results)))
-    for page in marked_pages():
-        page.write_text(refreshed(page.read_text()))
+    readme = ROOT / "results" / "README.md"
+    readme.write_text(dated(with_results(readme.read_text(), all_routes())))
+    cited = ""
+    for page, lines in citations().items():
+        text, anew = refreshed(page.read_text(), lines)
+        page.write_text(text)
+        cited += f"# {page.relative_to(ROOT).as_posix()}\n" + "\n".join(anew)
+    CITED.write_text(cited)
     if "--no-pictures" not in sys.argv:
         import matplotlib
 
