@@ -4,7 +4,7 @@ have them."""
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -19,8 +19,7 @@ from sdp_vs_penalty.effects.effect import (
     Motion,
 )
 from sdp_vs_penalty.effects.motion import Legs
-from sdp_vs_penalty.effects.shape import POSITION, ShapeConstant
-from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.effects.shape import POSITION, ShapeConstant, choice
 
 #: From a path, the distance over which its state turns round, and the state at its
 #: start, to the state z (N,) along it.
@@ -330,22 +329,14 @@ class MaxwellSlip(StatefulEffect, JointEffect):
             grid=(0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008),
             bounds=(0.00005, 0.05),
         ),
-        "law": ShapeConstant(
-            1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("free", "even")
-        ),
+        "law": choice("free", "even"),
     }
 
     lower = 0.0
 
-    def __init__(
-        self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
-    ) -> None:
-        """Check the shape constants.
-
-        With law = even the effect has as many parameters as pre-sliding hysteresis
-        (Dahl's curve), so a search does not take it for a refinement of that one.
-        """
-        super().__init__(robot, joints, **shape)
+    def settle(self) -> None:
+        """With law = even the effect has as many parameters as pre-sliding hysteresis
+        (Dahl's curve), so a search does not take it for a refinement of that one."""
         if self.even:
             self.refines = self.refines[1:]  # all but presliding_hysteresis (Dahl)
 

@@ -13,8 +13,8 @@ from sdp_vs_penalty.effects.effect import (
     JointEffect,
     Motion,
 )
-from sdp_vs_penalty.effects.partner import WithPartner, neighbours
-from sdp_vs_penalty.effects.shape import ShapeConstant
+from sdp_vs_penalty.effects.partner import WithPartner
+from sdp_vs_penalty.effects.shape import ShapeConstant, choice
 from sdp_vs_penalty.robot.robot import Robot
 
 
@@ -120,15 +120,6 @@ class TorqueCrosstalk(WithPartner):
     needs_torque = True
     forward = "channel"
     shapes = {"i": ShapeConstant(0.0, signed=True)}
-
-    @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        """List the shape constants with which a search begins: both neighbours."""
-        return [{"i": float(i + 1)} for i in neighbours(robot, joint)]
-
-    def parameter_name(self, joint: int) -> str:
-        """Name the parameter after joint and partner: "g_x5_6"."""
-        return f"{self.symbol}{joint + 1}_{self.partner(joint) + 1}"
 
     def column(self, motion: Motion, joint: int) -> Array:
         """Return the current model's torque (N,) [N m, N] of the partner."""
@@ -260,9 +251,7 @@ class TorqueFilter(DelayedTorque):
     whole_robot = True
     shapes = {
         "T": ShapeConstant(0.005, "s", grid=_STARTS),
-        "phase": ShapeConstant(
-            1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("late", "zero")
-        ),
+        "phase": choice("late", "zero"),
     }
 
     @property

@@ -1,12 +1,12 @@
 """Base of the effects that change with time."""
 
 from abc import abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.shape import ShapeConstant
+from sdp_vs_penalty.effects.shape import ShapeConstant, choice
 from sdp_vs_penalty.robot.robot import Robot
 
 
@@ -19,11 +19,7 @@ class Drift(JointEffect):
         300.0, "s", grid=(10.0, 30.0, 100.0), bounds=(3.0, 3000.0)
     )
     clock = ShapeConstant(0.0, "s", signed=True, role="clock")
-    shapes = {
-        "form": ShapeConstant(1.0, choices=(1.0, 2.0)),
-        "T": time_constant,
-        "t0": clock,
-    }
+    shapes = {"form": choice(count=2), "T": time_constant, "t0": clock}
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
@@ -131,17 +127,11 @@ class DriftFriction(Rubbing, Drift):
         "viscous_friction",
         "warming_friction",
     )
-    shapes = {**Drift.shapes, "form": ShapeConstant(1.0, choices=(1.0, 2.0, 3.0, 4.0))}
+    shapes = {**Drift.shapes, "form": choice(count=4)}
 
-    def __init__(
-        self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
-    ) -> None:
-        """Check the shape constants.
-
-        The effect refines the friction that its form changes (viscous or Coulomb), and
-        warming by a logged temperature: a search tries it only beside these.
-        """
-        super().__init__(robot, joints, **shape)
+    def settle(self) -> None:
+        """The effect refines the friction that its form changes (viscous or Coulomb), and
+        warming by a logged temperature: a search tries it only beside these."""
         # The class lists Coulomb friction first, then viscous friction.
         self.refines = self.refines[int(self.viscous)], "warming_friction"
 
@@ -187,23 +177,19 @@ class WarmingFriction(Rubbing):
         "viscous_friction",
     )  # each law its own
     shapes = {
-        "law": ShapeConstant(1.0, choices=(1.0, 2.0), words=("coulomb", "viscous")),
-        "by": ShapeConstant(1.0, choices=(1.0, 2.0), words=("temperature", "clock")),
+        "law": choice("coulomb", "viscous"),
+        "by": choice("temperature", "clock"),
         "warm": ShapeConstant(20.0, "K", grid=(8.0, 20.0, 50.0), bounds=(3.0, 200.0)),
         "T": Drift.time_constant,
         "t0": Drift.clock,
     }
 
-    def __init__(
-        self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
-    ) -> None:
-        """Check the shape constants, and note which signal the effect needs: the clock
-        (by = 2) or a logged temperature.
+    def settle(self) -> None:
+        """Note which signal the effect needs: the clock (by = 2) or a logged temperature.
 
         The effect refines the friction that it changes, viscous or Coulomb: a search
         tries it only beside that one.
         """
-        super().__init__(robot, joints, **shape)
         # The class lists Coulomb friction first, then viscous friction.
         self.refines = (self.refines[int(self.viscous)],)
         self.follows_clock = self.shape["by"] == 2.0

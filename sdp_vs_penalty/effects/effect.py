@@ -306,6 +306,10 @@ class Effect(ABC):
         self.shape: dict[str, float] = {
             k: s.default for k, s in self.shapes.items()
         } | shape
+        self.settle()
+
+    def settle(self) -> None:  # noqa: B027 (nothing to work out, for most)
+        """Work out what follows from joints and shape constants, which are checked."""
 
     def with_shape(
         self, joints: Sequence[int] | None = None, /, **shape: float

@@ -19,8 +19,7 @@ from sdp_vs_penalty.effects.effect import (
     Motion,
     Parameter,
 )
-from sdp_vs_penalty.effects.position import TorqueRipple
-from sdp_vs_penalty.effects.shape import ShapeConstant
+from sdp_vs_penalty.effects.shape import ShapeConstant, choice
 from sdp_vs_penalty.effects.wave import Wave
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
@@ -369,6 +368,8 @@ class GearError(Wave, LinkDeviation):
     )
     usual = (5e-3, 5e-4)  # a wheel so eccentric that it is heard
     several = True  # one for each wheel
+    symbols = "a_g", "b_g"
+    units = ("rad", "m")
     starts_stand_out = True
     forward = "left out"  # a link that moves by itself
     shapes = {
@@ -381,21 +382,6 @@ class GearError(Wave, LinkDeviation):
             scale="linear",
         )
     }
-
-    def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
-        """Name the cosine's and the sine's amplitude [rad, m] after joint and wave
-        number: "a_g3_11", "b_g3_11"."""
-        k = f"{self.shape['k']:.6g}"
-        unit = self.robot.position_units[joint]
-        return [(f"{symbol}{joint + 1}_{k}", unit) for symbol in ("a_g", "b_g")]
-
-    @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        """List the wave numbers from which a search chooses those that stand out: the
-        grid's per turn; on a prismatic joint those of torque_ripple."""
-        if robot.joints[joint].kind == "prismatic":
-            return TorqueRipple.starts(robot, joint)
-        return super().starts(robot, joint)
 
     def torques(self, motion: Motion) -> Array:
         """Compute the torque (N, n, 2 k) per radian or metre of the cosine and the sine
@@ -477,12 +463,7 @@ class Backlash(LinkDeviation):
     lower = 0.0
     forward = "left out"  # a link that moves by itself within the play
     has_memory = True  # time derivatives of the side
-    shapes = {
-        "law": ShapeConstant(
-            1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("rests", "crosses")
-        ),
-        "band": ShapeConstant(_BENDS, "Hz"),
-    }
+    shapes = {"law": choice("rests", "crosses"), "band": ShapeConstant(_BENDS, "Hz")}
 
     def deviated(self, motion: Motion, joint: int) -> Array:
         """Return the torque (N, n) per radian or metre of play in one joint's gear.

@@ -4,7 +4,7 @@ needed."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -265,23 +265,9 @@ class Motion:
         Motion
             The motion at these instants.
         """
-        arrays = (
-            "t",
-            "q",
-            "dq",
-            "ddq",
-            "torque",
-            "logged",
-            "temperature",
-            "position_integral",
-            "motors",
-        )
-        chosen = dict[str, Any]()
-        for name in arrays:
-            values = getattr(self, name)
-            if values is not None:
-                chosen[name] = values[which]
-        return replace(self, **chosen)
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        arrays = {k: x for k, x in values.items() if isinstance(x, np.ndarray)}
+        return replace(self, **{k: x[which] for k, x in arrays.items()})
 
     def with_torque(self, torque: Array) -> Motion:
         """Return the motion with another torque of the current model.

@@ -12,8 +12,8 @@ from sdp_vs_penalty.effects.effect import (
     Motion,
     Parameter,
 )
-from sdp_vs_penalty.effects.shape import POSITION, ShapeConstant
-from sdp_vs_penalty.effects.wave import WAVES_TO_REPEAT, Wave
+from sdp_vs_penalty.effects.shape import POSITION, ShapeConstant, choice
+from sdp_vs_penalty.effects.wave import WAVES_TO_REPEAT, Wave, wave_numbers
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.constraint import Constraint
 from sdp_vs_penalty.robot.robot import Robot, joint_limits
@@ -106,9 +106,7 @@ class EndStop(JointEffect):
         "q0": ShapeConstant(
             0.0, POSITION, grid=(0.0,), bounds=(-1e3, 1e3), scale="linear", signed=True
         ),
-        "side": ShapeConstant(
-            1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("above", "below")
-        ),
+        "side": choice("above", "below"),
     }
 
     @property
@@ -118,7 +116,7 @@ class EndStop(JointEffect):
 
     def parameter_name(self, joint: int) -> str:
         """Name the stiffness after joint, side and place: "k_e3_above_0.5"."""
-        side = "above" if self.is_above else "below"
+        side = self.shapes["side"].written(self.shape["side"])
         return f"{self.symbol}{joint + 1}_{side}_{self.shape['q0']:.6g}"
 
     @classmethod
@@ -147,31 +145,6 @@ class EndStop(JointEffect):
         return "the joint did not move both before it and beyond it"
 
 
-#: Metres of travel where a robot states none; waves per metre times 2 pi of a screw of
-#: 5 mm; and how many orders are tried at most.
-_TRAVEL = 0.5
-_FINEST = 2.0 * np.pi / 0.005
-_MOST = 200
-
-
-def _orders(
-    robot: Robot, joint: int, turns: Sequence[float], finest: float
-) -> list[float]:
-    """List the wave numbers k of cos(k q) that a search tries on a joint (from 0).
-
-    On a revolute joint these are ``turns``, waves per turn. On a prismatic joint they
-    are spaced by half a wave over its travel (_TRAVEL [m] if it has no limits), from
-    one wave over the travel up to ``finest`` [rad/m], _MOST at most.
-    """
-    joint_record = robot.joints[joint]
-    if joint_record.kind != "prismatic":
-        return list(turns)
-    travel = joint_record.upper - joint_record.lower
-    step = np.pi / (travel if 0.0 < travel < np.inf else _TRAVEL)
-    orders = np.arange(2.0 * step, finest, step)[:_MOST].tolist()
-    return [float(f"{k:.6g}") for k in orders]  # as many digits as a written effect has
-
-
 class TorqueRipple(Wave, JointEffect):
     equation = "a_r cos(k q) + b_r sin(k q)"
     explanation = (
@@ -188,6 +161,7 @@ class TorqueRipple(Wave, JointEffect):
         "Tuttle, Seering, IEEE Trans. Robotics and Automation 1996 (strain wave gears)"
     )
     several = True
+    symbols = "a_r", "b_r"
     shapes = {
         "k": ShapeConstant(
             2.0,
@@ -204,15 +178,6 @@ class TorqueRipple(Wave, JointEffect):
 
     signless = True
 
-    def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
-        """Name the cosine's and the sine's amplitude after joint and wave number:
-        "a_r3_2", "b_r3_2"."""
-        k = f"{self.shape['k']:.6g}"
-        return [
-            (f"{symbol}{joint + 1}_{k}", self.unit_on(joint))
-            for symbol in ("a_r", "b_r")
-        ]
-
     def resembles_over(self, coverage: JointCoverage) -> tuple[str, ...]:
         """Name springs where fewer than two waves were travelled: these make any smooth
         torque there."""
@@ -220,20 +185,16 @@ class TorqueRipple(Wave, JointEffect):
             return super().resembles_over(coverage)
         return ("joint_spring", "stiffening_spring")
 
-    @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        """List the wave numbers with which a search begins: 2 to 40 per turn; on a
-        prismatic joint those that its travel can hold, down to a screw of 5 mm."""
-        return [{"k": k} for k in _orders(robot, joint, cls.shapes["k"].grid, _FINEST)]
-
     def column(self, motion: Motion, joint: int) -> Array:
         """Return cos(k q) and sin(k q) (N, 2)."""
         phase = self.shape["k"] * motion.q[:, joint]
         return np.column_stack([np.cos(phase), np.sin(phase)])
 
 
-#: Phases of a wave at which the friction may not become negative.
+#: Phases of a wave at which the friction may not become negative, and its finest waves
+#: on a prismatic joint [rad/m].
 _PHASES = 48
+_FINEST_FRICTION = 300.0
 
 
 class PositionDependentFriction(JointEffect):
@@ -259,10 +220,10 @@ class PositionDependentFriction(JointEffect):
             1.0,
             ("1/turn", "rad/m"),
             grid=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0),
-            bounds=(0.5, 300.0),
+            bounds=(0.5, _FINEST_FRICTION),
             scale="linear",
         ),
-        "waves": ShapeConstant(1.0, choices=(1.0, 2.0)),
+        "waves": choice(count=2),
     }
 
     @classmethod
@@ -272,9 +233,8 @@ class PositionDependentFriction(JointEffect):
         Two waves fit anything where less than a full turn was travelled, so none is
         tried.
         """
-        shape = cls.shapes["k"]
-        grid = _orders(robot, joint, shape.grid, (shape.bounds or (0.0, np.inf))[1])
-        return [{"k": k, "waves": 1.0} for k in grid]
+        numbers = wave_numbers(cls.shapes["k"], robot, joint, _FINEST_FRICTION)
+        return [{"k": k, "waves": 1.0} for k in numbers]
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
         """Name the amplitudes of each wave, "a_p3_1", "b_p3_1", with the unit of a

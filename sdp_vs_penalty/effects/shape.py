@@ -131,3 +131,10 @@ class ShapeConstant:
         unit = self.unit_on(kind)
         words = "" if unit == "-" else unit.replace("1/", "per ")
         return f"{value:.4g} {words}".strip()
+
+
+def choice(*words: str, count: int = 0) -> ShapeConstant:
+    """Return a constant that chooses one of some words, or of ``count`` numbers; the first
+    is the default, and a search tries all."""
+    numbers = tuple(k + 1.0 for k in range(count or len(words)))
+    return ShapeConstant(1.0, grid=numbers, choices=numbers, words=words)

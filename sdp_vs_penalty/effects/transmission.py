@@ -12,8 +12,8 @@ from sdp_vs_penalty.effects.bristles import (
     dahl,
 )
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.partner import WithPartner, neighbours
-from sdp_vs_penalty.effects.shape import ShapeConstant
+from sdp_vs_penalty.effects.partner import WithPartner
+from sdp_vs_penalty.effects.shape import ShapeConstant, choice
 from sdp_vs_penalty.effects.velocity_friction import StribeckFriction
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
@@ -38,32 +38,16 @@ class JointCoupling(WithPartner):
     )
     symbol = "f_c"
     several = True
-    shapes = {
-        "i": ShapeConstant(0.0, signed=True),
-        "form": ShapeConstant(1.0, choices=(1.0, 2.0, 3.0, 4.0)),
-    }
+    shapes = {"i": ShapeConstant(0.0, signed=True), "form": choice(count=4)}
 
     @property
     def is_dry_friction(self) -> bool:
         """Whether its form is one of dry friction."""
         return self.shape["form"] != 1.0
 
-    @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        """List the shape constants with which a search begins: both neighbours, in all
-        four forms."""
-        forms = cls.shapes["form"].choices
-        return [
-            {"i": float(i + 1), "form": form}
-            for i in neighbours(robot, joint)
-            for form in forms
-        ]
-
     def parameter_name(self, joint: int) -> str:
         """Name the parameter after joint, partner and form: "f_c5_6_2"."""
-        return (
-            f"{self.symbol}{joint + 1}_{self.partner(joint) + 1}_{self.shape['form']:g}"
-        )
+        return f"{super().parameter_name(joint)}_{self.shape['form']:g}"
 
     def unit_on(self, joint: int) -> str:
         """Return the unit: of a torque, or, for the viscous form 1, of a torque over
@@ -108,13 +92,10 @@ class ElasticCoupling(Effect):
     signless = True
     generalises = ("joint_spring",)
 
-    def __init__(
-        self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
-    ) -> None:
+    def settle(self) -> None:
         """Choose the joints (from 0) that the spring couples; default: the last two."""
-        super().__init__(robot, joints, **shape)
-        if joints is None:
-            self.joints = tuple(range(max(0, robot.n - 2), robot.n))
+        if self.asked_joints is None:
+            self.joints = self.joints[-2:]
 
     @property
     def pairs(self) -> list[tuple[int, int]]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Array, Effect, JointEffect, Motion
-from sdp_vs_penalty.effects.shape import VELOCITY, ShapeConstant
+from sdp_vs_penalty.effects.shape import VELOCITY, ShapeConstant, choice
 from sdp_vs_penalty.robot.robot import Robot
 
 
@@ -226,9 +226,7 @@ class SigmoidFriction(JointEffect):
         "v0": ShapeConstant(
             0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 2.0)
         ),
-        "law": ShapeConstant(
-            1.0, grid=(1.0, 2.0, 3.0), choices=(1.0, 2.0, 3.0), words=tuple(_RISES)
-        ),
+        "law": choice(*_RISES),
     }
 
     def column(self, motion: Motion, joint: int) -> Array:
@@ -275,9 +273,7 @@ class StribeckFriction(JointEffect):
             0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 1.0)
         ),
         "delta": ShapeConstant(2.0, grid=(1.0, 2.0)),
-        "law": ShapeConstant(
-            1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("dip", "tail")
-        ),
+        "law": choice("dip", "tail"),
     }
 
     @classmethod

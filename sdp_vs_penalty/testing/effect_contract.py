@@ -16,7 +16,6 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects import make_effect, parse_effects
 from sdp_vs_penalty.effects.effect import Effect, EffectEntry, JointCoverage
@@ -231,28 +230,13 @@ def check_memory(kind: type[Effect], forms: Forms) -> None:
     for effect in forms(robot):
         columns = wide_columns(effect, motion)
         if not effect.has_memory:
-            found = wide_columns(effect, _rows(motion, shuffled))
+            found = wide_columns(effect, motion.part(shuffled))
             same = np.allclose(found, columns[:, shuffled], atol=1e-12)
             demand(same, f"{effect.text} looks at other rows: declare has_memory")
         # Central differences look two samples ahead.
-        first = wide_columns(effect, _rows(motion, half))[:, :-2]
+        first = wide_columns(effect, motion.part(half))[:, :-2]
         same = np.allclose(first, columns[:, half[:-2]], rtol=_ROUNDING, atol=1e-12)
         demand(same, f"{effect.text} looks at later rows")
-
-
-def _rows(motion: Motion, index: NDArray[np.intp]) -> Motion:
-    """Return some rows of a motion, with the whole command."""
-    return replace(
-        motion,
-        t=motion.t[index],
-        q=motion.q[index],
-        dq=motion.dq[index],
-        ddq=motion.ddq[index],
-        torque=motion.model_torque[index],
-        temperature=motion.joint_temperature[index],
-        position_integral=motion.integral[index],
-        motors=motion.motor_acceleration[index],
-    )
 
 
 def _demand_columns_of(effect: Effect, bare: Motion, are_there: bool) -> None:
