@@ -59,7 +59,6 @@ def test_an_interval_holds_its_mean_and_is_students():
     found = interval_of(np.array([1.0, 2.0, 3.0]))
     assert found.value == pytest.approx(2.0)
     assert found.upper - found.value == pytest.approx(4.3027 / 3.0**0.5, rel=1e-4)
-    assert found.is_significant == (found.lower > 0.0)
 
 
 def test_a_table_as_printed_has_at_most_eleven_columns(table):

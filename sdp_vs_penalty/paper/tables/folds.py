@@ -34,13 +34,6 @@ class FoldInterval:
     lower: float
     #: Upper end.
     upper: float
-    #: The figure over its standard error; 0 where that is zero.
-    t: float
-
-    @property
-    def is_significant(self) -> bool:
-        """Whether zero lies outside of the 95 % interval."""
-        return self.lower > 0.0 or self.upper < 0.0
 
     @property
     def in_words(self) -> str:
@@ -92,5 +85,4 @@ def _errors_without(result: CrossValidation) -> Array:
 def _interval(value: float, spread: float, k: int) -> FoldInterval:
     """Return value +- t spread with Student's t of k - 1 degrees of freedom, 95 %."""
     half = student_95(k) * spread
-    t = value / spread if spread else 0.0
-    return FoldInterval(value, lower=value - half, upper=value + half, t=t)
+    return FoldInterval(value, lower=value - half, upper=value + half)

@@ -6,10 +6,8 @@ from functools import partial
 
 import numpy as np
 import pandas
-import scipy
 
 from sdp_vs_penalty.estimation.build_problem import EstimationProblem
-from sdp_vs_penalty.estimation.sources import DATA, is_data_determined
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.paper.tables.study import Data, Study
 from sdp_vs_penalty.paper.tables.table import (
@@ -116,10 +114,7 @@ def link_table(
                 f"{erratum.corrected}, which true_simulated has."
             )
     table = StudyTable(
-        f"Table {name}: {title} of {study.problem.title}",
-        rows,
-        notes_text,
-        _headline(study, rows.index),
+        f"Table {name}: {title} of {study.problem.title}", rows, notes_text
     )
     columns += [f"{side}_{data.label}" for side in _SIDES]
     return table.shortened([*columns, "true_simulated"])
@@ -151,53 +146,6 @@ def _ends(study: Study, data: Data, names: tuple[str, ...]) -> dict[str, pandas.
         )
         for side, of_side in ends.items()
     }
-
-
-def _headline(study: Study, names: pandas.Index) -> str:
-    """Return the headline: how many of the entries ``names`` torque determines by
-    itself at the default method's estimate, for each data set."""
-    n_by_data = {
-        data.label: int((sources(study, data).reindex(names) == DATA).sum())
-        for data in study.whole
-    }
-    if not any(n_by_data.values()):
-        return (
-            f"Torque determines none of these {len(names)} entries by itself, only the"
-            " sums of Table III: each column is one of many robots with equal torques."
-        )
-    counts = ", ".join(f"{label} {count}" for label, count in n_by_data.items())
-    return (
-        f"Of these {len(names)} entries torque determines so many at {DEFAULT_METHOD}'s"
-        f" estimate: {counts}. The others come from the nominal robot."
-    )
-
-
-def sources(study: Study, data: Data) -> pandas.Series:
-    """Say for each entry (m1, c1x, I1xx, ...) whether data or prior determine it.
-
-    The entries are nonlinear in theta; their gradients at the estimate decide.
-
-    Parameters
-    ----------
-    study : Study
-        The robot's data sets and every method's estimate, computed on demand.
-
-    Returns
-    -------
-    Series
-        "data" or "prior" by name of the entry.
-    """
-    task = study.task(data)
-    theta = study.estimated(DEFAULT_METHOD, data).theta
-    gradients = np.zeros((len(task.links), 10, len(theta)))
-    for wide, indices in zip(gradients, task.links, strict=True):
-        wide[:, indices] = scipy.optimize.approx_fprime(
-            theta[indices], inertia.barycentric_from_standard
-        )
-    is_determined = is_data_determined(task, gradients.reshape(-1, len(theta)))
-    return pandas.Series(
-        np.where(is_determined, "data", "prior"), list(entries(len(gradients))), object
-    )
 
 
 def _bounds_received(study: Study) -> list[str]:

@@ -31,13 +31,10 @@ def methods(study: Study) -> StudyTable:
         for data in study.judged
         for method in (*estimator_types(), *WITH_PRIOR)
     ]
-    last = [row for row in rows if row["data"] == rows[-1]["data"]]
-    errors = [f"{row['method']} {row['unseen_error_percent']:.3g} %" for row in last]
     return StudyTable(
         f"Methods compared on {study.problem.title}",
         rows,
         notes("methods", folds=FOLDS, budget=study.budget),
-        f"On unseen motion ({last[0]['data']}): {', '.join(errors)}.",
         digits=3,
     )
 

@@ -342,7 +342,6 @@ def monte_carlo(study: Study) -> StudyTable:
             prior=PRIOR,
             masses=prior_masses(study.problem),
         ),
-        _headline(rows),
         digits=3,
         caption=(
             f"Simulated: {count} draws of each of {len(SETTINGS)} settings; links as the"
@@ -466,17 +465,3 @@ def _errors(unseen: LeastSquares, draws: Draws) -> Array:
 def _error(unseen: LeastSquares, theta: Array) -> float:
     """Return 100 |tau - Y theta| / |tau| on the unseen motion, tau without noise."""
     return float(relative_error(unseen.loss(theta), unseen.tau_squared))
-
-
-def _headline(rows: Sequence[Row]) -> str:
-    """Say for each setting which method errs least, and how the default does."""
-    sentences = []
-    for setting in SETTINGS:
-        mine = [row for row in rows if row["setting"] == setting.name]
-        best = min(mine, key=lambda row: row["error_percent"])
-        (default,) = (row for row in mine if row["method"] == DEFAULT)
-        sentences.append(
-            f"{setting.name}: {best['method']} {best['error_percent']:.3g} %, default"
-            f" {default['error_percent']:.3g} %"
-        )
-    return f"Least error on unseen motion: {'; '.join(sentences)}."

@@ -182,7 +182,6 @@ def global_optima(study: Study) -> StudyTable:
         f"Global optimum of the published penalised objective, {study.problem.title}",
         [row for rows in problems for row in rows],
         notes("global", exact="; ".join(exact)),
-        _headline(problems),
         digits=5,
     )
 
@@ -294,25 +293,6 @@ def _runs_of(
     name, plan = problem_and_plan
     loss = PenalisedProblem(task, name == "two-step").published
     return search_runs(loss, task.seed, ANNEALED, plan)
-
-
-def _headline(problems: Sequence[Sequence[Row]]) -> str:
-    """Return the headline: at the paper's largest weight, for each problem, by how much
-    the penalised optimum's loss exceeds the feasible optimum's, and how many links
-    cannot exist."""
-    largest = max(PenaltyPaper.weights)
-    sentences = [
-        f"{_title(row)} {row['excess_loss_percent']:.3f} %, {row['links_violated']} links;"
-        f" without the box {row['free_excess_loss_percent']:.3f} %,"
-        f" {row['free_links_violated']} links"
-        for rows in problems
-        for row in rows
-        if row["xi"] == largest
-    ]
-    return (
-        f"At the paper's largest weight, {largest:g}, the optimum's loss against the"
-        f" feasible optimum's, and links that cannot exist: {'; '.join(sentences)}."
-    )
 
 
 #: What the loss sums over: weights of the joints, and whether every sample of the log
@@ -438,16 +418,10 @@ def retrieved(study: Study) -> StudyTable:
     ]
     for row in rows:
         row["data"] = f"published; torque along the {study.whole[-1].label} run"
-    published, optimum, _ = rows
     return StudyTable(
         "The published links and the optimum of the authors' own objective",
         rows,
         notes("p_hat", n=len(found.distance.rho)),
-        f"phi(p_hat) = {published['phi']:.4g}, {published['above_optimum_percent']:.0f} %"
-        f" above the certified optimum {found.best.value:.4g}; in a coefficient"
-        f" {published['rms_coefficient']:.2g} against {optimum['rms_coefficient']:.2g}"
-        f" (RMS), in torque {published['rms_torque']:.2g} against"
-        f" {optimum['rms_torque']:.2g} N m.",
         caption=(
             "Targets, p_hat: published (erratum 1 corrected). Optima:"
             " computed. Torque: along the authors' run where it is at hand."
@@ -565,7 +539,6 @@ def opponents(study: Study) -> StudyTable:
     )
     for row in rows:
         row["data"] = data.label
-    best = rows[-1]
     return StudyTable(
         f"The published two-step penalty by four searches, {study.problem.title}",
         rows,
@@ -576,9 +549,6 @@ def opponents(study: Study) -> StudyTable:
             found=FOUND,
             links=len(problem.published.free),
         ),
-        f"As published {rows[0]['above_percent_median']:.3g} % above the certified optimum"
-        f" in the median, by the best of four searches {best['above_percent_median']:.3g} %"
-        f" ({best['runs_that_found_it']} of {best['runs']} runs find it).",
         digits=3,
     )
 

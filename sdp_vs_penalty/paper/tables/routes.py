@@ -114,7 +114,6 @@ def routes(study: Study) -> StudyTable:
             runs=study.effort.annealing_runs,
             repeats=REPEATS,
         ),
-        _headline(rows, judged),
         digits=3,
     )
 
@@ -169,30 +168,6 @@ def budget_in_words(evaluations: int | None) -> str:
     return str(evaluations)
 
 
-def _headline(rows: list[Row], judged: Mapping[str, CrossValidation]) -> str:
-    """Return the table's headline: how SDP and penalty compare on the same problem, and
-    how the default SDP compares with least squares on unseen motion (only with the real
-    run)."""
-    by_name = {row["method"]: row for row in rows}
-    sdp = by_name[SDP]
-    penalty = by_name[PENALTY]
-    sentence = (
-        f"On one problem the SDP and the exact penalty tie: loss"
-        f" {sdp['excess_loss_percent']:.5f} and {penalty['excess_loss_percent']:.5f} %"
-        f" over the optimum, {sdp['seconds']:.2g} and {penalty['seconds']:.2g} s."
-    )
-    if not judged:
-        return sentence
-    default = judged["SDP, default (entropic prior)"]
-    squares = judged["least squares"]
-    less = error_interval(default, squares)
-    verdict = "significant" if less.is_significant else "not significant"
-    return (
-        f"{sentence} The default SDP less least squares: {less.value:+.2f} points,"
-        f" t = {less.t:.2f} on {len(default.folds)} folds, {verdict}."
-    )
-
-
 #: The public runs of each arm that are taken; empty: all.
 RUNS = {
     "ur10e": (
@@ -219,20 +194,10 @@ def arms(study: Study) -> StudyTable:
     the real runs.
     """
     rows = [row for name in RUNS for row in _rows(study, name)]
-    sentences = []
-    for name in RUNS:
-        of_arm = {row["method"]: row for row in rows if row["arm"] == name}
-        sdp, penalty = of_arm[SDP], of_arm[PENALTY]
-        sentences.append(
-            f"{name}: {sdp['unseen_error_percent']:.3g} and"
-            f" {penalty['unseen_error_percent']:.3g} % on unseen motion,"
-            f" {sdp['seconds']:.2g} and {penalty['seconds']:.2g} s"
-        )
     return StudyTable(
         "SDP beside penalty on other arms",
         rows,
         notes("arms", folds=FOLDS, repeats=REPEATS),
-        f"SDP and exact penalty: {'; '.join(sentences)}.",
         digits=3,
         caption="Measured: public runs of a UR10e (three of 50 s) and a TX40 (9 s).",
     )

@@ -63,17 +63,10 @@ def sensitivity(study: Study) -> StudyTable:
             "name the folder of the measurements by SDP_VS_PENALTY_DATA",
         )
     rows = [_row(study, case) for case in CASES]
-    usual = [row for row in rows if not row["choice"]]
-    sentences = [
-        f"{row['ols_less_sdp_points']:+.2f} points ({row['ols_interval_points']}) on"
-        f" {row['folds']} folds"
-        for row in usual
-    ]
     return StudyTable(
         f"What decides the comparison on unseen motion of {study.problem.title}",
         rows,
         notes("sensitivity", method=DEFAULT_METHOD, usual=FOLDS),
-        f"Least squares less {DEFAULT_METHOD}: {'; '.join(sentences)}.",
         digits=3,
         caption=f"Measured: the authors' real run ({len(study.run.t)} samples).",
     )

@@ -81,8 +81,6 @@ class StudyTable:
     rows: Sequence[Row] | pandas.DataFrame
     #: Paragraphs below the table.
     notes: Sequence[str] = ()
-    #: What the table shows, in words.
-    headline: str = ""
     #: Significant digits of a number that is shown.
     digits: int = 4
     #: Says what is simulated and what measured.
@@ -132,14 +130,10 @@ class StudyTable:
         return named or bool(words.to_numpy().any())
 
     def lines(self) -> list[str]:
-        """Return three lines for a terminal: title, headline, and size of the table."""
+        """Return three lines for a terminal: title, what it is of, and its size."""
         source = "with measured figures" if self.measured else "nothing measured"
         size = f"{len(self.frame)} rows, {len(self.frame.columns)} columns; {source}"
-        return [
-            self.title,
-            self.headline or self.caption.split(". ")[0].rstrip(".") + ".",
-            size,
-        ]
+        return [self.title, f"{self.caption.split('. ')[0].rstrip('.')}.", size]
 
     @property
     def form(self) -> Table:

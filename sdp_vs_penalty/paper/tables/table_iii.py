@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas
 
-from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
 from sdp_vs_penalty.paper.tables.study import Data, Study, torque_errors
 from sdp_vs_penalty.paper.tables.table import StudyTable, notes, register_table
@@ -139,7 +138,6 @@ def base_parameter_table(study: Study) -> StudyTable:
         f"Table III: base parameters of {study.problem.title}",
         rows.join(pandas.DataFrame(our_values)),
         _notes(study, printed),
-        _headline(study, our_values),
     )
     printed_columns = [name for name in rows if name != "row"]
     links = [f"pi_{column}" for column in study.published_links]
@@ -183,17 +181,6 @@ def _notes(study: Study, printed: Sequence[Mapping[str, str]] | None) -> list[st
         published="" if printed is None else _SOURCES,
         checks="" if printed is None else _published_checks(study, printed),
     )
-
-
-def _headline(study: Study, values: Mapping[str, Mapping[str, float]]) -> str:
-    """Say the training errors of least squares and of the default method."""
-    columns = [
-        f"{method}_{data.label}".replace("-", "_")
-        for data in study.whole
-        for method in ("ols", DEFAULT_METHOD)
-    ]
-    errors = [f"{column} {values[column][_ERROR]:.3g} %" for column in columns]
-    return f"Relative error on the training data: {', '.join(errors)}."
 
 
 def _effect_parameter_names(data: Data) -> list[str]:

@@ -44,17 +44,11 @@ def unseen_torque(study: Study) -> StudyTable:
             rows += _unseen_rows(study)
         rows += _judged_rows(study, data)
     units = " and ".join(_squared_units(study))
-    where = "simulated" if study.repeated is None else "measured"
-    errors = {row["estimate"]: row["relative_error_percent"] for row in rows}
-    errors_in_words = [
-        f"{name} {errors[f'{name}_{where}']:.3g} %" for name in study.methods
-    ]
     table = StudyTable(
         f"Table IV: torque MSE [{units}] per joint of {study.problem.title} on other"
         " motion",
         rows,
         _notes(study, rows),
-        f"On unseen motion ({where}): {', '.join(errors_in_words)}.",
         caption=f"{study.sentence} {_judgement(study)}",
     )
     columns = [name for name in table.frame if name != "worst_fold_percent"]

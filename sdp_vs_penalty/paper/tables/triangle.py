@@ -88,13 +88,9 @@ def triangle(study: Study) -> StudyTable:
         if study.run is not None:
             row["unseen_error_percent"] = study.unseen(method).relative_error_percent
         rows.append(row)
-    full, weak = rows
     return StudyTable(
         f"What the triangle inequalities change, {study.problem.title}",
         rows,
         notes("triangle", n=len(study.task(data).links)),
-        f"Without the triangle inequalities the certified optimum is"
-        f" {weak['loss']:.5g} instead of {full['loss']:.5g} ({weak['above_percent']:.2f} %),"
-        f" and {weak['links_violated']} of {len(study.task(data).links)} links violate them.",
         digits=5,
     )

@@ -28,7 +28,6 @@ from sdp_vs_penalty.paper.tables.study import (
     torque_errors,
 )
 from sdp_vs_penalty.paper.tables.table import (
-    Cell,
     Row,
     StudyTable,
     by_joint,
@@ -70,7 +69,7 @@ def data_needed(study: Study) -> StudyTable:
     Returns
     -------
     StudyTable
-        Rows of each data set, length and method; notes and headline.
+        Rows of each data set, length and method; notes.
     """
     rows = list[Row]()
     for data in study.whole:
@@ -83,19 +82,10 @@ def data_needed(study: Study) -> StudyTable:
                 {**about, "method": m, **_errors(study, data, windows, m)}
                 for m in _METHODS
             ]
-    # The rows of the longest window of the last data set, for the headline.
-    last = [
-        row for row in rows if all(row[k] == rows[-1][k] for k in ("data", "seconds"))
-    ]
-    errors_in_words = [
-        f"{row['method']} {row['error_percent_median']:.3g} %" for row in last
-    ]
     return StudyTable(
         f"How much data each method needs: {study.problem.title}",
         rows,
         notes("data", most=_MOST_WINDOWS),
-        f"After {last[0]['seconds']} s ({last[0]['data']}), on other motion:"
-        f" {', '.join(errors_in_words)}.",
         digits=3,
     )
 
@@ -198,7 +188,7 @@ def unseen(study: Study) -> StudyTable:
     -------
     StudyTable
         Rows of each fold, of all folds together and of repeated motion, for each method
-        and set of effects; notes and headline.
+        and set of effects; notes.
     """
     if study.run is None:
         raise InputError(
@@ -206,25 +196,14 @@ def unseen(study: Study) -> StudyTable:
             "name the folder of the measurements by SDP_VS_PENALTY_DATA",
         )
     rows: list[Row] = []
-    errors: dict[tuple[str, str], Cell] = {}
     for method in METHODS_TRIED:
         for added in ADDED_EFFECTS:
             study.progress(f"unseen motion: {method}, {added or 'the usual effects'}")
-            rows_of_method = _rows(study, study.run, method, added)
-            rows += rows_of_method
-            row_of_all_folds = rows_of_method[FOLDS]  # behind those of the folds
-            errors[method, added] = row_of_all_folds["relative_error_percent"]
-    # The default method's errors in the order of ADDED_EFFECTS: no added effect,
-    # pre-sliding hysteresis, and a gain on joint 6 as well.
-    usual = errors[DEFAULT_METHOD, ADDED_EFFECTS[0]]
-    with_hysteresis = errors[DEFAULT_METHOD, ADDED_EFFECTS[1]]
-    with_both = errors[DEFAULT_METHOD, ADDED_EFFECTS[2]]
+            rows += _rows(study, study.run, method, added)
     return StudyTable(
         f"Errors on unseen motion of {study.problem.title}",
         rows,
         notes("unseen", folds=FOLDS, cut=CUT),
-        f"{DEFAULT_METHOD}: {usual:.3g} % on unseen motion, {with_hysteresis:.3g} % with"
-        f" pre-sliding hysteresis, {with_both:.3g} % with a gain on joint 6 as well.",
         digits=3,
         caption=f"Measured: the authors' real run ({len(study.run.t)} samples).",
     )
