@@ -266,8 +266,10 @@ class Motion:
             The motion at these instants.
         """
         values = {f.name: getattr(self, f.name) for f in fields(self)}
-        arrays = {k: x for k, x in values.items() if isinstance(x, np.ndarray)}
-        return replace(self, **{k: x[which] for k, x in arrays.items()})
+        arrays: dict[str, Any] = {
+            k: x[which] for k, x in values.items() if isinstance(x, np.ndarray)
+        }
+        return replace(self, **arrays)
 
     def with_torque(self, torque: Array) -> Motion:
         """Return the motion with another torque of the current model.

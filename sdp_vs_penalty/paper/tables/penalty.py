@@ -308,15 +308,10 @@ def exact_weights(study: Study) -> StudyTable:
     """
     data = study.whole[-1]
     rows = [_row_of_sum(study, data, *counted) for counted in COUNTED]
-    sentences = [
-        f"{row['exact_weight']:.0f} for {row['rows']} rows, {row['joint_weights']}"
-        for row in rows
-    ]
     return StudyTable(
         f"Least exact weight of the published one-step penalty, {study.problem.title}",
         rows,
         notes("xi", largest=max(PenaltyPaper.weights)),
-        f"Exact from xi = {'; '.join(sentences)}.",
         digits=4,
     )
 
