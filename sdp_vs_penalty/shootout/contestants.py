@@ -110,6 +110,30 @@ def solve_penalty(instance: Instance, accuracy: float) -> Answer:
     return Answer(fit.theta, claims, status, fit.multipliers, attempts=len(runs))
 
 
+def solve_by_default(instance: Instance, accuracy: float) -> Answer:
+    """Solve an instance by our default method's certified fit.
+
+    It scales the problem, calls a solver, and proves a gap from its multipliers. It
+    claims an optimum only if the proved gap is at most ``accuracy``; its attempts are the
+    solver's calls.
+    """
+    try:
+        fit = PosedSdp(instance.task, instance.problem, None).fit(LmiSdp.accuracy)
+        proved_gap = fit.gap
+    except InputError as error:
+        return no_answer(instance, error)
+    solver_words: list[str] = fit.details["solver_said"]  # one text for each call
+    words = f"{fit.details['solver']}: proved gap {proved_gap:.1e}; "
+    return Answer(
+        theta=fit.theta,
+        claims="optimal" if proved_gap <= accuracy else "inaccurate",
+        status=words + ", ".join(solver_words),
+        multipliers=fit.multipliers,
+        entropy_slopes=fit.entropy_slopes,
+        attempts=len(solver_words),
+    )
+
+
 #: What the clock of a contestant holds.
 SOLVER_CALL = "rewriting, the solver's call; form and interior point are there before"
 PROGRAM_RUN = (
@@ -151,11 +175,6 @@ class Contestant:
     #: for it for ever.
     warm_up: Callable[[], None] = lambda: None
 
-    @property
-    def is_loop(self) -> bool:
-        """Whether this is a solver inside our certified fit: it runs where it is named."""
-        return self.name.endswith(" certified")
-
     def asked(self, accuracies: Iterable[float]) -> list[float]:
         """Return the accuracies at which this contestant runs, from loose to tight."""
         if self.promise is not None:
@@ -195,19 +214,15 @@ def _versions(*packages: str) -> str:
 def contestants() -> dict[str, Contestant]:
     """Return all contestants by name, including those that are not installed.
 
-    Each conic solver takes part as its authors ship it, with what we tune (where we do),
-    and, where it is named, inside our certified loop.
+    Each conic solver takes part as its authors ship it, and with what we tune (where we
+    do).
     """
     found = _baselines()
     for kind in solver_types().values():
         solver = kind()
-        alone = _conic(solver, tuned=False)
-        found.append(alone)
+        found.append(_conic(solver, tuned=False))
         if solver.tuned_options:
             found.append(_conic(solver, tuned=True))
-        loop = _certified(solver, solver.finest)
-        same = ("version", "absent", "entropy", "warm_up")
-        found.append(replace(loop, **{x: getattr(alone, x) for x in same}))
     return {c.name: c for c in sorted(found, key=lambda c: c.name)}
 
 
@@ -217,7 +232,7 @@ def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]
     Parameters
     ----------
     names : list of str or None
-        None for all but the certified loops.
+        None for all.
 
     Returns
     -------
@@ -231,8 +246,10 @@ def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]
     """
     by_name = contestants()
     if names is None:
-        drawn = [c for c in by_name.values() if not c.is_loop]
-        return [c for c in drawn if not c.absent], [c for c in drawn if c.absent]
+        everybody = by_name.values()
+        return [c for c in everybody if not c.absent], [
+            c for c in everybody if c.absent
+        ]
     for name in names:
         require_known("solver", name, by_name)
         if reason := by_name[name].absent:
@@ -272,71 +289,6 @@ def _conic(solver: Solver, tuned: bool) -> Contestant:
         entropy="exp" in solver.cones,  # log det needs exponential cones
         clock=PROGRAM_RUN if solver.requires[0] == "program" else SOLVER_CALL,
         warm_up=lambda: None if solver.absent else solver.warm_up(),
-    )
-
-
-def _certified(solver: Solver | None, finest: float) -> Contestant:
-    """Make a contestant of our certified fit with a conic solver inside, asked for
-    ``finest``; None: the default method, which is a portfolio.
-    """
-    inside = Clarabel() if solver is None else solver
-    passed = _in_words(inside.options(finest))
-    name = None if solver is None else solver.name
-    words = f"{name} in our loop: scaled, proved, solved again where the gap is loose"
-    if solver is None:
-        words = (
-            "our default, a portfolio of two: a NumPy interior point, and Clarabel where"
-            " its proved gap is loose"
-        )
-    return Contestant(
-        name="lmi-sdp" if solver is None else f"{name} certified",
-        description=words,
-        solve=partial(_in_our_loop, solver=name, finest=finest),
-        options=lambda accuracy: {
-            "accuracy": finest,
-            "proved gap": accuracy,
-            "inside": f"{inside.name}, at most {len(ATTEMPTS)} calls ({passed})",
-        },
-        certifies=True,
-    )
-
-
-def _in_our_loop(
-    instance: Instance, accuracy: float, solver: str | None, finest: float
-) -> Answer:
-    """Solve an instance by our certified fit with a conic solver inside.
-
-    The fit scales the problem, calls the solver, and proves a gap from its multipliers.
-    It claims an optimum only if the proved gap is at most ``accuracy``.
-
-    Parameters
-    ----------
-    accuracy : float
-        Relative gap up to which an optimum is claimed.
-    solver : str or None
-        Name of the conic solver; None for the default of lmi-sdp.
-    finest : float
-        Accuracy that is asked of the solver.
-
-    Returns
-    -------
-    Answer
-        With the multipliers, and the number of calls of the solver as attempts.
-    """
-    try:
-        fit = PosedSdp(instance.task, instance.problem, solver).fit(finest)
-        proved_gap = fit.gap
-    except InputError as error:
-        return no_answer(instance, error)
-    solver_words: list[str] = fit.details["solver_said"]  # one text for each call
-    words = f"{fit.details['solver']}: proved gap {proved_gap:.1e}; "
-    return Answer(
-        theta=fit.theta,
-        claims="optimal" if proved_gap <= accuracy else "inaccurate",
-        status=words + ", ".join(solver_words),
-        multipliers=fit.multipliers,
-        entropy_slopes=fit.entropy_slopes,
-        attempts=len(solver_words),
     )
 
 
@@ -386,9 +338,22 @@ def _baselines() -> list[Contestant]:
         version=partial(metadata.version, "scipy"),
         clock=POSED_AND_SOLVED,
     )
-    portfolio = replace(
-        _certified(None, LmiSdp.accuracy),
+    inside = Clarabel()
+    passed = _in_words(inside.options(LmiSdp.accuracy))
+    portfolio = Contestant(
+        name="lmi-sdp",
+        description=(
+            "our default, a portfolio of two: a NumPy interior point, and Clarabel where"
+            " its proved gap is loose"
+        ),
+        solve=solve_by_default,
+        options=lambda accuracy: {
+            "accuracy": LmiSdp.accuracy,
+            "proved gap": accuracy,
+            "inside": f"{inside.name}, at most {len(ATTEMPTS)} calls ({passed})",
+        },
         version=lambda: f"{__version__}, clarabel {metadata.version('clarabel')}",
-        warm_up=Clarabel().warm_up,
+        certifies=True,
+        warm_up=inside.warm_up,
     )
     return [portfolio, cvxpy, clarabel, penalty, cholesky]

@@ -28,7 +28,6 @@ class Cvxopt(Solver):
     cones = frozenset({"zero", "nonnegative", "soc", "psd"})
     order = KINDS
     full_matrices = True
-    finest = 1e-7
     default_options = dict.fromkeys(("abstol", "reltol", "feastol"), ACCURACY)
     tuned_options = {"kktsolver": "ldl"}
     status_meaning = {
@@ -158,7 +157,6 @@ class Scs(Solver):
     extra = "solvers"
     requires = "package", "scs"
     order = KINDS
-    finest = 1e-7
     default_options = {"eps_abs": ACCURACY, "eps_rel": ACCURACY}
     status_meaning = {
         "solved": "optimal",
@@ -218,7 +216,6 @@ class Sdpa(Solver):
     cones = frozenset({"nonnegative", "psd"})
     order = KINDS
     full_matrices = True
-    finest = 1e-7
     default_options = {
         "epsilonStar": ACCURACY,
         "epsilonDash": ACCURACY,

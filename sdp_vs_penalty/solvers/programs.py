@@ -179,7 +179,6 @@ class Csdp(Program):
     name = "csdp"
     requires = "program", "csdp"
     system_package = "coinor-csdp"
-    finest = 1e-8
     default_options = dict.fromkeys(("axtol", "atytol", "objtol"), ACCURACY)
 
     def command(self, options: Mapping[str, Any]) -> list[str]:
@@ -212,7 +211,6 @@ class Dsdp(Program):
     name = "dsdp"
     requires = "program", "dsdp5"
     system_package = "dsdp"
-    finest = 1e-6
     default_options = {"gaptol": ACCURACY}
     # Our problem is DSDP's dual.
     status_meaning = {
@@ -267,7 +265,6 @@ class SdpaProgram(Program):
 
     name = "sdpa-program"
     requires = "program", "sdpa"
-    finest = 1e-7
     default_options = {"epsilonStar": ACCURACY, "epsilonDash": ACCURACY}
     status_meaning = SDPA_CLAIMS
 

@@ -94,7 +94,7 @@ class Solver(ABC):
     matrix instead of svec's. default_options : what is passed for an accuracy, by the
     names of its documentation: all else is as its authors ship it; tuned_options : what
     we change of that for identification; status_meaning : what its status claims (of a Solution; else
-    "failed"); finest : the finest accuracy that a loop around it may ask for.
+    "failed").
     """
 
     name: ClassVar[str]
@@ -108,7 +108,6 @@ class Solver(ABC):
     default_options: ClassVar[Mapping[str, Any]]
     tuned_options: ClassVar[Mapping[str, Any]] = {}
     status_meaning: ClassVar[Mapping[str, str]] = {}
-    finest: ClassVar[float] = 1e-10
 
     @abstractmethod
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
