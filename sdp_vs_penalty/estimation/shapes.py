@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 import scipy
+from scipy.interpolate import CubicSpline
 
 from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
@@ -48,7 +49,6 @@ from sdp_vs_penalty.regression.regression import Regression, compress_cells, tri
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, nonzero_or_one
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
-from sdp_vs_penalty.signals.splines import CubicSpline
 
 #: Which rows take part: of a run's number and instants (N,), (N,) true or false.
 Chosen = Callable[[int, Array], Mask]

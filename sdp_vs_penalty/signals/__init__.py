@@ -12,7 +12,6 @@ __getattr__ = lazy_exports(
     phases="MotionClock rotated_windows",
     repetition="Repeat repeat_period",
     runs="interpolated",
-    splines="CubicSpline",
     segments="segmented SegmentedRuns subsample_sentence window_subsample",
     encoder="read_again",
     motion="MotionRecord record_motion",

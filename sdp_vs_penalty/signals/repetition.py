@@ -10,11 +10,11 @@ from typing import TypeAlias
 
 import numpy as np
 import scipy
+from scipy.interpolate import CubicSpline
 
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.coloured_noise import ORDER
 from sdp_vs_penalty.signals.runs import interpolated
-from sdp_vs_penalty.signals.splines import CubicSpline
 
 #: Instants (M,) s and positions (M, n) of one uninterrupted motion.
 Track: TypeAlias = tuple[Array, Array]
