@@ -44,3 +44,7 @@ def likely(why: str) -> Certainty:
 def possible(why: str) -> Certainty:
     """Return that an issue is possible; why, in words."""
     return Certainty(POSSIBLE, why)
+
+
+#: How certain a fact is that stands in the file.
+READ = certain("read from the file")

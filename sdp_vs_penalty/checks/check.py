@@ -12,14 +12,20 @@ import numpy as np
 
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.checks import residual
-from sdp_vs_penalty.checks.certainty import certain
+from sdp_vs_penalty.checks.certainty import READ, certain
 from sdp_vs_penalty.checks.constants import NO_DYNAMICS, NO_ROWS, RUN
 from sdp_vs_penalty.checks.dynamics import judge_dynamics, with_issues
 from sdp_vs_penalty.checks.facts import channels, magnitude, mended, standing, stuck
 from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.facts.repetition import find_overlaps
 from sdp_vs_penalty.checks.glance import RunSummary
-from sdp_vs_penalty.checks.issue import FACT, Issue, gravest_first, mended_for_certain
+from sdp_vs_penalty.checks.issue import (
+    FACT,
+    Issue,
+    gravest_first,
+    make_refusal,
+    mended_for_certain,
+)
 from sdp_vs_penalty.checks.long_runs import issues_of_run, windows_of
 from sdp_vs_penalty.checks.position_units import unit_as_fact
 from sdp_vs_penalty.checks.report import Report
@@ -165,9 +171,7 @@ def _facts_of_windows(
         try:
             check_usable(run.names[0], run)
         except InputError as error:
-            issue = Issue.of_refusal(
-                "unusable rows", error, certain("read from the file")
-            )
+            issue = make_refusal("unusable rows", error, READ)
             return [Report(run.names[0], (issue,), run, run)]
     return [judge_facts(problem, window, settings) for window in windows]
 
@@ -189,7 +193,7 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
     """
     if not len(run.t):
         error = InputError("there are no rows", "log the motion", run.names[0])
-        issue = Issue.of_refusal("no rows", error, certain("read from the file"))
+        issue = make_refusal("no rows", error, READ)
         return Report(run.names[0], (issue,), run, run)
     with_filters = replace(problem, preprocessing=settings)
     issues, glance = mended(run, problem.robot, settings.standstill, with_filters)
@@ -199,9 +203,7 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
         return report
     if len(work.t) < RUN:
         error = InputError(f"fewer than {RUN} usable rows", "record longer", report.run)
-        issues.append(
-            Issue.of_refusal("too little data", error, certain("too few rows"))
-        )
+        issues.append(make_refusal("too little data", error, certain("too few rows")))
         return replace(report, issues=tuple(issues))
     issues += [*standing.find_idle_joints(glance)]
     lockstep = LockstepMotion.find_in(glance)
@@ -289,7 +291,7 @@ def _with_range_error(
         return [*issues]
     far = far_outside(problem.robot, run.q)
     certainty = certain("`identify` refuses it")
-    refused = Issue.of_refusal("position range", impossible, certainty, far)
+    refused = make_refusal("position range", impossible, certainty, far)
     repairs = _explanations_of_positions(problem, report, issues)
     if repairs:
         what = "the positions are not possible for this robot as they are logged."

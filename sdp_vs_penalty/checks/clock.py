@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +11,8 @@ from numpy.typing import NDArray
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.certainty import certain, likely, possible
 from sdp_vs_penalty.checks.constants import GAP, MOST_REPEATED, RUN
-from sdp_vs_penalty.checks.glance import (
-    CONTINUE,
-    READ,
-    Rows,
-    RunSummary,
-    with_time_steps,
-)
-from sdp_vs_penalty.checks.issue import Issue, rows_text
+from sdp_vs_penalty.checks.glance import CONTINUE, Rows, RunSummary, with_time_steps
+from sdp_vs_penalty.checks.issue import Issue, make_issue, rows_text
 from sdp_vs_penalty.checks.velocity import velocity_ratios
 from sdp_vs_penalty.data.files import is_last_row_first
 from sdp_vs_penalty.data.hypotheses.weighing import unit_of_dates
@@ -128,7 +122,7 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     if share is not None and is_confirmed:
         step = share * factor * glance.usual_step
         certainty = certain(f"the logged velocities give {step:.5g} s from row to row")
-    yield Issue(
+    yield make_issue(
         kind="time unit",
         severity="error",
         where="column t",
@@ -138,7 +132,7 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
         remedy=f"multiply t by {factor:g}",
         repair=lambda r: replace(r, t=r.t * factor),
         apply=f"time:{_UNITS[unit]}",
-        figures={"factor": factor},
+        factor=factor,
     )
 
 
@@ -158,9 +152,8 @@ def _speed_warning(unit: str, factor: float, speed: float) -> Issue:
     unit : of the clock, if positions are in radians; factor : that unit [s];
     speed : of the arm, if the clock counts seconds as well [rad/s].
     """
-    return Issue(
+    return make_issue(
         kind="time unit",
-        severity="warning",
         where="columns t and q",
         what=f"time is in {unit}, or positions are in another unit than radians, such as"
         f" degrees: in seconds and radians the arm would move at {speed:.2g} rad/s.",
@@ -170,7 +163,8 @@ def _speed_warning(unit: str, factor: float, speed: float) -> Issue:
             Change("read", f"read t in {unit}", {"scale": {"t": _UNITS[unit]}}),
             Change("read", "read q in degrees", {"scale": {"q": "deg"}}),
         ),
-        figures={"factor": factor, "speed": speed},
+        factor=factor,
+        speed=speed,
     )
 
 
@@ -246,7 +240,7 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
     bad = np.flatnonzero(glance.steps < 0.0)
     if not len(bad):
         return
-    severity: Literal["error", "warning"] = "error"
+    severity = "error"
     repair: Callable[[Measurements], Measurements]
     if is_last_row_first(glance.steps):
         how = "the last row comes first"
@@ -256,32 +250,26 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
         how = "the rows there do not continue the motion"
         remedy = "delete the rows whose time lies before that of an earlier row"
         repair = _without_rows_before
-    elif _goes_on(glance, bad).all():
-        severity = "warning"
-        how = "the motion continues without a break"
-        remedy = f"no action needed: a run begins there (or {CONTINUE})"
-        repair = partial(_stepping_on, step=glance.usual_step)
     else:
         severity = "warning"
-        how = "several runs are in the file"
-        remedy = (
-            "no action needed: a run begins there (or let each begin a second after the"
-            " end of the one before)"
-        )
-        repair = partial(_stepping_on, step=max(1.0, 50.0 * glance.usual_step))
+        how = "the motion continues without a break"
+        otherwise, step = CONTINUE, glance.usual_step
+        if not _goes_on(glance, bad).all():
+            how = "several runs are in the file"
+            otherwise = "let each begin a second after the end of the one before"
+            step = max(1.0, 50.0 * step)
+        remedy = f"no action needed: a run begins there (or {otherwise})"
+        repair = partial(with_time_steps, where=glance.steps < 0.0, steps=step)
     seconds = float(-glance.steps[bad].min())
-    yield Issue(
+    yield make_issue(
         kind="time runs backwards",
         severity=severity,
         where=rows_text(glance.run, bad + 1),
         what=f"the clock is set back {formatting.times(len(bad))}, by up to {seconds:.3g} s: {how}.",
-        certainty=READ,
         remedy=remedy,
         repair=repair,
-        figures={
-            "rows": glance.run.rows_of_file(bad[:100] + 1).tolist(),
-            "seconds": seconds,
-        },
+        rows=glance.run.rows_of_file(bad[:100] + 1).tolist(),
+        seconds=seconds,
     )
 
 
@@ -295,11 +283,6 @@ def _without_rows_before(run: Measurements) -> Measurements:
     rows."""
     latest = np.maximum.accumulate(run.t)
     return run.rows(np.concatenate([[True], run.t[1:] > latest[:-1]]))
-
-
-def _stepping_on(run: Measurements, step: float) -> Measurements:
-    """Return the run with a time step of ``step`` [s] wherever the clock is set back."""
-    return with_time_steps(run, np.diff(run.t) < 0.0, step)
 
 
 def find_coarse_stamps(glance: RunSummary) -> Iterator[Issue]:
@@ -325,17 +308,17 @@ def find_coarse_stamps(glance: RunSummary) -> Iterator[Issue]:
         return
     repair = partial(_spaced_evenly, step=glance.usual_step)
     step = float(np.median(np.diff(repair(glance.run).t)))
-    yield Issue(
+    yield make_issue(
         kind="coarse time stamps",
         severity="error",
         where="column t",
         what=f"{is_same.sum()} rows have the time of the row before, and other values:"
         f" the clock was written in steps of {glance.usual_step:.3g} s, and samples come every"
         f" {step:.3g} s.",
-        certainty=READ,
         remedy="space the rows evenly (and log the time with more digits)",
         repair=repair,
-        figures={"rows": int(is_same.sum()), "step": step},
+        rows=int(is_same.sum()),
+        step=step,
     )
 
 
@@ -425,16 +408,15 @@ def find_changes_of_rate(glance: RunSummary) -> Iterator[Issue]:
         if b - a < _SHORTEST_CHANGE_OF_RATE or not steady:
             continue
         first, last = glance.run.rows_of_file([a, b]).tolist()
-        yield Issue(
+        yield make_issue(
             kind="change of rate",
-            severity="warning",
             where=f"rows {first} to {last}",
             what=f"rows {first} to {last} are {ratio:.3g} times as far apart as the"
             f" others ({ratio * usual:.3g} s instead of {usual:.3g} s): the logger"
             " changed its rate.",
-            certainty=READ,
             remedy="log at one rate; the run is split there",
-            figures={"rows": [first, last], "times": ratio},
+            rows=[first, last],
+            times=ratio,
         )
 
 
@@ -470,9 +452,8 @@ def find_uneven_stamps(glance: RunSummary) -> Iterator[Issue]:
     ratio = float(np.median(rough_in_time / np.maximum(rough_in_rows, 1e-300)))
     if ratio < _ROUGHER_OVER_TIME:
         return
-    yield Issue(
+    yield make_issue(
         kind="jittered time stamps",
-        severity="warning",
         where="column t",
         what=f"the time steps vary by {100.0 * spread:.0f} %, but samples are evenly"
         f" spaced: they are {ratio:.0f} times smoother over the row number than over"
@@ -483,7 +464,8 @@ def find_uneven_stamps(glance: RunSummary) -> Iterator[Issue]:
         ),
         remedy="space the time stamps evenly (and log the samples' own time)",
         repair=partial(_spaced_evenly, step=glance.usual_step),
-        figures={"percent": 100.0 * spread, "ratio": ratio},
+        percent=100.0 * spread,
+        ratio=ratio,
     )
 
 
@@ -533,45 +515,38 @@ def _clock_step(glance: RunSummary, rows: NDArray[np.intp]) -> Issue:
     """Return the warning that the clock was set ahead after some rows (numbers from
     0)."""
     is_wrong = np.isin(np.arange(len(glance.steps)), rows)
-    return Issue(
+    return _about_steps(
+        glance,
+        rows,
         kind="clock step",
-        severity="warning",
-        where=_place(glance, rows),
         what=f"the clock jumps ahead by up to {glance.steps[rows].max():.3g} s while the"
         " moving arm does not: the clock was set, and no sample is missing.",
         certainty=likely("the distance travelled is that of one usual step"),
         remedy=f"no action needed: the run is split there (or {CONTINUE})",
         repair=partial(with_time_steps, where=is_wrong, steps=glance.usual_step),
-        figures=_rows_and_seconds(glance, rows),
     )
 
 
 def _gap(glance: RunSummary, rows: NDArray[np.intp]) -> Issue:
     """Return the warning that samples are missing after some rows (numbers from 0)."""
     steps = glance.steps[rows]
-    return Issue(
+    return _about_steps(
+        glance,
+        rows,
         kind="gap in time",
-        severity="warning",
-        where=_place(glance, rows),
         what=f"{formatting.count(len(rows), 'gap')} of up to {steps.max():.3g} s (the"
         f" usual step is {glance.usual_step:.3g} s); in all {steps.sum():.3g} s are missing.",
-        certainty=READ,
         remedy="no action needed: the run is split there, and the filters lose a second"
         " on either side",
-        figures=_rows_and_seconds(glance, rows),
     )
 
 
-def _place(glance: RunSummary, rows: NDArray[np.intp]) -> str:
-    """The instant of the first long step and the rows behind all of them, in words."""
-    return f"t = {glance.run.t[rows[0]]:.4g} s, {rows_text(glance.run, rows + 1)}"
-
-
-def _rows_and_seconds(glance: RunSummary, rows: NDArray[np.intp]) -> dict[str, object]:
-    """Figures of an issue about long steps: the rows behind them, as a file numbers
-    them (a hundred at most), and the longest step [s]."""
-    seconds = float(glance.steps[rows].max())
-    return {
-        "rows": glance.run.rows_of_file(rows[:100] + 1).tolist(),
-        "seconds": seconds,
-    }
+def _about_steps(glance: RunSummary, rows: NDArray[np.intp], **said: Any) -> Issue:
+    """Return an issue about the long steps after some rows (numbers from 0), with the rows
+    behind them as a file numbers them (a hundred at most), and the longest step [s]."""
+    return make_issue(
+        where=f"t = {glance.run.t[rows[0]]:.4g} s, {rows_text(glance.run, rows + 1)}",
+        rows=glance.run.rows_of_file(rows[:100] + 1).tolist(),
+        seconds=float(glance.steps[rows].max()),
+        **said,
+    )

@@ -20,7 +20,7 @@ from sdp_vs_penalty.checks.explain import (
     issues_of_all,
     repair_of,
 )
-from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.issue import Issue, make_refusal
 from sdp_vs_penalty.checks.position_units import unit_asked_for
 from sdp_vs_penalty.checks.problem_units import problem_units
 from sdp_vs_penalty.checks.report import Report
@@ -107,7 +107,7 @@ class LoggerJudge:
             try:
                 self.logs[k] = self.rows_of(report.repaired_all)
             except InputError as error:
-                issue = Issue.of_refusal(
+                issue = make_refusal(
                     "too little data", error, certain("the filters need more")
                 )
                 self.reports[k] = with_issues(report, [issue])

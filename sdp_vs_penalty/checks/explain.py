@@ -2,11 +2,17 @@
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.checks.certainty import likely
-from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, with_rival_effects
+from sdp_vs_penalty.checks.issue import (
+    EXPLANATION,
+    Issue,
+    make_explanation,
+    with_rival_effects,
+)
 from sdp_vs_penalty.checks.residual import EVENT, without_moment
 from sdp_vs_penalty.race.arm_fit import text_of_share
 from sdp_vs_penalty.race.chain import LogTransform
@@ -90,29 +96,44 @@ def graded(issue: Issue, verdict: RaceOutcome, claims: Sequence[Claim]) -> Issue
     return with_rival_effects(issue, [other])
 
 
+def _of_claim(claim: Claim, rivals: Sequence[str], why: str, **said: Any) -> Issue:
+    """Return the issue about what a claim says, only possible where rivals do as well.
+
+    why : what speaks for it, with {times} for how many times as much is left of some
+    joint's torque without it.
+    """
+    times = float(np.exp(0.5 * _log_fall(claim)))
+    said["certainty"] = likely(why.format(times=f"{times:.2g} times as much"))
+    issue = make_explanation(**said, log_odds=float(claim.log_odds))
+    return with_rival_effects(issue, [*dict.fromkeys(rivals)])
+
+
+def _log_fall(claim: Claim) -> float:
+    """Return the natural logarithm by which a claim lowers the squared residual of the
+    joint that gains most."""
+    return float(np.log(claim.before.left / claim.fit.left).max())
+
+
+def _rivals_of(claim: Claim) -> list[str]:
+    """List what is as likely, in words."""
+    return [x.hypothesis.effect or x.hypothesis.kind for x in claim.rivals]
+
+
 def _of_controller(claim: Claim) -> Issue:
     """Return the issue about what a controller did to the torques."""
-    h = claim.hypothesis
-    share = float(np.log(claim.before.left / claim.fit.left).max())
-    reason = (
-        "friction that drives would be none"
-        if share < 0.05
-        else (
-            f"without it {float(np.exp(0.5 * share)):.2g} times as much of a joint's torque is left"
-        )
-    )
-    issue = Issue(
-        kind=h.kind,
-        nature=EXPLANATION,
-        severity="warning",
+    why = "without it {times} of a joint's torque is left"
+    if _log_fall(claim) < 0.05:
+        why = "friction that drives would be none"
+    return _of_claim(
+        claim,
+        _rivals_of(claim),
+        why,
+        kind=claim.hypothesis.kind,
         where="all torque channels",
-        what=f"{h.by_controller}.",
-        certainty=likely(reason),
+        what=f"{claim.hypothesis.by_controller}.",
         remedy="log the torques before the controller's compensation",
-        figures={"joints": [], "log_odds": float(claim.log_odds)},
+        joints=[],
     )
-    rivals = [x.hypothesis.effect or x.hypothesis.kind for x in claim.rivals]
-    return with_rival_effects(issue, [*dict.fromkeys(rivals)])
 
 
 def _is_within(one: Sequence[int], other: Sequence[int]) -> bool:
@@ -154,7 +175,6 @@ def _of_fault(
     issue = Issue(
         kind=fault.kind,
         nature=EXPLANATION,
-        severity="warning",
         where=fault.place or joints_text(fault.joints),
         what=what,
         certainty=likely(_reason(log, fault, net)),
@@ -258,27 +278,6 @@ def issue_of_difference(log: Likelihood, claim: Claim, name: str) -> Issue:
         (fault,) = list_faults(log, repair)
         what = f"in {name} only: {fault.what}"
         remedy, apply = f"{fault.remedy} in this run", fault.apply
-    share = float(np.log(claim.before.left / claim.fit.left).max())
-    issue = Issue(
-        kind=h.kind,
-        severity="warning",
-        where=joints_text(h.joints) if h.joints else "the run",
-        what=what,
-        certainty=likely(
-            "one arm for all leaves of a joint's torque"
-            f" {float(np.exp(0.5 * share)):.2g} times as much"
-        ),
-        remedy=remedy,
-        figures={
-            "joints": [joint + 1 for joint in h.joints],
-            "run": name,
-            "size": size,
-            "log_odds": float(claim.log_odds),
-        },
-        nature=EXPLANATION,
-        repair=None if repair is None else repair.apply,
-        apply=apply,
-    )
     effects = []
     for rival in claim.rivals:
         other = rival.hypothesis
@@ -286,7 +285,20 @@ def issue_of_difference(log: Likelihood, claim: Claim, name: str) -> Issue:
             effects.append(_RIVALS[other.kind])
         elif other.effect:
             effects.append(other.effect)
-    return with_rival_effects(issue, [*dict.fromkeys(effects)])
+    return _of_claim(
+        claim,
+        effects,
+        "one arm for all leaves of a joint's torque {times}",
+        kind=h.kind,
+        where=joints_text(h.joints) if h.joints else "the run",
+        what=what,
+        remedy=remedy,
+        repair=None if repair is None else repair.apply,
+        apply=apply,
+        joints=h.joints,
+        run=name,
+        size=size,
+    )
 
 
 def issue_of_span(log: Likelihood, claim: Claim, begin: float, end: float) -> Issue:
@@ -295,21 +307,16 @@ def issue_of_span(log: Likelihood, claim: Claim, begin: float, end: float) -> Is
     # Rows are filtered: what they hold began before them and ends after them.
     begin, end = begin - 1.0 / log.data.cutoff, end + 1.0 / log.data.cutoff
     middle, width = 0.5 * (begin + end), end - begin
-    share = float(np.log(claim.before.left / claim.fit.left).max())
-    issue = Issue(
+    return _of_claim(
+        claim,
+        _rivals_of(claim),
+        "without it one arm leaves of a joint's torque {times}",
         kind=EVENT,
-        nature=EXPLANATION,
-        severity="warning",
         where=f"t = {begin:.3g} to {end:.3g} s",
         what=f"a force on the last link from t = {begin:.3g} to {end:.3g} s (a contact, a"
         " push) explains what all joints together leave there.",
-        certainty=likely(
-            "without it one arm leaves of a joint's torque"
-            f" {float(np.exp(0.5 * share)):.2g} times as much"
-        ),
         remedy=f"exclude {begin:.3g} to {end:.3g} s",
         repair=partial(without_moment, at=middle, width=width),
-        figures={"t": middle, "span": [begin, end], "log_odds": float(claim.log_odds)},
+        t=middle,
+        span=[begin, end],
     )
-    rivals = [x.hypothesis.effect or x.hypothesis.kind for x in claim.rivals]
-    return with_rival_effects(issue, [*dict.fromkeys(rivals)])

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.certainty import Certainty, certain
-from sdp_vs_penalty.checks.issue import Issue, rows_text
+from sdp_vs_penalty.checks.certainty import READ, Certainty
+from sdp_vs_penalty.checks.issue import Issue, make_issue, rows_text
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
@@ -26,8 +26,6 @@ Rows = NDArray[np.bool_]
 
 #: A joint that rests does so for so long [s], or as long as it is asked about.
 _QUARTER_SECOND = 0.25
-#: How certain a fact is.
-READ = certain("read from the file")
 #: What to do about a clock that jumps.
 CONTINUE = "continue the time at the usual step there"
 
@@ -202,12 +200,12 @@ class RunSummary:
             "parts": len(places),
             "rows": int(gone.sum()),
             "named": named,
-            "joints": sorted({int(name.lstrip("qtau")) for name in channels if name}),
+            "joints": sorted({int(x.lstrip("qtau")) - 1 for x in channels if x}),
         }
         rows = rows_text(self.run, np.flatnonzero(gone))
         where = f"{named}, {rows}" if named else rows
         refuses = unusable or self._lost_share(channels, gone) > c.MOST_LOST
-        yield Issue(
+        yield make_issue(
             kind=kind,
             severity="error" if refuses else "warning",
             where=where,
@@ -220,7 +218,7 @@ class RunSummary:
             certainty=sure,
             remedy=remedy,
             repair=lambda r: r.rows(~gone),
-            figures=figures,
+            **figures,
         )
 
     def _lost_share(self, channels: Mapping[str, Rows], gone: Rows) -> float:

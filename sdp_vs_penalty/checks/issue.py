@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
-from sdp_vs_penalty.checks.certainty import CERTAIN, Certainty, possible
+from sdp_vs_penalty.checks.certainty import CERTAIN, READ, Certainty, possible
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.race.fault import joints_text
@@ -26,13 +27,13 @@ class Issue(WritesJson):
     kind: str
     #: "error" (identification would be meaningless), "warning" (it would be worse than
     #: it need be) or "note" (a fact worth knowing).
-    severity: str
+    severity: str = "warning"
     #: Where it is: joints, channels, rows or instants, in words.
     where: str
     #: What is wrong, in one sentence.
     what: str
     #: How sure it is, "certain", "likely" or "possible", and why.
-    certainty: Certainty
+    certainty: Certainty = READ
     #: What to do, in one sentence.
     remedy: str
     #: How a run is repaired, where that is safe; ``remedy`` says it in words.
@@ -59,75 +60,6 @@ class Issue(WritesJson):
         if self.nature == EXPLANATION and self.severity == "error":
             raise ValueError(f"{self.kind}: an explanation is never an error")
 
-    @classmethod
-    def from_fault(
-        cls,
-        *,
-        kind: str,
-        severity: str,
-        joints: Any,
-        what: str,
-        certainty: Certainty,
-        remedy: str,
-        where: str = "",
-        repair: Callable[[Measurements], Measurements] | None = None,
-        nature: str = FACT,
-        apply: str = "",
-        changes: Sequence[Change] = (),
-        **figures: Any,
-    ) -> "Issue":
-        """Make an issue about some joints.
-
-        Parameters
-        ----------
-        kind, severity, what, certainty, remedy, repair, nature, apply, changes
-            As the attributes of the issue. ``{where}`` in ``what`` stands for the
-            place.
-        joints : sequence of int
-            From 0; empty for an issue about no joint.
-        where : str
-            The place; default: the joints in words.
-
-        Returns
-        -------
-        Issue
-            With the joints, from 1, among the figures.
-        """
-        where = where or joints_text(joints)
-        numbers = {"joints": [int(j) + 1 for j in joints]} if len(joints) else {}
-        return cls(
-            kind=kind,
-            severity=severity,
-            where=where,
-            what=what.replace("{where}", where),
-            certainty=certainty,
-            remedy=remedy,
-            repair=repair,
-            figures={**numbers, **figures},
-            nature=nature,
-            apply=apply,
-            changes=tuple(changes),
-        )
-
-    @classmethod
-    def of_refusal(
-        cls,
-        kind: str,
-        error: InputError,
-        certainty: Certainty,
-        joints: Sequence[int] = (),
-    ) -> "Issue":
-        """Make an error from what identification would refuse; joints from 0."""
-        return cls.from_fault(
-            kind=kind,
-            severity="error",
-            joints=joints,
-            what=f"{error.what.rstrip('.')}.",
-            certainty=certainty,
-            remedy=error.remedy,
-            where="" if joints else "the run",
-        )
-
     @property
     def can_fix(self) -> bool:
         """Whether `check --fix` repairs the issue by itself: it is a certain fact, and
@@ -150,6 +82,73 @@ class Issue(WritesJson):
         changes += self.changes
         what, sure = self.what, self.certainty
         return tuple(Remedy(what, sure.grade, sure.why, change) for change in changes)
+
+
+def make_issue(
+    kind: str,
+    what: str,
+    *,
+    remedy: str,
+    severity: str = "warning",
+    joints: Any = None,
+    where: str = "",
+    certainty: Certainty = READ,
+    repair: Callable[[Measurements], Measurements] | None = None,
+    nature: str = FACT,
+    apply: str = "",
+    changes: Sequence[Change] = (),
+    **figures: Any,
+) -> Issue:
+    """Make an issue, mostly about some joints.
+
+    Parameters
+    ----------
+    kind, what, remedy, severity, certainty, repair, nature, apply, changes
+        As the attributes of the issue. ``{where}`` in ``what`` stands for the place.
+    joints : sequence of int
+        From 0; None for an issue about no joint.
+    where : str
+        The place; default: the joints in words.
+
+    Returns
+    -------
+    Issue
+        With the joints, from 1, among the figures.
+    """
+    where = where or joints_text(joints)
+    numbers = {} if joints is None else {"joints": [int(j) + 1 for j in joints]}
+    return Issue(
+        kind=kind,
+        severity=severity,
+        where=where,
+        what=what.replace("{where}", where),
+        certainty=certainty,
+        remedy=remedy,
+        repair=repair,
+        figures={**numbers, **figures},
+        nature=nature,
+        apply=apply,
+        changes=tuple(changes),
+    )
+
+
+#: The same for what a model of the arm says.
+make_explanation = partial(make_issue, nature=EXPLANATION)
+
+
+def make_refusal(
+    kind: str, error: InputError, certainty: Certainty, joints: Sequence[int] = ()
+) -> Issue:
+    """Make an error from what identification would refuse; joints from 0."""
+    return make_issue(
+        kind,
+        f"{error.what.rstrip('.')}.",
+        severity="error",
+        joints=joints or None,
+        certainty=certainty,
+        remedy=error.remedy,
+        where="" if joints else "the run",
+    )
 
 
 def mended_for_certain(run: Measurements, issues: Sequence[Issue]) -> Measurements:

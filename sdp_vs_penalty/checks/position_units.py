@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.checks.certainty import certain, likely, possible
-from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue
+from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue, make_issue
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.kinds.position_unit import as_likely_as_radians
 from sdp_vs_penalty.results.remedy import Change
@@ -66,10 +66,9 @@ def unit_asked_for(evidence: Evidence, fit: ViewFit, command: str) -> list[Issue
     names = [unit.name for unit in units if unit.name]
     by = command.replace("UNIT", "rad")
     return [
-        Issue.from_fault(
+        make_issue(
             kind="position unit not said",
             severity="error",
-            joints=(),
             what=f"nothing says in which unit q is, which reaches {largest:.3g}: radians,"
             f" or {others}; the arm explains the torques as well either way.",
             certainty=certain("no name says it, and the torques do not tell it"),

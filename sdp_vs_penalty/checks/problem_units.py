@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sdp_vs_penalty.checks.certainty import certain
-from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.issue import Issue, make_issue
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import nonzero_or_one
 from sdp_vs_penalty.robot.inertia import inertia_matrix
@@ -38,12 +38,12 @@ def problem_units(problem: Problem) -> Iterator[Issue]:
         distance = float(np.linalg.norm(com))
         sizes.append(LinkSizes(name, mass, distance, largest_inertia))
     for unit in odd_units(sizes, max(steps)):
-        yield Issue(
+        yield make_issue(
             kind="units of the problem",
-            severity="warning",
             where="the problem",
             what=f"{unit.what} Nothing is said of the torques.",
             certainty=certain("read from the problem, no arm is of that size"),
             remedy=unit.remedy,
-            figures={"quantity": unit.quantity, "factor": unit.factor},
+            quantity=unit.quantity,
+            factor=unit.factor,
         )

@@ -7,13 +7,14 @@ that is than a model of this joint alone would leave. Friction, however odd, is 
 
 from collections.abc import Iterator
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.certainty import likely
-from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
+from sdp_vs_penalty.checks.issue import Issue, joints_text, make_explanation
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.uncertainty import (
     NOT_SEEN,
@@ -31,7 +32,6 @@ from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
-explanation = partial(Issue.from_fault, nature=EXPLANATION)
 #: Kind of what happens once.
 EVENT = "one-off event"
 #: A one-off event lasts at most so long [s].
@@ -54,10 +54,8 @@ def unrelated_torque(fit: ArmFit) -> Iterator[Issue]:
     if fit.mean_unexplained_share <= c.UNRELATED:
         return
     percent = 100.0 * fit.mean_unexplained_share
-    yield explanation(
+    yield make_explanation(
         kind="torque not explained",
-        severity="warning",
-        joints=(),
         what=f"No inertia and friction of this arm explain {percent:.0f} % of the torque"
         " energy.",
         certainty=_SURE,
@@ -112,9 +110,8 @@ def _unexplained_joints(
         what = f"leaves more than such arms do ({percent_of_all:.2g} % of all torques)"
     percent = 100.0 * np.sqrt(fit.unexplained_shares[joints])
     left = ", ".join(f"{x:.2g} %" for x in percent)
-    yield explanation(
+    yield make_explanation(
         kind="unexplained torque",
-        severity="warning",
         joints=joints,
         what=f"the torque of {{where}} {what}: {left} of it stays unexplained.",
         certainty=_SURE,
@@ -186,9 +183,8 @@ def _event(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
         if is_known or not largest > _EVENT_OVER_REST * elsewhere > 0.0:
             continue
         unit = log.problem.robot.torque_units[j]
-        yield explanation(
+        yield make_explanation(
             kind=EVENT,
-            severity="warning",
             joints=[j],
             what=f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost"
             f" packet): the error is {largest:.3g} {unit} in joint {j + 1}, over"
@@ -240,7 +236,7 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
         joint_of = {p.name: p.joint for p in model.parameters}
         joints = sorted({joint_of[name] - 1 for name in dark if joint_of[name]})
         severity = "warning" if len(dark) > c.UNRELATED * total else "note"
-        yield Issue(
+        yield make_explanation(
             kind="poor excitation",
             severity=severity,
             where=joints_text(joints) if joints else "the robot",
@@ -250,6 +246,7 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
             remedy="move these joints farther, faster and independently of each other, or add"
             " runs that do",
             changes=(Change("record", "record a motion that excites every joint"),),
-            figures={"base_parameters": total, **counts(known.base), "names": dark},
-            nature=EXPLANATION,
+            base_parameters=total,
+            **dict[str, Any](counts(known.base)),
+            names=dark,
         )

@@ -5,7 +5,7 @@ the joints' effort limits, which bind every sample, and what an arm of the probl
 masses needs on the motion.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.certainty import Certainty, certain, likely, possible
-from sdp_vs_penalty.checks.issue import EXPLANATION, Issue
+from sdp_vs_penalty.checks.certainty import likely, possible
+from sdp_vs_penalty.checks.issue import Issue, make_explanation
 from sdp_vs_penalty.checks.residual import leaves_more_than_usual
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.words.units import UNITS as NAMED
@@ -35,8 +35,6 @@ _TENTHS = {"kgf cm": NAMED["kgfcm"], "lbf in": NAMED["lbfin"]}
 #: Times the N m of an arm that its motors' currents in mA may be: their gears make more than
 #: 3 N m of an ampere.
 _OF_CURRENTS = 300.0
-#: The word of `--apply` that multiplies all torques by the factor of their unit.
-UNIT_OF_TORQUES = "unit:tau"
 _CORRECT_MASSES = "if right, correct the problem's masses"
 
 
@@ -59,35 +57,17 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     too_large = np.flatnonzero(is_too_large)
     if 0 < len(too_large) <= _SINGLE_JOINTS * log.n:
         times = formatting.words([f"{x:.3g}" for x in shares[too_large]])
-        yield Issue.from_fault(
+        yield make_explanation(
             kind="torque unit",
-            severity="warning",
             joints=too_large,
             what=f"the torque of {{where}} is {times} times what the joint is made for:"
             " in another unit.",
             certainty=_BY_SIZE,
             remedy=_CONVERT,
-            nature=EXPLANATION,
             changes=_scales(f"tau{j + 1}" for j in too_large),
         )
         return
-    size = _Size.from_shares(log, repair, shares)
-    reason = _reason_of_size(log, repair, size)
-    if reason is not None:
-        yield Issue.from_fault(
-            kind=reason.kind,
-            severity="warning",
-            joints=range(log.n),
-            what=f"the torques are {size.description}: {reason.why}.",
-            certainty=reason.certainty,
-            remedy=reason.remedy,
-            repair=_scaling(reason.factor) if reason.factor else None,
-            where=reason.where,
-            nature=EXPLANATION,
-            apply=UNIT_OF_TORQUES if reason.factor else "",
-            changes=reason.changes,
-            times_nominal=size.times_nominal,
-        )
+    yield from _issues_of_size(log, repair, _Size.from_shares(log, repair, shares))
 
 
 def _shares_of_effort(log: Likelihood, repair: LogTransform) -> Array:
@@ -122,22 +102,22 @@ def _is_as_nominal(log: Likelihood, repair: LogTransform) -> NDArray[np.bool_]:
 class _Size:
     """How large the torques are, in two measures [-]."""
 
+    #: Size in words.
+    description: str
     #: Largest torque over its joint's effort limit; -1 without limits.
     over: float
     #: Torque over that of an arm with the problem's nominal links.
     measured: float
     #: Smallest possible value of ``measured``.
-    smallest: float
+    smallest: float = 1e-2
     #: Largest possible value of ``measured``.
-    largest: float
+    largest: float = 1.0
     #: Whether the torques are too large.
-    is_large: bool
+    is_large: bool = False
     #: Whether the torques are too small.
-    is_small: bool
+    is_small: bool = False
     #: Whether the masses are known; without them ``measured`` is ``over``.
-    is_mass_known: bool
-    #: Size in words.
-    description: str
+    is_mass_known: bool = False
 
     @property
     def times_nominal(self) -> float | None:
@@ -159,17 +139,7 @@ class _Size:
         problem = log.problem
         masses = float(problem.prior_links[:, 0].sum())
         if masses <= 0.0 or np.all(problem.guessed_links):
-            text = f"{over:.3g} times what the joints are made for"
-            return cls(
-                over=over,
-                measured=over,
-                smallest=1e-2,
-                largest=1.0,
-                is_large=False,
-                is_small=False,
-                is_mass_known=False,
-                description=text,
-            )
+            return cls(f"{over:.3g} times what the joints are made for", over, over)
         low, high, weighs = _possible_masses(problem, masses)
         arm = (log.torque_mask(repair).T * log.nominal(repair)).T[:, :, None]
         measured = _norm(log.channels(repair).T) / _norm(arm)
@@ -182,14 +152,14 @@ class _Size:
             rows.project_out_own(arm)
         )
         return cls(
-            over=over,
-            measured=measured,
-            smallest=smallest,
-            largest=largest,
+            f"{measured:.3g} times what an arm of {weighs} kg needs",
+            over,
+            measured,
+            smallest,
+            largest,
             is_large=min(measured, shared) > largest,
             is_small=measured < smallest,
             is_mass_known=True,
-            description=f"{measured:.3g} times what an arm of {weighs} kg needs",
         )
 
 
@@ -203,90 +173,84 @@ def _possible_masses(problem: Problem, masses: float) -> tuple[float, float, str
     return 0.5 * masses, 2.0 * masses, f"{masses:.3g}"
 
 
-@dataclass(frozen=True)
-class _Reason:
-    """Why torques have an impossible size, in the words of an issue."""
-
-    #: Kind of the issue.
-    kind: str
-    #: The reason, as a clause.
-    why: str
-    #: What to do, in one sentence.
-    remedy: str
-    #: Place of the issue, in words.
-    where: str = "all torque channels"
-    #: Factor that makes the torques right, if that is known.
-    factor: float | None = None
-    #: Readings of the file that make them right.
-    changes: tuple[Change, ...] = ()
-    #: How sure the reason is.
-    certainty: Certainty = _BY_SIZE
-
-
-def _reason_of_size(
+def _issues_of_size(
     log: Likelihood, repair: LogTransform, size: _Size
-) -> _Reason | None:
-    """Return the likeliest reason why the torques are too large or too small.
+) -> Iterator[Issue]:
+    """Yield the likeliest reason why the torques are too large or too small.
 
     In this order: wrong masses in the problem (torques of a usual size), another unit
     (too large), an external torque (small and unlike the arm's dynamics), motor
     currents (small, and explained by the arm's dynamics). None if the size may be
     right, or if the arm does not explain the torques at all.
     """
+    of_size = partial(
+        make_explanation,
+        joints=range(log.n),
+        where="all torque channels",
+        times_nominal=size.times_nominal,
+    )
+    are = f"the torques are {size.description}: "
+    by_unit = _scales(["tau"])
     is_wrong = size.is_large or size.is_small
     smallest_share, largest_share = c.EFFORT
     if is_wrong and smallest_share <= size.over <= largest_share:
         if units := _small_units(size):
-            return _Reason(
+            yield of_size(
                 "torque unit",
-                f"they are in {' or '.join(units)}, or the problem's masses are wrong",
-                f"say the unit; {_CORRECT_MASSES}",
-                changes=_scales(["tau"]),
+                f"{are}they are in {' or '.join(units)}, or the problem's masses are"
+                " wrong.",
+                remedy=f"say the unit; {_CORRECT_MASSES}",
+                changes=by_unit,
                 certainty=possible("size alone does not tell which"),
             )
-        return _Reason(
+            return
+        yield of_size(
             "masses of the problem",
-            "the problem's masses are wrong: the torques reach what torques do,"
-            f" {100.0 * size.over:.0f} % of the joints' effort limits",
-            "correct total_mass in problem.toml (the inertials of a URDF)",
+            f"{are}the problem's masses are wrong: the torques reach what torques do,"
+            f" {100.0 * size.over:.0f} % of the joints' effort limits.",
+            remedy="correct total_mass in problem.toml (the inertials of a URDF)",
+            certainty=_BY_SIZE,
             where="the problem",
         )
+        return
     if size.is_large or (size.is_far and not size.is_mass_known):
-        return _in_another_unit(size)
+        yield _of_another_unit(size, of_size, are)
+        return
     if not size.is_small:
-        return None
-    channels = log.channels(repair).T
-    remedy = (
-        "log the measured joint torque: neither masses nor inertias can be identified"
-        " from this"
+        return
+    external = partial(
+        of_size,
+        "external torque",
+        remedy="log the measured joint torque: neither masses nor inertias can be"
+        " identified from this",
     )
-    if _resembles(channels, log.nominal(repair)) < c.RESEMBLES:
-        return _Reason(
-            "external torque",
-            "they do not follow the arm's weight and inertia: what is left where a"
-            " model was subtracted (external torque)",
-            remedy,
+    if _resembles(log.channels(repair).T, log.nominal(repair)) < c.RESEMBLES:
+        yield external(
+            f"{are}they do not follow the arm's weight and inertia: what is left where a"
+            " model was subtracted (external torque).",
+            certainty=_BY_SIZE,
         )
+        return
     fit = log.fit(repair)
     if fit.mean_unexplained_share > c.UNRELATED:
-        return None  # another issue says that the arm does not explain them
+        return  # another issue says that the arm does not explain them
     if leaves_more_than_usual(log, fit):
         # A current is small, too, but the arm's dynamics explain it.
-        return _Reason(
-            "external torque",
-            f"the arm's dynamics leave {100.0 * fit.unexplained**0.5:.2g} % of them,"
+        yield external(
+            f"{are}the arm's dynamics leave {100.0 * fit.unexplained**0.5:.2g} % of them,"
             " more than of a motor's current: what is left where a model was subtracted"
-            " (external torque), or another channel",
-            remedy,
+            " (external torque), or another channel.",
             certainty=likely("by their size, and by what the arm's dynamics leave"),
         )
-    return _Reason(
+        return
+    yield of_size(
         "torque channel kind",
-        "they are motor currents, or torques on the motor side of the gear. A model of"
-        " them is unscaled: its ratios are right, its kilograms are not",
-        "multiply each channel by its drive gain (N m per A, gear ratio included);"
+        f"{are}they are motor currents, or torques on the motor side of the gear. A model"
+        " of them is unscaled: its ratios are right, its kilograms are not.",
+        remedy="multiply each channel by its drive gain (N m per A, gear ratio included);"
         f" {_CORRECT_MASSES}",
-        changes=_scales(["tau"]),
+        changes=by_unit,
+        certainty=_BY_SIZE,
     )
 
 
@@ -303,46 +267,53 @@ def _small_units(size: _Size) -> list[str]:
 def not_in_newton_metres(unit: str) -> Issue:
     """Return the warning that torques are in a unit that their columns say, of which only
     the user knows the N m: "A", or "%"."""
-    return Issue.from_fault(
+    return make_explanation(
         kind="torque channel kind",
-        severity="warning",
-        joints=(),
         what=f"the torques are in {unit}, as their columns say. A model of them is"
         " unscaled: its ratios are right where all channels have one factor, its"
         " kilograms are not.",
-        certainty=certain("read from the file"),
         remedy=f"multiply each channel by its N m per {unit}, gear ratio included",
         where="all torque channels",
-        nature=EXPLANATION,
         changes=_scales(["tau"]),
     )
 
 
-def _in_another_unit(size: _Size) -> _Reason:
-    """Return the reason that torques too large for N m are in another unit, by its name
-    where one makes their size possible, and currents in mA do not."""
+def _of_another_unit(size: _Size, of_size: Callable[..., Issue], are: str) -> Issue:
+    """Return that torques too large for N m are in another unit, by its name where one
+    makes their size possible, and currents in mA do not."""
     for factor, name in UNITS.items():
         fits = size.smallest <= size.measured * factor <= size.largest
-        if size.is_far and factor < 0.1 and fits:
-            if size.measured < _OF_CURRENTS:
-                return _Reason(
-                    "torque unit",
-                    f"they are in {name}, or motor currents in mA: size does not tell"
-                    " which",
-                    f"say which: {name} by --scale tau={name.replace(' ', '').lower()},"
-                    " mA by each joint's N m per mA, gear ratio included",
-                    changes=_scales(["tau"]),
-                    certainty=possible("judged by size alone"),
-                )
-            return _Reason(
+        if not (size.is_far and factor < 0.1 and fits):
+            continue
+        if size.measured < _OF_CURRENTS:
+            unit = {"scale": {"tau": name.replace(" ", "").lower()}}
+            return of_size(
                 "torque unit",
-                f"they are in {name}",
-                f"multiply by {factor:g}",
-                factor=factor,
+                f"{are}they are in {name}, or motor currents in mA: size does not tell"
+                " which.",
+                remedy=f"say which: {name}, or mA by each joint's N m per mA, gear ratio"
+                " included",
+                changes=(
+                    Change("read", f"read tau in {name}", unit),
+                    *_scales(["tau"]),
+                ),
+                certainty=possible("judged by size alone"),
             )
-    remedy = f"{_CONVERT}; {_CORRECT_MASSES}"
-    changes = _scales(["tau"])
-    return _Reason("torque unit", "their unit is not N m", remedy, changes=changes)
+        return of_size(
+            "torque unit",
+            f"{are}they are in {name}.",
+            remedy=f"multiply by {factor:g}",
+            certainty=_BY_SIZE,
+            repair=partial(_scaled, factor=factor),
+            apply="unit:tau",
+        )
+    return of_size(
+        "torque unit",
+        f"{are}their unit is not N m.",
+        remedy=f"{_CONVERT}; {_CORRECT_MASSES}",
+        changes=_scales(["tau"]),
+        certainty=_BY_SIZE,
+    )
 
 
 #: What is done with torques in an unknown unit.
@@ -367,11 +338,6 @@ def _scaled(run: Measurements, factor: float) -> Measurements:
     return replace(run, tau=run.tau * factor)
 
 
-def _scaling(factor: float) -> partial[Measurements]:
-    """Return the repair of a run that multiplies all torques by a factor."""
-    return partial(_scaled, factor=factor)
-
-
 def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
     """Yield a warning where the torques are those of a controller's gravity model: the
     weight of an arm alone, without inertia and friction.
@@ -390,17 +356,14 @@ def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
     turns_round = speeds.max(axis=0) * speeds.min(axis=0) < 0.0
     is_weight = shares[log.moving].max() < c.MODEL_OF_WEIGHT
     if is_weight and turns_round[log.moving].all():
-        yield Issue.from_fault(
+        yield make_explanation(
             kind="gravity model",
-            severity="warning",
-            joints=(),
             what="the torques are the weight of an arm alone: no inertia, and no"
             f" friction of any joint ({100.0 * shares.max() ** 0.5:.2g} % is left).",
             certainty=likely("every motor bears friction"),
             remedy="log the measured torque or current: this is the controller's model"
             " of gravity, from which friction and inertia cannot be identified",
             where="all torque channels",
-            nature=EXPLANATION,
         )
 
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from sdp_vs_penalty.checks.certainty import certain
 from sdp_vs_penalty.checks.constants import GAP, RUN
-from sdp_vs_penalty.checks.glance import READ, RunSummary
-from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.glance import RunSummary
+from sdp_vs_penalty.checks.issue import Issue, make_issue
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -111,15 +111,14 @@ def _in_another_unit(ratio: float, is_unit_said: bool) -> Issue | None:
     beside = (
         "" if of_position == "radians" else f", where positions are in {of_position}"
     )
-    return Issue(
+    return make_issue(
         kind="velocity unit",
         severity="note",
         where="columns dq",
         what=f"the logged velocities are in {of_velocity}{beside}: {ratio:.4g} times the"
         " derivative of the position.",
-        certainty=READ,
         remedy="no action needed: velocities are taken from the positions",
-        figures={"factor": ratio},
+        factor=ratio,
     )
 
 
@@ -131,9 +130,8 @@ def _against_the_clock(ratio: float, n_alike: int, n_known: int) -> Issue:
     """
     times = f"{max(ratio, 1.0 / ratio):.3g} times too"
     wrong = f"{times} fast" if ratio < 1.0 else f"{times} slow"
-    return Issue(
+    return make_issue(
         kind="clock against velocity",
-        severity="warning",
         where="columns t and dq",
         what=f"the logged velocity is {ratio:.3g} times the derivative of the position,"
         f" in {n_alike} of {n_known} joints alike: time runs {wrong}, or velocities are"
@@ -143,7 +141,7 @@ def _against_the_clock(ratio: float, n_alike: int, n_known: int) -> Issue:
         f" by {ratio:.3g}",
         repair=partial(_stretched, factor=1.0 / ratio),
         apply="clock:t",
-        figures={"factor": 1.0 / ratio},
+        factor=1.0 / ratio,
     )
 
 
@@ -158,12 +156,11 @@ def _of_one_joint(j: int, ratio: float) -> Iterator[Issue]:
     position: it is negative, or off by a third or more."""
     if ratio > 0.0 and abs(np.log(ratio)) <= _OF_ONE_JOINT:
         return
-    yield Issue.from_fault(
+    yield make_issue(
         kind="velocity of one joint",
         severity="note",
         joints=[j],
         what=f"dq{j + 1} is {ratio:.3g} times the derivative of q{j + 1}.",
-        certainty=READ,
         remedy="no action needed: velocities are taken from the positions",
         where=f"dq{j + 1}",
         factor=ratio,
@@ -177,16 +174,16 @@ def _late(glance: RunSummary, lag: float) -> Issue:
     lag : by how many samples; negative where they come before.
     """
     later = "later" if lag > 0.0 else "earlier"
-    return Issue(
+    return make_issue(
         kind="velocity lag",
         severity="note",
         where="columns dq",
         what=f"the logged velocities come {abs(lag):.0f} samples"
         f" ({1e3 * abs(lag) * glance.usual_step:.3g} ms) {later} than the derivative of the"
         " positions: they are filtered, or from another source.",
-        certainty=READ,
         remedy="no action needed: velocities are taken from the positions",
-        figures={"samples": lag, "seconds": lag * glance.usual_step},
+        samples=lag,
+        seconds=lag * glance.usual_step,
     )
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.certainty import certain, likely
-from sdp_vs_penalty.checks.glance import READ, Rows, RunSummary
-from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.glance import Rows, RunSummary
+from sdp_vs_penalty.checks.issue import Issue, make_issue
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import (
     beside_range,
@@ -36,12 +36,11 @@ def find_channels_without_numbers(glance: RunSummary) -> Iterator[Issue]:
     """
     for name, x in glance.run.groups.items():
         for j in np.flatnonzero(~np.any(np.isfinite(x), axis=0)):
-            yield Issue.from_fault(
+            yield make_issue(
                 kind="channel without numbers",
                 severity="error",
                 joints=[j],
                 what=f"{name}{j + 1} is never a number, in any of {len(x)} rows.",
-                certainty=READ,
                 remedy="find out why the logger wrote none (a driver that does not"
                 " report it); there is no repair",
                 where=f"{name}{j + 1}",
@@ -65,12 +64,11 @@ def find_wrapped_angles(glance: RunSummary) -> Iterator[Issue]:
             "the position of {where} jumps by a full turn between two rows: the angle"
             " is wrapped."
         )
-        yield Issue.from_fault(
+        yield make_issue(
             kind="wrapped angle",
             severity="error",
             joints=np.flatnonzero(jumping),
             what=what,
-            certainty=READ,
             remedy="unwrap the angle",
             repair=lambda r: replace(
                 r, q=np.where(jumping, np.unwrap(r.q, axis=0), r.q)
@@ -103,12 +101,11 @@ def _degrees(glance: RunSummary, how: str, unwrap: bool) -> Issue:
     remedy = "multiply q (and dq) by pi / 180"
     if unwrap:
         remedy = "unwrap q and multiply it by pi / 180"
-    return Issue.from_fault(
+    return make_issue(
         kind="positions in degrees",
         severity="error",
         joints=joints,
         what=f"the positions of {{where}} are in degrees{how}: they reach {largest:.4g}.",
-        certainty=READ,
         remedy=remedy,
         repair=partial(_in_radians, robot=glance.robot, unwrap=unwrap),
     )
@@ -171,9 +168,8 @@ def find_positions_outside_range(glance: RunSummary) -> Iterator[Issue]:
     fits into it: the encoder's zero is the usual cause.
     """
     if joints := beside_range(glance.robot, glance.run.q):
-        yield Issue.from_fault(
+        yield make_issue(
             kind="encoder offset",
-            severity="warning",
             joints=joints,
             what="{where}: positions outside the range all or part of the time.",
             certainty=likely(
@@ -202,10 +198,8 @@ def find_torques_in_counts(glance: RunSummary) -> Iterator[Issue]:
     if min(len(np.unique(x)) for x in tau.T) > _FEWEST_COUNTS:
         largest = float(np.abs(tau).max())
         unit = ", as permil of its rated torque" if largest <= _LARGEST_PERMIL else ""
-        yield Issue.from_fault(
+        yield make_issue(
             kind="torque in counts",
-            severity="warning",
-            joints=(),
             what=f"every torque is a whole number, up to {largest:.4g}: counts of the"
             f" drive{unit}.",
             certainty=likely(
@@ -240,10 +234,8 @@ def find_coarse_sampling(
     highest = highest_harmonic(glance.run)
     needed = c.SAMPLES_A_PERIOD * highest
     if rate < needed:
-        yield Issue.from_fault(
+        yield make_issue(
             kind="low sample rate",
-            severity="warning",
-            joints=(),
             what=f"the motion reaches {highest:.3g} Hz, and {rate:.3g} samples per second"
             f" are too few to differentiate it twice: {needed:.0f} Hz are needed.",
             certainty=certain("from the spectrum of the positions"),
@@ -283,9 +275,8 @@ def _quantised(
     noise = noise_per_step * step
     if noise <= least:
         return
-    yield Issue.from_fault(
+    yield make_issue(
         kind="quantisation",
-        severity="warning",
         joints=[j],
         what=f"q{j + 1} is quantised in steps of {step:.3g} {glance.robot.position_units[j]}:"
         f" noise of about {100.0 * noise / size:.0f} % of the acceleration below"

@@ -13,7 +13,7 @@ import numpy as np
 from sdp_vs_penalty.checks.certainty import certain
 from sdp_vs_penalty.checks.constants import LOCKSTEP
 from sdp_vs_penalty.checks.glance import RunSummary
-from sdp_vs_penalty.checks.issue import Issue, joints_text
+from sdp_vs_penalty.checks.issue import Issue, joints_text, make_issue
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
@@ -71,9 +71,8 @@ class LockstepMotion:
             A fact, with the rank of the motion among its figures.
         """
         names = "; ".join(joints_text(group) for group in self.groups)
-        return Issue.from_fault(
+        return make_issue(
             kind="lockstep motion",
-            severity="warning",
             joints=sorted(j for group in self.groups for j in group),
             what=f"{names} move in proportion (|correlation| above {LOCKSTEP:g}): the"
             f" motion of {self.moving} joints has {self.rank} directions. Their order"

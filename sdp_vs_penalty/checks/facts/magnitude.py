@@ -15,7 +15,7 @@ from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.facts.noise import shows_noise
 from sdp_vs_penalty.checks.glance import RunSummary
-from sdp_vs_penalty.checks.issue import EXPLANATION, Issue
+from sdp_vs_penalty.checks.issue import Issue, make_explanation, make_issue
 from sdp_vs_penalty.race.arm_fit import orthonormal
 from sdp_vs_penalty.race.constants import LOG_ODDS_AGAINST_FAULT
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
@@ -52,10 +52,8 @@ def find_model_torques(glance: RunSummary) -> Iterator[Issue]:
         len(torque) > _ROWS_A_LINK_COLUMN * len(links)
         and max(shares) < c.MODEL_OF_WEIGHT
     ):
-        yield Issue.from_fault(
+        yield make_issue(
             kind="torques of a model",
-            severity="warning",
-            joints=(),
             what="these torques carry no noise and no friction: a model made them, a"
             " controller's or a simulator's.",
             certainty=likely("every measurement carries noise, every motor friction"),
@@ -70,9 +68,8 @@ def find_magnitudes(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning about torques that are magnitudes: they look so, and the arm
     explains them with signs clearly better."""
     if joints := magnitudes(glance, possible_magnitudes(glance)):
-        yield Issue.from_fault(
+        yield make_explanation(
             kind="torque magnitude",
-            severity="warning",
             joints=joints,
             what="{where} never changes sign: the logger wrote magnitudes.",
             certainty=likely(
@@ -81,7 +78,6 @@ def find_magnitudes(glance: RunSummary) -> Iterator[Issue]:
             ),
             remedy="log the torque with its sign",
             where=", ".join(f"tau{j + 1}" for j in joints),
-            nature=EXPLANATION,
         )
 
 

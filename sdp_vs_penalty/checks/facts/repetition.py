@@ -12,14 +12,13 @@ from sdp_vs_penalty.checks.facts.stuck import (
     velocity_goes_on,
 )
 from sdp_vs_penalty.checks.glance import (
-    READ,
     Rows,
     RunSummary,
     mask_of,
     numbers_of_rows,
     with_time_steps,
 )
-from sdp_vs_penalty.checks.issue import Issue, rows_text
+from sdp_vs_penalty.checks.issue import Issue, make_issue, rows_text
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array
@@ -117,16 +116,15 @@ def find_overlaps(runs: Sequence[Measurements]) -> Iterator[tuple[int, Issue]]:
         )
         yield (
             k,
-            Issue(
+            make_issue(
                 kind="overlapping runs",
-                severity="warning",
                 where=rows_text(run, np.flatnonzero(is_copy)),
                 what=f"{is_copy.sum()} rows are rows of {runs[other].names[0]} as well, bit by"
                 " bit: the files overlap, and what both hold would count as a repetition"
                 " without noise.",
-                certainty=READ,
                 remedy="leave these rows out of one of the two",
-                figures={"rows": int(is_copy.sum()), "of": runs[other].names[0]},
+                rows=int(is_copy.sum()),
+                of=runs[other].names[0],
                 changes=() if is_copy.all() else (cut,),
             ),
         )
@@ -242,16 +240,14 @@ def _doubled_rows(glance: RunSummary, same: Rows) -> Iterator[Issue]:
         after = "does not skip ahead"
         how = "rows were doubled and the clock was made again"
         remedy = "delete the copies and their time"
-    yield Issue(
+    yield make_issue(
         kind="doubled rows",
-        severity="warning",
         where=rows_text(glance.run, np.flatnonzero(same)),
         what=f"{same.sum()} rows are copies of the row before, and the motion {after}"
         f" after them: {how}.",
-        certainty=READ,
         remedy=remedy,
         repair=partial(_without_copies, same=same, keeps_time=skips),
-        figures={"rows": int(same.sum())},
+        rows=int(same.sum()),
     )
 
 

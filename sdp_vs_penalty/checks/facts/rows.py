@@ -11,7 +11,7 @@ from sdp_vs_penalty.checks.certainty import certain
 from sdp_vs_penalty.checks.constants import LONG_STRETCH, RUN, SPIKE, STUCK
 from sdp_vs_penalty.checks.facts.stuck import largest_step_of_resolution
 from sdp_vs_penalty.checks.glance import Rows, RunSummary, mask_of, with_time_steps
-from sdp_vs_penalty.checks.issue import Issue, rows_text
+from sdp_vs_penalty.checks.issue import Issue, make_issue, rows_text
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.encoder import lattice_step
@@ -253,19 +253,16 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
     rows = fresh[places + 1] - 1  # the row before each skip's end
     added = np.zeros(len(glance.steps))  # [s] after each row
     added[rows] = lost * np.median(steps)
-    yield Issue(
+    yield make_issue(
         kind="lost rows",
-        severity="warning",
         where=rows_text(glance.run, rows + 1),
         what=f"at {len(rows)} places every joint skips ahead within one time step: about"
         f" {lost.sum():.0f} rows are missing and the clock was made again.",
         certainty=certain("all joints skip by the same time"),
         remedy="put the missing time back",
         repair=partial(_with_time, added=added),
-        figures={
-            "rows": glance.run.rows_of_file(rows[:100] + 1).tolist(),
-            "missing": lost[:100].tolist(),
-        },
+        rows=glance.run.rows_of_file(rows[:100] + 1).tolist(),
+        missing=lost[:100].tolist(),
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from sdp_vs_penalty.checks.certainty import certain
 from sdp_vs_penalty.checks.glance import RunSummary
-from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.issue import Issue, make_issue, make_refusal
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import nonzero_or_one
 
@@ -36,7 +36,7 @@ def find_static_poses(glance: RunSummary) -> Iterator[Issue]:
     sure = certain(
         "a motion has over twenty rows from one end of a stroke to the other"
     )
-    yield Issue.of_refusal("static poses", error, sure)
+    yield make_refusal("static poses", error, sure)
 
 
 def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
@@ -49,7 +49,7 @@ def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
             " one pose."
         )
         remedy = "record a motion of all joints"
-        yield Issue.from_fault(
+        yield make_issue(
             kind="no motion",
             severity="error",
             joints=joints,
@@ -66,11 +66,6 @@ def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
             " there is stiction."
         )
         remedy = "move every joint, or add a run that does"
-        yield Issue.from_fault(
-            kind="idle joints",
-            severity="warning",
-            joints=joints,
-            what=what,
-            certainty=sure,
-            remedy=remedy,
+        yield make_issue(
+            kind="idle joints", joints=joints, what=what, certainty=sure, remedy=remedy
         )

@@ -11,8 +11,8 @@ import numpy as np
 
 from sdp_vs_penalty.checks.certainty import certain, likely
 from sdp_vs_penalty.checks.constants import LONG_STRETCH, RUN, STUCK, STUCK_SECONDS
-from sdp_vs_penalty.checks.glance import READ, Rows, RunSummary, mask_of
-from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.glance import Rows, RunSummary, mask_of
+from sdp_vs_penalty.checks.issue import Issue, make_issue
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.encoder import lattice_step
@@ -45,7 +45,7 @@ def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
             moved[f"tau{j + 1}"] = is_off
             continue
         seconds = sum(glance.run.t[end - 1] - glance.run.t[a] for a, end in parts)
-        yield Issue.from_fault(
+        yield make_issue(
             kind="drive off",
             severity="note",
             joints=[j],
@@ -282,12 +282,11 @@ def find_bad_torque_channels(glance: RunSummary) -> Iterator[Issue]:
 def _dead(glance: RunSummary, j: int, value: float) -> Issue:
     """Return the issue that the torque of joint j (from 0) has one value in every row:
     an error, or a note where the joint never moves."""
-    return Issue.from_fault(
+    return make_issue(
         kind="dead channel",
         severity="error" if glance.moving[j] else "note",
         joints=[j],
         what=f"tau{j + 1} is {value:g} {glance.robot.torque_units[j]} in every row.",
-        certainty=READ,
         remedy="find out why the logger wrote a constant",
         where=f"tau{j + 1}",
     )
@@ -318,7 +317,7 @@ def _clipped(glance: RunSummary, j: int, x: Array) -> Iterator[Issue]:
     elif times is not None:
         which = "the channel is"
         remedy += ", or slower; delete those rows until then"
-    yield Issue.from_fault(
+    yield make_issue(
         kind="saturation",
         severity="note" if is_torque else "warning",
         joints=[j],
