@@ -482,9 +482,9 @@ def _instances_of(word: str) -> list[Entry]:
     return having
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def instance(name: str) -> Instance:
-    """Build an instance by its name; the last four are cached.
+    """Build an instance by its name; the last ones are cached, all of a quick shootout.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from itertools import product
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -209,7 +209,9 @@ def perform(task: Assignment) -> list[Any]:
     if not task.solver:
         return [_prove_interval(task, problem_instance)]
     _ = problem_instance.sdp
-    contestant = contestants()[task.solver]
+    # Runs share the machine; and a thread of the first call would be none of a child's.
+    os.environ["RAYON_NUM_THREADS"] = "1"
+    contestant = _warm(task.solver)
     form_seconds = 0.0
     if contestant.takes_conic_form:
         used = time.process_time()
@@ -217,16 +219,21 @@ def perform(task: Assignment) -> list[Any]:
         form_seconds = time.process_time() - used
     stopped = ""
     rows = list[Row]()
-    # Runs share the machine; and a thread of the first call would be none of a child's.
-    os.environ["RAYON_NUM_THREADS"] = "1"
-    with warnings.catch_warnings(action="ignore"):
-        contestant.warm_up()  # what only the first call pays for
     for accuracy in task.accuracies:
         row = run_one(task, contestant, problem_instance, accuracy, stopped)
         rows.append(row | {"form_seconds": form_seconds})
         if row["outcome"] == "timeout" and not stopped:
             stopped = row["settings"]
     return rows
+
+
+@cache
+def _warm(name: str) -> Contestant:
+    """Return a contestant once this process has paid for what only a first call costs."""
+    contestant = contestants()[name]
+    with warnings.catch_warnings(action="ignore"):
+        contestant.warm_up()
+    return contestant
 
 
 @dataclass(frozen=True)
