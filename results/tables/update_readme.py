@@ -527,8 +527,8 @@ def with_results(readme: str, results: str) -> str:
 
 
 def dated(readme: str) -> str:
-    """The list of folders with the days and the commits at which each was made, by its
-    machine.txt."""
+    """The list of folders with the days and commits at which each was made, and the
+    processor time that it took, by its machine.txt."""
 
     def row(found: re.Match[str]) -> str:
         note = (ROOT / "results" / found[2] / "machine.txt").read_text()
@@ -538,7 +538,12 @@ def dated(readme: str) -> str:
             f"{clock}{name}{'+' * bool(more)}" for clock, name, more in noted
         )
         made = " to ".join(dict.fromkeys([days[0], days[-1]]))
-        return f"{found[1]} | {made} | {', '.join(commits) or 'not noted'} |"
+        seconds = [float(s) for s in re.findall(r"(\d+) s of processor time", note)]
+        known = [f"{sum(seconds) / 60.0:.2g}"] if seconds else []
+        rest = ["not noted" if not known else "a part not noted"]
+        minutes = "; ".join(known + rest * ("time was not noted" in note))
+        cells = [found[1], made, ", ".join(commits) or "not noted", minutes]
+        return " | ".join(cells) + " |"
 
     head = r"^(\| \[(\w+)\]\(\2/README\.md\) \| [^|\n]*?) \|[^\n]*$"
     return re.sub(head, row, readme, flags=re.MULTILINE)
