@@ -11,7 +11,10 @@ they hold the model. Writes ur10e.csv and ur10e.md.
 """
 
 import argparse
+import re
+import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +27,7 @@ from benchmarks.rivals import base_script, cvxpy_script
 from numpy.typing import NDArray
 from real_arms import joint_errors, read_options, ur10e_splits
 
-from sdp_vs_penalty import Estimate, Measurements, add, diagnose, identify
+from sdp_vs_penalty import Estimate, Measurements, add, diagnose, export, identify
 from sdp_vs_penalty.estimation.nominal import nominal_model
 from sdp_vs_penalty.exporters.export import as_exported, effects_left_out
 from sdp_vs_penalty.files import write_text
@@ -85,6 +88,41 @@ def is_held_by_c(bare: Estimate, finding: object, run: Measurements) -> bool:
     return not effects_left_out(add(bare, [finding], run), "model.h")
 
 
+#: Calls it N times at states that differ, and prints microseconds a call.
+LOOP = """#include "model.h"
+#include <stdio.h>
+#include <time.h>
+#define N 1000000
+int main(void) {
+  double q[JOINTS], dq[JOINTS], ddq[JOINTS], tau[JOINTS], sum = 0.0;
+  clock_t begin = clock();
+  for (int k = 0; k < N; k++) {
+    for (int i = 0; i < JOINTS; i++) q[i] = dq[i] = ddq[i] = 1e-6 * k + i;
+    TORQUE(q, dq, ddq, tau);
+    sum += tau[0];
+  }
+  printf("%g %g", 1e6 * (clock() - begin) / CLOCKS_PER_SEC / N, sum);
+  return 0;
+}
+"""
+
+
+def microseconds_a_call(model: Estimate) -> float:
+    """Return the processor time of a call of the C header [us], by `cc -O2`."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        export(model, folder / "model.h")
+        (torque,) = re.findall(
+            r"inline void (\w+_torque)\(", (folder / "model.h").read_text()
+        )
+        (folder / "loop.c").write_text(LOOP)
+        defined = [f"-DTORQUE={torque}", f"-DJOINTS={model.robot.n}"]
+        words = ["cc", "-O2", *defined, "loop.c", "-o", "loop", "-lm"]
+        subprocess.run(words, cwd=folder, check=True)
+        done = subprocess.run([folder / "loop"], capture_output=True, check=True)
+        return float(done.stdout.split()[0])
+
+
 def table(rows: pandas.DataFrame) -> list[str]:
     """Return a table a judged run: a row a way, a column a joint [N m]."""
     text: list[str] = []
@@ -112,6 +150,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             joints = {f"joint_{k}": e for k, e in enumerate(errors.tolist(), start=1)}
             made.append({"judged_on": split.name.split()[-1], "model": name, **joints})
     rows = pandas.DataFrame(made)
+    in_c = models["with what C holds, as C"]
     rows.to_csv(options.out / "ur10e.csv", index=False, float_format="%.6g")
     text = [
         "# The UR10e by several ways: RMS error of the torque on unseen motion",
@@ -119,6 +158,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "Fitted to the run of 12 February 2020, judged on two of 19 February. By"
         " `python results/real_arms/ur10e.py`.",
         *table(rows),
+        "",
+        f"A call of the C header takes {microseconds_a_call(in_c):.2g} microseconds of"
+        " processor time (`cc -O2`).",
     ]
     write_text(options.out / "ur10e.md", "\n".join(text) + "\n")
 
