@@ -118,16 +118,17 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
     if found.says_unit_of_positions:
         return run
     asking = replace(choice, scale={**(choice.scale or {}), "q": "UNIT"})
-    return replace(run, unit_command=repeating_command(log, found, asking))
+    asked = repeating_command(log, found.without_unit("q"), asking)
+    return replace(run, unit_command=asked)
 
 
 def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recognition]:
     """Return the run of a log, what its columns were taken for, and the log, perhaps with
     a column a joint."""
-    if choice.rate is None and log.rate is not None:
+    log, found = _channels(log, choice)
+    if choice.rate is None and "t" not in found.rename and log.rate is not None:
         _remark(log, f"{log.rate:g} rows a second, as the file's header says")
         choice = replace(choice, rate=log.rate)
-    log, found = _channels(log, choice)
     for group in {*(choice.scale or {})} & {"t", *GROUPS}:
         found = found.without_unit(group)  # which the user says
     if choice.as_written and found.unless_confirmed is not None:
@@ -259,8 +260,8 @@ def _as_chosen(log: Log, choice: Choice) -> tuple[Log, Recognition]:
     joint does not have are those of the log with a column a joint."""
     from sdp_vs_penalty.data.hypotheses.recognition import (
         find_clock,
+        units_of_chosen,
         with_torque,
-        with_units_of_columns,
     )
     from sdp_vs_penalty.data.hypotheses.renaming import expanded
     from sdp_vs_penalty.data.words.loggers import episode_of
@@ -301,7 +302,7 @@ def _as_chosen(log: Log, choice: Choice) -> tuple[Log, Recognition]:
     order = _order(log, choice.joints)
     episode = episode_of([x for x in names if x not in rename.values()])
     found = Recognition(rename, logger="", order=order, episode=episode)
-    return log, with_units_of_columns(found, log.columns)
+    return log, units_of_chosen(found, log.columns)
 
 
 def _order(log: Log, joints: Sequence[str] | None) -> tuple[int, ...] | None:

@@ -187,6 +187,12 @@ def test_steps_and_speeds_tell_the_unit_of_a_clock_without_velocities(
     assert f"t in {unit}, its steps are " in said
 
 
+def test_whole_seconds_are_no_milliseconds(run, tmp_path):
+    """Their steps are 1, and most of them 0: `check` spaces the rows evenly."""
+    path = table(tmp_path / "run.csv", time=np.floor(run.t), pos=run.q, trq=run.tau)
+    np.testing.assert_allclose(read(path)[0].t, np.floor(run.t))
+
+
 @pytest.mark.parametrize("clock", ["time", "time [s]"])
 def test_poses_that_are_seconds_apart_stay_seconds(clock, run, tmp_path):
     """In milliseconds the joints would move a thousand times as fast as any arm."""
@@ -259,6 +265,10 @@ CERTAIN = {
         lambda x: {"time": 1e3 * x.t, "pos": np.degrees(x.q), "trq": x.tau},
         "t in ms, its steps are",
     ),
+    "letters of a state": (
+        lambda x: {"time": x.t, "x": np.hstack([x.q, x.dq]), "u": x.tau},
+        "dq1..dq3 = x_4 .. x_6, tau1..tau3 = u_1 .. u_3",
+    ),
     "letters": (
         lambda x: {"time": x.t, "P": x.q, "V": x.dq, "M": x.tau},
         "columns recognised (by letters and order)",
@@ -297,7 +307,7 @@ def test_torques_that_no_arm_explains_confirm_no_columns(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "factor", [80.0, np.array([50.0, 85.0, 120.0]), 36000.0 / (2.0 * np.pi)]
+    "factor", [50.0, 64.0, 80.0, np.array([50.0, 85.0, 120.0]), 36000.0 / (2.0 * np.pi)]
 )
 def test_angles_of_motors_and_counts_are_in_no_certain_unit(factor, tmp_path):
     """They are near degrees, and near counts of a power of two: the check weighs them."""

@@ -5,7 +5,6 @@ import json
 import re
 import shlex
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -276,33 +275,6 @@ def test_a_bag_that_was_cut_off_is_refused(mcap, share, tmp_path):
         refusal(lambda path=path: read_run(path), "not a readable ROS bag")
 
 
-UR = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
-
-
-#: Columns of other programs' logs of six joints, by what writes them.
-LAYOUTS = json.loads(Path(__file__).with_name("layouts.json").read_text())
-
-
-@pytest.mark.filterwarnings("ignore:.*columns recognised")
-@pytest.mark.parametrize("name", LAYOUTS)
-def test_a_file_of_a_layout_is_read_as_identify_reads_it(name, tmp_path):
-    """Each joint's columns go to that joint, whatever their order in the file."""
-    path = tmp_path / "log.csv"
-    columns_ = LAYOUTS[name]
-    values = np.random.default_rng(2).normal(size=(12, len(columns_)))
-    values[:, 0] = np.arange(12.0)
-    lines = [",".join(columns_), *(",".join(map(repr, row)) for row in values.tolist())]
-    path.write_text("\n".join(lines) + "\n")
-    rename, scale = recognised(columns_, [f"{j}_joint" for j in UR])
-    assert "target" not in " ".join(rename.values())
-    assert scale.get("t") == (1e-3 if "ms" in name else None)
-    run = load_measurements(path, joints=6, names=[f"{j}_joint" for j in UR])
-    for block, ours in ((run.q, "q"), (run.tau, "tau")):
-        at = [columns_.index(rename[f"{ours}{j}"]) for j in range(1, 7)]
-        units = [scale.get(f"{ours}{j}", 1.0) for j in range(1, 7)]
-        np.testing.assert_allclose(block, values[:, at] * units)
-
-
 def test_what_is_no_log_is_not_recognised():
     assert recognised(["a", "b", "c"]) is None
     assert recognised(["time", "price", "volume"]) is None
@@ -476,6 +448,7 @@ def test_every_verb_that_trains_leaves_a_folders_test_run_out(
         ("--problem", "two_link"),
         ("--scale", "tau=mNm"),
         ("--motors", "50 q1,30 q2", "--scale", "tau=0.5"),
+        ("--motors", "50 q1,30 q2", "--joint-torque"),
     ],
 )
 def test_the_command_that_repeats_a_conversion_makes_the_same_file(
@@ -492,6 +465,14 @@ def test_the_command_that_repeats_a_conversion_makes_the_same_file(
     assert (tmp_path / "run.csv").read_bytes() == (tmp_path / "first.csv").read_bytes()
     for option in options[::2]:
         assert command.count(option) == 1
+
+
+def test_torques_of_joints_stay_beside_positions_of_motors(two_link, tmp_path):
+    run = small_run(two_link)
+    save(run, tmp_path / "run.csv")
+    got = convert(tmp_path / "run.csv", motors="50 q1,30 q2", joint_torque=True)
+    np.testing.assert_allclose(got.q, run.q / [50.0, 30.0])
+    np.testing.assert_array_equal(got.tau, run.tau)
 
 
 def test_a_stated_factor_stands_in_the_place_of_a_recognised_one(two_link, tmp_path):

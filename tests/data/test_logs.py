@@ -37,24 +37,15 @@ def test_every_logger_of_the_table_has_its_sample():
 
 @pytest.mark.parametrize("name", SAMPLES)
 def test_the_same_motion_comes_out_of_every_log(name):
+    """At its rate, and a logger of the table is called by its name."""
     run, said = read_sample(name)
     atol = COARSE.get(name, 1e-8)
     np.testing.assert_allclose(run.q, RUN.q, atol=atol)
     np.testing.assert_allclose(run.tau, RUN.tau, atol=20.0 * atol)
-    assert "columns recognised" in said
-
-
-@pytest.mark.parametrize("name", SAMPLES)
-def test_the_clock_of_every_log_goes_at_its_rate(name):
-    run, _ = read_sample(name)
     steps = np.diff(run.t)
     np.testing.assert_allclose(steps[np.abs(steps - 0.02) < 0.1], 0.02, atol=1e-6)
-
-
-@pytest.mark.parametrize("logger", LOGGERS, ids=lambda logger: logger["name"])
-def test_a_logger_is_called_by_its_name(logger):
-    _, said = read_sample(logger["sample"])
-    assert f"columns recognised ({logger['name']})" in said
+    (logger,) = [x["name"] for x in LOGGERS if x["sample"] == name] or [""]
+    assert f"columns recognised ({logger}" in said
 
 
 @pytest.mark.parametrize("name", sorted(set(SAMPLES) - {*COARSE, "lists.csv"}))
@@ -265,13 +256,23 @@ def test_torques_of_lerobot_have_any_of_its_words(word):
     assert recognition.torque_unit == ("A" if word == "current" else "")
 
 
-def test_of_several_torques_the_plain_one_is_taken_and_the_others_are_named():
-    words = ("Position", "Velocity", "TorqueSm", "TorqueCur", "Torque", "Cur")
-    names = [f"{word}{k}" for word in words for k in (1, 2, 3)]
-    recognition = recognise(["Time", *names])
-    assert recognition.rename["tau3"] == "Torque3"
-    labels = [f"{word}1 to {word}3" for word in ("Torque", *words[2:4], "Cur")]
-    assert sorted(recognition.torques) == sorted(labels)
+#: Words of columns, that of the torque taken, and those of all that compete for it.
+TORQUES = [
+    (["Velocity", "TorqueSm", "TorqueCur", "Torque", "Cur"], "Torque", [1, 2, 3, 4]),
+    # T1 is no clock, since it has a number; the arm weighs it against currents.
+    (["T", "current"], "current", [0, 1]),
+    # An encoder's velocity was proposed as a torque.
+    (["encoder.vel_estimate", "motor.Iq_setpoint", "Iq_measured"], "Iq_measured", []),
+]
+
+
+@pytest.mark.parametrize(("words", "taken", "rivals"), TORQUES)
+def test_of_several_torques_one_is_taken_and_the_others_are_named(words, taken, rivals):
+    names = [f"{x}{k}" for x in ("theta", *words) for k in (1, 2, 3)]
+    found = recognise(["Time", *names])
+    assert found.rename["tau3"] == f"{taken}3"
+    labels = [f"{words[k]}1 to {words[k]}3" for k in rivals]
+    assert sorted(found.torques) == sorted(labels)
 
 
 @pytest.mark.parametrize("torques", ["tau", "torque"])
@@ -283,27 +284,6 @@ def test_a_block_of_torques_is_not_lost_beside_another_one(torques, tmp_path):
         run = load_measurements(path)
     assert run.torque_logged
     np.testing.assert_allclose(run.tau, RUN.tau)
-
-
-def test_a_letter_s_columns_are_weighed_against_currents():
-    """T1 is no clock, since it has a number; the arm tells which is the torque."""
-    names = [f"{word}{k}" for word in ("theta", "T", "current") for k in (1, 2, 3)]
-    found = recognise(["Time", *names])
-    assert found.rename["tau1"] == "current1"
-    assert sorted(found.torques) == ["T1 to T3", "current1 to current3"]
-
-
-def test_the_letter_of_a_joint_is_no_unit(tmp_path):
-    """trq_a is the first joint's torque beside trq_b, and no current in amperes."""
-    path = tmp_path / "run.csv"
-    letters = "abcdefg"[: RUN.q.shape[1]]
-    names = [f"{word}_{letter}" for word in ("ang", "trq") for letter in letters]
-    rows = np.column_stack([RUN.t, RUN.q, RUN.tau])
-    np.savetxt(path, rows, delimiter=",", header=",".join(["t", *names]), comments="")
-    with pytest.warns(ColumnsRemark):
-        run = load_measurements(path)
-    np.testing.assert_allclose(run.tau, RUN.tau)
-    assert run.torque_unit == ""
 
 
 def test_an_object_of_units_says_those_of_a_json_file(tmp_path):
@@ -321,26 +301,6 @@ def test_an_object_of_units_says_those_of_a_json_file(tmp_path):
         np.testing.assert_allclose(getattr(run, group), getattr(RUN, group), atol=1e-12)
 
 
-def test_titles_of_words_are_no_table(tmp_path):
-    """A trend's title and the dates below it have as many words."""
-    path = tmp_path / "trend.csv"
-    head = [
-        "Date/Time",
-        *(f"Arm:J{k}.Actual{x}" for x in ("Position", "Torque") for k in (1, 2)),
-    ]
-    rows = [
-        ",".join([f"2026-03-05 14:07:{t:06.3f}", *map(repr, (*q, *tau))])
-        for t, q, tau in zip(
-            RUN.t.tolist(), RUN.q.tolist(), RUN.tau.tolist(), strict=True
-        )
-    ]
-    path.write_text(
-        "\n".join(["Trend Export,X", "Period,100 Hz", ",".join(head), *rows])
-    )
-    with pytest.warns(ColumnsRemark):
-        np.testing.assert_allclose(load_measurements(path).q, RUN.q)
-
-
 def test_the_command_that_gives_the_rate_keeps_the_robot_s_joints(tmp_path):
     """The file's order is another one: a copy in it was another arm's."""
     path = tmp_path / "run.csv"
@@ -355,39 +315,6 @@ def test_the_command_that_gives_the_rate_keeps_the_robot_s_joints(tmp_path):
     assert "no column t" in said
     run = convert(path, rate=200.0, joints=joints)
     np.testing.assert_allclose(run.q, RUN.q)
-
-
-def test_what_is_measured_where_is_told_apart():
-    """ODrive's names: an encoder's velocity was proposed as a torque."""
-    of_axis = "encoder.pos_estimate", "encoder.vel_estimate", "{}.Iq_{}"
-    words = [x.format("motor.current_control", "measured") for x in of_axis]
-    words.append(of_axis[2].format("motor.current_control", "setpoint"))
-    found = recognise(["t", *(f"axis{k}.{x}" for x in words for k in range(3))])
-    assert [found.rename[f"{x}2"] for x in ("q", "dq", "tau")] == [
-        f"axis1.{x}" for x in words[:3]
-    ]
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        "# time in ms, positions in mdeg, velocities in deg/s, torques in mNm",
-        "# units: ms mdeg deg/s mNm",
-        "% t [ms]; position [mdeg]; velocity [deg/s]; torque [mNm]",
-    ],
-)
-def test_lines_above_a_table_say_units(line, tmp_path):
-    degree = np.pi / 180.0
-    columns = [1e3 * RUN.t, 1e3 * RUN.q / degree, RUN.dq / degree, 1e3 * RUN.tau]
-    head = ["t", *(f"{x}_{k}" for x in ("pos", "vel", "trq") for k in (1, 2))]
-    rows = np.column_stack(columns).tolist()
-    path = tmp_path / "run.csv"
-    lines = [line, ",".join(head), *(",".join(map(repr, row)) for row in rows)]
-    path.write_text("\n".join(lines))
-    with pytest.warns(ColumnsRemark, match="tau in mnm, the lines above the table"):
-        run = load_measurements(path)
-    for group in ("t", "q", "dq", "tau"):
-        np.testing.assert_allclose(getattr(run, group), getattr(RUN, group), atol=1e-12)
 
 
 @pytest.mark.parametrize("unit", [None, "degrees", "radians"])

@@ -137,6 +137,7 @@ t=time; deg=A{}_S.r2521: LR Position [deg]; tau=A{}_S.r80: Torque [Nm]
 ms=tick; q=q{}; dq=dq{}; tau=tau{}
 @%H:%M:%S;%f=Time; q=J{}.ActualPosition; tau=J{}.TorqueReference
 t=time; q=axis {} position_rad; tau=axis {} torque_ref_Nm
+t=when; q=q{}; tau=tau{}
 t=time; q=pos{}; tau=tauRaw{}
 t=tm; q=feedBack.joints[{z}]; q+1=planned.joints[{z}]; tau=MotorTorque[{z}]
 t=time; q+1=q_d/ActualPosition[{z}]; q=ActualPosition[{z}]; tau=ActualTorque[{z}]
@@ -246,6 +247,31 @@ WRITTEN = {
             ]
         },
     ),
+    "letters of axes": (
+        "t=; deg={}; tau={}",
+        {"head": ["time,S [deg],L [deg],U [deg],S [Nm],L [Nm],U [Nm]"]},
+    ),
+    "letters of joints": (
+        "t=; q={}; tau={}",
+        {"head": ["t,ang_a,ang_b,ang_c,trq_a,trq_b,trq_c"]},
+    ),
+    "titles of words": (
+        "@%Y-%m-%d %H:%M:%S.%f=Date; q=Arm:J{}.ActPos; tau=Arm:J{}.ActTorque",
+        {"above": ["Trend Export,X", "Period,100 Hz"]},
+    ),
+    **{
+        f"units above, {line}": (
+            "ms=t; deg=pos_{}; deg/s=vel_{}; mNm=trq_{}",
+            {"above": [line]},
+        )
+        for line in (
+            "# time in ms, positions in deg, velocities in deg/s, torques in mNm",
+            "# units: ms deg deg/s mNm",
+            "% t [ms]; position [deg]; velocity [deg/s]; torque [mNm]",
+        )
+    },
+    "a rate above": ("q=q{}; tau=tau{}", {"above": ["# sample rate: 0.1 kHz"]}),
+    "a period above": ("q=q{}; tau=tau{}", {"above": ["Sampling time = 10 ms", ""]}),
     "gbk": ("t=时间; q=关节{}角度; tau=关节{}力矩", {"encoding": "gbk"}),
     "shift_jis": ("t=時刻; q=関節角度{}; tau=関節トルク{}", {"encoding": "shift_jis"}),
     "euc_kr": ("t=시간; q=관절{}각도; tau=관절{}토크", {"encoding": "euc_kr"}),
@@ -258,7 +284,9 @@ WRITTEN = {
 def test_the_same_motion_comes_out_of_every_writing(case, tmp_path):
     row, how = WRITTEN[case]
     joints = None if case.startswith("head") else JOINTS
-    same(read(log(tmp_path / "run.csv", row, **how), joints)[0], atol=2e-6)
+    run, _ = read(log(tmp_path / "run.csv", row, **how), joints)
+    same(run, row, atol=2e-6)
+    assert run.torque_unit == ""
 
 
 #: What is said beside the motion.

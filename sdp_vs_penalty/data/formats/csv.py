@@ -31,6 +31,7 @@ from sdp_vs_penalty.data.formats.text_table import (
 from sdp_vs_penalty.data.log import Column, Log, Values
 from sdp_vs_penalty.data.measurements import Measurements, columns_of
 from sdp_vs_penalty.data.store import AppendableArray
+from sdp_vs_penalty.data.words.names import rate_of_heading
 from sdp_vs_penalty.data.words.stamps import is_stamp, seconds_of
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.files import path_or_file, writing
@@ -89,7 +90,7 @@ def log_of_table(table: TextTable) -> Log:
         columns,
         read_columns,
         texts,
-        rate=table.rate,
+        rate=table.rate or rate_of_heading(table.heading),
         heading=table.heading,
         word="row",
         twice=frozenset(x for x, n in Counter(table.names).items() if n > 1 and x),

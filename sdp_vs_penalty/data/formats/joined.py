@@ -2,7 +2,7 @@
 stamps or row by row."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,42 +30,32 @@ class _Part:
 
     #: Path of the file.
     path: Path
-    #: Its columns.
-    columns: Mapping[str, Column]
-    #: (N,) numbers or (N, n) blocks of each column.
-    values: Mapping[str, Array]
-    #: Names of the columns that hold its stamps: two where a stamp is split into seconds
-    #: and nanoseconds; none without a clock.
-    clock: tuple[str, ...]
+    #: Its columns but the clock, and (N,) numbers or (N, n) blocks of each.
+    columns: dict[str, tuple[Column, Array]]
+    #: Those of its clock: two where a stamp is split; none without a clock.
+    clock: dict[str, tuple[Column, Array]]
 
     @property
     def n_rows(self) -> int:
         """Number of samples of this file."""
-        return max(len(block) for block in self.values.values())
+        return max(len(x) for _, x in (self.columns | self.clock).values())
 
     @property
     def stamps(self) -> Array | None:
         """(N,) time stamps in the file's own unit; None where it has no clock."""
-        pairs = zip(units_of_parts(self.clock), self.clock, strict=True)
-        parts = [unit * np.ravel(self.values[name]) for unit, name in pairs]
+        pairs = zip(units_of_parts(list(self.clock)), self.clock.values(), strict=True)
+        parts = [unit * np.ravel(values) for unit, (_, values) in pairs]
         return np.sum(parts, axis=0) if parts else None
 
-    def channels(self, is_prefixed: bool) -> dict[str, str]:
-        """Name this file's channels (all columns but the clock) in the joined run, by
-        their names in the file; prefixed by the file's name, "dataQ/1", equal column
+    def of_file(self) -> dict[str, tuple[Column, Array]]:
+        """Return the columns by names with the file's before them, "dataQ/1": equal
         names of two files stay apart."""
-        names = [name for name in self.columns if name not in self.clock]
-        if not is_prefixed:
-            return {name: name for name in names}
-        stem = self.path.stem
-        if names and names[0].startswith("#"):
-            numbers = (
-                [stem]
-                if len(names) == 1
-                else [f"{stem}/{k}" for k in range(1, len(names) + 1)]
-            )
-            return dict(zip(names, numbers, strict=True))
-        return {name: f"{stem}/{name}" for name in names}
+        stem, columns = self.path.stem, self.columns
+        if not next(iter(columns), "").startswith("#"):
+            return {f"{stem}/{name}": x for name, x in columns.items()}
+        is_alone = len(columns) == 1
+        numbered = enumerate(columns.values(), start=1)
+        return {stem if is_alone else f"{stem}/{k}": x for k, x in numbered}
 
 
 def files_of_run(path: Path) -> list[Path]:
@@ -89,6 +79,17 @@ def files_of_run(path: Path) -> list[Path]:
     ]
 
 
+def _positions_of_run(file: Path) -> list[Column] | None:
+    """Return the columns of positions of a file that is a run by itself; None where it is
+    none, or cannot be read."""
+    with suppress(InputError):
+        columns = open_log(file).columns
+        if found := recognise(columns):
+            pairs = found.rename.items()
+            return [columns[y] for x, y in pairs if group_of(x) == "q"]
+    return None
+
+
 def _files_of_quantities(tables: Sequence[Path]) -> list[Path]:
     """List the files whose names say a quantity; empty where they do not say positions
     and torques (or commands), or where the file of positions is a run by itself."""
@@ -96,10 +97,7 @@ def _files_of_quantities(tables: Sequence[Path]) -> list[Path]:
     if "q" not in said.values() or not {"tau", "qcmd"} & {*said.values()}:
         return []
     positions = next(file for file, quantity in said.items() if quantity == "q")
-    try:
-        is_run = recognise(open_log(positions).columns) is not None
-    except InputError:
-        is_run = True
+    is_run = _positions_of_run(positions) is not None
     return [] if is_run else [file for file, quantity in said.items() if quantity]
 
 
@@ -122,16 +120,10 @@ def _files_of_joints(files: Sequence[Path]) -> list[Path]:
     is_whole = first < 2 and numbers == list(range(first, first + len(numbers)))
     if not is_whole or len(words_of_files) > 1 or len(numbers) < 2:
         return []
-    in_order = [of_number[number] for number in numbers]
-    try:
-        log = open_log(in_order[0])
-        found = recognise(log.columns)
-    except InputError:
-        return []
-    pairs = {} if found is None else found.rename
-    positions = [theirs for ours, theirs in pairs.items() if group_of(ours) == "q"]
-    is_block = any(log.columns[x].kind == "list" for x in positions)
-    return in_order if len(positions) < 2 and not is_block else []
+    positions = _positions_of_run(of_number[first])
+    is_of_joint = positions is not None and len(positions) < 2
+    is_of_joint &= all(x.kind != "list" for x in positions or ())
+    return [of_number[number] for number in numbers] if is_of_joint else []
 
 
 def joined_log(path: Path, files: Sequence[Path]) -> Log:
@@ -144,26 +136,29 @@ def joined_log(path: Path, files: Sequence[Path]) -> Log:
     different lengths without clocks.
     """
     parts = [_part(file) for file in files]
-    n_uses = Counter(n for part in parts for n in part.channels(is_prefixed=False))
-    is_prefixed = max(n_uses.values(), default=0) > 1 or "#1" in n_uses
-    if not is_prefixed:
-        columns = {name: x for part in parts for name, x in part.columns.items()}
+    n_uses = Counter(name for part in parts for name in part.columns)
+    named = [part.columns for part in parts]
+    is_clear = max(n_uses.values(), default=0) < 2 and "#1" not in n_uses
+    if is_clear:
+        together = {
+            x: y for part in parts for x, y in (part.clock | part.columns).items()
+        }
         with suppress(InputError):
             # Only the names of the files may say what their columns are.
-            is_prefixed = recognise(columns) is None
+            is_clear = recognise({x: y for x, (y, _) in together.items()}) is not None
+    if not is_clear:
+        named = [part.of_file() for part in parts]
 
-    def preference(part: _Part) -> tuple[bool, bool]:
+    def preference(k: int) -> tuple[bool, bool]:
         """Sort key; the first of the largest wins."""
-        names = (*part.channels(is_prefixed).values(), part.path.stem)
-        return bool(part.clock), bool(part.clock) and "tau" in map(quantity_of, names)
+        has_torque = "tau" in map(quantity_of, (*named[k], parts[k].path.stem))
+        return bool(parts[k].clock), bool(parts[k].clock) and has_torque
 
-    base = max(parts, key=preference)
-    clock = {name: "t" if name == "#1" else name for name in base.clock}
-    columns = {ours: base.columns[name] for name, ours in clock.items()}
-    values = {ours: base.values[name] for name, ours in clock.items()}
+    base = parts[max(range(len(parts)), key=preference)]
+    columns = {"t" if x == "#1" else x: y for x, y in base.clock.items()}
     clocks = dict[str, Array]()
     base_stamps = base.stamps
-    for part in parts:
+    for part, channels in zip(parts, named, strict=True):
         stamps, own = part.stamps, ""
         if stamps is None or base_stamps is None or np.array_equal(stamps, base_stamps):
             if part.n_rows != base.n_rows:
@@ -179,15 +174,14 @@ def joined_log(path: Path, files: Sequence[Path]) -> Log:
                 raise InputError(what, "name files of one recording", base.path)
             own = str(part.path)
             clocks[own] = stamps
-        for name, joined in part.channels(is_prefixed).items():
-            columns[joined] = replace(part.columns[name], clock=own)
-            values[joined] = part.values[name]
+        columns |= {x: (replace(y, clock=own), z) for x, (y, z) in channels.items()}
 
     def read(names: Sequence[str]) -> Values:
-        return Values({name: values[name] for name in names})
+        return Values({name: columns[name][1] for name in names})
 
     place = path if path.is_dir() else files[0]
-    return Log(path, columns, read, clocks=clocks, run_name=place.name)
+    described = {name: column for name, (column, _) in columns.items()}
+    return Log(path, described, read, clocks=clocks, run_name=place.name)
 
 
 def _part(path: Path) -> _Part:
@@ -203,16 +197,20 @@ def _part(path: Path) -> _Part:
         raise InputError("no column of numbers", "name another file", path)
     values = log.read(list(columns)).columns
     names = list(columns)
-    clock = parts_of(find_clock(columns) or "", names) if names[0] != "#1" else ()
+    clock = find_clock(columns) or ""
     if names[0] == "#1":
         # Without a header the first column is the clock where its values rise evenly, or
         # where it is the only column of a file called like "time.txt".
         steps = np.diff(values["#1"])
-        is_even = (
-            len(steps) > 0
-            and steps.min() > 0.0
-            and steps.max() < 10.0 * np.median(steps)
-        )
-        is_clock = quantity_of(path.stem) == "t" if len(names) == 1 else bool(is_even)
-        clock = ("#1",) if is_clock else ()
-    return _Part(path, columns, values, () if clock == ("",) else clock)
+        is_clock = len(steps) > 0 and 0.0 < steps.max() < 10.0 * np.median(steps)
+        is_clock = is_clock and bool(steps.min() > 0.0)
+        if len(names) == 1:
+            is_clock = quantity_of(path.stem) == "t"
+        clock = "#1" if is_clock else ""
+    of_clock = parts_of(clock, names) if clock else ()
+    pairs = {name: (columns[name], values[name]) for name in names}
+    return _Part(
+        path,
+        {x: y for x, y in pairs.items() if x not in of_clock},
+        {x: pairs[x] for x in of_clock},
+    )

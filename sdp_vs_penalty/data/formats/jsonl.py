@@ -6,9 +6,10 @@ Of the latter are lists of objects, objects of lists, and what pandas writes by
 """
 
 import json
-import warnings
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 
 from sdp_vs_penalty.data.formats.text_file import iter_rows
 from sdp_vs_penalty.data.log import Log, log_of_arrays
-from sdp_vs_penalty.errors import InputError, Remark
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES: tuple[str, ...] = (".jsonl", ".ndjson")
@@ -128,9 +129,30 @@ def log_of_samples(
     word : str
         What messages call a sample.
     """
-    names = samples[0] if samples else ()
-    lists = {name: [sample.get(name) for sample in samples] for name in names}
+    names = list(samples[0]) if samples else []
+    lists = {
+        counted: [sample.get(name) for sample in samples]
+        for name, counted in zip(names, _counted(names), strict=True)
+    }
     return log_of_lists(path, lists, numbers, word)
+
+
+#: The number of an object in a list.
+_NUMBER = re.compile(r"\[([0-9]+)\]")
+
+
+def _counted(names: Sequence[str]) -> list[str]:
+    """Return names in which the numbers of each list's objects count them from 0:
+    "joints[1].position" for the second of joints 4, 33 and 105."""
+    numbers = dict[str, set[int]]()
+    for match in chain.from_iterable(map(_NUMBER.finditer, names)):
+        numbers.setdefault(match.string[: match.start()], set()).add(int(match[1]))
+
+    def place(match: re.Match[str]) -> str:
+        of_list = sorted(numbers[match.string[: match.start()]])
+        return f"[{of_list.index(int(match[1]))}]"
+
+    return [_NUMBER.sub(place, name) for name in names]
 
 
 def log_of_lists(
@@ -140,83 +162,33 @@ def log_of_lists(
     word: str = "sample",
 ) -> Log:
     """Make a log of JSON lists, one a column: a number or text, or a list of these, for
-    each sample; or the joints' names once.
-
-    Objects in a list that are named by numbers are in the order of these. A list whose
-    objects change is left out.
-    """
+    each sample; or the joints' names once. What a sample lacks is an empty cell."""
     columns, texts = dict[str, Array](), dict[str, list[Sequence[str]]]()
-    items, joints = dict[str, list[str]](), tuple[str, ...]()
+    joints = tuple[str, ...]()
     for name, values in lists.items():
         if isinstance(values[0], str):
             texts[name] = [[str(x)] for x in values]
             if name.endswith(("names", "name", "joints")):
                 joints = joints or tuple(map(str, values))
         elif _are(str, values[0]):
-            named = [list(map(str, x)) if isinstance(x, list) else [] for x in values]
-            of_list = name.removesuffix(".name")
-            if any(other.startswith(f"{of_list}[") for other in lists):
-                counted = numbers or range(1, len(named) + 1)
-                _keep_same_items(path, items, of_list, named, counted, word)
-            else:
-                texts[name] = [*named]
-        elif isinstance(values[0], bool) or _are(
+            texts[name] = [
+                list(map(str, x)) if isinstance(x, list) else [] for x in values
+            ]
+        elif not isinstance(values[0], bool) and not _are(
             str, next((x for x in values if isinstance(x, list)), None)
         ):
-            continue
-        else:
             try:
                 columns[name] = np.array(values, float)
             except (TypeError, ValueError, OverflowError) as error:
-                texts[name] = [[str(error)]] * len(
-                    values
-                )  # whoever chooses it hears so
-    facts = dict[str, dict[str, Any]]()
-    # An inner list stands behind the outer one, and is renamed first.
-    for of_list, names in reversed(items.items()):
-        is_counted = all(x.isascii() and x.isdigit() for x in names)
-        in_order = sorted(names, key=int) if is_counted else names
-        renamed = dict[str, Array]()
-        for name, column in columns.items():
-            label, _, rest = name.removeprefix(f"{of_list}[").partition("]")
-            if not name.startswith(f"{of_list}["):
-                renamed[name] = column
-            elif label in in_order:
-                new = f"{of_list}[{in_order.index(label)}]{rest}"
-                renamed[new] = column
-                facts[new] = {} if is_counted else {"joints": (label,)}
-        by_place = sorted(renamed.items(), key=lambda item: _place(of_list, item[0]))
-        columns = dict(by_place)
-    for name, block in columns.items():
-        if joints and block.shape[1:] == (len(joints),):
-            facts[name] = {"joints": joints}
+                # Whoever chooses it hears so.
+                texts[name] = [[str(error)]] * len(values)
+    facts = {
+        name: {"joints": joints}
+        for name, block in columns.items()
+        if joints and block.shape[1:] == (len(joints),)
+    }
     rows = None if numbers is None else np.array(numbers, int)
     return log_of_arrays(path, columns, texts, facts, rows, has_gaps=True, word=word)
-
-
-def _keep_same_items(
-    path: Path,
-    items: dict[str, list[str]],
-    of_list: str,
-    named: Sequence[list[str]],
-    numbers: Sequence[int],
-    word: str,
-) -> None:
-    """Add the names of a list's objects to the lists that are kept: none where a sample
-    has other objects, such as contacts that come and go."""
-    pairs = zip(numbers, named, strict=True)
-    number = next((n for n, x in pairs if {*x} != {*named[0]}), None)
-    if number is not None:
-        said = f"{word} {number} names other joints than the first"
-        said = f"{path}: {said}: the list {of_list} is left out"
-        warnings.warn(said, Remark, stacklevel=2)
-    items[of_list] = named[0] if number is None else []
-
-
-def _place(of_list: str, name: str) -> int:
-    """Return the place of a list's item in a column's name; -1 for other columns."""
-    label = name.removeprefix(f"{of_list}[").partition("]")[0]
-    return int(label) if name.startswith(f"{of_list}[") and label.isdigit() else -1
 
 
 def _parse_line(path: Path, number: int, line: str) -> dict[str, Any]:
@@ -236,17 +208,14 @@ def leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
     """Iterate over the numbers, and lists of numbers or texts, of nested objects, by
     names like "header.stamp.sec" or "actuators[0].position".
 
-    Where the objects of a list have names, these stand in place of the number, and are a
-    list of texts of their own: "joints[elbow].position", "joints.name". Empty lists are
-    left out.
+    Where the objects of a list have names, these stand in place of the number:
+    "joints[elbow].position". Empty lists are left out.
     """
     for key, value in content.items():
         if isinstance(value, Mapping):
             yield from leaves(value, f"{prefix}{key}.")
         elif isinstance(value, list) and any(isinstance(x, Mapping) for x in value):
             names = _names_of_items(value)
-            if names:
-                yield f"{prefix}{key}.name", names
             for label, item in zip(names or range(len(value)), value, strict=True):
                 if isinstance(item, Mapping):
                     fields = {x: y for x, y in item.items() if x not in _LABELS}

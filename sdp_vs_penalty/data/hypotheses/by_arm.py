@@ -42,9 +42,9 @@ _CERTAIN = 1e3
 _DEGREES, _OF_SERVO, _RARE = 0.5, 0.5, 1e-2
 #: Share of logs whose zeros put a joint outside its range.
 _BESIDE_RANGE = 1e-2
-#: Factors beside a unit's that are tried, as gears have, of all joints and of one: odds of
-#: one from which a unit is not certain.
-_FACTORS, _OF_ONE, _ODDS_OF_A_GEAR = (0.6, 0.75, 0.91, 1.1, 1.33, 1.7), (0.6, 1.7), 5.0
+#: Factors beside a unit's that are tried, as gears have: of all joints, where the unit has
+#: to explain most; and of one, with the odds from which it is not certain.
+_OF_ALL, _OF_ONE, _ODDS_OF_ONE = (0.6, 0.75, 0.91, 1.1, 1.33, 1.7), (0.6, 1.7), 5.0
 #: Bits of an encoder's turn.
 _BITS = range(10, 21)
 _TURN = 2.0 * np.pi
@@ -136,15 +136,17 @@ def with_unit_of_positions(
 def _may_be_behind_gears(
     unit: _Unit, share: float, q: Array, torques: Sequence[Array], fit: Fit
 ) -> bool:
-    """Return whether the arm leaves clearly less of the torques than ``share``, by positions
-    q (N, n) in a unit times a factor that gears have: of all joints, or of one."""
+    """Return whether the arm leaves less of the torques than ``share``, by positions q
+    (N, n) in a unit times a factor that gears have: of all joints, or clearly of one."""
     n = q.shape[1]
-    of_all = [np.full(n, factor) for factor in _FACTORS]
-    of_one = [1.0 + (x - 1.0) * row for x in _OF_ONE for row in np.eye(n)]
-    for factors in (*of_all, *(of_one if n > 1 else ())):
-        beside = replace(unit, scale=factors * unit.scale)
+    factors = [(np.full(n, factor), 1.0) for factor in _OF_ALL]
+    if n > 1:
+        ones = (1.0 + (x - 1.0) * row for x in _OF_ONE for row in np.eye(n))
+        factors += [(x, _ODDS_OF_ONE) for x in ones]
+    for factor, odds in factors:
+        beside = replace(unit, scale=factor * unit.scale)
         for other in filter(None, (fit(beside.in_si(q), x) for x in torques)):
-            if (share / other.share) ** N_PARTS > _ODDS_OF_A_GEAR:
+            if (share / other.share) ** N_PARTS > odds:
                 return True
     return False
 
@@ -176,6 +178,7 @@ def _units(robot: Robot, q: Array, found: Recognition) -> Iterator[_Unit]:
         return
     yield unit("deg", _DEGREES, UNITS["deg"])
     yield unit("mrad", 1e-3, 1e-3)
+    yield unit("mdeg", 1e-3, UNITS["mdeg"])
     of_servo = found.units.get("q")
     is_of_servo = of_servo is not None and of_servo.answer == DEGREES_OR_PERCENT
     if percent := radians_per_percent(robot, q):
@@ -183,7 +186,6 @@ def _units(robot: Robot, q: Array, found: Recognition) -> Iterator[_Unit]:
         words = "per cent of each joint's range"
         yield _Unit(words, _OF_SERVO if is_of_servo else 1e-3, *pairs.T)
     if np.all(q[:, revolute] == np.round(q[:, revolute])):
-        yield unit("mdeg", 1e-3, UNITS["mdeg"])
         for bits in _BITS:
             words = f"counts of an encoder with {2**bits} a turn"
             yield replace(unit(words, _RARE, _TURN / 2**bits), is_of_any_size=True)

@@ -216,6 +216,12 @@ def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
             unknown, [x for x in missing if x not in ("t", *quantities)], strict=True
         ):
             quantities[k] = group
+    sizes = {x: len(y) for x, y in zip(quantities, alike, strict=True)}
+    if "dq" not in sizes and sizes.get("q") == 2 * sizes.get("tau", 0) > 0:
+        k = quantities.index("q")  # a state: positions, then velocities
+        half = len(alike[k]) // 2
+        quantities.append("dq")
+        alike = [*alike[:k], alike[k][:half], *alike[k + 1 :], alike[k][half:]]
     said = {x: read_name(x) for x in log.names}
     pairs = dict[str, str]()
     with_velocities = {"q": ["q", "dq"] if "dq" in quantities else ["q"]}

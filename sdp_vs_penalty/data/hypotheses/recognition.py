@@ -11,8 +11,9 @@ two sets of positions are as good, nobody guesses.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -185,16 +186,9 @@ def recognise(
         inferred={"q": ANGLE} if choice.sets["q"].is_bare else {},
         said=tuple(said_of),
     )
-    if not logger:
-        if (
-            clock in usable
-            and clock not in said
-            and (by_unit := read_time_by_unit(clock))
-        ):
-            said[clock] = by_unit
-        found = with_units_of_names(found, said)
-    found = _with_stated_units(found, logger, columns)
-    found = _with_units_of_heading(found, said, heading)
+    if not logger and clock in usable and clock not in said:
+        said |= {clock: x} if (x := read_time_by_unit(clock)) else {}
+    found = with_units(found, said, columns, logger, heading)
     found = replace(found, says_unit_of_positions=_says_unit_of_positions(found, said))
     return with_unit_of_clock(found, columns)
 
@@ -315,66 +309,6 @@ def _our_name(group: str, key: Hashable, number: int) -> str:
     return group if key == "" else f"{group}{number}"
 
 
-def _with_stated_units(
-    found: Recognition, logger: Mapping[str, Any], columns: Columns
-) -> Recognition:
-    """Add the units of columns that the file's metadata say, else a known logger;
-    "angle", "servo" and "clock" show in the values."""
-    groups, stated = by_group(found.rename), dict[str, str]()
-    for group, pairs in groups.items():
-        units = {columns[x].unit.lower() for x in pairs.values() if x in columns}
-        if len(units) == 1 and (unit := units.pop()) in {*UNITS, *SHARES}:
-            stated[group] = unit
-    for group, unit in {**logger.get("units", {}), **stated}.items():
-        if group not in groups:
-            continue
-        if unit in SHARES:
-            found = replace(found, said=(*found.said, _share_sentence(group, unit)))
-            if group == "tau":
-                found = replace(found, torque_unit=unit)
-        elif unit in (ANGLE, CLOCK, SERVO):
-            found = replace(found, inferred={**found.inferred, group: unit})
-        else:
-            is_stated = group in stated
-            why = f"as {'the file' if is_stated else logger['name']}"
-            why += "'s metadata say" if is_stated else " writes it"
-            known = ColumnHypothesis(unit, 1.0, why)
-            found = found.with_unit(group, known)
-            if group == "tau" and unit.lower() in AMPERES:
-                found = replace(found, torque_unit="A")
-    return found
-
-
-def _with_units_of_heading(
-    found: Recognition, said: Mapping[str, Meaning], heading: Sequence[str]
-) -> Recognition:
-    """Add the units that the lines above a table say of groups whose names say none."""
-    groups = by_group(found.rename)
-    for group, (unit, factor) in units_of_heading(heading).items():
-        of_names = [
-            x.unit for y in groups.get(group, {}).values() if (x := said.get(y))
-        ]
-        is_said = any(x not in ("", *SHARES) for x in of_names)
-        if group not in groups or group in found.units or is_said:
-            continue
-        is_of_size = unit in SHARES and factor == 1.0  # which only the user knows
-        if is_of_size or (group == "tau" and unit in AMPERES):
-            text = f"{group} is in {unit}, by the lines above the table"
-            of_torques = unit if group == "tau" else found.torque_unit
-            found = replace(found, said=(*found.said, text), torque_unit=of_torques)
-            continue
-        why = "the lines above the table"
-        units = {**found.units, group: ColumnHypothesis(unit, 1.0, why)}
-        scale = {**found.scale, **dict.fromkeys(groups[group], factor)}
-        scale = {x: y for x, y in scale.items() if y != 1.0}
-        inferred = {x: y for x, y in found.inferred.items() if x != group}
-        of_others = [x for x in found.said if not x.startswith(f"{group} is in ")]
-        found = replace(
-            found, scale=scale, units=units, inferred=inferred, said=tuple(of_others)
-        )
-    return found
-
-
 def _read_or_commanded(name: str, joints: JointNames | None = None) -> Meaning | None:
     """Read a name, or a torque that was commanded."""
     return read_name(name, joints) or read_commanded_torque(name, joints)
@@ -470,61 +404,106 @@ def _joints_of_words(
     return tuple(in_order), [key_by_name[x] for x in in_order], None, is_known
 
 
-def with_units_of_names(found: Recognition, said: Mapping[str, Meaning]) -> Recognition:
-    """Add what the columns' names say about units: units other than SI, per cent of a
-    rating, unknown units, positions of motors, and torques that are motor currents."""
-    scale, units, more = {**found.scale}, dict[str, ColumnHypothesis](), list[str]()
-    for group, pairs in sorted(by_group(found.rename).items()):
-        meanings = {x: said[x] for x in pairs.values() if x in said}
-        for ours, name in pairs.items():
-            if name in meanings and meanings[name].factor != 1.0:
-                scale[ours] = meanings[name].factor
-                why = "the unit that its name ends with"
-                units[group] = ColumnHypothesis(meanings[name].unit, 1.0, why)
-        shares = [x.unit for x in meanings.values() if x.unit in SHARES]
-        if shares and group not in units:
-            more.append(_share_sentence(group, shares[0]))
-        in_brackets = {
-            match[1].strip()
-            if not x.unit and (match := _IN_BRACKETS.search(name))
-            else ""
-            for name, x in meanings.items()
-        }
-        if len(in_brackets) == 1 and "" not in in_brackets:
-            more.append(
-                f"the unit {in_brackets.pop()!r} of {group} is not known: --scale"
+def with_units(
+    found: Recognition,
+    said: Mapping[str, Meaning],
+    columns: Columns,
+    logger: Mapping[str, Any] = MappingProxyType({}),
+    heading: Sequence[str] = (),
+) -> Recognition:
+    """Add the unit of each channel group, and what the user has to know of it.
+
+    What metadata say goes before what a known logger writes, this before the ends of the
+    columns' names, and these before the lines above the table. "angle", "servo" and
+    "clock" show in the values; the size of a share of a rating only the user knows.
+    """
+    scale, units, inferred = {**found.scale}, {**found.units}, {**found.inferred}
+    remarks, torque_unit = list[str](), ""
+    groups, of_logger = by_group(found.rename), logger.get("units", {})
+    in_heading = units_of_heading(heading)
+    for group, pairs in groups.items():
+        named = {x: said[y] for x, y in pairs.items() if y in said and said[y].unit}
+        stated = {columns[x].unit.lower() for x in pairs.values() if x in columns}
+        unit, why, factors = "", "", dict[str, float]()
+        if len(stated) == 1 and stated <= {*UNITS, *SHARES}:
+            (unit,) = stated
+            why = "as the file's metadata say"
+        elif group in of_logger:
+            unit, why = of_logger[group], f"as {logger['name']} writes it"
+        elif named:
+            unit, why = (
+                next(iter(named.values())).unit,
+                "the unit that its name ends with",
+            )
+            factors = {x: y.factor for x, y in named.items()}
+        elif group in in_heading:
+            unit, factor = in_heading[group]
+            why, factors = "the lines above the table", dict.fromkeys(pairs, factor)
+        elif bracket := _unknown_unit(pairs.values(), said):
+            remarks.append(
+                f"the unit {bracket!r} of {group} is not known: --scale {group}=... makes"
+                " SI units of it"
+            )
+        is_open = unit in SHARES and {*factors.values()} <= {1.0}
+        if group == "tau" and (is_open or (not named and unit.lower() in AMPERES)):
+            torque_unit = unit if is_open else "A"
+        if is_open:
+            remarks.append(
+                f"{group} is in {unit}, whose size the file does not say: --scale"
                 f" {group}=... makes SI units of it"
             )
-    groups = by_group(found.rename)
-    has_motors = {
-        x: any("motor" in y.lower() for y in groups.get(x, {}).values())
-        for x in ("q", "tau")
-    }
-    if has_motors["q"]:
-        more.append(
-            "q are the motors' positions: behind a gear, --motors makes the joints' of them"
-        )
-    elif has_motors["tau"]:
-        more.append(
-            "tau are the motors' torques: behind a gear, --scale tau=... makes the joints'"
-            " of them"
-        )
-    torques = groups.get("tau", {}).values()
-    # One alone may have its joint's letter: trq_a, trq_b, ...
-    are_currents = bool(torques) and all(map(is_current, torques))
-    of_rating = {x.unit for y in torques if (x := said.get(y)) and x.unit in SHARES}
-    if are_currents:
-        more.append("tau is a current in A: --scale tau=... makes torques of it")
+        elif unit in (ANGLE, CLOCK, SERVO):
+            inferred[group] = unit
+        elif unit and not (named and {*factors.values()} == {1.0}):
+            factor = UNITS.get(unit.lower(), 1.0)
+            factors = factors or dict.fromkeys(pairs, factor)
+            scale |= {x: y for x, y in factors.items() if y != 1.0}
+            units[group] = ColumnHypothesis(unit, 1.0, why)
+            inferred.pop(group, None)
+    if not logger:
+        remarks += _of_motors(groups)
+        torques = groups.get("tau", {}).values()
+        # One alone may have its joint's letter: trq_a, trq_b, ...
+        if torques and all(map(is_current, torques)):
+            torque_unit = "A"
+            remarks.append("tau is a current in A: --scale tau=... makes torques of it")
     return replace(
         found,
         scale=scale,
-        units={**found.units, **units},
-        said=(*more, *found.said),
-        torque_unit="A" if are_currents else next(iter(of_rating), ""),
+        units=units,
+        inferred=inferred,
+        said=(*remarks, *found.said),
+        torque_unit=torque_unit,
     )
 
 
-def with_units_of_columns(found: Recognition, columns: Columns) -> Recognition:
+def _unknown_unit(names: Iterable[str], said: Mapping[str, Meaning]) -> str:
+    """Return what stands in brackets at the end of all of some names; "" where it
+    differs, or they say a unit that is known."""
+    matches = [_IN_BRACKETS.search(x) for x in names if x in said]
+    texts = {match[1].strip() if match else "" for match in matches}
+    return texts.pop() if len(texts) == 1 else ""
+
+
+def _of_motors(groups: Mapping[str, Mapping[str, str]]) -> list[str]:
+    """Say what the names of motors' positions or torques mean behind a gear."""
+    q, tau = (
+        any("motor" in x.lower() for x in groups.get(group, {}).values())
+        for group in ("q", "tau")
+    )
+    if q:
+        behind = "" if tau else " (--joint-torque: tau is the joints' already)"
+        return [
+            "q are the motors' positions: behind a gear, --motors makes the joints' of"
+            f" them{behind}"
+        ]
+    said = (
+        "tau are the motors' torques: behind a gear, --scale tau=... makes the joints'"
+    )
+    return [f"{said} of them"] if tau else []
+
+
+def units_of_chosen(found: Recognition, columns: Columns) -> Recognition:
     """Add the units that names of chosen columns end with, and that metadata say."""
     said = dict[str, Meaning]()
     for ours, name in found.rename.items():
@@ -532,7 +511,7 @@ def with_units_of_columns(found: Recognition, columns: Columns) -> Recognition:
         unit = next((x for x in units_of_name(name) if x.quantity == group), None)
         if unit is not None and unit.factor != 1.0 and name in columns:
             said[name] = Meaning(group, 0, unit=unit.text, factor=unit.factor)
-    return _with_stated_units(with_units_of_names(found, said), {}, columns)
+    return with_units(found, said, columns)
 
 
 def is_current(name: str) -> bool:
@@ -549,27 +528,18 @@ def with_torque(found: Recognition, columns: Mapping[str, str]) -> Recognition:
     names say about their unit."""
     if columns.items() <= found.rename.items():
         return found
-    kept = {x: y for x, y in found.scale.items() if group_of(x) != "tau"}
-    units = {x: y for x, y in found.units.items() if x != "tau"}
-    others = [x for x in found.said if not x.startswith("tau ")]
-    found = replace(found, scale=kept, units=units, said=tuple(others))
-    only_torques = replace(found, rename=dict(columns), units={}, said=())
+    kept = found.without_unit("tau")
+    others = tuple(x for x in found.said if not x.startswith("tau "))
     said = {x: y for x in columns.values() if (y := read_name(x)) is not None}
-    of_torques = with_units_of_names(only_torques, said)
+    torques = with_units(Recognition(dict(columns)), said, {})
     return replace(
-        found,
-        rename={**found.rename, **columns},
-        scale={**kept, **of_torques.scale},
-        units={**units, **of_torques.units},
-        said=(*of_torques.said, *others),
-        torque_unit=of_torques.torque_unit,
+        kept,
+        rename={**kept.rename, **columns},
+        scale={**kept.scale, **torques.scale},
+        units={**kept.units, **torques.units},
+        said=(*torques.said, *others),
+        torque_unit=torques.torque_unit,
     )
-
-
-def _share_sentence(group: str, unit: str) -> str:
-    """Format the remark on values in a unit whose factor to SI only the user knows."""
-    what = f"{group} is in {unit}, whose size the file does not say"
-    return f"{what}: --scale {group}=... makes SI units of it"
 
 
 def joints_in_cells(columns: Columns) -> list[str]:

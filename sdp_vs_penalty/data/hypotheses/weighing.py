@@ -48,6 +48,8 @@ _EPOCHS = (
 )
 #: Steps of a clock in seconds are longer: no arm is logged at 50 kHz [s].
 _SHORTEST_STEP = 2e-5
+#: From this share of repeated stamps on, a clock is rounded to more than a row.
+_ROUNDED = 0.5
 #: Share of each of several channels that an arm leaves which explains none of them: its
 #: positions, or the clock, are in another unit.
 EXPLAINS_NONE = 0.3
@@ -128,12 +130,13 @@ def unit_of_clock(
         Mean step of the joint that moves most [rad or m]; 0 where it is not known.
     """
     steps = np.diff(stamps)
-    steps = steps[steps > 0.0]
-    if not len(steps):
+    is_rounded = np.mean(steps == 0.0) > _ROUNDED
+    steps = steps[(steps > 0.0) | (is_rounded & (steps == 0.0))]
+    if not steps.any():
         return ColumnHypothesis(
             "ms" if kind == CLOCK else "s", 0.5, "as it stands still"
         )
-    step = float(np.median(steps))
+    step = float(np.mean(steps) if is_rounded else np.median(steps))
     answers = list[ColumnHypothesis]()
     for unit in ("s", "ms", "us", "ns"):
         seconds = step * UNITS[unit]

@@ -4,6 +4,7 @@ other words around the names."""
 from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
+from sdp_vs_penalty.data.words import table
 from sdp_vs_penalty.data.words.tokens import split_tokens
 
 Tokens: TypeAlias = tuple[str, ...]
@@ -107,11 +108,14 @@ def in_order_of(
     """Put the file's names of joints in the robot's order, and tell whether they match.
 
     They match where all joints of the robot, or all of the file, are among the others;
-    otherwise the order of the file stays.
+    otherwise letters of axes are in the order of these, and the order of the file stays.
     """
     found = match_joints(joints or (), names_in_file, by_numbers=True)
     if found and len(found) in (len(joints or ()), len(names_in_file)):
         return list(found.values()), True
+    letters: str = table()["axis_letters"]
+    if len(names_in_file) > 1 and {x.lower() for x in names_in_file} <= {*letters}:
+        return sorted(names_in_file, key=lambda x: letters.index(x.lower())), True
     return list(names_in_file), not (joints and names_in_file)
 
 

@@ -31,6 +31,8 @@ _OTHER_SYMBOLS = ("s", "min", "mins", "h", "day")
 AMPERES = ("a", "amps", "amp", "ampere", "amperes", "ma", "milliamps")
 #: Letters of each quantity.
 INITIALS: dict[str, str] = table()["initials"]
+#: Letters of axes in the order of the joints.
+AXIS_LETTERS: str = table()["axis_letters"]
 #: Two words that mean one.
 _COMPOUNDS = {tuple(text.split()): word for text, word in table()["compounds"].items()}
 
@@ -95,6 +97,28 @@ def quantity_of(name: str) -> str | None:
     """Return the quantity that a name says; None where it says none."""
     said = read_name(name)
     return None if said is None else said.quantity
+
+
+def rate_of_heading(lines: Sequence[str]) -> float | None:
+    """Read the sampling rate [Hz] off the lines above a table, "# sample rate: 250 Hz" or
+    "sample time: 4 ms"; None where they say none, or several."""
+    rates = set[float]()
+    for match in filter(None, map(_RATE.search, lines)):
+        size = float(match["size"])
+        unit = units_in_names()["t"].get(match["unit"])
+        if unit is not None and size > 0.0:
+            rates.add(float(f"{1.0 / (unit * size):.12g}"))
+        elif match["unit"].lower().endswith("hz"):
+            rates.add(size * (1e3 if match["unit"][0] in "kK" else 1.0))
+    return rates.pop() if len(rates) == 1 else None
+
+
+#: A word for sampling, what is sampled by it, and its number and unit.
+_RATE = re.compile(
+    r"(?i)\b(?:(?:sampl|log|record|abtast)\w*[ _-]*(?:rate|freq\w*|time|interval|period)"
+    r"|rate|fs)\s*(?:[:=]|is|of)?\s*"
+    r"(?P<size>[0-9]*\.?[0-9]+)\s*(?P<unit>k?hz|s|sec|ms|us)\b"
+)
 
 
 def units_of_heading(lines: Sequence[str]) -> dict[str, tuple[str, float]]:
@@ -174,8 +198,9 @@ def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Meaning | None:
     words = {token for token in others if token.isalpha()}
     numbers = [token for token in others if token.isdigit()]
     letters = {*INITIALS.get(unit.quantity, "").split()}
-    if joint is not None or (words & (_JOINTS | letters) and numbers):
-        is_read = words <= _FILLERS | letters
+    axis = {*others} if len(others) == 1 and {*others} <= {*AXIS_LETTERS} else set()
+    if joint is not None or axis or (words & (_JOINTS | letters) and numbers):
+        is_read = words <= _FILLERS | letters | axis
         is_read &= unit.text in telling_units(unit.quantity)
     else:
         is_read = unit.quantity == "t" and bool(words & _COUNTERS) and not numbers
@@ -186,7 +211,7 @@ def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Meaning | None:
         rank=len(WORDS[unit.quantity]),
         joint=joint,
         number=int(numbers[-1]) if numbers else None,
-        other_words=tuple(numbers[:-1]),
+        other_words=(*axis, *numbers[:-1]),
         unit=unit.text,
         factor=unit.factor,
         words=("current",) if unit.text in AMPERES else (),
