@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.cli.runs import recorded_runs, run_words
+from sdp_vs_penalty.cli.runs import NamedRuns
 from sdp_vs_penalty.data.files import run_files
 from sdp_vs_penalty.data.formats import FILE_SEPARATOR
 from sdp_vs_penalty.data.measurements import Measurements
@@ -36,8 +36,7 @@ def say_what_follows(
     model: Path | str,
     estimate: Estimate,
     verdict: Verdict | None,
-    data: Sequence[Path],
-    window: str | None = None,
+    data: NamedRuns,
     gravity: str | None = None,
     measurements: Measurements | None = None,
 ) -> None:
@@ -52,7 +51,7 @@ def say_what_follows(
     ----------
     verdict
         On the given runs, if they were judged.
-    data, window, gravity
+    data, gravity
         As they were given; gravity where it is not the model's.
     measurements
         The given runs, a run a file, where they were read.
@@ -60,22 +59,19 @@ def say_what_follows(
     mounting = [] if gravity is None else ["--gravity", gravity]
     if verdict is not None and not verdict.is_something_missing:
         out = ["--out", free_name("report.html")]
-        given = run_words(data, window)
-        console.next_step(["report", model, "--data", *given, *mounting, *out])
+        console.next_step(["report", model, "--data", *data.words, *mounting, *out])
         return
-    train, train_window, test = list(data), window, None
-    recorded = recorded_runs(estimate.provenance.get("data", ()))
-    new = _runs_not_trained_on(estimate, data, measurements)
+    train, test = data, None
+    recorded = NamedRuns.recorded(estimate.provenance.get("data", ()))
+    new = _runs_not_trained_on(estimate, data.files, measurements)
     if recorded is not None and gravity is None:
-        train, train_window = recorded
-        test = new[0] if new else None
-    judged_on = [] if test is None else ["--test", *run_words([test], None)]
-    if test is not None and window is not None:
-        judged_on += ["--test-window", window]
+        train, test = recorded, new[0] if new else None
+    judged_on = [] if test is None else ["--test", *NamedRuns([test]).words]
+    if test is not None and data.window is not None:
+        judged_on += ["--test-window", data.window]
     findings = ["--json", free_name("findings.json")]
-    train_words = run_words(train, train_window)
     console.next_step(
-        ["diagnose", model, "--data", *train_words, *judged_on, *mounting, *findings]
+        ["diagnose", model, "--data", *train.words, *judged_on, *mounting, *findings]
     )
 
 
@@ -84,8 +80,8 @@ def _runs_not_trained_on(
 ) -> list[Path]:
     """Return the given runs, as files, that a model was not identified from: by their
     files, and by their content where it was read."""
-    recorded = recorded_runs(estimate.provenance.get("data", ()))
-    trained_on = [] if recorded is None else _files(recorded[0])
+    recorded = NamedRuns.recorded(estimate.provenance.get("data", ()))
+    trained_on = [] if recorded is None else _files(recorded.files)
     hashes = {estimate.provenance.get("data_hash")}
     hashes |= set(estimate.provenance.get("checks") or ())
     files = _files(data)

@@ -12,8 +12,7 @@ from sdp_vs_penalty.data.files import load_measurements, run_files, windowed
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, time_windows
 from sdp_vs_penalty.data.plausibility import check_plausible, find_idle_joints
-from sdp_vs_penalty.data.recorded import recorded_runs
-from sdp_vs_penalty.data.recorded import run_words as run_words
+from sdp_vs_penalty.data.recorded import NamedRuns as NamedRuns
 from sdp_vs_penalty.errors import InputError, MissingJoints, command_line
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
@@ -120,11 +119,7 @@ def _idle_in_all(
 
 
 def runs_from_options(
-    problem: Problem,
-    data: Sequence[Path],
-    window: str | None,
-    *,
-    as_written: bool = False,
+    problem: Problem, named: NamedRuns
 ) -> tuple[Measurements | BlackBox, Measurements | BlackBox]:
     """Load the runs, or a black box's answers, of the option --data.
 
@@ -133,10 +128,10 @@ def runs_from_options(
     two Measurements or BlackBox
         The full runs, and what --window leaves of them.
     """
-    windows = time_windows(window)
-    robot = problem.robot
-    runs = load_answers(list(data), joints=robot.n) or load_measurements(
-        *data, joints=robot.n, names=problem.channel_names, as_written=as_written
+    windows = time_windows(named.window)
+    n = problem.robot.n
+    runs = load_answers(list(named.files), joints=n) or load_measurements(
+        *named.files, joints=n, names=problem.channel_names, as_written=named.as_written
     )
     return runs, windowed(runs, windows) if isinstance(runs, Measurements) else runs
 
@@ -164,20 +159,24 @@ def judging_runs(
 
     None if the latter no longer exist.
     """
-    if data is None:
-        recorded = recorded_runs(estimate.provenance.get("judged_data", ()))
-        if recorded is None:
-            return None
-        data, window = recorded
-    return runs_for(estimate, data, window)
+    named = None if data is None else NamedRuns(data, window)
+    named = named or NamedRuns.recorded(estimate.provenance.get("judged_data", ()))
+    return None if named is None else runs_for(estimate, named)
+
+
+def named_test(
+    test: Path | None, window: str | None, *, as_written: bool
+) -> NamedRuns | None:
+    """Return the run of --test with its part, and read as --data is; raise InputError for
+    a part without a run."""
+    if test is None and window is not None:
+        remedy = "name the run that it is a part of with --test"
+        raise InputError(f"--test-window {window!r}", remedy)
+    return None if test is None else NamedRuns([test], window, as_written)
 
 
 def runs_for(
-    estimate: Estimate,
-    data: list[Path],
-    window: str | None,
-    test: Path | None = None,
-    test_window: str | None = None,
+    estimate: Estimate, data: NamedRuns, test: NamedRuns | None = None
 ) -> Runs:
     """Load the runs to fit, and the run to test on, and check that they suit the model.
 
@@ -188,30 +187,29 @@ def runs_for(
     ----------
     estimate : Estimate
         The model; the runs need its number of joints and plausible positions.
-    window, test_window : str or None
-        Parts of the runs and of the test run to use, as the user wrote them.
-    test : Path, optional
+    test : NamedRuns, optional
         Run to test on; without it the runs to fit are judged on as well.
     """
     robot = estimate.robot
-    train = time_windows(window)
-    judge = time_windows(test_window, "--test-window")
-    if test is None and test_window is not None:
-        remedy = "name the run that it is a part of with --test"
-        raise InputError(f"--test-window {test_window!r}", remedy)
+    train = time_windows(data.window)
+    judge = time_windows(test.window if test else None, "--test-window")
 
-    for folder in filter(Path.is_dir, data):
+    for folder in filter(Path.is_dir, data.files):
         files = [file.name for file in run_files(folder)]
         if len(files) > 1:
             console.warn(f"{folder}: judged on {formatting.words(files)}")
 
-    def loaded(*paths: Path) -> Measurements:
-        runs = load_measurements(*paths, names=estimate.problem.channel_names)
+    def loaded(named: NamedRuns) -> Measurements:
+        runs = load_measurements(
+            *named.files,
+            names=estimate.problem.channel_names,
+            as_written=named.as_written,
+        )
         estimate.require_joints(runs, runs.names[0])
         check_plausible(robot, runs)
         return runs
 
-    all_runs = measured = loaded(*data)
+    all_runs = measured = loaded(data)
     tested = None if test is None else loaded(test)
     if tested is not None and tested.data_hash not in {
         run.data_hash for run in measured.runs()

@@ -576,6 +576,8 @@ def convert_options(
     topic: str | None,
     motors: str | Sequence[str] | bool,
     hold: str | None = None,
+    *,
+    joint_torque: bool = False,
 ) -> list[str]:
     """Return the words of a `convert` command for the options of these arguments.
 
@@ -589,7 +591,8 @@ def convert_options(
         "--topic": topic,
         "--motors": None if isinstance(formulas, bool) else formulas,
     }
-    return [*given_options(options), *["--motor-side"] * (motors is True)]
+    flags = ["--motor-side"] * (motors is True) + ["--joint-torque"] * joint_torque
+    return [*given_options(options), *flags]
 
 
 @checked_arguments
@@ -602,6 +605,7 @@ def convert(
     topic: str | None = None,
     rename: Mapping[str, str] | None = None,
     motors: str | Sequence[str] | bool = False,
+    joint_torque: bool = False,
     rate: float | None = None,
     scale: Mapping[str, str] | None = None,
     cut: Sequence[tuple[float, float]] = (),
@@ -631,6 +635,9 @@ def convert(
         of the joints' ("32 q5 + 32 q6"), several separated by commas or in a sequence,
         or True for the transmission of ``problem``. The run is written on the joint
         side, which is what every other verb reads.
+    joint_torque : bool
+        Whether the torques are those of the joints already, and ``motors`` is of the
+        positions alone.
     rate : float, optional
         Samples a second [Hz], in place of the file's clock. A table without header then
         has 3 n columns: q1..qn, dq1..dqn, tau1..taun.
@@ -661,7 +668,8 @@ def convert(
         raise InputError("convert(motors): no formula", "write one a motor")
     if not isinstance(motors, bool):
         transmission = parse_transmission(
-            motors.split(",") if isinstance(motors, str) else motors
+            motors.split(",") if isinstance(motors, str) else motors,
+            torques=("joint",) if joint_torque else ("motor",),
         )
     elif motors and problem is not None:
         transmission = as_problem(problem).robot.transmission
@@ -672,7 +680,7 @@ def convert(
         )
         raise InputError("no transmission is known", remedy, "convert(motors=True)")
     if options is None:
-        options = convert_options(problem, topic, motors)
+        options = convert_options(problem, topic, motors, joint_torque=joint_torque)
     run = read_run(
         source,
         joints=None,

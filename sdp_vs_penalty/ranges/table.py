@@ -12,7 +12,7 @@ import numpy as np
 from sdp_vs_penalty.arguments import checked_arguments, require_in_range
 from sdp_vs_penalty.data.files import Source, as_measurements, windowed
 from sdp_vs_penalty.data.parsing import time_windows
-from sdp_vs_penalty.data.recorded import recorded_runs
+from sdp_vs_penalty.data.recorded import NamedRuns
 from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.estimation.build_problem import EstimationProblem
 from sdp_vs_penalty.estimation.constants import LEVEL
@@ -426,19 +426,21 @@ def training_of(
         if posed.task.model is estimate.model:
             return posed, _floor_of(estimate)
     robot = estimate.robot
-    windows = time_windows(None)
+    named = None
     if data is None:
-        recorded = recorded_runs(estimate.provenance.get("data") or ())
-        if recorded is None:
+        named = NamedRuns.recorded(estimate.provenance.get("data") or ())
+        if named is None:
             raise InputError(
                 "ranges need the measurements: the model names no files of them that"
                 " are still there",
                 "name them (data=..., --data)",
             )
-        data, window = recorded
-        windows = time_windows(window)
-    runs = as_measurements(data, robot.n, robot.joint_names, "find_ranges(data=...)")
-    runs = windowed(runs, windows)
+        data = list(named.files)
+    as_written = named is not None and named.as_written
+    what = "find_ranges(data=...)"
+    names = robot.joint_names
+    runs = as_measurements(data, robot.n, names, what, as_written=as_written)
+    runs = windowed(runs, time_windows(named.window if named else None))
     posed = posed_again(estimate, runs)
     if posed is None or posed.runs is None:
         what = "these data have no torque, and the model does not say what replaced it"

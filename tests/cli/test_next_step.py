@@ -14,7 +14,7 @@ import sdp_vs_penalty as sdp
 from sdp_vs_penalty.cli.main import import_verb
 from sdp_vs_penalty.cli.next_step import free_name, say_what_follows
 from sdp_vs_penalty.cli.options import Parser
-from sdp_vs_penalty.cli.runs import recorded_runs
+from sdp_vs_penalty.cli.runs import NamedRuns
 from sdp_vs_penalty.data import save
 
 
@@ -83,7 +83,9 @@ def test_a_diagnosis_is_of_runs_that_exist(recorded, given, options, inside, cap
     estimate.provenance["data"] = recorded
     runs = sdp.load_measurements(*given)
     paths = [Path(name) for name in given]
-    say_what_follows(Path("model.json"), estimate, None, paths, measurements=runs)
+    say_what_follows(
+        Path("model.json"), estimate, None, NamedRuns(paths), measurements=runs
+    )
     expected = f"diagnose model.json {options} --json findings.json"
     assert next_words(capsys.readouterr().out) == shlex.split(expected)
 
@@ -93,7 +95,9 @@ def test_nothing_is_diagnosed_where_nothing_is_missing(inside, capsys):
     verdict = estimate.verdict
     lines = tuple(replace(line, grade="good") for line in verdict.lines)
     nothing_missing = replace(verdict, lines=lines)
-    say_what_follows("model.json", estimate, nothing_missing, [Path("new.csv")])
+    say_what_follows(
+        "model.json", estimate, nothing_missing, NamedRuns([Path("new.csv")])
+    )
     assert next_words(capsys.readouterr().out)[0] == "report"
 
 
@@ -101,7 +105,7 @@ def test_the_findings_of_another_model_stay(inside, capsys):
     estimate = sdp.load_estimate("model.json")
     Path("findings.json").write_text("of another model")
     try:
-        say_what_follows("model.json", estimate, None, [Path("new.csv")])
+        say_what_follows("model.json", estimate, None, NamedRuns([Path("new.csv")]))
     finally:
         Path("findings.json").unlink()
     assert next_words(capsys.readouterr().out)[-1] == "findings2.json"
@@ -116,10 +120,9 @@ def test_a_name_is_free(tmp_path):
 
 
 def test_recorded_runs_are_the_words_again(inside):
-    assert recorded_runs(["run 1.csv", "--window", "0:1,2:3"]) == (
-        [Path("run 1.csv")],
-        "0:1,2:3",
-    )
+    for as_written in (False, True):
+        named = NamedRuns([Path("run 1.csv")], "0:1,2:3", as_written)
+        assert NamedRuns.recorded(named.words) == named
 
 
 def test_commands_that_follow_each_other_run(inside, capsys):

@@ -20,6 +20,7 @@ def verb(
     test_window: str | None = None,
     seed: int = 0,
     gain_uncertainty: float | None = None,
+    as_written: bool = False,
 ) -> None:
     """Add effects to a model and identify it again, under all constraints.
 
@@ -35,17 +36,23 @@ def verb(
     from sdp_vs_penalty.checks.gate import consented
     from sdp_vs_penalty.cli import printing
     from sdp_vs_penalty.cli.next_step import free_name
-    from sdp_vs_penalty.cli.runs import model_from_options, run_words, runs_for
+    from sdp_vs_penalty.cli.runs import (
+        NamedRuns,
+        model_from_options,
+        named_test,
+        runs_for,
+    )
     from sdp_vs_penalty.data.files import training_runs
     from sdp_vs_penalty.diagnosis.adding import add as run
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.diagnosis.passing.cause import beside_causes
 
     effects = _effects(effect, from_, confident, only)
-    data = training_runs(data)
+    named = NamedRuns(training_runs(data), window, as_written)
+    tested = named_test(test, test_window, as_written=as_written)
     estimate = model_from_options(model, gravity, gain_uncertainty)
     with console.progress("reading the measurements") as progress:
-        runs = runs_for(estimate, data, window, test, test_window)
+        runs = runs_for(estimate, named, tested)
         bigger = run(
             estimate, effects, runs.train, frozen=frozen, seed=seed, progress=progress
         )
@@ -62,15 +69,12 @@ def verb(
                 _refuse_harm(on_training[0], on_training[1], what)
                 what = str(test)
             _refuse_harm(before, after, what)
-        judge = (
-            run_words(data, window) if test is None else run_words([test], test_window)
-        )
         bigger.provenance.update(
             {
-                "data": run_words(data, window),
+                "data": named.words,
                 "checked": not consented(estimate, runs.train),
                 "verdict": after.verdict.to_dict(),
-                "judged_data": judge,
+                "judged_data": (tested or named).words,
             }
         )
         bigger.save(out)
@@ -82,7 +86,7 @@ def verb(
     printing.certificate(bigger)
     console.written(out)
     mounting = [] if gravity is None else ["--gravity", gravity]
-    options = [*judge, *mounting, "--out", free_name("report.html")]
+    options = [*(tested or named).words, *mounting, "--out", free_name("report.html")]
     console.next_step(["report", model, out, "--data", *options])
 
 

@@ -181,11 +181,11 @@ def _refuse_unrepaired(reports: Sequence[Report], fix: Path) -> None:
 def _say_identify(files: Sequence[Path], problem: str, options: Sequence[str]) -> None:
     """Print the command that identifies from all runs except those for testing."""
     from sdp_vs_penalty.cli.next_step import free_name
-    from sdp_vs_penalty.cli.runs import run_words
+    from sdp_vs_penalty.cli.runs import NamedRuns
     from sdp_vs_penalty.data.files import for_testing
 
     train = [path for path in files if not for_testing(path)] or files
-    words = ["--data", *run_words(train, None), *options]
+    words = ["--data", *NamedRuns(train).words, *options]
     words += ["--out", str(free_name("model.json"))]
     console.next_step(["identify", problem, *words])
 

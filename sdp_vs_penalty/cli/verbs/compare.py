@@ -18,6 +18,7 @@ def verb(
     json_: Path | None = None,
     window: str | None = None,
     gravity: str | None = None,
+    as_written: bool = False,
     verbose: bool = False,
 ) -> None:
     """Compare models with runs: each joint's error beside the noise, and where the last model fails.
@@ -29,7 +30,7 @@ def verb(
     """
     from sdp_vs_penalty.cli import printing
     from sdp_vs_penalty.cli.next_step import say_what_follows
-    from sdp_vs_penalty.cli.runs import model_from_options, runs_for
+    from sdp_vs_penalty.cli.runs import NamedRuns, model_from_options, runs_for
     from sdp_vs_penalty.diagnosis.comparison import compare, first_identified
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
     from sdp_vs_penalty.estimation.nominal import NOMINAL, load_model
@@ -37,8 +38,9 @@ def verb(
     estimates = {
         str(path): model_from_options(path, gravity, load=load_model) for path in models
     }
+    named = NamedRuns(data, window, as_written)
     newest, estimate = list(estimates.items())[-1]
-    runs_given = runs_for(estimate, data, window)
+    runs_given = runs_for(estimate, named)
     runs = runs_given.train
     results = compare(estimates, runs, noise_from=runs_given.judged_recordings)
     settings = first_identified(estimates).preprocessing.resolve(runs)
@@ -65,7 +67,7 @@ def verb(
     whole = runs_given.judged_recordings
     if estimate.method == NOMINAL:
         return
-    say_what_follows(newest, estimate, verdict, data, window, gravity, whole)
+    say_what_follows(newest, estimate, verdict, named, gravity, whole)
 
 
 def _simulated_loops(

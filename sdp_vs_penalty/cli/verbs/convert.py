@@ -14,6 +14,7 @@ def verb(
     scale: str | None = None,
     motors: str | None = None,
     motor_side: bool = False,
+    joint_torque: bool = False,
     rate: float | None = None,
     cut: str | None = None,
     hold: str | None = None,
@@ -34,6 +35,7 @@ def verb(
     --scale, --units q=deg,tau=10:10.7:8.5: Units (deg, ms, mNm), factors, or one a joint (drive gains).
     --motors '50 q1,32 q2+32 q1': Motor positions by joint positions, for a log of motor positions and
         torques.
+    --joint-torque: The torques are the joints' already; --motors is of the positions alone.
     --motor-side: The problem's transmission, for a log of motors.
     --cut 6:7.1,20:21: Spans [s] that are left out, by the run's clock, a quarter of a second on either
         side with them.
@@ -59,10 +61,11 @@ def verb(
         topic=topic,
         rename=pairs("--rename", rename),
         motors=sides,
+        joint_torque=joint_torque,
         rate=rate,
         scale=pairs("--scale", scale),
         cut=[] if cut is None else time_windows(cut, "--cut"),
-        options=convert_options(problem, topic, sides, hold),
+        options=convert_options(problem, topic, sides, hold, joint_torque=joint_torque),
     )
     velocity = "" if run.dq is None else ", velocities"
     # As they are written, so that a wrong column or unit is seen.

@@ -25,7 +25,7 @@ def verb(
     --folds >=2: Stretches that each motion is cut into.
     """
     from sdp_vs_penalty.cli.next_step import free_name
-    from sdp_vs_penalty.cli.runs import problem_from_options, read_and_hold, run_words
+    from sdp_vs_penalty.cli.runs import NamedRuns, problem_from_options, read_and_hold
     from sdp_vs_penalty.data.files import load_measurements
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.estimation.build_problem import parsed_known
@@ -70,7 +70,7 @@ def verb(
             "identify",
             problem,
             "--data",
-            *run_words(data, None),
+            *NamedRuns(data).words,
             *given_options(settings),
         ]
     )

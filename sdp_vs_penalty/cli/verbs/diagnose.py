@@ -28,6 +28,7 @@ def verb(
     seed: int = 0,
     gain_uncertainty: float | None = None,
     no_check: bool = False,
+    as_written: bool = False,
     verbose: bool = False,
 ) -> None:
     """Name the physical effects that a model is missing.
@@ -45,10 +46,11 @@ def verb(
     from sdp_vs_penalty.data.files import training_runs
     from sdp_vs_penalty.problem.check_command import CheckCommand
 
-    data = training_runs(data)
+    named = runs.NamedRuns(training_runs(data), window, as_written)
+    tested = runs.named_test(test, test_window, as_written=as_written)
     estimate = runs.model_from_options(model, gravity, gain_uncertainty)
     with console.progress("reading the measurements") as progress:
-        runs_given = runs.runs_for(estimate, data, window, test, test_window)
+        runs_given = runs.runs_for(estimate, named, tested)
         if consented(estimate, runs_given.train):
             console.warn(
                 "data check skipped: the model comes from these runs with --no-check"
@@ -63,19 +65,19 @@ def verb(
             noise_from=runs_given.all_runs,
             judged_recordings=runs_given.judged_recordings,
             check=not no_check
-            and runs.gate(CheckCommand.for_runs(estimate.problem, data)),
+            and runs.gate(CheckCommand.for_runs(estimate.problem, named.files)),
         )
-    words = ["--data", *runs.run_words(data, window), *["--frozen"] * frozen]
+    words = ["--data", *named.words, *["--frozen"] * frozen]
     words += given_options(
         {
-            "--test": None if test is None else runs.run_words([test], None)[0],
+            "--test": None if test is None else runs.NamedRuns([test]).words[0],
             "--test-window": test_window,
             "--gravity": gravity,
             "--gain-uncertainty": gain_uncertainty,
         }
     )
     files = Files(
-        check=CheckCommand.for_runs(estimate.problem, data),
+        check=CheckCommand.for_runs(estimate.problem, named.files),
         model=model,
         findings=json_,
         data=words,

@@ -29,6 +29,7 @@ def verb(
         lmi-sdp-thickness for .dat-s, which has no exponential cones.
     """
     from sdp_vs_penalty.cli.runs import (
+        NamedRuns,
         problem_from_options,
         read_and_hold,
         runs_from_options,
@@ -47,7 +48,7 @@ def verb(
         robot, (_, runs), _ = read_and_hold(
             lambda held: problem_from_options(problem, gravity, bounds, filters, held),
             hold,
-            lambda robot: runs_from_options(robot, data, window),
+            lambda robot: runs_from_options(robot, NamedRuns(data, window)),
         )
         summary = write_posed(robot, runs, out, method, chosen)
     console.written(

@@ -50,7 +50,7 @@ def verb(
     from sdp_vs_penalty.parallel import Workers
     from sdp_vs_penalty.problem.check_command import CheckCommand
 
-    data = training_runs(data)
+    named = runs.NamedRuns(training_runs(data), window, as_written)
     estimator = with_solver(method, solver)
     with console.progress("reading the measurements") as progress:
         robot, (runs_given, fitted_runs), hold = runs.read_and_hold(
@@ -58,12 +58,10 @@ def verb(
                 problem, gravity, bounds, filters, held
             ),
             hold,
-            lambda robot: runs.runs_from_options(
-                robot, data, window, as_written=as_written
-            ),
+            lambda robot: runs.runs_from_options(robot, named),
         )
         check_command = CheckCommand(
-            problem=problem, runs=data, hold=hold, gravity=gravity
+            problem=problem, runs=named.files, hold=hold, gravity=gravity
         )
         begin = time.perf_counter()
         try:
@@ -92,7 +90,7 @@ def verb(
                 )
             raise
         seconds = time.perf_counter() - begin
-        given_words = runs.run_words(data, window)
+        given_words = named.words
         estimate.provenance.update(data=given_words, judged_data=given_words)
         estimate.save(out)
     found = None
@@ -110,4 +108,4 @@ def verb(
     for path in filter(None, (out, proof)):
         console.written(path)
     if fit is not None:
-        say_what_follows(out, estimate, fit.verdict, data, window)
+        say_what_follows(out, estimate, fit.verdict, named)

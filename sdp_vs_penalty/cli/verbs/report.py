@@ -14,6 +14,7 @@ def verb(
     gravity: str | None = None,
     findings: Path | None = None,
     forward: bool = False,
+    as_written: bool = False,
 ) -> None:
     """Write one self-contained HTML file: torques, errors, simulation, parameters, certificate, check.
 
@@ -27,7 +28,7 @@ def verb(
     """
     from sdp_vs_penalty.cli import printing
     from sdp_vs_penalty.cli.next_step import free_name
-    from sdp_vs_penalty.cli.runs import model_from_options, runs_for
+    from sdp_vs_penalty.cli.runs import NamedRuns, model_from_options, runs_for
     from sdp_vs_penalty.reports import check_name, report
 
     check_name(out)  # before the minutes that a report may take
@@ -39,7 +40,8 @@ def verb(
     how: dict[str, Any] = {"findings": findings, "forward": forward}
     how["commands"] = [command_line(["sdp-vs-penalty", *sys.argv[1:]])]
     with console.progress("reading the measurements") as progress:
-        runs_given = runs_for(next(iter(estimates.values())), data, window)
+        named = NamedRuns(data, window, as_written)
+        runs_given = runs_for(next(iter(estimates.values())), named)
         summary = report(
             estimates,
             runs_given.train,

@@ -82,6 +82,7 @@ def _follow(
     drive : "torque", "pd" or "servo"; out : file for the motion of the first free run.
     """
     from sdp_vs_penalty.cli.next_step import say_what_follows
+    from sdp_vs_penalty.cli.runs import NamedRuns
     from sdp_vs_penalty.data.formats import csv
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.simulation.follow import follow
@@ -110,4 +111,4 @@ def _follow(
     if out is not None:
         csv.write(following.free[0].simulated, out)
         console.written(out)
-    say_what_follows(model, estimate, estimate.verdict, runs)
+    say_what_follows(model, estimate, estimate.verdict, NamedRuns(runs))

@@ -19,7 +19,7 @@ def verb(
     --model model.json: Model that the proof must be of.
     --data RUN.csv ...: Measurements that it must be made of.
     """
-    from sdp_vs_penalty.cli.runs import runs_from_options
+    from sdp_vs_penalty.cli.runs import NamedRuns, runs_from_options
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.estimation.proofs import verify_proof_file
     from sdp_vs_penalty.solvers import verify_proof
@@ -37,7 +37,7 @@ def verb(
         raise InputError("--data without a model", "name the model with --model")
     estimate = None if model is None else load_estimate(model)
     runs = (
-        runs_from_options(estimate.problem, data, window)[1]
+        runs_from_options(estimate.problem, NamedRuns(data, window))[1]
         if data and estimate is not None
         else None
     )
