@@ -12,7 +12,7 @@ from sdp_vs_penalty.checks.check import check_runs
 from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue
 from sdp_vs_penalty.checks.report import Report, list_remedies
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError, RepairableError, command_line
+from sdp_vs_penalty.errors import InputError, RepairableError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.problem.check_command import CheckCommand
 from sdp_vs_penalty.problem.problem import Problem
@@ -145,14 +145,16 @@ def explanations_in_a_line(
     if len(texts) > 1:
         others = f" (and {formatting.count(len(texts) - 1, 'more such thing')})"
     apply = list(dict.fromkeys(f.apply for _, f in explanations if f.apply))
-    words = ["check"] if command is None else command.words
-    how = "says more"
-    if apply and command is not None:
-        words = command.applying(apply).repair_words
-        how = "tries the repair, and shows both errors"
+    line, how = "check", "says more"
+    if command is not None:
+        words = command.words
+        if apply:
+            words = command.applying(apply).repair_words
+            how = "tries the repair, and shows both errors"
+        line = formatting.command(*words)
     return (
         f"{first}: it looks as if {texts[0]}{others}. The log is taken as it is;"
-        f" `{command_line(words)}` {how}"
+        f" `{line}` {how}"
     )
 
 

@@ -77,7 +77,7 @@ def test_the_line_about_explanations_names_the_command_that_tries_them():
     command = CheckCommand(problem="arm.urdf", runs=["my run.csv"], hold="gripper=0")
     line = explanations_in_a_line(command, [("my run.csv", issue)])
     expected = (
-        "`check arm.urdf --data 'my run.csv' --hold gripper=0"
+        "`sdp-vs-penalty check arm.urdf --data 'my run.csv' --hold gripper=0"
         " --fix 'my run_fixed.csv' --apply sign:tau2`"
     )
     assert expected in line
@@ -95,7 +95,7 @@ def test_a_hint_in_python_names_the_files_that_were_passed(tmp_path, monkeypatch
     turned = replace(run, tau=run.tau * [1.0, -1.0, 1.0])
     save(turned, folder / "run.csv")
     words = (
-        "`check 'my logs/arm.urdf' --data 'my logs/run.csv'"
+        "`sdp-vs-penalty check 'my logs/arm.urdf' --data 'my logs/run.csv'"
         " --fix 'my logs/run_fixed.csv' --apply sign:tau2` tries the repair"
     )
     for robot in ("my logs/arm.urdf", problem):
