@@ -96,7 +96,7 @@ def run_case(case: Case) -> tuple[Row, list[Claim]]:
     runs = [logged.run for logged in built.logged[:-1]]
     begin = time.process_time()
     try:
-        reports = check_runs(problem, runs, problem.preprocessing, False)
+        reports = check_runs(problem, runs, False)
     except InputError as error:
         return Row(case.key, "", True, str(error), "", "", "", "", 0.0), []
     seconds = time.process_time() - begin

@@ -172,9 +172,8 @@ def _log_odds_of_truth(arm: Arm, corruption: Corruption) -> float:
 
 def _evidence(problem: Problem, run: Measurements) -> Evidence | None:
     """The evidence of all runs of a log; None where no arm can be fitted."""
-    settings = problem.preprocessing
-    reports = [judge_facts(problem, part, settings) for part in run.runs()]
-    judge = LoggerJudge(problem, reports, settings)
+    reports = [judge_facts(problem, part) for part in run.runs()]
+    judge = LoggerJudge(problem, reports)
     return Race([*judge.logs.values()]).all if judge.logs else None
 
 

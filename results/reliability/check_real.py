@@ -84,7 +84,7 @@ def judged(
 ) -> tuple[JudgedLog, list[Claim]]:
     """What is said of some runs of an arm."""
     claims = []
-    reports = check_runs(problem, log, problem.preprocessing, thorough=False)
+    reports = check_runs(problem, log, thorough=False)
     for report in reports:
         for issue in report.errors_and_warnings:
             if issue.kind in OF_THE_MOTION:

@@ -111,7 +111,7 @@ def _of_log(
     ]
     begin = time.process_time()
     try:
-        reports = check_runs(problem, runs, problem.preprocessing, False)
+        reports = check_runs(problem, runs, False)
     except InputError as error:
         reports = []
         print(arm.name, arm.seed, log.change, error)

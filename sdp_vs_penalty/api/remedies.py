@@ -134,8 +134,7 @@ def _transformed(change: Change, state: State) -> State:
     """Repair the runs as `check --fix --apply` does: what is certain, and what is
     named."""
     problem = state.problem
-    settings = problem.preprocessing
-    reports = check_runs(problem, state.runs, settings, thorough=False)
+    reports = check_runs(problem, state.runs, thorough=False)
     repaired = fix_runs(problem, state.runs, reports, change.arguments.get("apply", ()))
     return replace(state, runs=repaired.runs, effect=repaired.sentence)
 

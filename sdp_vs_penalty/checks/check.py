@@ -98,14 +98,14 @@ def check(
         "check(measurements=...)",
         usable=False,
     )
-    settings = preprocessing or problem.preprocessing
-    return check_runs(problem, measurements.runs(), settings, thorough)
+    if preprocessing is not None:
+        problem = replace(problem, preprocessing=preprocessing)
+    return check_runs(problem, measurements.runs(), thorough)
 
 
 def check_runs(
     problem: Problem,
     runs: Sequence[Measurements],
-    settings: Preprocessing,
     thorough: bool = True,
     are_plausible: bool = False,
 ) -> list[Report]:
@@ -140,14 +140,14 @@ def check_runs(
     of_run: list[tuple[Measurements, slice]] = []
     for run in runs:
         first = len(windows)
-        windows += _facts_of_windows(problem, run, settings)
+        windows += _facts_of_windows(problem, run)
         of_run.append((run, slice(first, len(windows))))
     for k, issue in find_overlaps([w.original or w.repaired_all for w in windows]):
         windows[k] = with_issues(windows[k], [issue])
-    windows = judge_dynamics(problem, windows, settings)
+    windows = judge_dynamics(problem, windows)
     windows = [judge_ranges(problem, report, are_plausible) for report in windows]
     if thorough:
-        windows = [judge_excitation(problem, report, settings) for report in windows]
+        windows = [judge_excitation(problem, report) for report in windows]
     windows = [
         replace(
             w,
@@ -159,9 +159,7 @@ def check_runs(
     return [replace(r, issues=gravest_first(r.issues)) for r in reports]
 
 
-def _facts_of_windows(
-    problem: Problem, run: Measurements, settings: Preprocessing
-) -> list[Report]:
+def _facts_of_windows(problem: Problem, run: Measurements) -> list[Report]:
     """Return one report with the facts of a run; of a long run, one for each window.
 
     A long run with unusable rows has a single report, which refuses it.
@@ -173,10 +171,10 @@ def _facts_of_windows(
         except InputError as error:
             issue = make_refusal("unusable rows", error, READ)
             return [Report(run.names[0], (issue,), run, run)]
-    return [judge_facts(problem, window, settings) for window in windows]
+    return [judge_facts(problem, window) for window in windows]
 
 
-def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) -> Report:
+def judge_facts(problem: Problem, run: Measurements) -> Report:
     """Report the facts of a run, and repair those that can be repaired.
 
     Facts are read from rows, clock and channels. An arm is fitted only to a torque that
@@ -188,15 +186,12 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
     ----------
     problem : Problem
         Of the robot that was logged.
-    settings : Preprocessing
-        Filters, whose standstill says when the arm moves.
     """
     if not len(run.t):
         error = InputError("there are no rows", "log the motion", run.names[0])
         issue = make_refusal("no rows", error, READ)
         return Report(run.names[0], (issue,), run, run)
-    with_filters = replace(problem, preprocessing=settings)
-    issues, glance = mended(run, problem.robot, settings.standstill, with_filters)
+    issues, glance = mended(run, problem)
     work = glance.run
     report = Report(run.names[0], tuple(issues), work, run, original=run)
     if any(f.kind in NO_ROWS for f in issues):
@@ -219,15 +214,15 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
             if not work.torque_unit:
                 issues += channels.find_torques_in_counts(glance)
         if not any(f.kind in NO_DYNAMICS for f in issues):
-            issues += _coarse(glance, settings)
+            issues += _coarse(glance)
     return replace(report, issues=tuple(issues), lockstep=lockstep)
 
 
-def _coarse(glance: RunSummary, settings: Preprocessing) -> list[Issue]:
+def _coarse(glance: RunSummary) -> list[Issue]:
     """List the issues about positions too coarse in time or resolution to be
     differentiated twice; none for a run too short to be filtered."""
     try:
-        known = settings.resolve(glance.run)
+        known = glance.problem.preprocessing.resolve(glance.run)
         filtered = FilteredRun(glance.run, known, glance.movement)
         motion = joined(filtered.states())
         return [*channels.find_coarse_sampling(glance, motion, known)]
@@ -255,8 +250,7 @@ def judge_ranges(
     explained = "encoder offset", *KINDS_OF_UNITS
     has_rows = len(report.repaired_all.t) >= RUN
     if has_rows and not any(f.kind in explained for f in issues):
-        standstill = problem.preprocessing.standstill
-        glance = RunSummary(report.repaired_all, problem.robot, standstill)
+        glance = RunSummary(report.repaired_all, problem)
         issues += [*channels.find_positions_outside_range(glance)]
     if not any(f.severity == "error" for f in issues):
         issues = _with_range_error(problem, report, issues, is_plausible)
@@ -312,9 +306,7 @@ def _explanations_of_positions(
     return [f for f in issues if f.apply.startswith(channels)]
 
 
-def judge_excitation(
-    problem: Problem, report: Report, settings: Preprocessing
-) -> Report:
+def judge_excitation(problem: Problem, report: Report) -> Report:
     """Report the base parameters that the motion of a repaired run does not determine.
 
     The report stays as it is if the dynamics of the run were not judged.
@@ -333,7 +325,7 @@ def judge_excitation(
         return report
     gravity = report.gravity or problem.robot.gravity
     run = report.repaired_all
-    known = settings.resolve(run)
+    known = problem.preprocessing.resolve(run)
     rows = FilteredRuns.filtering(run, known)
     issues = residual.not_excited(problem.with_gravity(gravity), rows)
     return replace(report, issues=(*report.issues, *issues))

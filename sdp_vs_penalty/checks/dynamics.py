@@ -44,7 +44,6 @@ from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.race import Claim, Race, RaceOutcome
 from sdp_vs_penalty.race.rows import RegressionData
 from sdp_vs_penalty.results.remedy import Change
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 #: Currents have no gains of their own that torques would show.
 UNSCALED = ("torque channel kind",)
@@ -54,9 +53,7 @@ TWO_ARMS = "two arms"
 NO_TORQUE = "external torque"
 
 
-def judge_dynamics(
-    problem: Problem, reports: Sequence[Report], settings: Preprocessing
-) -> list[Report]:
+def judge_dynamics(problem: Problem, reports: Sequence[Report]) -> list[Report]:
     """Explain the torques of all runs together: search for faults of the logger, and of
     single runs.
 
@@ -75,7 +72,7 @@ def judge_dynamics(
     units = [*problem_units(problem)]
     if units:
         return [with_issues(report, units) for report in reports]
-    judge = LoggerJudge(problem, reports, settings)
+    judge = LoggerJudge(problem, reports)
     return judge.judge() if judge.logs else judge.reports
 
 
@@ -89,16 +86,13 @@ class LoggerJudge:
     forward in the log of all runs together.
     """
 
-    def __init__(
-        self, problem: Problem, reports: Sequence[Report], settings: Preprocessing
-    ) -> None:
+    def __init__(self, problem: Problem, reports: Sequence[Report]) -> None:
         """Filter the rows of each run whose dynamics can be judged; a run too short for
         the filters gets an issue instead.
 
         reports : of all runs, with their facts.
         """
         self.problem = problem
-        self.settings = settings
         self.reports = [*reports]
         self.logs: dict[int, Likelihood] = {}
         for k, report in enumerate(reports):
@@ -119,7 +113,9 @@ class LoggerJudge:
     def rows_of(self, run: Measurements) -> Likelihood:
         """Return the filtered rows of one run, to fit arms to. Raises InputError for a
         run shorter than the filters need."""
-        data = RegressionData.from_run(self.problem, run, self.settings.resolve(run))
+        data = RegressionData.from_run(
+            self.problem, run, self.problem.preprocessing.resolve(run)
+        )
         return Likelihood(self.problem, data)
 
     def judge(self) -> list[Report]:

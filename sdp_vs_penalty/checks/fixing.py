@@ -211,7 +211,7 @@ def _checked_again(
         {(f.kind, f.where) for f in done if not f.can_fix} for done in issues
     ]
     for number in range(_PASSES + 1):
-        reports = check_runs(problem, copies, problem.preprocessing, thorough=False)
+        reports = check_runs(problem, copies, thorough=False)
         left = [
             [f for f in report.errors_and_warnings if f.can_fix and f.kind in kinds]
             for report, kinds in zip(reports, facts, strict=True)

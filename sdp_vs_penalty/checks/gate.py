@@ -70,13 +70,7 @@ def raise_on_errors(
         Where that work would be meaningless: a fact says so.
     """
     runs = (gate.runs or measurements).runs()
-    reports = check_runs(
-        problem,
-        runs,
-        problem.preprocessing,
-        thorough=False,
-        are_plausible=are_plausible,
-    )
+    reports = check_runs(problem, runs, thorough=False, are_plausible=are_plausible)
     issues = [
         (report.run, issue)
         for report in reports

@@ -37,13 +37,19 @@ class RunSummary:
 
     #: The run as logged.
     run: Measurements
-    #: The robot of n joints that was logged.
-    robot: Robot
-    #: Share of its usual speed below which the robot stands still [-].
-    standstill: float
-    #: Problem whose arm says what a torque that does not change may be; None: nothing
-    #: is said of it.
-    problem: Problem | None = None
+    #: Of the robot of n joints that was logged; its filters say when the arm moves, and
+    #: its arm what a torque that does not change may be.
+    problem: Problem
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that was logged."""
+        return self.problem.robot
+
+    @property
+    def standstill(self) -> float:
+        """Share of its usual speed below which the robot stands still [-]."""
+        return self.problem.preprocessing.standstill
 
     @cached_property
     def steps(self) -> Array:
@@ -80,10 +86,8 @@ class RunSummary:
 
     @cached_property
     def arm_rows(self) -> FilteredRows | None:
-        """The filtered rows with the columns of the arm's model; None without a problem,
-        and for a run that is too short for the filters."""
-        if self.problem is None:
-            return None
+        """The filtered rows with the columns of the arm's model; None for a run that is
+        too short for the filters."""
         try:
             settings = self.problem.preprocessing.resolve(self.run)
             return FilteredRun(self.run, settings).all_rows(self.problem.model())

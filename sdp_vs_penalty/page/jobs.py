@@ -320,7 +320,7 @@ def _judged(job: JobRequest, state: State, uses: Sequence[str]) -> Answer:
     """
     problem = state.problem
     job.progress(f"checking {formatting.count(len(state.runs), 'run')}")
-    reports = check_runs(problem, state.runs, problem.preprocessing, thorough=False)
+    reports = check_runs(problem, state.runs, thorough=False)
     is_alone = len(state.runs) == 1
     facts = robot_facts(job, problem)
     if facts["hold"] != job["robot"].get("hold", ""):  # joints have other numbers

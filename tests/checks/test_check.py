@@ -444,9 +444,7 @@ def test_a_joint_that_rests_between_two_moves_is_not_frozen(two_link):
         np.column_stack([np.cos(t), np.sin(t)]),
     )
     run = Measurements(t, q, tau)
-    assert "frozen position" not in [
-        issue.kind for issue in mended(run, two_link.robot, 0.005)[0]
-    ]
+    assert "frozen position" not in [issue.kind for issue in mended(run, two_link)[0]]
 
 
 @pytest.mark.parametrize("samples", [1, 2, 5, 40])

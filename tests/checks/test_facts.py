@@ -22,15 +22,14 @@ from sdp_vs_penalty.robot import LinkSizes, odd_units
 
 PROBLEM = load_problem("two_link")
 RUN = small_run(PROBLEM, seconds=8.0)
-STANDSTILL = 0.02
 
 
 def summary(run):
-    return RunSummary(run, PROBLEM.robot, STANDSTILL)
+    return RunSummary(run, PROBLEM)
 
 
 def kinds(run):
-    return [x.kind for x in mended(run, PROBLEM.robot, STANDSTILL)[0]]
+    return [x.kind for x in mended(run, PROBLEM)[0]]
 
 
 def coarse(run, step):
@@ -43,7 +42,7 @@ def test_coarse_stamps_are_spaced_evenly_and_no_row_is_lost(times, begin):
     step = times * float(np.median(np.diff(RUN.t)))
     log = replace(coarse(RUN, step), dq=None)
     log = replace(log, t=log.t + begin)
-    issues, _ = mended(log, PROBLEM.robot, STANDSTILL)
+    issues, _ = mended(log, PROBLEM)
     fixed = mended_for_certain(log, issues)
     assert [x.kind for x in issues] == ["coarse time stamps"]
     assert len(fixed.t) == len(RUN.t)
@@ -118,7 +117,7 @@ def test_a_channel_without_numbers_is_named_and_no_row_is_deleted(name):
     values = getattr(RUN, name).copy()
     values[:, 1] = np.nan
     log = replace(RUN, **{name: values})
-    issues, _ = mended(log, PROBLEM.robot, STANDSTILL)
+    issues, _ = mended(log, PROBLEM)
     fixed = mended_for_certain(log, issues)
     assert [(x.kind, x.where) for x in issues] == [
         ("channel without numbers", f"{name}2")
@@ -133,7 +132,7 @@ def test_degrees_that_wrap_are_one_fact(low):
     q = np.column_stack([1.2 * np.sin(1.7 * t), 1.4 * np.cos(2.3 * t)])
     turned = np.degrees(q + (np.pi if low else 0.0))
     log = Measurements(t, (turned - low) % 360.0 + low, np.cos(q))
-    issues, _ = mended(log, PROBLEM.robot, STANDSTILL)
+    issues, _ = mended(log, PROBLEM)
     fixed = mended_for_certain(log, issues)
     (issue,) = [x for x in issues if x.kind == "positions in degrees"]
     assert "wrapped" in issue.what
@@ -277,7 +276,7 @@ def test_a_log_that_is_refused_is_repaired_although_its_error_stays():
 
 def test_logged_velocities_are_certain_of_milliseconds():
     log = replace(RUN, t=1e3 * RUN.t)
-    issue = next(x for x in mended(log, PROBLEM.robot, STANDSTILL)[0])
+    issue = next(x for x in mended(log, PROBLEM)[0])
     assert (issue.kind, issue.certainty.grade) == ("time unit", "certain")
     assert "the logged velocities give 0.0100" in str(issue.certainty)
 

@@ -21,10 +21,10 @@ from sdp_vs_penalty.checks.issue import mended_for_certain
 from sdp_vs_penalty.data.files import check_usable
 from sdp_vs_penalty.errors import InputError
 
-ROBOT = load_problem("two_link").robot
+PROBLEM = load_problem("two_link")
+ROBOT = PROBLEM.robot
 RATE = 250
 PERIOD = 8.0
-STANDSTILL = 0.02
 
 
 def stepped(x, step):
@@ -46,14 +46,12 @@ def motion(periods=3, encoder=0.0, torque=0.0, noise=0.02):
 
 def found(kind, run):
     """What the rules, each by itself, say of that kind of a run."""
-    said = (
-        issue for rule in RULES for issue in rule(RunSummary(run, ROBOT, STANDSTILL))
-    )
+    said = (issue for rule in RULES for issue in rule(RunSummary(run, PROBLEM)))
     return next((issue for issue in said if issue.kind == kind), None)
 
 
 def told(run):
-    issues, _ = mended(run, ROBOT, STANDSTILL)
+    issues, _ = mended(run, PROBLEM)
     fixed = mended_for_certain(run, issues)
     return issues, fixed
 
@@ -71,7 +69,7 @@ def test_what_is_left_of_a_spoiled_log_is_the_clean_one(name):
     (kind, gone, off), clean = ROWS[name], replace(motion(), dq=None)
     (corruption,) = (c for c in corruptions(2) if c.name == name)
     spoiled = corruption.spoil(clean)
-    (issue,), summary = mended(spoiled, ROBOT, STANDSTILL)
+    (issue,), summary = mended(spoiled, PROBLEM)
     fixed = mended_for_certain(spoiled, [issue])
     whole = summary.run
     assert issue.kind == kind
@@ -163,7 +161,7 @@ def test_a_joint_that_is_told_to_go_beyond_its_range_lies_against_its_end_stop(f
     )  # it follows its command 20 ms later
     q[:, 0] = q[:, 0] if follows else np.clip(q[:, 0], -range_ - 0.01, range_ + 0.01)
     run = replace(run, q=q, commanded={"qcmd": told})
-    issues, _ = mended(run, narrow, STANDSTILL)
+    issues, _ = mended(run, replace(PROBLEM, robot=narrow))
     fixed = mended_for_certain(run, issues)
     issue = next((x for x in issues if x.kind == "end stop"), None)
     assert (issue is None) is follows
@@ -185,9 +183,7 @@ def test_stamps_that_jitter_over_even_samples_are_spaced_evenly():
     rng = np.random.default_rng(2)
     even = clean.t
     jittered = even + rng.uniform(-0.4, 0.4, len(even)) / RATE
-    issues, summary = mended(
-        replace(clean, t=jittered), ROBOT, STANDSTILL
-    )  # likely, not certain
+    issues, summary = mended(replace(clean, t=jittered), PROBLEM)  # likely, not certain
     (issue,) = [x for x in issues if x.kind == "jittered time stamps"]
     steps = np.diff(jittered)
     assert issue.severity == "warning"
@@ -313,7 +309,7 @@ def test_a_time_that_repeats_keeps_the_first_of_its_rows():
 
 def silent_about_zeros(run):
     """No rule calls a zero a row that was filled in, and nothing is an error."""
-    issues, _ = mended(run, ROBOT, STANDSTILL)
+    issues, _ = mended(run, PROBLEM)
     fixed = mended_for_certain(run, issues)
     kinds = [x.kind for x in issues]
     is_error = any(x.severity == "error" for x in issues)
@@ -359,7 +355,7 @@ def test_a_channel_that_never_changes_at_a_joint_that_rests_is_no_error():
     q, tau = clean.q.copy(), clean.tau.copy()
     q[:, 1], tau[:, 1] = 0.3, 0.0
     still = replace(clean, q=q, tau=tau, dq=None)
-    (dead,) = find_bad_torque_channels(RunSummary(still, ROBOT, STANDSTILL))
+    (dead,) = find_bad_torque_channels(RunSummary(still, PROBLEM))
     assert (dead.kind, dead.severity) == ("dead channel", "note")
 
 

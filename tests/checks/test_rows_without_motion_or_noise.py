@@ -69,7 +69,7 @@ LOGS = {
 @pytest.mark.parametrize("name", LOGS)
 def test_what_the_rows_are(name):
     run, kinds = LOGS[name]
-    report = judge_facts(PROBLEM, run, PROBLEM.preprocessing)
+    report = judge_facts(PROBLEM, run)
     assert [issue.kind for issue in report.errors_and_warnings] == kinds
 
 

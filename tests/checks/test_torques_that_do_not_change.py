@@ -106,7 +106,7 @@ KINDS = {kind for _, facts in LOGS.values() for kind, _ in facts}
 
 def facts_of(problem, run):
     """The facts about the torque of a run."""
-    report = judge_facts(problem, run, problem.preprocessing)
+    report = judge_facts(problem, run)
     return [issue for issue in report.issues if issue.kind in KINDS]
 
 

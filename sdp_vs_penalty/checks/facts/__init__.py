@@ -41,7 +41,6 @@ from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.robot.robot import Robot
 
 #: In the order of mending; all but the first ask of RUN rows in which something moves.
 FEW_ROWS = find_channels_without_numbers, find_missing_numbers, find_static_poses
@@ -71,18 +70,15 @@ RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
 )
 
 
-def mended(
-    run: Measurements, robot: Robot, standstill: float, problem: Problem | None = None
-) -> tuple[list[Issue], RunSummary]:
+def mended(run: Measurements, problem: Problem) -> tuple[list[Issue], RunSummary]:
     """Apply the rules about rows, clock and channels in order, each to the run as the
     rules before have repaired it.
 
     Parameters
     ----------
-    standstill : float
-        Share of its speed below which the robot stands still.
-    problem : Problem, optional
-        Of the robot: with it torques that do not change are judged by the arm.
+    problem : Problem
+        Of the robot: its filters say when it stands still, its arm judges torques that
+        do not change.
 
     Returns
     -------
@@ -92,7 +88,7 @@ def mended(
         Of the run with all of them mended.
     """
     issues: list[Issue] = []
-    glance = RunSummary(run, robot, standstill, problem)
+    glance = RunSummary(run, problem)
     for rule in RULES:
         if any(issue.kind in NO_ROWS for issue in issues):
             break

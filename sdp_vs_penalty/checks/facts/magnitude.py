@@ -37,7 +37,7 @@ def find_model_torques(glance: RunSummary) -> Iterator[Issue]:
     rows = None
     if not any(shows_noise(glance.run.tau[:, j]) for j in joints):
         rows = glance.arm_rows
-    if rows is None or glance.problem is None:
+    if rows is None:
         return
     links = glance.problem.model().rigid_indices
     shares = []
@@ -161,7 +161,7 @@ def magnitudes(glance: RunSummary, joints: Sequence[int]) -> list[int]:
     a smaller fall of it says nothing.
     """
     rows = glance.arm_rows if joints else None
-    if rows is None or glance.problem is None:
+    if rows is None:
         return []
     nominal = glance.problem.nominal(glance.problem.model())
     return [j for j in joints if _is_magnitude(rows, j, nominal)]

@@ -119,7 +119,7 @@ def _read_and_check(
         )
         runs = [run for run in measured if isinstance(run, Measurements)]
         progress(f"judging {len(runs)} runs" if len(runs) > 1 else files[0].name)
-        return robot, runs, check_runs(robot, runs, robot.preprocessing), hold
+        return robot, runs, check_runs(robot, runs), hold
 
 
 def _write_copies(
