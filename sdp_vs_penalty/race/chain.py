@@ -91,37 +91,20 @@ class LogTransform:
     events: tuple[LogEvent, ...] = ()
 
     @classmethod
+    @lru_cache(99)
     def unchanged(cls, n: int, gravity: tuple[float, ...]) -> LogTransform:
         """Return the repair that changes nothing of n joints under a gravity in the
         base frame [m/s^2]."""
         in_order = tuple(range(n))
-        ones = (1.0,) * n
-        zeros = (0.0,) * n
-        return cls(
-            order=in_order,
-            scale=ones,
-            zero=zeros,
-            tau_order=in_order,
-            gain=ones,
-            lead=zeros,
-            lag=zeros,
-            gravity=gravity,
-            lacks=zeros,
-            longer=zeros,
-            bend=zeros,
-            limit=zeros,
-            ratio=ones,
-            carried=zeros,
-        )
+        names = "zero", "lead", "lag", "lacks", "longer", "bend", "limit", "carried"
+        numbers: dict[str, Any] = dict.fromkeys(names, (0.0,) * n)
+        numbers |= dict.fromkeys(("scale", "gain", "ratio"), (1.0,) * n)
+        return cls(in_order, tau_order=in_order, gravity=gravity, **numbers)
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return len(self.order)
-
-    def with_rate(self, rate: float) -> LogTransform:
-        """Return the repair with true time running at ``rate`` times the file's [-]."""
-        return replace(self, rate=rate)
 
     def with_entries(
         self, name: str, joints: Sequence[int], value: Any
@@ -203,7 +186,7 @@ class LogTransform:
     def with_defaults(self, *names: str) -> LogTransform:
         """Return the repair with the named fields as in a log without a fault; itself
         where they are so already (so that caches find it)."""
-        unchanged = _unchanged(self.n, self.gravity)
+        unchanged = self.unchanged(self.n, self.gravity)
         defaults: dict[str, Any] = {
             name: getattr(unchanged, name)
             for name in names
@@ -304,7 +287,7 @@ class LogTransform:
         Measurements
             The run repaired; itself where nothing of the log changes.
         """
-        unchanged = LogTransform.unchanged(self.n, self.gravity)
+        unchanged = self.unchanged(self.n, self.gravity)
         if self.with_defaults("lacks", "longer", "bend", "events") == unchanged:
             return run
         t = run.t
@@ -335,12 +318,6 @@ class LogTransform:
         tau = self.within_limits(tau * self.torque_factors)
         a = self.joints_by_motors
         return np.asarray(tau if a is None else tau @ np.linalg.inv(a))
-
-
-@lru_cache(99)
-def _unchanged(n: int, gravity: tuple[float, ...]) -> LogTransform:
-    """Return the repair that changes nothing of n joints under a gravity [m/s^2]."""
-    return LogTransform.unchanged(n, gravity)
 
 
 def _in_reverse(run: Measurements) -> Measurements:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -221,3 +221,19 @@ class Hypothesis:
         if chain != view.chain:
             further = tuple(x.under(chain) for x in further)
         return replace(view, chain=chain, further=further)
+
+
+def at_sizes(
+    kind: str,
+    log_prior: float,
+    now: LogTransform,
+    number: Number,
+    sizes: Iterable[float] = (0.0,),
+) -> Iterator[Hypothesis]:
+    """Yield hypotheses about one number, from each of several sizes beyond what a
+    transform has: the race refines them."""
+    for size in sizes:
+        chain = now
+        if size:
+            chain = number.at(now, number.size_in(now) + size)
+        yield Hypothesis(kind, number.joints, log_prior, chain, number)

@@ -11,7 +11,7 @@ from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Hypothesis, Number
+from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
 
 #: Rates that are tried: true time over the file's [-].
 _RATES = (1.0, 0.5, 0.75, 1.4, 2.0)
@@ -42,9 +42,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     )
     if not any(now.gravity):
         return
-    for factor in _RATES:
-        chain = now.with_rate(now.rate * factor)
-        yield Hypothesis("clock rate", (), prior_of_one_of(2), chain, _RATE)
+    yield from at_sizes("clock rate", prior_of_one_of(2), now, _RATE, np.log(_RATES))
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
@@ -67,7 +65,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             what=f"time runs {max(rate, 1.0 / rate):.3g} times too {word}: inertia does"
             " not fit the weight.",
             remedy=f"multiply t by {rate:.3g} (find out the log's true rate)",
-            without=chain.with_rate(1.0),
+            without=replace(chain, rate=1.0),
             number=_RATE,
             in_words=lambda x: f"a factor of {np.exp(x):.3g}",
             place="column t",

@@ -10,7 +10,7 @@ from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Hypothesis, Number
+from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
 
 #: Times that are tried [s], by entry of a transform: by how much a torque is later than
 #: the motion (``lead``), and time constants of a causal low-pass (``lag``).
@@ -49,85 +49,53 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     every = tuple(range(log.n))
     for field, times in _TIMES_TRIED.items():
         of_all, of_one = _KINDS[field]
-        for time in times:
-            chain = now.with_entries(field, every, time) if time else now
-            number = _number(field, every)
-            yield Hypothesis(of_all, every, prior_of_one_of(1), chain, number)
-            if len(log.joints) == 1 or time < 0.0:
-                continue
-            for j in log.joints:
-                chain = now.with_entries(field, (j,), time) if time else now
-                number = _number(field, (j,))
-                prior = prior_of_one_of(log.n)
-                yield Hypothesis(of_one, (j,), prior, chain, number)
+        yield from at_sizes(
+            of_all, prior_of_one_of(1), now, _number(field, every), times
+        )
+        late = [time for time in times if time >= 0.0]
+        for j in log.joints if len(log.joints) > 1 else ():
+            number = _number(field, (j,))
+            yield from at_sizes(of_one, prior_of_one_of(log.n), now, number, late)
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     """Yield a fault for each delay and each low-pass of torques."""
-    for joints, seconds in chain.list_nonzero("lead"):
-        yield _delay(log, chain, joints, seconds)
-    for joints, seconds in chain.list_nonzero("lag"):
-        yield _low_pass(log, chain, joints, seconds)
+    for field, kinds in _KINDS.items():
+        for joints, seconds in chain.list_nonzero(field):
+            is_all = len(joints) == log.n
+            channel = "the torques" if is_all else f"tau{joints[0] + 1}"
+            others = "the positions" if is_all else "the other torques"
+            if field == "lead":
+                when = "later" if seconds > 0.0 else "earlier"
+                what = (
+                    f"{_milliseconds(abs(seconds))} {when} than the motion: {channel};"
+                )
+                what = f"{what} {others} have not moved."
+                remedy = (
+                    f"shift {channel} in time (and log all channels from one source)"
+                )
+            else:
+                hertz = 1.0 / (2.0 * np.pi * max(seconds, 1e-6))  # corner frequency
+                what = f"a causal low-pass of {hertz:.2g} Hz ({_milliseconds(seconds)})"
+                what = f"{what} on {channel}; {others} have not one."
+                remedy = (
+                    f"log {channel} unfiltered, or filter every channel alike and without"
+                    " lag"
+                )
+            yield Fault(
+                kind=kinds[0] if is_all else kinds[1],
+                joints=joints,
+                what=what,
+                remedy=remedy,
+                without=chain.with_entries(field, joints, 0.0),
+                number=_number(field, joints),
+                in_words=_milliseconds,
+                # A single joint is named by the issue itself.
+                place="all torque channels" if is_all and log.n > 1 else "",
+                is_repairable=field == "lead",
+            )
 
 
 def _milliseconds(seconds: float) -> str:
     """Return a time [s] in words: "25 ms"."""
     return f"{1e3 * seconds:.0f} ms"
-
-
-def _place(log: Likelihood, joints: tuple[int, ...]) -> str:
-    """Return in words where the fault is: all channels; empty for a single joint, which
-    the issue names by itself."""
-    is_all = len(joints) == log.n > 1
-    return "all torque channels" if is_all else ""
-
-
-def _delay(
-    log: Likelihood, chain: LogTransform, joints: tuple[int, ...], seconds: float
-) -> Fault:
-    """Return the fault that some joints' torques, or all, are later than the motion.
-
-    seconds : by how much; negative where they are earlier.
-    """
-    is_all = len(joints) == log.n
-    channel = "the torques" if is_all else f"tau{joints[0] + 1}"
-    others = "the positions have not" if is_all else "the other torques have not"
-    when = "later" if seconds > 0.0 else "earlier"
-    milliseconds = f"{1e3 * abs(seconds):.0f} ms"
-    return Fault(
-        kind="delay" if is_all else "channel delay",
-        joints=joints,
-        what=f"{milliseconds} {when} than the motion: {channel}; {others} moved.",
-        remedy=f"shift {channel} in time (and log all channels from one source)",
-        without=chain.with_entries("lead", joints, 0.0),
-        number=_number("lead", joints),
-        in_words=_milliseconds,
-        place=_place(log, joints),
-    )
-
-
-def _low_pass(
-    log: Likelihood, chain: LogTransform, joints: tuple[int, ...], seconds: float
-) -> Fault:
-    """Return the fault that some joints' torques, or all, went through a causal
-    low-pass.
-
-    seconds : its time constant.
-    """
-    is_all = len(joints) == log.n
-    channel = "the torques" if is_all else f"tau{joints[0] + 1}"
-    others = "the positions have not" if is_all else "the other torques have not"
-    hertz = 1.0 / (2.0 * np.pi * max(seconds, 1e-6))  # corner frequency
-    return Fault(
-        kind="torque filter" if is_all else "channel filter",
-        joints=joints,
-        what=f"a causal low-pass of {hertz:.2g} Hz ({_milliseconds(seconds)}) on {channel};"
-        f" {others} one.",
-        remedy=f"log {channel} unfiltered, or filter every channel alike and without"
-        " lag",
-        without=chain.with_entries("lag", joints, 0.0),
-        number=_number("lag", joints),
-        in_words=_milliseconds,
-        place=_place(log, joints),
-        is_repairable=False,
-    )

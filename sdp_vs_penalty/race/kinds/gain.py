@@ -10,7 +10,7 @@ from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import UNITS, Fault, joints_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Hypothesis, Number
+from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
 
 #: Factors that are tried beside those near one: units, and a grid whose steps the
 #: refinement bridges.
@@ -43,11 +43,9 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         return
     for j in log.joints:
         prior = prior_of_one_of(log.n)
-        yield Hypothesis("torque gain", (j,), prior, now, _number(j))
-        for factor in _GAINS:
-            chain = now.with_multiplied("gain", (j,), factor)
-            number = _number(j, _SD_OF_UNITS)
-            yield Hypothesis("torque gain", (j,), prior - np.log(2.0), chain, number)
+        yield from at_sizes("torque gain", prior, now, _number(j))
+        of_unit = _number(j, _SD_OF_UNITS), np.log(_GAINS)
+        yield from at_sizes("torque gain", prior - np.log(2.0), now, *of_unit)
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:

@@ -10,7 +10,7 @@ from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Hypothesis, Number
+from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
 
 #: Ratios that are tried, over the logger's [-].
 _RATIOS = (1.0, 0.6, 1.6)
@@ -35,10 +35,8 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     if not fit.is_poorly_explained.any():
         return
     for j in log.revolute:
-        for ratio in _RATIOS:
-            chain = now.with_multiplied("ratio", (j,), ratio)
-            prior = prior_of_one_of(log.n)
-            yield Hypothesis("gear ratio", (j,), prior, chain, _number(j))
+        prior = prior_of_one_of(log.n)
+        yield from at_sizes("gear ratio", prior, now, _number(j), np.log(_RATIOS))
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:

@@ -12,7 +12,7 @@ from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, prior_of_one_of
 from sdp_vs_penalty.race.kinds.position_unit import COUNTS, counts_a_turn, undone_unit
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Hypothesis, Number
+from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
 
 #: Factors that are tried [-].
 _FACTORS = (1.0, 0.75, 1.35)
@@ -50,12 +50,8 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     is_in_radians = bool(np.all(np.abs(now.scale)[log.revolute] == 1.0))
     if not is_in_radians or len(log.revolute) < 2 or not fit.is_poorly_explained.any():
         return
-    for factor in _FACTORS:
-        chain = now.with_multiplied("scale", log.revolute, factor)
-        prior = prior_of_one_of(1)
-        yield Hypothesis(
-            "position scale", tuple(log.revolute), prior, chain, _number(log)
-        )
+    prior = prior_of_one_of(1)
+    yield from at_sizes("position scale", prior, now, _number(log), np.log(_FACTORS))
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:

@@ -9,7 +9,7 @@ from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, joints_text, percent_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Hypothesis, Number
+from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
 
 #: Below this bend, the largest logged torque over the limit, a channel is as straight
 #: as sensors are.
@@ -29,10 +29,8 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield the torque of each joint straightened, for an amplifier whose limit the
     largest torque comes near to."""
     for j in evidence.log.joints:
-        for bend in _BENDS:
-            chain = fit.chain.with_entries("bend", (j,), bend)
-            prior = prior_of_one_of(evidence.log.n)
-            yield Hypothesis("saturation", (j,), prior, chain, _number(j))
+        prior = prior_of_one_of(evidence.log.n)
+        yield from at_sizes("saturation", prior, fit.chain, _number(j), _BENDS)
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:

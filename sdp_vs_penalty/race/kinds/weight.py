@@ -7,7 +7,7 @@ from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, joints_text, percent_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Hypothesis, Number
+from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
 
 
 def _number(joints: tuple[int, ...]) -> Number:
@@ -23,14 +23,10 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     if not any(now.gravity):
         return
     kind, every = "gravity removed", tuple(range(log.n))
-    for share in (1.0, 0.8):
-        chain = now.with_entries("lacks", every, share)
-        yield Hypothesis(kind, every, prior_of_one_of(1), chain, _number(every))
-    if log.n == 1:
-        return
-    for j in log.revolute:
-        chain = now.with_entries("lacks", (j,), 1.0)
-        yield Hypothesis(kind, (j,), prior_of_one_of(log.n), chain, _number((j,)))
+    yield from at_sizes(kind, prior_of_one_of(1), now, _number(every), (1.0, 0.8))
+    for j in log.revolute if log.n > 1 else ():
+        prior = prior_of_one_of(log.n)
+        yield from at_sizes(kind, prior, now, _number((j,)), (1.0,))
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
