@@ -489,22 +489,16 @@ def test_the_notebook_runs(
 
 
 def test_the_recipe_of_a_control_loop_renews_a_certified_fit():
-    _, _, text = (
-        (DOCS / "performance.md")
-        .read_text(encoding="utf-8")
-        .partition("## In a control loop")
-    )
-    recipe = blocks(text, "python")[0].replace('"panda"', '"two_link"')
-    run = experiment(load_problem("two_link")).training_run(seed=0)
+    recipe = runpy.run_path(str(DOCS / "renewed_fit.py"))
+    problem = load_problem("two_link")
+    run = experiment(problem).training_run(seed=0)
     middle = float(run.t[0] + 0.5 * (run.t[-1] - run.t[0]))
-    end = float(run.t[0] + 1.0 * (run.t[-1] - run.t[0]))
-    names = {"first": run.window(float(run.t[0]), middle)}
-    exec(recipe, names)  # our own page
-    posed = names["fit"]
-    again = names["renew"](run.window(middle, end))
-    assert names["fit"] is not posed
-    assert names["fit"].gap <= 1e-8
-    np.testing.assert_array_equal(again, names["fit"].theta)
+    fit = recipe["RenewedFit"](problem, run.window(float(run.t[0]), middle))
+    first = fit.fit
+    again = fit.renew(run.window(middle, float(run.t[-1])))
+    assert fit.fit is not first
+    assert fit.fit.gap <= 1e-8
+    np.testing.assert_array_equal(again, fit.fit.theta)
 
 
 @pytest.fixture(scope="module")
@@ -615,7 +609,6 @@ RUN_BY = {
     "docs/how-to.md": (test_answers_print_what_they_show,),
     "docs/online.md": ("online/test_payload.py",),
     "docs/only-currents.md": (test_pages_of_real_logs_run,),
-    "docs/performance.md": (test_the_recipe_of_a_control_loop_renews_a_certified_fit,),
     "docs/ranges.md": (test_answers_print_what_they_show,),
     "docs/tool.md": (test_answers_print_what_they_show,),
     "docs/tutorial.md": (test_all_commands_of_a_page_print_what_it_shows,),
