@@ -53,6 +53,8 @@ FINDINGS_FORMAT = 2
 _MOST_NAMED = 2
 #: What is said where the residual was taken for noise, which it then equals.
 _MAY_HIDE = f"small effects may hide, since {NOISE_UNKNOWN}."
+#: Doubts about the size of a torque that is there, and of no other effect.
+_OF_SIZE = {"uncertain", "insignificant"}
 #: How far a finding is to be believed; see :attr:`Rated.rating`.
 Rating = Literal["confident", "near-tie", "weak"]
 
@@ -86,6 +88,14 @@ class Rated(JsonRecord):
             return "confident"
         reasons = {doubt.reason for doubt in self.doubts}
         return "near-tie" if reasons and reasons <= NAME_IS_OPEN else "weak"
+
+    @property
+    def badge(self) -> str:
+        """The rating, or what is uncertain of a weak one whose torque is there."""
+        if self.rating != "weak" or not self.torque_is_certain:
+            return self.rating
+        reasons = {doubt.reason for doubt in self.doubts}
+        return "size uncertain" if reasons <= _OF_SIZE else "cause uncertain"
 
     @property
     def grade_and_why(self) -> tuple[Grade, str]:
@@ -906,7 +916,8 @@ class Diagnosis(Record, JsonRecord):
         """
         remedies = [*self.log_faults]
         adds_curves = bool(self.curves) and not self.leaves_curves_out
-        if self.sure or adds_curves or self.passing:
+        leaves_spans_out = bool(self.passing) and not self.frozen
+        if self.sure or adds_curves or leaves_spans_out:
             remedies.append(self._all_that_is_sure)
         remedies += [constant.remedy for constant in self.retuned]
         remedies += self.remedies_by_finding
@@ -1036,7 +1047,7 @@ class Diagnosis(Record, JsonRecord):
         if main is not None:
             likeness = "" if main.effect_is_certain else "something like "
             text = f"Joint {main.main_joint} errs: {likeness}{effect_name(main.effect)}"
-            text += f" ({'uncertain' if main.rating == 'weak' else main.rating})"
+            text += f" ({main.badge})"
             others = [found for found in self.sure if found is not main]
             if len(others) > _MOST_NAMED:
                 return f"{text}, and {len(others)} more."

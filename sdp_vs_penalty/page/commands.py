@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from sdp_vs_penalty import formatting
-
 if TYPE_CHECKING:
     from sdp_vs_penalty.page.model_step import ModelStep
 
@@ -19,8 +17,8 @@ def commands_of(
     seed: int,
     options: Mapping[str, str],
     has_check: bool,
-) -> list[str]:
-    """Return the command lines that repeat a session's work, one a step.
+) -> list[list[str]]:
+    """Return the words of the command lines that repeat a session's work, one a step.
 
     They are what made the runs, `identify` unless the first model was opened from a
     file, and for each further model the `diagnose` that names its effects and `add`;
@@ -35,7 +33,7 @@ def commands_of(
     """
     commands = [[*words] for words in prepared]
     if not history:
-        return [formatting.command(*words) for words in commands]
+        return commands
     source = robot["file"] or robot["source"]
     first = history[0]
     data = data_words(runs)
@@ -55,7 +53,9 @@ def commands_of(
         for option, value in given.items():
             words += option_words(option, value) if value else []
         commands.append(["identify", source, *data, *words, "--out", name])
-    for k, model in enumerate(history[1:], start=2):
+    # A model that was kept is the last of those that the commands before it made.
+    n_made = max(1, sum(words[0] in ("identify", "add") for words in prepared))
+    for k, model in enumerate(history[1:], start=n_made + 1):
         frozen = ["--frozen"] if model.frozen else []
         how = [*data, *test, "--seed", str(seed), *frozen]
         what = [",".join(model.added)]
@@ -73,15 +73,15 @@ def commands_of(
         commands.append(["add", *words, str(seed), *frozen, "--out", name])
     if history[-1].findings is not None:
         how = [*data, *test, "--seed", str(seed)]
-        commands.append(
-            ["diagnose", name, *how, "--json", f"findings{len(history)}.json"]
-        )
+        frozen = ["--frozen"] if history[-1].findings.frozen else []
+        found = f"findings{n_made + len(history) - 1}.json"
+        commands.append(["diagnose", name, *how, *frozen, "--json", found])
     if test:
         judged = ["--data", *test[1:2]]
         if "--test-window" in test:
             judged += ["--window", test[-1]]
         commands.append(["compare", *names, *judged])
-    return [formatting.command(*words) for words in commands]
+    return commands
 
 
 def data_words(runs: Sequence[Mapping[str, Any]]) -> list[str]:

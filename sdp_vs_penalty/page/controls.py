@@ -12,7 +12,7 @@ from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from sdp_vs_penalty.page.model_step import ModelStep
-from sdp_vs_penalty.page.sessions import SUFFIXES
+from sdp_vs_penalty.page.session import ENDINGS
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.render.pieces import framed
 from sdp_vs_penalty.render.tables import model_table
@@ -192,27 +192,25 @@ def option_help(option: Action) -> str:
     return spoken(option.help or "")
 
 
-def drop(text: str, kind: str) -> None:
+def drop(text: str, *kinds: str) -> None:
     """Draw a zone to drop files on, which opens a file chooser when it is clicked.
 
-    kind : what the files are for, a key of SUFFIXES; "runs" takes several at once. The
-    script workbench.js sends them to the server.
+    kinds : what the chooser offers, keys of ENDINGS; its first one names the zone. The
+    script workbench.js sends files to the server, from wherever they are dropped.
     """
-    accept = SUFFIXES[kind]
-    several = kind == "runs"
-    files = f"choose files: {', '.join(sorted(accept))}"
-    hint = f"or {files}" if several else "drop a file here, or choose one"
-    with tag("label", style="drop", data_drop=kind):
-        files_of = {"type": "file", "accept": ",".join(accept), "data_send": kind}
+    with tag("label", style="drop"):
+        endings = [ending for kind in kinds for ending in ENDINGS[kind]]
+        files = {"type": "file", "accept": ",".join(endings), "data_send": ""}
         tag(
             "input",
-            data_key=f"drop-{kind}",
+            data_key=f"drop-{kinds[0]}",
             aria_label=text,
-            multiple=several,
-            **files_of,
+            multiple=True,
+            **files,
         )
         tag("strong", text)
-        tag("span", hint)
+        shown = ", ".join(sorted(endings)) if len(kinds) == 1 else "all at once"
+        tag("span", f"or choose files: {shown}")
 
 
 def details(title: str, key: str, on: bool = False) -> Any:

@@ -42,7 +42,12 @@ from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.data.plausibility import check_torque, find_idle_joints
 from sdp_vs_penalty.data.words.tokens import group_of
 from sdp_vs_penalty.diagnosis.adding import add
-from sdp_vs_penalty.diagnosis.comparison import Comparison, compare, predicted
+from sdp_vs_penalty.diagnosis.comparison import (
+    Comparison,
+    compare,
+    compare_filtered,
+    predicted,
+)
 from sdp_vs_penalty.diagnosis.diagnose import diagnose as find_missing_effects
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
@@ -89,7 +94,7 @@ from sdp_vs_penalty.robot.model_files import format_of
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.robot_file import as_urdf
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, PointTrajectory
-from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
+from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, Rows
 from sdp_vs_penalty.simulation.follow import follow
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
@@ -98,6 +103,8 @@ Answer = dict[str, Any]
 CARD_ROWS = 20_000
 #: Rows of the judged runs in which it is looked where a model fails: a minute at 1 kHz.
 MOST_LOOKED_AT = 60_000
+#: Samples of all runs up to which the error of each run is told apart.
+MOST_JUDGED_APART = 200_000
 #: Poses of the arm over a run, between which the page's 3D view interpolates.
 POSES_OF_A_RUN = 160
 
@@ -860,9 +867,8 @@ def open_model(job: JobRequest) -> Answer:
 def judge(job: JobRequest) -> Answer:
     """Judge the models of a history again, on the runs as they are used now.
 
-    ``job["steps"]`` holds of each its file ("model"), the diagnosis behind it
-    ("diagnosed"; None without one), and the new file ("out"). Returns {"steps": the
-    record of each, as :func:`summary` makes it}.
+    ``job["steps"]`` holds of each its file ("model") and the new file ("out"). Returns
+    {"steps": the record of each, as :func:`summary` makes it}.
     """
     records = []
     for step in job["steps"]:
@@ -1283,6 +1289,14 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         rows = FilteredRun(run, settings).all_rows(arm.model)
         arrays = _curves_of_run(estimate, arm, rows)
         save_arrays(out.with_name(f"{out.stem}-{number}.npz"), arrays)
+    errors_of_runs = {}
+    if checked.test is not None and checked.all_runs.samples <= MOST_JUDGED_APART:
+        for run in runs:
+            filtered = FilteredRuns.filtering(run, settings)
+            (alone,) = compare_filtered(
+                {"model": arm}, filtered, noise=comparison.noise
+            )
+            errors_of_runs[_distinct_names([run])[0]] = alone.rmse
     job.progress("looking where it fails")
     failures = _failures_of(estimate, judge, comparison)
     estimate.save(out)
@@ -1290,6 +1304,7 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         "file": str(out),
         "runs": _distinct_names(runs),
         "judged_on": list(judge.names),
+        "errors_of_runs": errors_of_runs,
         "method": estimate.method,
         "effects": effects_to_estimate_again(
             estimate.model.effects, estimate.details.get("shapes", ())

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.page.spoken import shown_name
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.render.tables import facts_from_json
 from sdp_vs_penalty.results.facts import Fact
+from sdp_vs_penalty.robot.arrays import Array
+
+#: So many times the error of the runs that a model is from: something has changed since.
+CHANGED = 5.0
 
 
 @dataclass(frozen=True)
@@ -39,6 +48,9 @@ class ModelStep(JsonRecord):
     on_bounds: list[str]
     #: Time that the estimate took [s].
     seconds: float
+    #: (n,) error of each joint [N m, N] in each run alone, by the run's name; empty
+    #: without a run that is for testing only, and for very long ones.
+    errors_of_runs: dict[str, list[float]] = field(default_factory=dict)
     #: Name of the step.
     label: str = ""
     #: Effects added to the step below.
@@ -65,7 +77,41 @@ class ModelStep(JsonRecord):
         return facts_from_json(self.comparison)
 
     @property
-    def error(self) -> str:
-        """ "Error", with what stands beside it where it is not of unseen motion."""
-        kind = self.facts.get("kind_of_error")  # none in files of older versions
-        return f"Error {kind.text}".rstrip() if kind else "Error"
+    def changed_runs(self) -> dict[str, int]:
+        """The runs that the model was not identified from, and in which a joint errs far
+        more than in those that it is from: something has changed since. Of each the joint
+        (from 0)."""
+        tested = {x: e for x, e in self.errors_of_runs.items() if x in self.judged_on}
+        errors = {x: e / self._usual_error for x, e in tested.items()}
+        return {x: int(e.argmax()) for x, e in errors.items() if e.max() > CHANGED}
+
+    @property
+    def _usual_error(self) -> Array:
+        """(n,) largest error of each joint in the runs that the model is from [N m, N]."""
+        runs = self.errors_of_runs.items()
+        return np.max([e for x, e in runs if x not in self.judged_on], axis=0)
+
+    def change_in_words(self, units: Sequence[str]) -> str:
+        """Say how the first of the changed runs differs; "" without one."""
+        for name, j in self.changed_runs.items():
+            there, before = self.errors_of_runs[name][j], self._usual_error[j]
+            unit = formatting.plain_unit(units[j])
+            return (
+                f"Joint {j + 1} errs by {formatting.number(there)} {unit} in"
+                f" {shown_name(name)}, and by {formatting.number(before)} {unit} in the"
+                " runs that the model is from."
+            )
+        return ""
+
+    @property
+    def scope(self) -> str:
+        """What the errors are of: "on unseen motion (test.csv)"."""
+        known = self.facts.get("kind_of_error")  # none in files of older versions
+        is_recorded = self.facts["new_motion_percent"].value is not None
+        kind = (known.text if known else "") or "on unseen motion" * is_recorded
+        names = [*dict.fromkeys(name.partition(", ")[0] for name in self.judged_on)]
+        runs = formatting.words([*map(shown_name, names)])
+        runs = runs if len(names) <= 3 else f"{len(names)} runs"
+        parts = "parts of " if len(names) < len(self.judged_on) else ""
+        together = ", together" if len(names) > 1 else ""
+        return f"{kind} ({parts}{runs}{together})".lstrip()

@@ -10,7 +10,15 @@ from typing import Any
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.page.session import MOTION, Session
-from sdp_vs_penalty.page.view import View, checked, graded, identified, label_of, spoken
+from sdp_vs_penalty.page.view import (
+    View,
+    checked,
+    graded,
+    identified,
+    label_of,
+    look_in_words,
+    spoken,
+)
 from sdp_vs_penalty.records import from_json, to_json
 from sdp_vs_penalty.render.words import describe_outcome, describe_taken
 from sdp_vs_penalty.results.remedy import Change, Remedy
@@ -116,6 +124,10 @@ def _of_model(view: View) -> NextStep:
     diagnosis = session.findings_of_current
     is_first = len(session.history) == 1
     is_done = session.current.servo or (level == "good" and not is_first)
+    if changed := session.current.change_in_words(session.robot["units"]):
+        do = partial(session.start, session.find_change)
+        text = f"{of_model.word}. {changed}"
+        return NextStep(text, look_in_words(session), "diagnose", do, level=level)
     if diagnosis is None and not is_done:
         do = partial(session.start, session.diagnose)
         label = "Diagnose: what is missing?" if is_first else "Diagnose again"
@@ -177,4 +189,8 @@ def _motion_to_record(view: View) -> NextStep | None:
                 "measure",
                 do,
             )
+    if len(session.runs) == 1:
+        text = "One run alone tells little: record another motion."
+        do = partial(session.start, session.make_motion, {}, view.download)
+        return NextStep(text, "Make a motion for a second run", "measure", do)
     return None

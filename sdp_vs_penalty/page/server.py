@@ -24,7 +24,8 @@ from starlette.requests import ClientDisconnect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.auth_middleware import KEY, guarded
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.sessions import SILENCE, Sessions, receive, shown_name
+from sdp_vs_penalty.page.sessions import SILENCE, Sessions, receive
+from sdp_vs_penalty.page.spoken import shown_name
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
@@ -197,10 +198,8 @@ def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
         return response
 
     @app.put("/s/{token}/files")
-    async def _receive(
-        session: Named, request: Request, name: str, kind: str
-    ) -> Response:
-        return Response(status_code=await keep(session, request, name, kind))
+    async def _receive(session: Named, request: Request, name: str) -> Response:
+        return Response(status_code=await keep(session, request, name))
 
     @app.post("/s/{token}/sent")
     async def _sent(session: Named) -> None:
@@ -239,18 +238,12 @@ def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
     return app
 
 
-async def keep(session: Session, request: Request, name_given: str, kind: str) -> int:
-    """Receive a dropped file and use it for its ``kind``; return the HTTP status.
-
-    "runs" are read once all files have arrived, a "robot" or "model" is opened at once.
-    """
+async def keep(session: Session, request: Request, name_given: str) -> int:
+    """Receive a dropped file, to be opened once all files have arrived; return the HTTP
+    status."""
     name = shown_name(name_given)
     try:
-        if kind != "runs" and session.task is not None:
-            what = "a job is running"
-            remedy = "wait until it is done or cancel it, then drop it again"
-            raise InputError(what, remedy, name)
-        path = await receive(session.folder, name, request.stream(), kind)
+        path = await receive(session.folder, name, request.stream())
     except ClientDisconnect:  # whoever sent it is gone, and what came of it too
         return 400
     except InputError as error:
@@ -259,12 +252,7 @@ async def keep(session: Session, request: Request, name_given: str, kind: str) -
     except OSError as error:
         session.say(f"{name}: cannot be stored ({error.strerror}): free disk space.")
         return 507
-    if kind == "runs":
-        while name in session.arrived:
-            name = f"{Path(name).stem} again{Path(name).suffix}"
-        session.arrived[name] = path
-    elif kind == "robot":
-        session.start(session.choose_robot, str(path), name)
-    else:
-        session.start(session.open_model, str(path), name)
+    while name in session.arrived:
+        name = f"{Path(name).stem} again{Path(name).suffix}"
+    session.arrived[name] = path
     return 200

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Collection, Coroutine, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from filecmp import cmp
 from pathlib import Path
 from typing import Any, Self
 
@@ -16,6 +17,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import Files, command_of, cut_copy
 from sdp_vs_penalty.data.files import for_testing
+from sdp_vs_penalty.data.formats import suffixes
 from sdp_vs_penalty.data.parsing import numbers
 from sdp_vs_penalty.diagnosis.causes import TIME, VELOCITY
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, is_law_of
@@ -24,6 +26,7 @@ from sdp_vs_penalty.effects import (
     DEFAULT_EFFECTS,
     effect_in_words,
     effect_name,
+    effect_types,
     effects_in_words,
 )
 from sdp_vs_penalty.errors import InputError
@@ -40,6 +43,7 @@ from sdp_vs_penalty.render.words import shown_cause, shown_finding
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL, RUNS, SEED
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.joint import parse_held
+from sdp_vs_penalty.robot.model_files import ROBOT_FILE_ENDINGS
 from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES
 
 #: What a step back brings back: everything that was made of the person's choices.
@@ -58,13 +62,13 @@ KEPT = (
 #: What is chosen besides.
 CHOSEN = (
     "seed",
-    "frozen",
     "options",
     "reading",
     "anyway",
     "seen_issues",
     "names",
     "name",
+    "begun",
 )
 #: Steps back that are kept.
 MOST_STEPS = 20
@@ -75,11 +79,19 @@ _DROPPED = (
     "The models are dropped, for they were identified from other runs: Undo brings them"
     " back."
 )
+#: Endings of files by what they are for, in the order in which they are opened.
+ENDINGS = {"robot": ROBOT_FILE_ENDINGS, "runs": suffixes(), "model": (".json",)}
 #: File of a motion to record.
 MOTION = "trajectory.csv"
 #: File of a session's state in its folder.
 STATE_FILE = "project.json"
 _FORMAT = 1
+
+
+def kind_of(name: str) -> str:
+    """Return what a file is for by its ending, a key of ENDINGS; "" for none."""
+    ending = Path(name).suffix.lower()
+    return next((kind for kind, known in ENDINGS.items() if ending in known), "")
 
 
 @dataclass(frozen=True)
@@ -180,6 +192,8 @@ class Session:
     robot: dict[str, Any] = field(default_factory=dict)
     #: Name of the project, for people.
     name: str = ""
+    #: When it was begun [s since 1970].
+    begun: float = field(default_factory=time.time)
     #: Whether the user has named its folder.
     is_named_by_user: bool = False
     #: The runs, as ``keep`` of jobs.py answers.
@@ -194,8 +208,6 @@ class Session:
     method: str = DEFAULT_METHOD
     #: Seed of random choices.
     seed: int = 0
-    #: Whether the other parameters are held when effects are added.
-    frozen: bool = False
     #: What is written in the fields that are the command line's options.
     options: dict[str, str] = field(default_factory=dict)
     #: What is written in the fields of the options for reading files.
@@ -387,6 +399,10 @@ class Session:
 
         They name files as the page shows them, to be run in the folder of the logs.
         """
+        return [formatting.command(*words) for words in self.command_words()]
+
+    def command_words(self) -> list[list[str]]:
+        """Return the words of each of these commands."""
         return commands_of(
             robot=self.robot,
             runs=self.runs,
@@ -683,12 +699,33 @@ class Session:
         self.method = DEFAULT_METHOD
 
     def read_arrived(self) -> None:
-        """Start to read the files that were dropped, unless a job is running.
+        """Start to open the files that were dropped, unless a job is running.
 
-        In that case the end of that job calls this method again.
+        In that case the end of that job calls this method again. Runs wait for a robot.
         """
-        if self.arrived:
-            self.start(self.read_files)
+        if self.arrived and (self.robot or "robot" in map(kind_of, self.arrived)):
+            self.start(self.open_arrived)
+        elif self.arrived and self.notice is None:
+            names = formatting.words([*self.arrived])
+            self.say(f"{names}: read once the robot is chosen.", error=False)
+
+    async def open_arrived(self) -> None:
+        """Open the files that were dropped, by what their endings say: first robots, then
+        runs, then models."""
+        for name, path in self._take_arrived("robot").items():
+            is_here = self.robot and self.robot["file"] is not None
+            if not is_here or not cmp(self.robot["source"], path, shallow=False):
+                await self.choose_robot(str(path), name)
+        if "runs" in map(kind_of, self.arrived):
+            await self.read_files()
+        for name, path in self._take_arrived("model").items():
+            await self.open_model(str(path), name)
+
+    def _take_arrived(self, kind: str) -> dict[str, Path]:
+        """Take the files of a kind, a key of ENDINGS, out of those that have arrived."""
+        files = {k: x for k, x in self.arrived.items() if kind_of(k) == kind}
+        self.arrived = {k: x for k, x in self.arrived.items() if k not in files}
+        return files
 
     async def read_files(
         self, reading: Mapping[str, str] | None = None, again: Collection[str] = ()
@@ -698,8 +735,7 @@ class Session:
         reading : options of `convert` for these files; again : files of the runs that
         were read from them before.
         """
-        files = self.arrived
-        self.arrived = {}
+        files = self._take_arrived("runs")
         self.names |= {str(path): name for name, path in files.items()}
         listed = [{"path": str(path), "name": name} for name, path in files.items()]
         options = self.reading if reading is None else reading
@@ -840,23 +876,22 @@ class Session:
     ) -> list[ModelStep]:
         """Return the models of the history judged on other runs; none where the robot or
         the runs that they were identified from are others.
+
+        What a diagnosis has found is of the runs that it saw: it is dropped.
         """
         is_same = robot["hold"] == self.robot["hold"]
         is_same &= _training_of(runs) == _training_of(self.runs)
         if not is_same or not self.history:
             return []
         n_files = len([*self.folder.glob("model-*.json")])
-        steps = []
-        findings = None
-        for k, step in enumerate(self.history, start=n_files + 1):
-            findings = step.findings or findings
-            out = str(self.folder / f"model-{k}.json")
-            diagnosed = findings and findings.to_dict()
-            steps.append({"model": step.file, "out": out, "diagnosed": diagnosed})
+        steps = [
+            {"model": step.file, "out": str(self.folder / f"model-{k}.json")}
+            for k, step in enumerate(self.history, start=n_files + 1)
+        ]
         title = "Testing the model" if len(steps) == 1 else "Testing the models"
         answer = await self._job(title, "judge", runs=runs, steps=steps)
         return [
-            replace(step, **{**judged, "seconds": step.seconds})
+            replace(step, **{**judged, "seconds": step.seconds}, findings=None)
             for step, judged in zip(self.history, answer["steps"], strict=True)
         ]
 
@@ -973,6 +1008,14 @@ class Session:
         self._keep_models(models)
         self.say(*gone, error=False)
 
+    async def identify_from_all(self) -> None:
+        """Identify the model again from all runs; none is left for testing."""
+        runs = [{**run, "use": "train"} for run in self.runs]
+        title = "Identifying from all runs"
+        step = await self._fit(title, "identified from all runs", runs)
+        self._begin(step)
+        self.runs = runs
+
     async def split(self, file: str, percent: int) -> None:
         """Split a run anew: ``percent`` of its motion are for training, the others
         for testing.
@@ -1072,7 +1115,7 @@ class Session:
     ) -> None:
         """Make the motion that a remedy asks to record; ``ready`` is called with its
         file's name."""
-        two = change["arguments"].get("separate", ())
+        two = change.get("arguments", {}).get("separate", ())
         answer = await self._job("Making a motion", "motion", separate=two)
         self.taken = {*self.taken, answer["file"]}
         self.say(answer["words"], error=False)
@@ -1082,6 +1125,13 @@ class Session:
         """Identify the first model of a new history with the chosen effects and
         method.
         """
+        title = f"Identifying by {self.method}"
+        self._begin(await self._fit(title, "identified", self.runs))
+
+    async def _fit(
+        self, title: str, label: str, runs: Sequence[Mapping[str, Any]]
+    ) -> ModelStep:
+        """Return the model that is identified from runs, as a step of the history."""
         if not self.effects:
             raise InputError(
                 "No effect is chosen", f"choose at least {DEFAULT_EFFECTS[0]}"
@@ -1091,12 +1141,9 @@ class Session:
             "effects": ",".join(self.effects),
             "method": self.method,
             "anyway": self.anyway,
+            "runs": runs,
         }
-        self._begin(
-            await self._step(
-                f"Identifying by {self.method}", "fit", request, label="identified"
-            )
-        )
+        return await self._step(title, "fit", request, label=label)
 
     async def identify_anyway(self) -> None:
         """Identify from runs that the check calls meaningless."""
@@ -1150,15 +1197,47 @@ class Session:
         self.history = [step]
         self.new = ("identify", "fit")
 
-    async def diagnose(self) -> None:
+    @property
+    def runs_since(self) -> list[dict[str, Any]]:
+        """The runs that may show what has changed since the model was identified, such as
+        a load: those that it was not identified from."""
+        if self.history[0].opened:
+            return self.runs
+        changed = self.current.changed_runs
+        tested = [run for run in self.runs if run["use"] == "test"]
+        return [run for run in tested if run["name"] in changed] or tested
+
+    async def keep_model(self) -> None:
+        """Keep the model, and go on with the runs alone that may show what has changed
+        since: as if it were opened with them on a page of its own."""
+        if not self.runs_since:
+            what = "A load is part of a model that is identified with it"
+            raise InputError(what, "bring a run with the load, or a model without it")
+        runs = [{**run, "use": "train"} for run in self.runs_since]
+        if len(runs) == 1 and runs[0]["split"]:
+            runs[0]["use"] = "split"
+        commands = self.command_words()
+        request = {"model": self.current.file, "runs": runs}
+        n_made = sum(words[0] in ("identify", "add") for words in commands)
+        kept = {"label": "what has changed since", "opened": f"model{n_made}.json"}
+        step = await self._step("Testing the model", "open_model", request, **kept)
+        self._begin(step)
+        self.runs = runs
+        self.prepared = commands
+
+    async def find_change(self) -> None:
+        """Look with the model as it is for a load, or for what else has changed since."""
+        if not self.history[0].opened:
+            await self.keep_model()
+        await self.diagnose(frozen=True)
+
+    async def diagnose(self, frozen: bool = False) -> None:
         """Diagnose which effects the current model misses, and store that with the
-        model.
-        """
+        model; ``frozen``: its parameters are kept."""
         self._refuse_meaningless()
         pictures = f"cards-{Path(self.current.file).stem}.npz"
-        answer = await self._job(
-            "Looking for what is missing", "find", frozen=self.frozen, pictures=pictures
-        )
+        title = "Looking for what is missing"
+        answer = await self._job(title, "find", frozen=frozen, pictures=pictures)
         diagnosis = Diagnosis.from_dict(answer["diagnosis"])
         # A model that lacks a confident finding gets a lower grade.
         before = Verdict.from_dict(self.current.comparison["verdict"])
@@ -1175,18 +1254,22 @@ class Session:
         self.history = [*self.history[:-1], diagnosed]
         self.new = "diagnose", "history"
 
-    async def add(self, texts: Sequence[str]) -> None:
-        """Add effects by their texts to the current model."""
-        effects = [text for text in texts if text]
-        words = f"add {effects_in_words(effects)}"
-        await self._add(Change("add", words, {"effects": effects}).to_dict())
+    async def add(self, text: str) -> None:
+        """Add an effect by its text to the current model, which is kept for one that only
+        a fixed model shows."""
+        words = f"add {effect_in_words(text)}"
+        change = Change("add", words, {"effects": [text]}).to_dict()
+        frozen = effect_types()[text.partition(":")[0]].frozen_only
+        if frozen and not self.history[0].opened:
+            await self.keep_model()
+        await self._add(change, frozen)
 
-    async def _add(self, change: Mapping[str, Any]) -> None:
+    async def _add(self, change: Mapping[str, Any], frozen: bool = False) -> None:
         """Add what a change says to the current model; the result is a new step of the
         history."""
         texts = change["arguments"]["effects"]
         diagnosis = self.findings
-        frozen = self.frozen or (diagnosis is not None and diagnosis.frozen)
+        frozen = frozen or (diagnosis is not None and diagnosis.frozen)
         request: dict[str, Any] = {
             "change": change,
             "frozen": frozen,

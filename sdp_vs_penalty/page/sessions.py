@@ -4,23 +4,27 @@ what people drop there, kept under names of our own in a session's private folde
 import asyncio
 import contextlib
 import os
-import re
 import secrets
 import shutil
 import tempfile
 import time
 from collections.abc import AsyncIterator, Mapping
-from pathlib import Path, PureWindowsPath
+from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.formats import suffixes
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import lives
-from sdp_vs_penalty.page.session import STATE_FILE, Session, read_state
+from sdp_vs_penalty.page.session import (
+    ENDINGS,
+    STATE_FILE,
+    Session,
+    kind_of,
+    read_state,
+)
+from sdp_vs_penalty.page.spoken import name_in_title
 from sdp_vs_penalty.page.view import Project
 from sdp_vs_penalty.page.worker import LEAST, WorkerPool
-from sdp_vs_penalty.robot.model_files import ROBOT_FILE_ENDINGS
 
 #: Bytes of all files of a session: those that a job's memory holds at least.
 LARGEST = LEAST
@@ -29,35 +33,13 @@ LARGEST = LEAST
 #: asked for is not waited for.
 SILENCE = 30.0
 
-#: By what is dropped.
-SUFFIXES = {"runs": suffixes(), "robot": ROBOT_FILE_ENDINGS, "model": (".json",)}
-
-
-def shown_name(name_given: str) -> str:
-    r"""Return the name to show for an uploaded file; it never contains a path.
-
-    This is the last component of the browser's name, without unprintable characters and
-    at most 80 characters long.
-
-    >>> shown_name("../../etc/run 1.csv"), shown_name("C:\\temp\\run.csv"), shown_name("..")
-    ('run 1.csv', 'run.csv', 'file')
-    """
-    # A Windows path takes /, \ and drives for separators, whatever the system.
-    last = PureWindowsPath(name_given.replace("\0", "")).name
-    name = "".join(c for c in last if c.isprintable()).strip()
-    if name in ("", ".", ".."):
-        return "file"
-    return name if len(name) <= 80 else f"{name[:40]}...{name[-36:]}"
-
 
 def _size_of(folder: Path) -> int:
     """Return the size of all files in a folder and below it [bytes]."""
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
-async def receive(
-    folder: Path, name: str, chunks: AsyncIterator[bytes], kind: str
-) -> Path:
+async def receive(folder: Path, name: str, chunks: AsyncIterator[bytes]) -> Path:
     """Write an uploaded file that arrives in chunks, completely or not at all.
 
     Parameters
@@ -65,9 +47,7 @@ async def receive(
     folder : Path
         The session's folder; the file gets a random name there.
     name : str
-        Name to show, made by :func:`shown_name`; its suffix must be allowed.
-    kind : str
-        What the file is for, a key of SUFFIXES.
+        Name to show, made by :func:`shown_name`, with one of the ENDINGS.
 
     Raises
     ------
@@ -75,15 +55,11 @@ async def receive(
         For a suffix that cannot be read, a folder that grows too large, or a browser
         that sends nothing for SILENCE seconds.
     """
-    suffix = Path(name).suffix.lower()
-    allowed = SUFFIXES.get(kind, ())
-    if suffix not in allowed:
-        raise InputError(
-            "files of this kind cannot be read",
-            f"choose one of {', '.join(allowed)}",
-            name,
-        )
-    path = folder / f"file-{secrets.token_hex(8)}{suffix}"
+    if not kind_of(name):
+        known = ", ".join(ending for kind in ENDINGS.values() for ending in kind)
+        what = "files of this kind cannot be read"
+        raise InputError(what, f"choose one of {known}", name)
+    path = folder / f"file-{secrets.token_hex(8)}{Path(name).suffix.lower()}"
     clock = asyncio.get_running_loop().time
     try:
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
@@ -216,7 +192,8 @@ class Sessions:
                 robot = content["now"]["robot"]
                 if not robot:
                     continue
-                name = content["name"] or name_of_robot(robot)
+                begun = content.get("begun", file.stat().st_mtime)
+                name = title_of(content["name"], robot, begun)
                 at = time.localtime(file.stat().st_mtime)
                 text = f"{_runs_and_verdict(content)}, {time.strftime('%d %b %Y, %H:%M', at)}"
                 listed.append(Project(content["token"], name, text, file.parent))
@@ -268,18 +245,11 @@ _MOST_LISTED = 30
 _MOST_RUNS = 2
 
 
-def name_in_title(title: str) -> str:
-    """Return the name that a robot's title begins with.
-
-    >>> name_in_title("Universal Robots UR10e, 6 joints, torque from motor currents")
-    'Universal Robots UR10e'
-    """
-    return re.split(r", | \(", title)[0]
-
-
-def name_of_robot(robot: Mapping[str, Any]) -> str:
-    """Return what the page calls a robot: its file, or the name in its title."""
-    return str(robot["file"] or name_in_title(robot["title"]))
+def title_of(name: str, robot: Mapping[str, Any], begun: float) -> str:
+    """Return what the page calls a project: its name, or its robot's file or name with the
+    minute in which it was begun, which tells projects of one robot apart."""
+    minute = time.strftime("%d %b %Y %H:%M", time.localtime(begun))
+    return name or f"{robot['file'] or name_in_title(robot['title'])}, {minute}"
 
 
 def _runs_and_verdict(content: Mapping[str, Any]) -> str:

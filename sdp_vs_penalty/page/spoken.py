@@ -1,6 +1,7 @@
-"""Sentences of the command line in the words of the page."""
+"""What the page says for sentences of the command line, and for names."""
 
 import re
+from pathlib import PureWindowsPath
 
 #: Words of the command line, and what the page has for them.
 _STAGES = {
@@ -42,3 +43,29 @@ def spoken(text: str) -> str:
         text = text.replace(word, stage)
     text = text.replace("`", "").strip()
     return f"{text}." if text and text[-1] not in ".!?)" else text
+
+
+def shown_name(name_given: str) -> str:
+    r"""Return the name to show for an uploaded file; it never contains a path.
+
+    This is the last component of the browser's name, without unprintable characters and
+    at most 80 characters long.
+
+    >>> shown_name("../../etc/run 1.csv"), shown_name("C:\\temp\\run.csv"), shown_name("..")
+    ('run 1.csv', 'run.csv', 'file')
+    """
+    # A Windows path takes /, \ and drives for separators, whatever the system.
+    last = PureWindowsPath(name_given.replace("\0", "")).name
+    name = "".join(c for c in last if c.isprintable()).strip()
+    if name in ("", ".", ".."):
+        return "file"
+    return name if len(name) <= 80 else f"{name[:40]}...{name[-36:]}"
+
+
+def name_in_title(title: str) -> str:
+    """Return the name that a robot's title begins with.
+
+    >>> name_in_title("Universal Robots UR10e, 6 joints, torque from motor currents")
+    'Universal Robots UR10e'
+    """
+    return re.split(r", | \(", title)[0]

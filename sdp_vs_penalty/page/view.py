@@ -16,7 +16,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.causes import VELOCITY
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.spoken import spoken
+from sdp_vs_penalty.page.spoken import shown_name, spoken
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
 from sdp_vs_penalty.signals.noise import said_before
 
@@ -97,11 +97,12 @@ class View:
 
     def look_at_worst_joint(self) -> None:
         """Select the joint of a new model with the largest error relative to its noise
-        floor; what a person selects then stays."""
-        model = self.session.current.file
-        if self.joint is None or self.judged != model:
-            self.judged = model
-            worst = self.session.current.comparison["facts"]["worst_joint"]["value"]
+        floor, in a run that differs; what a person selects then stays."""
+        model = self.session.current
+        if self.joint is None or self.judged != model.file:
+            self.judged = model.file
+            self.run = next(iter(model.changed_runs), self.run)
+            worst = model.comparison["facts"]["worst_joint"]["value"]
             self.joint = int(worst) - 1
             self.cause = self.session.cause_of(int(worst))
 
@@ -162,6 +163,12 @@ def label_of(words: str) -> str:
     words = re.sub(r"\btau(\d+)\b", r"joint \1's torque", spoken(words))
     words = re.sub(r"\bq(\d+)\b", r"joint \1's position", words)
     return formatting.sentence(words).rstrip(".")
+
+
+def look_in_words(session: Session) -> str:
+    """Return what looks for a load, or another change, with the model as it is."""
+    names = formatting.words([shown_name(run["name"]) for run in session.runs_since])
+    return f"Find a load, or what else has changed, in {names}"
 
 
 def graded(text: str, grade: str) -> str:

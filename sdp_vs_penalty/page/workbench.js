@@ -1,17 +1,17 @@
 "use strict";
 // Dropped and chosen files are sent one by one; focus stays where it was when a step is redrawn.
 const workbench = {
-  async send(files, kind) {
+  async send(files) {
     const base = location.pathname;
     for (const file of files) {
-      const query = new URLSearchParams({ name: file.name, kind });
+      const query = new URLSearchParams({ name: file.name });
       try {
         await fetch(`${base}/files?${query}`, { method: "PUT", body: file });
       } catch (error) {
         console.warn("a file could not be sent", error);
       }
     }
-    if (kind === "runs") await fetch(`${base}/sent`, { method: "POST" });
+    await fetch(`${base}/sent`, { method: "POST" });
   },
   show(stage, part, back) {
     if (!back && document.body.dataset.at !== stage) history.pushState({ stage }, "", `#${stage}`);
@@ -58,14 +58,13 @@ addEventListener("resize", measureSoon);
 addEventListener("unhandledrejection", (event) => /displayed plot div/.test(event.reason?.message) && event.preventDefault());
 
 document.addEventListener("change", (event) => {
-  const kind = event.target.dataset?.send;
-  if (!kind) return;
-  workbench.send([...event.target.files], kind).then(() => (event.target.value = ""));
+  if (event.target.dataset?.send === undefined) return;
+  workbench.send([...event.target.files]).then(() => (event.target.value = ""));
 });
 for (const name of ["dragenter", "dragover", "dragleave", "drop"]) {
   document.addEventListener(name, (event) => {
-    event.preventDefault(); // a file dropped beside a zone must not replace the page
-    const zone = event.target.closest?.("[data-drop]");
+    event.preventDefault(); // a file must not replace the page
+    const zone = event.target.closest?.(".drop");
     if (name === "dragleave" || name === "drop") zone?.classList.remove("over");
     else zone?.classList.add("over");
     const field = event.target.closest?.(".field")?.querySelector("select");
@@ -74,7 +73,7 @@ for (const name of ["dragenter", "dragover", "dragleave", "drop"]) {
       field.value = column; // of a file, dragged to what it is
       field.dispatchEvent(new Event("change", { bubbles: true }));
     }
-    if (name === "drop" && zone) workbench.send([...event.dataTransfer.files], zone.dataset.drop);
+    if (name === "drop" && event.dataTransfer.files.length) workbench.send([...event.dataTransfer.files]); // wherever it falls
   });
 }
 document.addEventListener("dragstart", (event) => {

@@ -12,7 +12,7 @@ from nicegui import ui
 from sdp_vs_penalty.page.controls import button, note, tag
 from sdp_vs_penalty.page.next_step import NextStep, next_step
 from sdp_vs_penalty.page.session import Working
-from sdp_vs_penalty.page.sessions import name_of_robot
+from sdp_vs_penalty.page.sessions import title_of
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View, label_of
 
@@ -256,7 +256,7 @@ class Workbench:
         self._fill(self._steps, labels, draw_steps)
         self._project.set_visibility(bool(session.robot))
         if session.robot:
-            name = session.name or name_of_robot(session.robot)
+            name = title_of(session.name, session.robot, session.begun)
             self._project.props.update({"value": name, "size": str(len(name) + 2)})
 
     def _redraw_dock(self) -> None:

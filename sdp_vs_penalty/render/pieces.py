@@ -87,7 +87,7 @@ def bars(
     after: Sequence[float] | Array | None,
     floor: Sequence[float | None] | Array | None,
     units: Sequence[str],
-    what: str = "Error",
+    scope: str = "",
     chosen: int | None = None,
 ) -> Markup:
     """Draw one bar for each joint: its error over its noise, before (grey), after (blue),
@@ -101,8 +101,8 @@ def bars(
         RMS noise of each joint. Where one is unknown, errors stand in their own units.
     units : sequence of str
         Torque unit of each joint.
-    what : str
-        Name of the error in the caption.
+    scope : str
+        What the errors are of, such as "on unseen motion".
     chosen : int or None
         Index of the joint that is shown, where each bar is a button; None: no buttons.
     """
@@ -127,7 +127,7 @@ def bars(
         rows.append(row)
     return piece(
         "bars.html",
-        caption=_caption_of_bars(what, is_known, after is not None),
+        caption=_caption_of_bars(scope, is_known, after is not None),
         rows=rows,
         has_buttons=chosen is not None,
         has_change=after is not None,
@@ -166,15 +166,14 @@ def _bar(
     }
 
 
-def _caption_of_bars(what: str, is_known: bool, has_change: bool) -> str:
-    """Return the caption of bars: the error's unit, its scale, and the colours where
-    two models are drawn. Errors are multiples of the noise where that ``is_known``."""
-    caption = f"{what} of each joint, RMS; noise floor unknown; logarithmic"
+def _caption_of_bars(scope: str, is_known: bool, has_change: bool) -> str:
+    """Return the caption of bars: what the errors are of, their scale, and the colours
+    where two models are drawn. Errors are multiples of the noise where that
+    ``is_known``."""
+    what = f"Error of each joint {scope}".rstrip()
+    caption = f"{what} (RMS, noise unknown; logarithmic)"
     if is_known:
-        caption = (
-            f"{what} of each joint over its noise (shaded), on a logarithmic scale, and in"
-            " N m or N"
-        )
+        caption = f"{what}, in multiples of its noise (shaded; logarithmic)"
     if has_change:
         caption += "; before (grey), after (blue)"
     return caption

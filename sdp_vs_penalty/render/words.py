@@ -29,8 +29,8 @@ from sdp_vs_penalty.diagnosis.causes import (
     WAVES,
 )
 from sdp_vs_penalty.diagnosis.comparison import Comparison
-from sdp_vs_penalty.diagnosis.constants import MINOR
-from sdp_vs_penalty.diagnosis.doubts import Doubt
+from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, MINOR
+from sdp_vs_penalty.diagnosis.doubts import SIZE_IS_OPEN, Doubt
 from sdp_vs_penalty.diagnosis.findings import (
     Diagnosis,
     Finding,
@@ -57,6 +57,7 @@ from sdp_vs_penalty.formatting import number, plain_unit
 from sdp_vs_penalty.render.tables import SOURCES
 from sdp_vs_penalty.results.remedy import Remedy
 from sdp_vs_penalty.results.table import Table
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import NOISE_UNKNOWN
 
 
@@ -89,6 +90,9 @@ class FindingWords:
     splits: str = ""
     #: Run that decides whether the effect is there.
     test: str = ""
+    #: Why it is that sure: what was asked of the runs, a sentence each, and whether the
+    #: answer speaks for the finding.
+    evidence: tuple[tuple[str, bool], ...] = ()
     #: Number of the finding that says it as well, since only their sum is shown; 0 for
     #: what stands for itself.
     said_by: int = 0
@@ -170,7 +174,7 @@ def describe_finding(
         said_by=said_by,
         on_the_arm=arm,
         rating=finding.rating,
-        badge=_badge_of(finding),
+        badge=finding.badge,
         size=size,
         constants=finding.constants if size else "",
         gain=finding.gain_sentence(diagnosis),
@@ -179,7 +183,55 @@ def describe_finding(
         splits=finding.splits_sentence,
         doubt=doubt_of(finding, shared_doubts(diagnosis.effects)),
         test=finding.telling_run(model),
+        evidence=_evidence_for(finding, diagnosis, size),
     )
+
+
+#: Power of ten of odds above which their number says no more.
+_MOST_ODDS = 6
+
+
+def _evidence_for(
+    finding: Finding, diagnosis: Diagnosis, size: str
+) -> tuple[tuple[str, bool], ...]:
+    """Say what each question to the runs has answered, and whether that speaks for a
+    finding; ``size``: as it is said, "" where it is not known."""
+    reasons = {doubt.reason for doubt in finding.doubts}
+    before, after = diagnosis.errors_of(finding)
+    falls = bool(after[finding.main_joint - 1] < before[finding.main_joint - 1])
+    evidence = [(finding.gain_sentence(diagnosis), falls)]
+    if rising := _rising_joints(diagnosis, before, after):
+        evidence.append((f"{rising} with what is sure.", False))
+    power = min(int(finding.gain / 2.0 / np.log(10.0)), _MOST_ODDS)
+    odds = f"{10**power:,}".replace(",", " ")
+    searched = "Odds for it in the runs that were searched"
+    evidence.append((f"{searched}: more than {odds} to 1.", True))
+    if size:
+        evidence.append((f"Size {size}.", reasons.isdisjoint(SIZE_IS_OPEN)))
+    if rivals := finding.rivals_in_words:
+        evidence.append((f"Fits as well: {rivals}.", False))
+    elif finding.rating == "confident":
+        least = number(np.exp(EVIDENCE_TO_DISTINGUISH / 2.0), 2)
+        nothing = f"Nothing else fits as well: {least} to 1 against every other effect."
+        evidence.append((nothing, True))
+    if splits := finding.splits_sentence:
+        evidence.append((splits, "few_splits" not in reasons))
+    return tuple(evidence)
+
+
+def _rising_joints(diagnosis: Diagnosis, before: Array, after: Array) -> str:
+    """Say which joints' errors (n,) [N m or N] rise beyond the noise, and by how much;
+    "" if none does."""
+    floor = np.zeros(len(before))
+    if diagnosis.known_floor is not None:
+        floor = diagnosis.known_floor
+    rises = (after > (1.0 + CHANGES) * before) & (after > floor)
+    texts = [
+        f"joint {j + 1}'s error rises from {number(before[j])} to {number(after[j])}"
+        f" {diagnosis.torque_unit(j + 1)}"
+        for j in map(int, np.flatnonzero(rises))
+    ]
+    return formatting.sentence(formatting.words(texts)) if texts else ""
 
 
 def weak_title(n_weak: int, n_added: int = 0) -> str:
@@ -192,21 +244,6 @@ def weak_title(n_weak: int, n_added: int = 0) -> str:
     return f"{count}, {added}"
 
 
-#: Doubts about the size of a torque that is there, and of no other effect.
-_OF_SIZE = {Doubt("uncertain"), Doubt("insignificant")}
-#: Rating of a finding with these alone.
-SIZE_UNCERTAIN = "size uncertain"
-#: Rating of a finding with others whose torque is there all the same.
-CAUSE_UNCERTAIN = "cause uncertain"
-
-
-def _badge_of(rated: Finding | Retune) -> str:
-    """Return how sure a finding is, in a word or two."""
-    if rated.rating != "weak" or not rated.torque_is_certain:
-        return rated.rating
-    return SIZE_UNCERTAIN if {*rated.doubts} <= _OF_SIZE else CAUSE_UNCERTAIN
-
-
 def doubt_of(rated: Finding | Retune, shared: Collection[Doubt] = ()) -> str:
     """Say why a finding or a re-estimated constant is not confident; "" if it is.
 
@@ -215,7 +252,7 @@ def doubt_of(rated: Finding | Retune, shared: Collection[Doubt] = ()) -> str:
     """
     is_named = isinstance(rated, Finding) and bool(rated.rivals_in_words)
     left_out = {*shared, *([Doubt("rivals")] if is_named else [])}
-    if _badge_of(rated) == SIZE_UNCERTAIN:
+    if rated.badge == "size uncertain":
         left_out.add(Doubt("uncertain"))
     return _in_words([doubt for doubt in rated.doubts if doubt not in left_out])
 
@@ -255,7 +292,7 @@ def describe_constant(constant: Retune) -> FindingWords:
     return FindingWords(
         title=f"{plain_name(constant.effect)}, joint {constant.joint}",
         rating=constant.rating,
-        badge=_badge_of(constant),
+        badge=constant.badge,
         physics=f"Re-estimated constant: {constant.explanation}.",
         doubt=doubt_of(constant),
     )

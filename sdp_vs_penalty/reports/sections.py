@@ -226,7 +226,11 @@ def verdict(data: ReportData) -> Context:
             300,
         ),
         "bars": pieces.bars(
-            first.rmse, None if is_alone else last.rmse, last.noise_floor, data.units
+            first.rmse,
+            None if is_alone else last.rmse,
+            last.noise_floor,
+            data.units,
+            last.kind_of_error,
         ),
         "lines": [*map(str, record.lines[1:])],  # the first one is the headline
         "remark": record.remark,
@@ -450,7 +454,7 @@ def findings(data: ReportData) -> Context:
             diagnosis.held_out_rmse_with_all,
             floor,
             data.units,
-            what="Error on data left out",
+            scope="on data left out",
         )
     # The figures of curves show where the modelled torque of the rows lies.
     motions = [

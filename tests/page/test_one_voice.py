@@ -314,7 +314,7 @@ def test_an_extended_model_is_the_same_on_the_page(extended):
     sure = [f.text for f in extended.session.findings.sure]
     if len(sure) != 1:
         pytest.skip("the page adds several findings one by one")
-    extended.screen.do(extended.session.start, extended.session.add, sure)
+    extended.screen.do(extended.session.start, extended.session.add, *sure)
     written = extended.json("both.json")["models"][1]["facts"]
     shown = extended.session.current.comparison["facts"]
     assert texts(shown) == texts(written)

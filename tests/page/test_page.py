@@ -292,7 +292,7 @@ def test_files_can_be_dragged_onto_the_page(context, server, two_link):
         " d.items.add(new File([text], 'arm.urdf', {type: 'text/xml'})); return d; }",
         (Path(driver.ROOT) / "docs" / "my_arm.urdf").read_text(),
     )
-    page.dispatch_event('[data-drop="robot"]', "drop", {"dataTransfer": drop})
+    page.dispatch_event(".drop", "drop", {"dataTransfer": drop})
     page.wait_for_selector(".chosen:has-text('arm.urdf')")
 
 
@@ -350,7 +350,7 @@ def test_other_sites_and_names_get_nothing(server):
     assert status("GET", socket_path, {**own, **upgrade}) == 403
     for path in ("/s/guess/take/model.json", "/s/guess/take/..%2f..%2fetc%2fpasswd"):
         assert status("GET", path, own) == 404
-    assert status("PUT", "/s/guess/files?name=a.csv&kind=runs", own) == 404
+    assert status("PUT", "/s/guess/files?name=a.csv", own) == 404
 
 
 def test_a_taken_port_is_said(server, monkeypatch, capsys):

@@ -11,8 +11,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from arms import THREE, write_urdf
 from page_sessions import Here, Screen, do, finish, numbers, opened, saved
 from recorded import refusal
+from small_runs import small_run
 from spoiled_logs import write_logs
 
 from tests.cli.test_printed_commands import told
@@ -21,7 +23,7 @@ pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 
 from starlette.requests import ClientDisconnect
 
-from sdp_vs_penalty import InputError, compare, load_estimate
+from sdp_vs_penalty import InputError, compare, load_estimate, load_problem
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.findings import Invisible
 from sdp_vs_penalty.formatting import sentence
@@ -299,7 +301,7 @@ def ended(work, seconds):
     return not work.process.is_alive()
 
 
-async def put(session, name, kind, content=b"x"):
+async def put(session, name, content=b"x"):
     """What the server answers to a dropped file."""
     from starlette.requests import Request
 
@@ -309,15 +311,15 @@ async def put(session, name, kind, content=b"x"):
         return {"type": "http.request", "body": content, "more_body": False}
 
     request = Request({"type": "http", "method": "PUT", "headers": []}, receive)
-    return await keep(session, request, name, kind)
+    return await keep(session, request, name)
 
 
 def test_bad_robots_are_refused_and_names_are_no_paths(here):
     s = here.new()
 
     async def drop(name, content):
-        status = await put(s, name, "robot", content.encode())
-        assert status == 200
+        assert await put(s, name, content.encode()) == 200
+        s.read_arrived()
         await asyncio.wait([s.task])
         return " ".join(s.notice.texts) if s.notice else ""
 
@@ -341,7 +343,7 @@ def test_bad_robots_are_refused_and_names_are_no_paths(here):
     assert not asyncio.run(drop("../my arm.urdf", arm))
     assert (s.robot["file"], s.robot["title"]) == ("my arm.urdf", "1 joint, from URDF")
     for name in ("C:\\Windows\\run.csv", "/etc/passwd.csv", "a\0b.csv", "ä ö.csv"):
-        assert asyncio.run(put(s, name, "runs", b"t,q1,tau1\n")) == 200
+        assert asyncio.run(put(s, name, b"t,q1,tau1\n")) == 200
     # Whatever the names said, files are in the session's own folder under names of
     # ours.
     kept = [p for p in here.root.rglob("file-*") if p.is_file()]
@@ -353,19 +355,35 @@ def test_bad_robots_are_refused_and_names_are_no_paths(here):
         assert path.suffix == ".urdf" or path.read_bytes() == b"t,q1,tau1\n"
 
 
-def test_a_robot_that_is_dropped_meanwhile_is_not_lost_in_silence(sessions):
+def test_what_is_dropped_in_a_job_is_opened_after_it(sessions):
     s = opened(sessions, "two_link")
 
     async def story():
         s.start(s.simulate, "joint_spring", [1], "strong", 0)
-        assert await put(s, "arm.urdf", "robot") == 400
-        assert s.notice.texts[0].startswith("arm.urdf: a job is running")
-        assert await put(s, "run.csv", "runs") == 200  # read when the work is done
+        assert await put(s, "arm.urdf", b"<robot") == 200
         s.cancel()
-        await asyncio.wait([s.task])
+        while s.task is not None:
+            await asyncio.wait([s.task])
 
     asyncio.run(story())
-    assert s.robot
+    assert s.notice.texts[0].startswith("arm.urdf: ")
+    assert s.robot["name"] == "two_link"
+
+
+def test_a_robot_and_logs_are_dropped_together(here, tmp_path):
+    """In any order; logs alone wait for their robot, which replaces none like it."""
+    urdf, runs = write_logs("hold", tmp_path)
+    s = here.new()
+    s.arrived = {runs[0].name: runs[0]}
+    s.read_arrived()
+    assert s.notice.texts == ("run1.csv: read once the robot is chosen.",)
+    s.arrived |= {urdf.name: urdf, runs[1].name: runs[1]}
+    do(s, s.open_arrived)
+    assert s.robot["file"] == urdf.name
+    assert [run["name"] for run in s.runs] == ["run1.csv", "run2.csv"]
+    s.arrived = {urdf.name: urdf}
+    do(s, s.open_arrived)
+    assert len(s.runs) == 2
 
 
 def test_a_full_disk_is_said(here, monkeypatch):
@@ -374,7 +392,7 @@ def test_a_full_disk_is_said(here, monkeypatch):
 
     monkeypatch.setattr(tabs.os, "open", full)
     s = here.new()
-    assert asyncio.run(put(s, "run.csv", "runs")) == 507
+    assert asyncio.run(put(s, "run.csv")) == 507
     said = "run.csv: cannot be stored (No space left on device): free disk space."
     assert s.notice.texts == (said,)
     assert s.arrived == {}
@@ -387,7 +405,7 @@ def test_of_a_dropped_run_only_its_samples_are_kept(here, hidden, tmp_path):
     s = opened(here, "two_link")
     for name in ("dropped.csv", "broken.csv"):
         content = files[name].read_bytes() if name in files else b"no table"
-        assert asyncio.run(put(s, name, "runs", content)) == 200
+        assert asyncio.run(put(s, name, content)) == 200
     s.arrived["own.csv"] = files["own.csv"]
     refusal(lambda: do(s, s.read_files), "broken.csv")
     assert [run["name"] for run in s.runs] == ["dropped.csv", "own.csv"]
@@ -444,7 +462,7 @@ def receive(folder, name, *chunks):
         for chunk in chunks:
             yield chunk
 
-    return asyncio.run(tabs.receive(folder, name, pieces(), "runs"))
+    return asyncio.run(tabs.receive(folder, name, pieces()))
 
 
 def test_too_much_is_refused_and_not_kept(tmp_path, monkeypatch):
@@ -465,7 +483,7 @@ def test_too_much_is_refused_and_not_kept(tmp_path, monkeypatch):
             yield b"0" * 2**16
 
     async def all_at_once():
-        sent = (tabs.receive(tmp_path, f"{k}.csv", slowly(), "runs") for k in range(8))
+        sent = (tabs.receive(tmp_path, f"{k}.csv", slowly()) for k in range(8))
         return await asyncio.gather(*sent, return_exceptions=True)
 
     kept = [path for path in asyncio.run(all_at_once()) if isinstance(path, Path)]
@@ -486,7 +504,7 @@ def test_silence_and_lost_connections_leave_nothing(tmp_path, monkeypatch):
 
     for chunks, error in ((silent(), InputError), (lost(), ClientDisconnect)):
         with pytest.raises(error):
-            asyncio.run(tabs.receive(tmp_path, "run.csv", chunks, "runs"))
+            asyncio.run(tabs.receive(tmp_path, "run.csv", chunks))
         assert not [*tmp_path.iterdir()]
 
 
@@ -806,7 +824,8 @@ def test_a_project_is_there_after_the_server_has_ended(kept, hidden, tmp_path, s
     assert s.folder.is_dir()
     later = Sessions(Here(), kept.projects)
     (project,) = later.saved()
-    assert (project.name, project.token) == ("Spatial 2R toy robot", s.token)
+    assert project.name.startswith("Spatial 2R toy robot, ")
+    assert project.token == s.token
     again = later.get(s.token)
     assert again is not s
     assert again.runs == s.runs
@@ -883,6 +902,7 @@ def test_a_new_run_tests_the_model_that_is_there(here, hidden, tmp_path):
     np.testing.assert_array_equal(made[0].theta, made[1].theta)
     assert s.current.judged_on == ["test.csv", "new.csv"]
     alone = [compare(made[0], hidden.runs[k])[0].rmse for k in (1, 2)]
+    assert [*s.current.errors_of_runs] == ["a.csv", "test.csv", "new.csv"]
     assert s.current.comparison["rmse"] != first.comparison["rmse"]
     (both,) = compare(made[0], list(hidden.runs[1:3]))
     np.testing.assert_allclose(s.current.comparison["rmse"], both.rmse, rtol=1e-6)
@@ -896,6 +916,45 @@ def test_a_new_run_tests_the_model_that_is_there(here, hidden, tmp_path):
     assert "dropped" in s.notice.texts[0]
     s.undo()
     assert s.history
+
+
+@pytest.mark.long
+def test_a_load_is_weighed_by_the_next_step(here, tmp_path):
+    """The run with it tests the model, which errs in it alone; what a diagnosis said of
+    the runs before is dropped. A terminal does the same."""
+    load = 1.5
+    *axes, last = THREE
+    axes.append(replace(last, mass=last.mass + load))
+    urdf = write_urdf(tmp_path / "arm.urdf", "arm", THREE)
+    arms = [urdf, urdf, write_urdf(tmp_path / "loaded.urdf", "arm", axes)]
+    runs = [small_run(load_problem(arm), 20.0, k, 200.0) for k, arm in enumerate(arms)]
+    files = saved(tmp_path, runs, "run1.csv", "run2.csv", "loaded.csv")
+    loaded = files.pop("loaded.csv")
+    screen = Screen(here.new())
+    s = screen.session
+    s.arrived = {urdf.name: urdf, **files}
+    screen.do(s.read_arrived)
+    while "Download" not in screen.text("next"):
+        screen.click("next")
+    arm = s.current.file
+    s.arrived = {"loaded.csv": loaded}
+    screen.do(s.read_arrived)
+    assert s.findings is None
+    assert "in loaded.csv, and by" in screen.text("next")
+    screen.click("next")
+    (found,) = s.findings.effects
+    assert found.effect == "payload"
+    assert found.size == pytest.approx(load, rel=0.02)
+    screen.click("next")
+    assert screen.text("next").startswith("Good. ")
+    *_, add, _ = s.commands()
+    assert "add model1.json --from findings1.json" in add
+    s.undo()
+    s.undo()
+    assert [run["name"] for run in s.runs] == ["run1.csv", "run2.csv", "loaded.csv"]
+    do(s, s.identify_from_all)
+    assert {run["use"] for run in s.runs} == {"train"}
+    assert s.current.file != arm
 
 
 def test_the_split_of_a_run_can_be_dragged(here, hidden, tmp_path):

@@ -192,7 +192,7 @@ def test_fit_is_that_of_the_models(story):
     screen, (before, after) = story.screen, story.judged
     screen.view.select(cause="position")
     torque, error = screen.charts("fit")
-    assert f"Error of joint 2: {number(after.rmse[1])} N m" in screen.text("fit")
+    assert f"(test.csv): {number(after.rmse[1])} N m" in screen.text("fit")
     signals, (band,) = after.signals, error["layout"]["shapes"]
     assert (
         band["y1"]
@@ -353,16 +353,25 @@ def test_everything_is_offered_and_every_control_does_what_it_says(story, monkey
     for key, value in fields.items():
         screen.set(key, value)
     screen.click(
-        "simulate", "identify", "compare", "diagnose", "add-by-hand", "forward"
+        "simulate",
+        "identify",
+        "identify-all",
+        "compare",
+        "diagnose",
+        "diagnose-frozen",
+        "add-by-hand",
+        "forward",
     )
     screen.click("take-robot.xml")
     asked = {"methods": ["lmi-sdp", "penalty"], "folds": True}
     assert called == [
         ("simulate", "joint_spring", [2], "weak", SEED, {}),
         ("identify", {}),
+        ("identify_from_all", {}),
         ("ask", "Comparing methods", "methods", asked),
         ("diagnose", {}),
-        ("add", ["joint_spring:2"], {}),
+        ("find_change", {}),
+        ("add", "joint_spring:2", {}),
         ("ask", "Running the model forward", "forward", {"drive": "pd"}),
         ("take", "robot.xml", view.download, {"flange": ""}, {}),
     ]
@@ -375,8 +384,6 @@ def test_everything_is_offered_and_every_control_does_what_it_says(story, monkey
         ("mount", "0,0,9.81", {}),
     ]
     for key, value, name, kept in (
-        ("frozen", True, "frozen", True),
-        ("frozen", False, "frozen", False),
         ("method", "penalty", "method", "penalty"),
         ("option-window", " 0:8 ", "options", {"window": "0:8"}),
         ("option-window", " ", "options", {}),

@@ -169,7 +169,7 @@ def test_bars_are_errors_over_noise_cut_at_the_floor():
     # Logarithmic, from half of the noise to the largest error.
     assert floor / widest == pytest.approx(np.log(2.0) / np.log(25.0), rel=0.01)
     alone = bars([0.1, 1.25], None, None, UNITS)
-    assert "noise floor unknown" in alone
+    assert "noise unknown" in alone
     assert 'class="noise"' not in alone
     assert "1.25 N m" in alone
 

@@ -15,7 +15,6 @@ from sdp_vs_penalty.effects import effect_types, standard_effect
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import finding_chart, missing_chart
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.sessions import shown_name
 from sdp_vs_penalty.page.view import (
     PagePart,
     Stage,
@@ -23,6 +22,7 @@ from sdp_vs_penalty.page.view import (
     View,
     identified,
     label_of,
+    look_in_words,
     requires_model,
     spoken,
 )
@@ -56,22 +56,24 @@ def models(view: View) -> None:
     units = session.robot["units"]
     before, after = (history[k].comparison["rmse"] for k in (0, -1))
     floor = history[-1].comparison["noise_floor"]
-    what = history[-1].error
+    scope = history[-1].scope
     if (diagnosis := session.findings_of_current) is not None:
         remedy = next_remedy(diagnosis.remedies)
         before, after = diagnosis.held_out_rmse_before, remedy and remedy.after
-    ui.html(bars(before, after, floor, units, what), sanitize=False)
+        scope = "on data left out" if diagnosis.held_out_source != "test" else scope
+    ui.html(bars(before, after, floor, units, scope), sanitize=False)
     if len(history) == 1:
         return
     facts = {f"error {k}": model.facts for k, model in enumerate(history, start=1)}
-    runs = ", ".join(map(shown_name, history[-1].judged_on))
-    with draw.details(f"{what} (RMS) in {runs}, as a table", "history-table"):
+    with draw.details(f"Error (RMS) {scope}, as a table", "history-table"):
         draw.judged(history)
-        draw.table(joint_table(facts, units), f"{what} of each joint, model by model")
+        draw.table(joint_table(facts, units), "Error of each joint, model by model")
 
 
 @requires_model(
-    "findings", "", lambda s: (s.frozen, s.findings and s.findings.to_dict())
+    "findings",
+    "",
+    lambda s: (s.findings and s.findings.to_dict(), [r["name"] for r in s.runs_since]),
 )
 def findings(view: View) -> None:
     """Draw what the last diagnosis found, with buttons to add it, and one to
@@ -93,18 +95,14 @@ def findings(view: View) -> None:
         again = "Diagnose" if diagnosis is None else "Diagnose again"
         diagnose = partial(session.start, session.diagnose)
         draw.button(again, diagnose, "diagnose")
-        label = (
-            "Keep the model fixed: find a load that the runs of the model did not carry"
+        if session.runs_since:
+            look = partial(session.start, session.find_change)
+            draw.button(look_in_words(session), look, "diagnose-frozen")
+    if not session.runs_since:
+        draw.note(
+            "To weigh a load: bring a run with it under Measure. The model stays as it"
+            " is, and what the load adds is found."
         )
-        draw.check(label, session.frozen, partial(setattr, session, "frozen"), "frozen")
-    if not session.history[0].opened:
-        with draw.tag("div", style="unloaded"):  # look.css shows it beside a ticked box
-            draw.note(
-                "This model is from these runs: a load in them is part of its last"
-                " link. Open a model from runs without the load."
-            )
-            to = {"data_to": "identify", "data_opens": "drop-model"}
-            draw.button("Open a model", lambda: None, "open-unloaded", **to)
     _by_hand(view)
 
 
@@ -158,25 +156,19 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
         _head(f"{number}{words.title}", words)
         draw.tag("p", words.on_the_arm, "on-the-arm")
         _picture(session, finding)
-        if not finding.torque_is_certain:  # else the bars say it
-            draw.tag("p", words.gain)
-        if words.size:
-            draw.tag("p", f"Size {words.size}", "size")
-        if words.rivals:
-            draw.tag("p", words.rivals, "rivals")
-        if words.splits:
-            draw.note(words.splits)
+        draw.tag("h5", "Evidence")
+        with draw.tag("ul", style="evidence"):
+            for sentence, speaks_for_it in words.evidence:
+                draw.tag("li", sentence, "for" if speaks_for_it else "against")
+            if words.doubt:
+                draw.tag("li", words.doubt, "against")
         if words.test and not done:
             _telling(view, finding, words.test, f"tell-{k}")
-        if words.physics or words.constants or finding.torque_is_certain:
+        if words.physics or words.constants:
             with draw.details("What this effect is, and does", f"physics-{k}"):
-                if finding.torque_is_certain:
-                    draw.note(words.gain)
                 draw.note(words.physics)
                 if words.constants:
                     draw.note(f"Its constants: {words.constants}.")
-        if words.doubt:
-            draw.note(words.doubt)
         change = diagnosis.remedies_by_finding[k].change.to_dict()
         _adding(session, finding.text, change, f"add-{k}", f"Add {words.title}")
 
@@ -273,8 +265,7 @@ def _by_hand(view: View) -> None:
     def add() -> None:
         kind = kinds[chosen["effect"]]
         place = "" if kind.whole_robot else chosen["joint"]
-        session.frozen = session.frozen or kind.frozen_only
-        session.start(session.add, [":".join(filter(None, (kind.name, place)))])
+        session.start(session.add, ":".join(filter(None, (kind.name, place))))
 
     with draw.details("Add another effect", "by-hand"):
         with draw.tag("div", style="fields"):

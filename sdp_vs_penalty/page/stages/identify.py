@@ -18,7 +18,7 @@ from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import chart_and_arm
 from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.sessions import shown_name
+from sdp_vs_penalty.page.spoken import shown_name
 from sdp_vs_penalty.page.view import (
     PagePart,
     Stage,
@@ -213,6 +213,8 @@ class _Fit:
         self.legend = ui.html("", sanitize=False)
         self.words = draw.tag("p", "", "words")
         _figures(self.model)
+        if len(self.model.judged_on) > 1:
+            _runs_apart(self.model)
         with draw.details("Every figure of the model", "joints-table"):
             draw.judged([self.model])
             units = view.session.robot["units"]
@@ -266,8 +268,8 @@ class _Fit:
         after = comparison["rmse"] if len(history) > 1 else None
         before = history[0].comparison["rmse"]
         floor = comparison["noise_floor"]
-        what = self.model.error
-        self.bars.content = pieces.bars(before, after, floor, units, what, chosen=j)
+        scope = self.model.scope
+        self.bars.content = pieces.bars(before, after, floor, units, scope, chosen=j)
 
     def _draw_torques(
         self, j: int, units: Sequence[str], recordings: Sequence[Any]
@@ -297,18 +299,31 @@ class _Fit:
 def _figures(model: ModelStep) -> None:
     """Draw on which data the model was judged, and what is in doubt of the log."""
     facts = model.facts
-    runs = [*map(shown_name, model.judged_on)]
-    judged = ", ".join(runs) if len(runs) <= 3 else f"{len(runs)} runs"
     new = facts["new_motion_percent"].texts[0]
     seconds = facts["judged_seconds"].texts[0]
-    scope = facts["scope"].text
     draw.note(
-        f"Judged on {seconds} s of {judged}, {new} % of it not used for fitting,"
-        f" {scope}; checked and identified in {model.seconds:.2g} s."
+        f"Judged {model.scope}: {seconds} s, {new} % of it not used for fitting,"
+        f" {facts['scope'].text}; checked and identified in {model.seconds:.2g} s."
     )
     for line in map(Line.from_dict, model.comparison["verdict"]["lines"][1:]):
         if line.about == LOG:  # bars, table and Diagnose say what the others do
             draw.tag("p", formatting.sentence(spoken(str(line))), "line")
+
+
+def _runs_apart(model: ModelStep) -> None:
+    """Draw the error of each run alone, which the figures of all together may hide."""
+    with draw.details("Error of each run alone", "runs-apart"):
+        rows = [
+            (
+                shown_name(run),
+                "tested" if run in model.judged_on else "identified from",
+                *map(formatting.number, errors),
+            )
+            for run, errors in model.errors_of_runs.items()
+        ]
+        joints = (f"joint {j + 1}" for j in range(len(model.comparison["rmse"])))
+        title = "Error (RMS) of each joint, in N m or N"
+        draw.table(Table(("run", "use", *joints), rows, title=title))
 
 
 def _words(model: ModelStep, j: int, unit: str, finding: Finding | None) -> str:
@@ -320,7 +335,7 @@ def _words(model: ModelStep, j: int, unit: str, finding: Finding | None) -> str:
     plain = formatting.plain_unit(unit)
     number = formatting.joint_number(j)
     error = facts["joint_error"].of_joint(number)
-    text = f"{model.error} of joint {number}: {error} {plain}"
+    text = f"Error of joint {number} {model.scope}: {error} {plain}"
     if facts["error_over_noise"].value is not None:
         share = facts["error_beyond_noise"].of_joint(number)
         text += f" ({share} % of its torque beyond the noise)"

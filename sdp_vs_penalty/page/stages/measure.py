@@ -13,9 +13,8 @@ from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import ArmScene, chart_and_arm
 from sdp_vs_penalty.page.charts import data_chart
-from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.sessions import SUFFIXES, name_in_title, shown_name
-from sdp_vs_penalty.page.spoken import spoken
+from sdp_vs_penalty.page.session import ENDINGS, Session
+from sdp_vs_penalty.page.spoken import name_in_title, shown_name, spoken
 from sdp_vs_penalty.page.view import (
     PagePart,
     Project,
@@ -92,7 +91,7 @@ def _choose(view: View) -> None:
     """
     session = view.session
     robot = view.session.robot
-    draw.drop("Your robot's URDF", "robot")
+    draw.drop("Drop your robot's URDF here, and its measurements", "robot", "runs")
     if not robot and view.projects:
         with draw.details("Your projects", "projects", on=True):
             _projects(view)
@@ -115,7 +114,7 @@ def _choose(view: View) -> None:
             "with the bounds and filters of its problem.toml",
             None,
         )
-    for file in view.folder_files(SUFFIXES["robot"]):
+    for file in view.folder_files(ENDINGS["robot"]):
         there[str(file)] = file.name, "from your folder", file.name
     with draw.tiles("Built-in robots"):
         for source, (name, description, urdf) in there.items():
@@ -172,6 +171,7 @@ _USES = (
         s.robot["source"],
         [[run[name] for name in ("name", "use", "split")] for run in s.runs],
         s.refusals,
+        s.model is None,
         [(m["path"], m["run"], m["reason"]) for m in s.mappings],
     ),
 )
@@ -263,7 +263,7 @@ def _your_runs(view: View) -> None:
         draw.draw_form(view.forms["read"], view.session.reading)
         draw.note("Applies to the files that are read next.")
     ticked: dict[str, bool] = {}
-    files = {file.name: file for file in view.folder_files(SUFFIXES["runs"])}
+    files = {file.name: file for file in view.folder_files(ENDINGS["runs"])}
     if not files:
         return
 
@@ -355,6 +355,9 @@ def _list(view: View) -> None:
     for k, run in enumerate(session.runs):
         if run["use"] == "split":
             _split_bar(session, run, k)
+    if session.model and any(run["use"] == "test" for run in session.runs):
+        again = partial(session.start, session.identify_from_all)
+        draw.button("Identify again from all runs", again, "identify-all")
     if session.runs and all(run["use"] == "train" for run in session.runs):
         draw.note(
             "No run is kept for testing: the errors below are training errors, and a"
