@@ -135,7 +135,7 @@ class Wrong:
 def by_check(problem: Problem, run: Measurements) -> str:
     """What `check` says, without its notes."""
     said = [
-        f"{issue.kind}, {issue.where} ({issue.certainty.partition(':')[0]})"
+        f"{issue.kind}, {issue.where} ({issue.certainty.grade})"
         for report in check(problem, run)
         for issue in report.issues
         if issue.severity != "note"
