@@ -209,8 +209,8 @@ def drop(text: str, *kinds: str) -> None:
             **files,
         )
         tag("strong", text)
-        shown = ", ".join(sorted(endings)) if len(kinds) == 1 else "all at once"
-        tag("span", f"or choose files: {shown}")
+        shown = f"files: {', '.join(sorted(endings))}"
+        tag("span", f"or choose {shown if len(kinds) == 1 else 'all of them at once'}")
 
 
 def details(title: str, key: str, on: bool = False) -> Any:

@@ -360,6 +360,12 @@ def change(job: JobRequest) -> Answer:
     return {"effect": effect} | _judged(job, after, uses)
 
 
+def check_again(job: JobRequest) -> Answer:
+    """Check the runs together that are left; returns what :func:`_judged` does."""
+    state = State(job.problem, tuple(job.stored_runs))
+    return _judged(job, state, [run["use"] for run in job["runs"]])
+
+
 def motion(job: JobRequest) -> Answer:
     """Write the motion that a remedy asks to record: within the robot's limits, or the
     one that tells the effects of ``job["separate"]`` apart.
@@ -1290,13 +1296,15 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         arrays = _curves_of_run(estimate, arm, rows)
         save_arrays(out.with_name(f"{out.stem}-{number}.npz"), arrays)
     errors_of_runs = {}
-    if checked.test is not None and checked.all_runs.samples <= MOST_JUDGED_APART:
+    uses = {run["use"] for run in job["runs"]}
+    is_short = checked.all_runs.samples <= MOST_JUDGED_APART
+    if uses == {"train", "test"} and is_short:
         for run in runs:
             filtered = FilteredRuns.filtering(run, settings)
             (alone,) = compare_filtered(
                 {"model": arm}, filtered, noise=comparison.noise
             )
-            errors_of_runs[_distinct_names([run])[0]] = alone.rmse
+            errors_of_runs[run.names[0]] = alone.rmse
     job.progress("looking where it fails")
     failures = _failures_of(estimate, judge, comparison)
     estimate.save(out)

@@ -48,8 +48,8 @@ class ModelStep(JsonRecord):
     on_bounds: list[str]
     #: Time that the estimate took [s].
     seconds: float
-    #: (n,) error of each joint [N m, N] in each run alone, by the run's name; empty
-    #: without a run that is for testing only, and for very long ones.
+    #: (n,) error of each joint [N m, N] in each run alone, by the run's name, where some
+    #: are for training and others for testing; empty for very long ones.
     errors_of_runs: dict[str, list[float]] = field(default_factory=dict)
     #: Name of the step.
     label: str = ""

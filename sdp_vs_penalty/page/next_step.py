@@ -17,6 +17,7 @@ from sdp_vs_penalty.page.view import (
     identified,
     label_of,
     look_in_words,
+    set_aside_in_words,
     spoken,
 )
 from sdp_vs_penalty.records import from_json, to_json
@@ -83,6 +84,10 @@ def _of_runs(session: Session) -> NextStep:
         effect = session.outcome_of(change.to_dict())
         return NextStep(f"{text} {effect}".strip(), label, "check", do, level=level)
     of_check = checked(session)
+    for run in session.differing_runs:
+        do = partial(session.start, session.use, run["file"], "test")
+        label = set_aside_in_words(run)
+        return NextStep(of_check.text, label, "check", do, level=of_check.level)
     if not {*session.kinds_of_issue} <= {*session.seen_issues}:
         label, see = "See what Check found", session.see_issues
         return NextStep(of_check.text, label, "check", see, level=of_check.level)

@@ -16,6 +16,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import Files, command_of, cut_copy
+from sdp_vs_penalty.checks.explain import NOT_REPAIRED
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.formats import suffixes
 from sdp_vs_penalty.data.parsing import numbers
@@ -286,6 +287,18 @@ class Session:
             for f in run["findings"]
             if f["severity"] == "error"
         ]
+
+    @property
+    def differing_runs(self) -> list[dict[str, Any]]:
+        """The runs for training that the check calls another arm or load than the others;
+        none where no other is left."""
+        training = [run for run in self.runs if run["use"] == "train"]
+        differing = [
+            run
+            for run in training
+            if any(issue["kind"] in NOT_REPAIRED for issue in run["findings"])
+        ]
+        return differing if len(differing) < len(training) else []
 
     @property
     def first_and_current(self) -> list[ModelStep]:
@@ -1000,11 +1013,15 @@ class Session:
         changed = ({**run, "use": use} if run is chosen else run for run in self.runs)
         runs = [run for run in changed if run["use"]]
         models = await self._judged_on(runs, self.robot)
-        gone = [f"{chosen['name']} is removed: Undo brings it back."] if not use else []
+        gone = []
+        left = {"runs": runs, "remedies": self.remedies, "robot": {}}
+        if not use:
+            gone.append(f"{chosen['name']} is removed: Undo brings it back.")
+            left = await self._job("Checking the runs", "check_again", runs=runs)
         if self.history and not models:
             gone.append(_DROPPED)
         self._step_from_here(f"use of {chosen['name']}" if use else "a run removed")
-        self.runs = runs
+        self._take(left)
         self._keep_models(models)
         self.say(*gone, error=False)
 
@@ -1220,9 +1237,10 @@ class Session:
         request = {"model": self.current.file, "runs": runs}
         n_made = sum(words[0] in ("identify", "add") for words in commands)
         kept = {"label": "what has changed since", "opened": f"model{n_made}.json"}
+        left = await self._job("Checking the runs", "check_again", runs=runs)
         step = await self._step("Testing the model", "open_model", request, **kept)
         self._begin(step)
-        self.runs = runs
+        self._take(left)
         self.prepared = commands
 
     async def find_change(self) -> None:

@@ -171,6 +171,11 @@ def look_in_words(session: Session) -> str:
     return f"Find a load, or what else has changed, in {names}"
 
 
+def set_aside_in_words(run: Mapping[str, Any]) -> str:
+    """Return what keeps a run that differs out of the model."""
+    return f"Identify without {shown_name(run['name'])}, and test on it"
+
+
 def graded(text: str, grade: str) -> str:
     """Return what the check says as a sentence, with how sure it is unless it is
     certain."""

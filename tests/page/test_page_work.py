@@ -937,6 +937,7 @@ def test_a_load_is_weighed_by_the_next_step(here, tmp_path):
     while "Download" not in screen.text("next"):
         screen.click("next")
     arm = s.current.file
+    assert "run2.csv" not in s.current.changed_runs
     s.arrived = {"loaded.csv": loaded}
     screen.do(s.read_arrived)
     assert s.findings is None
@@ -955,6 +956,14 @@ def test_a_load_is_weighed_by_the_next_step(here, tmp_path):
     do(s, s.identify_from_all)
     assert {run["use"] for run in s.runs} == {"train"}
     assert s.current.file != arm
+    s.undo()
+    do(s, lambda: s.use(s.runs[2]["file"], "train"))
+    assert s.differing_runs == [s.runs[2]]
+    assert "Identify without loaded.csv, and test on it" in screen.text("check")
+    screen.click("next")
+    assert s.runs[2]["use"] == "test"
+    do(s, lambda: s.use(s.runs[2]["file"], ""))
+    assert not s.warnings
 
 
 def test_the_split_of_a_run_can_be_dragged(here, hidden, tmp_path):

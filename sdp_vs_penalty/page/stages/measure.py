@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.checks.explain import NOT_REPAIRED
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import controls as draw
@@ -24,6 +25,7 @@ from sdp_vs_penalty.page.view import (
     checked,
     graded,
     label_of,
+    set_aside_in_words,
 )
 from sdp_vs_penalty.render.words import plain_name
 from sdp_vs_penalty.reports.demo import SEED
@@ -355,9 +357,10 @@ def _list(view: View) -> None:
     for k, run in enumerate(session.runs):
         if run["use"] == "split":
             _split_bar(session, run, k)
-    if session.model and any(run["use"] == "test" for run in session.runs):
+    if session.model and any(run["use"] != "train" for run in session.runs):
         again = partial(session.start, session.identify_from_all)
-        draw.button("Identify again from all runs", again, "identify-all")
+        what = "all of the run" if len(session.runs) == 1 else "all runs"
+        draw.button(f"Identify again from {what}", again, "identify-all")
     if session.runs and all(run["use"] == "train" for run in session.runs):
         draw.note(
             "No run is kept for testing: the errors below are training errors, and a"
@@ -480,6 +483,11 @@ def _findings(view: View) -> None:
             with draw.tag("div", style="row"):
                 for n, remedy in enumerate(issue["remedies"]):
                     _remedy(view, remedy, f"remedy-{k}-{n}")
+                for run in runs:
+                    if issue["kind"] in NOT_REPAIRED and run in session.differing_runs:
+                        aside = partial(session.start, session.use, run["file"], "test")
+                        label = set_aside_in_words(run)
+                        draw.button(label, aside, f"aside-{k}")
 
 
 def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
