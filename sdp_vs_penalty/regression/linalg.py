@@ -14,8 +14,6 @@ from sdp_vs_penalty.robot.arrays import Array, Indices
 #: Singular values below this share of the largest, at columns of unit norm, are
 #: rounding [-].
 UNSEEN = 1e-9
-#: Rows of a large matrix that are factorised at a time.
-_ROWS_AT_A_TIME = 4096
 
 
 def column_space(A: Array) -> tuple[Array, Array]:
@@ -85,40 +83,13 @@ def deviations(A: Array) -> Array:
 
 def span(A: Array) -> Array:
     """Return an orthonormal basis U (r, k) of the span of the columns of A (r, p), by a
-    pivoted QR of their triangular factor, which is small.
-
-    The basis, columns R^-1, is orthogonalised a second time against rounding: twice is
-    enough (Giraud et al. 2005). It takes a third of the time of :func:`column_space`.
-    """
+    pivoted QR: in two thirds of the time of :func:`column_space`."""
     unit, nonzero, _ = _unit_columns(A)
     if not len(nonzero):
         return np.zeros((len(A), 0))
-    r, order = scipy.linalg.qr(
-        _triangular_factor(unit), mode="r", pivoting=True, check_finite=False
-    )
-    size = np.abs(np.diagonal(r))
-    rank = int(np.sum(size > UNSEEN * size[0]))
-    U = _times_inverse(unit[:, order[:rank]], r[:rank, :rank])
-    return _times_inverse(U, _triangular_factor(U))
-
-
-def _triangular_factor(A: Array) -> Array:
-    """Return the factor R (p, p) of the QR decomposition of A (r, p), by some thousand
-    rows at a time; (r, p) where there are fewer rows than columns."""
-    factor: Array = A[:0]
-    for start in range(0, len(A), _ROWS_AT_A_TIME):
-        stacked = np.concatenate([factor, A[start : start + _ROWS_AT_A_TIME]])
-        factor = np.asarray(np.linalg.qr(stacked, mode="r"))
-    return factor
-
-
-def _times_inverse(A: Array, triangle: Array) -> Array:
-    """Return A R^-1 (r, k) of a matrix A (r, k), which it may overwrite, and a triangle
-    R (k, k)."""
-    transposed = scipy.linalg.solve_triangular(
-        triangle, A.T, trans="T", overwrite_b=True, check_finite=False
-    )
-    return np.ascontiguousarray(transposed.T)
+    Q, R, _ = scipy.linalg.qr(unit, mode="economic", pivoting=True, check_finite=False)
+    size = np.abs(np.diagonal(R))
+    return np.ascontiguousarray(Q[:, size > UNSEEN * size[0]])
 
 
 def partialled(A: Array, others: Array) -> Array:
