@@ -10,7 +10,6 @@ forward and backward Butterworth filtering gives).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 
 import numpy as np
 import scipy
@@ -68,43 +67,8 @@ class Decimator:
         """Return the low-passed rows (M, ...) of signals x (N, ...)."""
         shape = x.shape[1:]
         flat = x.reshape(len(x), int(np.prod(shape)))
-        parts = [flat[:0]]
-        if self.blocks:
-            parts.append(self._even_rows(flat))
-        parts += [
-            block @ flat[samples] for samples, block in self.blocks[self._n_even :]
-        ]
-        return np.concatenate(parts).reshape(len(self.at), *shape)
-
-    def _even_rows(self, flat: Array) -> Array:
-        """Return the low-passed rows of signals (N, k) by the first blocks, which are one
-        matrix, in one product with all pieces of the signals."""
-        first, block = self.blocks[0]
-        shift = self.blocks[1][0].start - first.start if len(self.blocks) > 1 else 0
-        assert self.blocks[self._n_even - 1][0].stop <= len(flat)
-        along_rows, along_columns = flat.strides
-        pieces = np.lib.stride_tricks.as_strided(
-            flat[first.start :],
-            (self._n_even, block.shape[1], flat.shape[1]),
-            (shift * along_rows, along_rows, along_columns),
-            writeable=False,
-        )
-        rows = block @ pieces
-        return np.asarray(rows.reshape(self._n_even * len(block), flat.shape[1]))
-
-    @cached_property
-    def _n_even(self) -> int:
-        """The number of first blocks that are one matrix, evenly shifted."""
-        if not self.blocks:
-            return 0
-        first, block = self.blocks[0]
-        shift = self.blocks[1][0].start - first.start if len(self.blocks) > 1 else 0
-        n = 0
-        for samples, other in self.blocks:
-            if other is not block or samples.start != first.start + n * shift:
-                break
-            n += 1
-        return n
+        parts = [block @ flat[samples] for samples, block in self.blocks]
+        return np.concatenate([flat[:0], *parts]).reshape(len(self.at), *shape)
 
     def part(self, start: int, stop: int) -> tuple[Decimator, slice]:
         """Return the decimator of a slice of the rows, for a chunk of the samples.

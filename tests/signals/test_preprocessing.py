@@ -271,15 +271,3 @@ def test_an_autoregressive_process_is_that_of_scipy(poles):
     white = np.random.default_rng(0).normal(size=300)
     expected = scipy.signal.lfilter([1.0], poles, white)
     assert_allclose(autoregressive(poles, white), expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("steps", [[20] * 100, [20] * 40 + [13] * 40 + [20] * 37, [7]])
-def test_one_column_is_low_passed_as_beside_others(steps):
-    """Evenly spaced rows are one product, others are not."""
-    kernel = Kernel(5.0, 1e-3)
-    at = kernel.half + np.concatenate([[0], np.cumsum(steps)])
-    low_pass = Decimator(kernel, at)
-    x = np.random.default_rng(0).normal(size=(int(at[-1]) + kernel.half + 1, 2))
-    both = low_pass @ x
-    assert_allclose(low_pass @ x[:, 0], both[:, 0], rtol=1e-12, atol=1e-12)
-    assert_allclose(low_pass @ x[:, 1:], both[:, 1:], rtol=1e-12, atol=1e-12)
