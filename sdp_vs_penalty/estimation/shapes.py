@@ -256,16 +256,9 @@ class _Bank:
         A shape constant (such as a Stribeck velocity) makes one regressor column at
         each of the K values of its grid. ``u`` is the logarithm of the constant.
         weights[0] times the K columns is the column at u; weights[1] times them its
-        derivative by u. Within an interval of the grid the spline is c0 d^3 + c1 d^2 +
-        c2 d + c3, with d = u - the interval's left end.
+        derivative by u.
         """
-        # Number of the interval that holds u; beyond the grid, the outermost one.
-        k = int(np.searchsorted(self.spline.x[1:-1], u, "right"))
-        # Evaluating the cubic's coefficients is ten times as fast as calling the
-        # spline.
-        d = u - self.spline.x[k]
-        powers = np.array([[d**3, d**2, d, 1.0], [3.0 * d**2, 2.0 * d, 1.0, 0.0]])
-        return powers @ self.spline.c[:, k]
+        return np.array([self.spline(u), self.spline(u, 1)])
 
 
 def _with_banks(
