@@ -168,13 +168,23 @@ def cost(given: argparse.Namespace) -> Rows:
     tasks: dict[str, Callable[[], object]] = {
         "7 masses and the total": linear(["masses"]),
         "71: masses, total, centres, inertias about the frame": lambda: ranges_of(
-            posed, model.theta, None, ["masses", "centres", "inertias"]
+            posed,
+            model.theta,
+            allowed_set(posed, model.theta),
+            ["masses", "centres", "inertias"],
         ),
         "the same, with model error": lambda: ranges_of(
-            posed, model.theta, floor, ["masses", "centres", "inertias"]
+            posed,
+            model.theta,
+            allowed_set(posed, model.theta, floor),
+            ["masses", "centres", "inertias"],
         ),
         "masses under four sets of constraints, with model error": lambda: ranges_of(
-            posed, model.theta, floor, ["masses"], kinds=KINDS[:-1]
+            posed,
+            model.theta,
+            allowed_set(posed, model.theta, floor),
+            ["masses"],
+            kinds=KINDS[:-1],
         ),
     }
     for name, task in tasks.items():

@@ -128,6 +128,8 @@ class AllowedSet:
     kinds: tuple[str, ...]
     #: Probability with which an interval holds the truth.
     level: float = LEVEL
+    #: (n,) noise floor of the filtered torque [N m, N]; None: not known.
+    floor: Array | None = None
 
     @cached_property
     def cost(self) -> float:
@@ -299,6 +301,7 @@ def allowed_set(
         fit=np.zeros(0),
         kinds=KINDS,
         level=level,
+        floor=floor,
     )
     return replace(allowed, fit=allowed.best_fit(1e-10))
 

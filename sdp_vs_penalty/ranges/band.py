@@ -146,17 +146,11 @@ def torque_band(
                 dense[:, block.indices] = block.columns
                 columns[joint].append(dense)
     by_joint = [np.vstack(parts) for parts in columns]
-    return band_of(
-        allowed, np.concatenate(t), by_joint, np.concatenate(measured), floor
-    )
+    return band_of(allowed, np.concatenate(t), by_joint, np.concatenate(measured))
 
 
 def band_of(
-    allowed: AllowedSet,
-    t: Array,
-    columns: list[Array],
-    measured: Array,
-    floor: Array | None,
+    allowed: AllowedSet, t: Array, columns: list[Array], measured: Array
 ) -> Band:
     """Return the band of the torque that regressor rows (N, p) of each joint make."""
     ball = allowed.ball
@@ -177,5 +171,6 @@ def band_of(
         rows_of_peaks.append(Y[peak])
     for j, (low, high) in enumerate(EndSearch(allowed).both(rows_of_peaks)):
         peaks[j] = low.value, high.value
+    floor = allowed.floor
     noise = np.zeros(len(columns)) if floor is None else np.asarray(floor, float)
     return Band(t, centre, half, wide, measured, noise, peaks)

@@ -368,7 +368,9 @@ def find_ranges(
     estimate = as_estimate(model, "find_ranges(model=...)")
     progress("posing the problem")
     posed, floor = training_of(estimate, data)
-    return ranges_of(posed, estimate.theta, floor, functions, level, kinds, progress)
+    progress("what the data allow")
+    allowed = allowed_set(posed, estimate.theta, floor, level)
+    return ranges_of(posed, estimate.theta, allowed, functions, kinds, progress)
 
 
 def find_end(
@@ -445,6 +447,9 @@ def training_of(
     if posed is None or posed.runs is None:
         what = "these data have no torque, and the model does not say what replaced it"
         raise InputError(what, "identify the model from them first")
+    is_own = posed.measurements.data_hash == estimate.provenance.get("data_hash")
+    if is_own and estimate.provenance.get("noise"):
+        return posed, _floor_of(estimate)
     return posed, noise_level(posed.problem, posed.runs)[0]
 
 
@@ -459,9 +464,8 @@ def _floor_of(estimate: Estimate) -> Array | None:
 def ranges_of(
     posed: EstimationProblem,
     theta: Array,
-    floor: Array | None,
+    allowed: AllowedSet,
     names: Sequence[str] = DEFAULT,
-    level: float = LEVEL,
     kinds: Sequence[str] = (),
     progress: Progress = no_progress,
 ) -> Ranges:
@@ -473,8 +477,8 @@ def ranges_of(
         The identification problem of the data.
     theta : (p,) array
         Parameters of the identified model.
-    floor : (n,) array or None
-        Noise floor of the data [N m, N].
+    allowed : AllowedSet
+        What data and constraints allow.
     names : sequence of str
         Functions, or words for groups of them (:mod:`~ranges.functions`).
     kinds : iterable of str
@@ -482,8 +486,6 @@ def ranges_of(
         with those before it.
     """
     task = posed.task
-    progress("what the data allow")
-    allowed = allowed_set(posed, theta, floor, level)
     chosen = functions_by_name(posed.problem, task.model, names)
     main = _ends(allowed, chosen)
     progress("with the model's error, and under fewer constraints")
@@ -502,7 +504,7 @@ def ranges_of(
     mass, distance = posed.problem.link_defaults.max(axis=0).tolist()
     return Ranges(
         problem=posed.problem.name,
-        level=level,
+        level=allowed.level,
         ranges=tuple(
             Range(
                 name=f.name,
@@ -516,7 +518,9 @@ def ranges_of(
             )
             for k, f in enumerate(chosen)
         ),
-        structure_share=None if floor is None else structure / allowed.ball.loss_ls,
+        structure_share=(
+            None if allowed.floor is None else structure / allowed.ball.loss_ls
+        ),
         far_limits=(mass, distance),
     )
 

@@ -540,7 +540,7 @@ def ranges(data: ReportData) -> Context:
     run = data.judged[data.name][0]
     columns = [c.dense_columns(len(estimate.theta)) for c in run.columns]
     shown = run.shown
-    band = band_of(allowed, run.motion.t[shown], columns, run.torque[shown], floor)
+    band = band_of(allowed, run.motion.t[shown], columns, run.torque[shown])
     reach = band.half_width_with_error
     low, high = band.centre - reach, band.centre + reach
     figures = [
@@ -551,7 +551,7 @@ def ranges(data: ReportData) -> Context:
         )
         for j, y in enumerate(band.measured.T)
     ]
-    found = ranges_of(posed, estimate.theta, floor)
+    found = ranges_of(posed, estimate.theta, allowed)
     return {
         "missing": "",
         "table": pieces.framed(found.table()),

@@ -19,6 +19,7 @@ from sdp_vs_penalty.paper.tables.table import (
 )
 from sdp_vs_penalty.problem.problem import entries
 from sdp_vs_penalty.problem.published import box_tables, errata
+from sdp_vs_penalty.ranges.allowed import allowed_set
 from sdp_vs_penalty.ranges.table import ranges_of
 from sdp_vs_penalty.results.table import cell_text
 from sdp_vs_penalty.robot import inertia
@@ -136,7 +137,8 @@ def _ends(study: Study, data: Data, names: tuple[str, ...]) -> dict[str, pandas.
         weighting="noise",
     )
     theta = study.theta(DEFAULT_METHOD, data)
-    found = {r.name: r for r in ranges_of(posed, theta, None, names).ranges}
+    allowed = allowed_set(posed, theta)
+    found = {r.name: r for r in ranges_of(posed, theta, allowed, names).ranges}
     ends = {side: [getattr(found[name], side) for name in names] for side in _SIDES}
     return {
         side: pandas.Series(
