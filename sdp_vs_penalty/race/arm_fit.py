@@ -8,16 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.regression.normal_equations import solve
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 #: A column of which less than this share of its square is outside the basis is spanned
 #: by it: rounding errors are no column [-].
 _SPANNED_SHARE = 1e-12
-#: The same for a candidate column, which has to say something new [-].
-_NOTHING_NEW_SHARE = 1e-10
-#: Smallest share of a candidate column that the arm's parameters are taken to leave [-].
-_SHARE_LEFT_BY_ARM = 1e-3
 #: Columns whose singular value is a smaller share of the largest are dependent [-].
 _DEPENDENT_SHARE = 1e-6
 
@@ -148,51 +143,6 @@ class ArmFit:
         """(n, M) torque that the arm and the joints' own columns leave [N m or N]."""
         left = self.rows.project_out_own(self.channels[:, :, None])[:, :, 0]
         return np.asarray(left - self.rows.projected @ self.theta)
-
-    def log_falls_by_steps(self, mask: Array, first_rows: NDArray[np.intp]) -> Array:
-        """Predict the falls (n, K) of log S_j by columns x that step from 0 to 1 at some
-        row.
-
-        S_j is the squared residual of joint j. To first order it falls by (x . r)^2 / v,
-        with the residual r and v the square of what is left of x beside the joint's own
-        columns and the arm's parameters. No column is made: a product with a step is a
-        sum over the rows from the step on.
-
-        Parameters
-        ----------
-        mask : (n, M) array
-            Value of a column after its step: 1, or 0 where the joint's torque is not
-            used.
-        first_rows : (K,) array of int
-            First row after each step.
-        """
-
-        def from_rows(y: Array) -> Array:
-            """Return the sums (n, K, ...) of y (n, M, ...) from each step's row on."""
-            # Cumulative sums from the last row backwards.
-            sums_to_end = np.cumsum(y[:, ::-1], axis=1)[:, ::-1]
-            return np.asarray(sums_to_end[:, first_rows])
-
-        on_residual = from_rows(mask * self.residual)  # (n, K): x . r
-        on_arm = from_rows(mask[:, :, None] * self.rows.projected).swapaxes(1, 2)
-        on_basis = from_rows(mask[:, :, None] * self.rows.basis)
-        squares = from_rows(mask**2)
-        normal = np.tensordot(self.weights, self.rows.gram, 1)  # (s, s)
-        explained = np.sum(on_arm * solve(normal, on_arm), axis=1)
-        beside_basis = squares - np.sum(on_basis**2, axis=2)
-        beside_arm = np.maximum(
-            beside_basis - self.weights[:, None] * explained,
-            _SHARE_LEFT_BY_ARM * beside_basis,
-        )
-        scale = np.maximum(beside_arm * self.energy_left[:, None], 1e-280)
-        is_new = beside_basis > _NOTHING_NEW_SHARE * squares
-        return np.asarray(is_new * np.log1p(on_residual**2 / scale))
-
-    @cached_property
-    def weights(self) -> Array:
-        """(n,) weights of the joints' rows, one over the squared residual; 0 for joints
-        that do not move."""
-        return np.where(self.moving, 1.0 / self.energy_left, 0.0)
 
 
 def orthonormal(columns: Array) -> Array:

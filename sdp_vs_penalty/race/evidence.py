@@ -534,20 +534,24 @@ class Evidence:
         return score / np.maximum(information + sd**-2.0, _TINY), information
 
     def screen(
-        self, fit: ViewFit, columns: Array, sizes: Sequence[int], sd: Array
+        self, fit: ViewFit, groups: Sequence[tuple[Array, Array]]
     ) -> tuple[Array, Array]:
         """Return log-odds and first size of each of several groups of further columns,
         the arm and the noise adapted to first order.
 
-        The r-th group has ``sizes[r]`` of the columns (n, M, sum of sizes), which are z
-        beside the arm's and each joint's own; with r the residual, joint j's squared
-        residual S_j becomes S_j - 2 x z_j^T r_j + x^T z_j^T z_j x.
+        A group's columns (n, M, r) are z beside the arm's and each joint's own; with r
+        the residual, joint j's squared residual S_j becomes
+        S_j - 2 x z_j^T r_j + x^T z_j^T z_j x.
 
         Parameters
         ----------
-        sd : (sum of sizes,) array
-            Standard deviations of the sizes x beforehand.
+        groups : sequence of tuple
+            Of each its columns (n, M, r), and the standard deviations (r,) of their
+            sizes x beforehand.
         """
+        columns = np.concatenate([x for x, _ in groups], axis=2)
+        sd = np.concatenate([x for _, x in groups])
+        sizes = [len(x) for _, x in groups]
         moving = self.log.moving
         rows = fit.columns.rows
         arm = rows.projected[moving]
@@ -562,9 +566,9 @@ class Evidence:
         odds, first = np.empty(len(sizes)), np.empty(len(sizes))
         begins = np.cumsum(sizes) - sizes
         for size in {*sizes}:
-            groups = np.flatnonzero(np.equal(sizes, size))
-            places = begins[groups][:, None] + np.arange(size)  # (G, size)
-            odds[groups], first[groups] = self._gains(
+            alike = np.flatnonzero(np.equal(sizes, size))
+            places = begins[alike][:, None] + np.arange(size)  # (G, size)
+            odds[alike], first[alike] = self._gains(
                 fit, z[:, :, places], score[:, places], sd[places], alone[places]
             )
         return odds, first

@@ -284,16 +284,18 @@ class Race:
                 # What a claim explains, another cannot lack, nor much more.
                 if self.looked_at.get((h.key, count[h.key]), 0.0) > -explained:
                     changed[h.key, count[h.key]] = h
-        sizes = [h.number.size_in(h.chain) for h in numbers if h.number is not None]
-        further = [_thinned(h.further) for h in columns if h.further is not None]
-        together = [few.slopes(base, numbers, sizes), *(x.columns for x in further)]
-        sd = [np.array([h.number.sd]) for h in numbers if h.number is not None]
-        sd += [x.sd for x in further]
-        if sd:
-            counts = [len(x) for x in sd]
-            torques = np.concatenate(together, axis=2)
-            gains, steps = few.screen(base, torques, counts, np.concatenate(sd))
-            for h, gain, step in zip([*numbers, *columns], gains, steps, strict=True):
+        sizes = [h.number.size_in(h.chain) for h in numbers if h.number]
+        slopes = few.slopes(base, numbers, sizes)
+        groups = [
+            (slopes[:, :, k : k + 1], np.array([h.number.sd]))
+            for k, h in enumerate(numbers)
+            if h.number
+        ]
+        further = [_thinned(h.further) for h in columns if h.further]
+        groups += [(x.columns, x.sd) for x in further]
+        if groups:
+            found = zip([*numbers, *columns], *few.screen(base, groups), strict=True)
+            for h, gain, step in found:
                 scored.append((of_all * gain + h.log_prior, h, float(step)))
         views = [h.seen(view) for h in changed.values()]
         values = few.values(views, 1.0, _ROUNDS_OF_A_LOOK)

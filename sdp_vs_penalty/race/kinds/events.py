@@ -6,20 +6,24 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.stretches.gaps import recorded_seconds
 from sdp_vs_penalty.race import constants as c
-from sdp_vs_penalty.race.arm_fit import ArmFit
 from sdp_vs_penalty.race.chain import LogEvent, LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis
+from sdp_vs_penalty.robot.arrays import Array
 
 DRIFT = "torque drift"
 #: Smallest share of the rows before a step, and of those after it, in which the joint
 #: moves either way: of a joint that only turns back, friction makes a step.
 _SMALLEST_SHARE_EACH_WAY = 0.15
+#: A step has to say something new beside the joint's own columns, and the arm's
+#: parameters leave at least so large a share of it [-].
+_NOTHING_NEW_SHARE, _SHARE_LEFT_BY_ARM = 1e-10, 1e-3
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
@@ -34,7 +38,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     prior = prior_of_one_of(log.n) - c.LOG_ODDS_AGAINST_EVENT + c.LOG_ODDS_AGAINST_FAULT
     for j in log.joints:
         yield Hypothesis(DRIFT, (j,), prior, now.with_event(LogEvent(j)))
-    for event in _likeliest_step(log, now, log.fit(now)):
+    for event in _likeliest_step(evidence, fit):
         chain = now.with_event(event)
         odds = prior - float(np.log(c.ROWS // c.PARTS))
         yield Hypothesis("torque step", (event.joint,), odds, chain)
@@ -47,15 +51,14 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         yield (_drift if event.at is None else _step)(log, chain, event)
 
 
-def _likeliest_step(
-    log: Likelihood, now: LogTransform, fit: ArmFit
-) -> Iterator[LogEvent]:
+def _likeliest_step(evidence: Evidence, fit: ViewFit) -> Iterator[LogEvent]:
     """Yield the torque step that lowers a joint's squared residual most, of all joints
     and moments.
 
     A step is proposed only for a joint that moves both ways before it and after it:
     otherwise Coulomb friction makes the same step.
     """
+    log, now = evidence.log, fit.chain
     motion = log.data.motion
     # One moment for two rows: a step two rows off explains nothing. Near the ends of
     # the log a step is an offset.
@@ -63,8 +66,7 @@ def _likeliest_step(
     rows_before = (shares * (len(motion.t) - 1)).astype(np.intp)
     moments = motion.t[rows_before].tolist()
     first_rows = rows_before + 1
-    falls = fit.log_falls_by_steps(log.torque_mask(now), first_rows)  # (n, moments)
-    falls = falls * log.moving[:, None]
+    falls = _log_falls_by_steps(evidence, fit, first_rows) * log.moving[:, None]
     # Share of the rows before and after each step in which a joint moves forth.
     goes_forth = motion.dq[:, list(now.order)].T > 0.0
     n_forth = np.cumsum(goes_forth, axis=1)[:, first_rows - 1]
@@ -77,6 +79,39 @@ def _likeliest_step(
     j, k = divmod(int(np.argmax(falls)), len(moments))  # joint, moment
     if falls[j, k] > 0.0:
         yield LogEvent(j, moments[k])
+
+
+def _log_falls_by_steps(
+    evidence: Evidence, fit: ViewFit, first_rows: NDArray[np.intp]
+) -> Array:
+    """Predict the falls (n, K) of log S_j by columns x that step from 0 to 1 at some of
+    the rows (K,).
+
+    S_j is the squared residual of joint j. To first order it falls by (x . r)^2 / v,
+    with the residual r and v the square of what is left of x beside the joint's own
+    columns and the arm's parameters. No column is made: a product with a step is a
+    sum over the rows from the step on.
+    """
+    rows = fit.columns.rows
+    mask = evidence.log.torque_mask(fit.chain)
+
+    def from_rows(y: Array) -> Array:
+        """Return the sums (n, K, ...) of y (n, M, ...) from each step's row on."""
+        # Cumulative sums from the last row backwards.
+        sums_to_end = np.cumsum(y[:, ::-1], axis=1)[:, ::-1]
+        return np.asarray(sums_to_end[:, first_rows])
+
+    on_residual = from_rows(mask * evidence.residual(fit))  # (n, K): x . r
+    on_arm = from_rows(mask[:, :, None] * rows.projected).swapaxes(1, 2)
+    on_basis = from_rows(mask[:, :, None] * rows.basis)
+    squares = from_rows(mask)
+    explained = np.sum(on_arm * np.linalg.solve(fit.information, on_arm), axis=1)
+    beside_basis = squares - np.sum(on_basis**2, axis=2)
+    beside_arm = beside_basis - fit.weights[:, None] * explained
+    beside_arm = np.maximum(beside_arm, _SHARE_LEFT_BY_ARM * beside_basis)
+    scale = np.maximum(beside_arm * fit.left[:, None], 1e-280)
+    is_new = beside_basis > _NOTHING_NEW_SHARE * squares
+    return np.asarray(is_new * np.log1p(on_residual**2 / scale))
 
 
 def _size(log: Likelihood, repair: LogTransform, event: LogEvent) -> float:
