@@ -82,15 +82,12 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     shortest, longest = _STEPS
     t = glance.run.t
     found = unit_of_dates(t)
-    dated = "" if found is None else found.answer
-    units = {name: unit for name, unit in _UNITS.items() if dated in ("", unit)}
-    if not dated:
-        del units["hundreds of nanoseconds"]  # clocks that count them count dates
-    factors = {name: UNITS[unit] for name, unit in units.items()}
     fits = {
-        name: factor
-        for name, factor in factors.items()
-        if shortest <= glance.usual_step * factor <= longest
+        name: UNITS[unit]
+        for name, unit in _UNITS.items()
+        # Clocks that count hundreds of nanoseconds count dates.
+        if (unit == found.answer if found else unit != "100ns")
+        and shortest <= glance.usual_step * UNITS[unit] <= longest
     }
     if not fits:
         return

@@ -5,8 +5,9 @@ all runs finds them, and each has to hold in every run. What belongs to one run 
 load, a zero, or a fault of its log alone) is claimed with that run named.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -80,10 +81,8 @@ class LoggerJudge:
     """Judge the dynamics of all runs that one logger recorded of one arm.
 
     reports : of all runs, with their facts; logs : by the run's number, the rows of
-    those whose dynamics can be judged; only_in : by the run's number, what is repaired
-    in that run alone; issues_of_one : by the run's number, the issues of that run
-    alone; clock_shifts : by the run's number, the time [s] by which its clock is put
-    forward in the log of all runs together.
+    those whose dynamics can be judged; is_poor_motion : whether the motion of all has
+    few directions.
     """
 
     def __init__(self, problem: Problem, reports: Sequence[Report]) -> None:
@@ -98,25 +97,22 @@ class LoggerJudge:
         for k, report in enumerate(reports):
             if not has_dynamics(report):
                 continue
+            run = report.repaired_all
             try:
-                self.logs[k] = self.rows_of(report.repaired_all)
+                filters = problem.preprocessing.resolve(run)
+                data = RegressionData.from_run(problem, run, filters)
             except InputError as error:
-                issue = make_refusal(
-                    "too little data", error, certain("the filters need more")
-                )
+                too_little = certain("the filters need more")
+                issue = make_refusal("too little data", error, too_little)
                 self.reports[k] = with_issues(report, [issue])
-        as_logged = LogTransform.unchanged(problem.robot.n, problem.robot.gravity)
-        self.only_in = dict.fromkeys(self.logs, as_logged)
-        self.is_poor_motion = False
-        self.clock_shifts: dict[int, float] = {}
+            else:
+                self.logs[k] = Likelihood(problem, data)
+        self.is_poor_motion = all(reports[k].has_poor_motion for k in self.logs)
 
-    def rows_of(self, run: Measurements) -> Likelihood:
-        """Return the filtered rows of one run, to fit arms to. Raises InputError for a
-        run shorter than the filters need."""
-        data = RegressionData.from_run(
-            self.problem, run, self.problem.preprocessing.resolve(run)
-        )
-        return Likelihood(self.problem, data)
+    @cached_property
+    def common(self) -> Likelihood:
+        """The rows of all runs, one after the other."""
+        return Likelihood.of_all_runs([*self.logs.values()])
 
     def judge(self) -> list[Report]:
         """Hold the race of all explanations; return the reports with what it says.
@@ -124,27 +120,19 @@ class LoggerJudge:
         If the torques are no measured ones (a controller's gravity model), that is the
         only explanation.
         """
-        logs = [*self.logs.values()]
-        common = Likelihood.of_all_runs(logs)
-        not_measured = [*kind_of_torque(common)]
+        not_measured = [*kind_of_torque(self.common)]
         if not_measured:
-            for number in self.logs:
-                report = self.reports[number]
-                self.reports[number] = with_issues(report, not_measured)
+            self._report_alike(not_measured)
             return self.reports
-        shifts = common.data.clock_shifts
-        self.clock_shifts = dict(zip(self.logs, shifts, strict=True))
-        reports = [self.reports[number] for number in self.logs]
         kinds = KINDS
-        self.is_poor_motion = all(report.has_poor_motion for report in reports)
         if self.is_poor_motion:
             kinds = SHOWN_BY_A_POOR_MOTION
-        elif any(report.lockstep is not None for report in reports):
+        elif any(self.reports[k].lockstep is not None for k in self.logs):
             # Channels that move in proportion look the same.
             kinds = tuple(kind for kind in KINDS if kind is not order)
-        race = Race(logs, kinds, self.is_poor_motion)
+        race = Race([*self.logs.values()], kinds, self.is_poor_motion)
         verdict = race.run()
-        self._report(common, verdict)
+        self._report(verdict)
         for number in self.logs:
             report = self.reports[number]
             if command := report.repaired_all.unit_command:
@@ -152,7 +140,12 @@ class LoggerJudge:
                 self.reports[number] = with_issues(report, asked)
         return self.reports
 
-    def _report(self, common: Likelihood, verdict: RaceOutcome) -> None:
+    def _report_alike(self, issues: Sequence[Issue]) -> None:
+        """Add the same issues to the reports of all judged runs."""
+        for number in self.logs:
+            self.reports[number] = with_issues(self.reports[number], issues)
+
+    def _report(self, verdict: RaceOutcome) -> None:
         """Add the explanations to the reports of all runs.
 
         They are what the race says, the size of the torques, and the torque that stays
@@ -160,68 +153,65 @@ class LoggerJudge:
         and the unexplained torque are reported. If it shows another unit of all
         torques, gains and units of single torques are left out.
         """
-        net = verdict.told(common)
+        net = verdict.told(self.common)
         runs = [
             (self.reports[number].run, log, self._of_run(number, net))
             for number, log in self.logs.items()
         ]
-        stated = issues_of_all(common, verdict, net, runs)
+        stated = issues_of_all(self.common, verdict, net, runs)
         facts = [f.kind for report in self.reports for f in report.issues]
+        is_rated = "torque in counts" in facts  # each channel has a size of its own
         size = []
-        unit = next(iter(self.reports)).repaired_all.torque_unit
-        if unit:
+        if unit := self.reports[0].repaired_all.torque_unit:
             size = [not_in_newton_metres(unit)]
-        elif "torque in counts" not in facts:
-            size = [*torque_magnitude(common, net)]
+        elif not is_rated:
+            size = [*torque_magnitude(self.common, net)]
         if any(issue.kind == NO_TORQUE for issue in size):
+            self._report_alike(size)
             for number, log in self.logs.items():
                 left = [*unrelated_torque(log.fit(net))]
-                self.reports[number] = with_issues(self.reports[number], size + left)
+                self.reports[number] = with_issues(self.reports[number], left)
             return
-        is_rated = "torque in counts" in facts  # each channel has a size of its own
         if is_rated or any(issue.kind in UNSCALED for issue in size):
             stated = [f for f in stated if f.kind not in ("torque gain", "torque unit")]
         for number in self.logs:
-            differences = self._differences(number, verdict)
-            self._report_run(number, stated, differences, size, net)
+            self._report_run(number, stated, verdict, size, net)
 
-    def _differences(self, number: int, verdict: RaceOutcome) -> list[Issue]:
-        """List the issues about what differs in one run, or from an instant of it on;
-        its log is repaired where a change of the log undoes that."""
+    def _differences(
+        self, number: int, verdict: RaceOutcome
+    ) -> tuple[list[Issue], LogTransform]:
+        """List the issues about what differs in one run, or from an instant of it on,
+        with what undoes those that a change of its log does."""
         log = self.logs[number]
         place = [*self.logs].index(number)
         issues = []
+        undone = log.as_logged
         for claim in verdict.differences():
             part = claim.hypothesis.part
             if part is None or part.run not in (None, place):
                 continue
             if part.until is not None:
-                begin, end = (self._time_in_run(number, x) for x in part.ends)
-                if begin is not None and end is not None:
-                    issue = issue_of_span(log, claim, begin, end)
-                    at, (first, last) = issue.figures["t"], issue.figures["span"]
-                    cut = _cut_around(self.reports[number], at, last - first)
-                    issue = replace(issue, changes=(cut,))
-                    issues.append(graded(issue, verdict, [claim]))
-                continue
-            repair = repair_of(claim)
-            if part.after is None:
-                issue = issue_of_difference(log, claim, self.reports[number].run)
-                issues.append(graded(issue, verdict, [claim]))
-                if repair is not None:
-                    self.only_in[number] = self.only_in[number].followed_by(repair)
+                ends = [self._time_in_run(number, x) for x in part.ends]
+                begin, end = ends
+                if begin is None or end is None:
+                    continue
+                issue = issue_of_span(log, claim, begin, end)
+            elif part.after is not None:
+                issue = _two_arms(log, claim, part.after)
             else:
-                issue = graded(_two_arms(log, claim, part.after), verdict, [claim])
-                cuts = _cuts_at(self.reports[number], part.after)
-                issues.append(replace(issue, changes=cuts))
-        are_two = [issue for issue in issues if issue.kind == TWO_ARMS][:1]
-        return are_two if issues[:1] == are_two else issues
+                issue = issue_of_difference(log, claim, self.reports[number].run)
+                if (repair := repair_of(claim)) is not None:
+                    undone = undone.followed_by(repair)
+            issues.append(graded(issue, verdict, [claim]))
+        if issues and issues[0].kind == TWO_ARMS:
+            issues = issues[:1]
+        return issues, undone
 
     def _report_run(
         self,
         number: int,
         stated: Sequence[Issue],
-        differences: Sequence[Issue],
+        verdict: RaceOutcome,
         size: Sequence[Issue],
         net: LogTransform,
     ) -> None:
@@ -235,8 +225,8 @@ class LoggerJudge:
             Number of the run, from 0.
         stated : sequence of Issue
             Faults that all runs share.
-        differences : sequence of Issue
-            What differs in this run.
+        verdict : RaceOutcome
+            With what differs in this run.
         size : sequence of Issue
             Issues about the size of the torques.
         net : LogTransform
@@ -244,36 +234,30 @@ class LoggerJudge:
         """
         log = self.logs[number]
         report = self.reports[number]
+        differences, undone = self._differences(number, verdict)
         net = self._of_run(number, net)
-        repaired = self.only_in[number].followed_by(net)
-        if self.only_in[number] != log.as_logged:
+        repaired = undone.followed_by(net)
+        if undone != log.as_logged:
             # Rows are judged as the difference from the other runs is undone.
             net = repaired
         # What is done twice to a run, as its sign turned in all runs and here again, is
         # not done.
         left = list_faults(log, repaired)
-        faults = {(fault.kind, j) for fault in left for j in fault.joints or (-1,)}
+        faults = {(fault.kind, j + 1) for fault in left for j in fault.joints or (-1,)}
         of_log = [
             issue
             for issue in (*self._said_of_run(number, stated), *differences)
             if not issue.apply
-            or faults.intersection(
-                (issue.kind, j - 1) for j in issue.figures["joints"] or (0,)
-            )
+            or faults & {(issue.kind, j) for j in issue.figures["joints"] or (0,)}
         ]
         # Of a motion of few directions what is left says nothing.
         unexplained = [] if self.is_poor_motion else [*unexplained_torque(log, net)]
         if any(x.kind in (TWO_ARMS, EVENT, *NOT_REPAIRED) for x in differences):
             unexplained = [f for f in unexplained if f.kind != EVENT]
-        unexplained = [
-            replace(f, changes=(_cut_around(report, f.figures["t"]),))
-            if f.kind == EVENT
-            else f
-            for f in unexplained
-        ]
-        explanations = [*of_log, *size, *unexplained]
         new = [
-            issue for issue in explanations if not is_explained_by_a_fact(issue, report)
+            replace(issue, changes=issue.changes or _cuts(report, issue))
+            for issue in (*of_log, *size, *unexplained)
+            if not is_explained_by_a_fact(issue, report)
         ]
         # Repaired by the search first, then by what is left unexplained (events).
         run = repaired.apply(report.repaired_all)
@@ -292,7 +276,7 @@ class LoggerJudge:
     def _time_in_run(self, number: int, t: float) -> float | None:
         """Return the instant t [s] of the log of all runs together by the clock of run
         ``number``; None where it lies in another run."""
-        shift = self.clock_shifts[number]
+        shift = self.common.data.clock_shifts[[*self.logs].index(number)]
         of_run = self.logs[number].data.motion.t
         is_inside = of_run[0] <= t - shift <= of_run[-1]
         return t - shift if is_inside else None
@@ -308,26 +292,19 @@ class LoggerJudge:
                 events.append(replace(event, at=at))
         return replace(net, events=tuple(events))
 
-    def _said_of_run(self, number: int, stated: Sequence[Issue]) -> list[Issue]:
-        """Return the issues of all runs that concern one of them: no step of another
+    def _said_of_run(self, number: int, stated: Sequence[Issue]) -> Iterator[Issue]:
+        """Yield the issues of all runs that concern one of them: no step of another
         run, and the instants of its own by its own clock."""
-        said = []
         for issue in stated:
-            figures = dict(issue.figures)
-            if "t" in figures:
-                at = self._time_in_run(number, figures["t"])
-                if at is None:
-                    continue
-                figures["t"] = at
-                issue = replace(
+            if "t" not in issue.figures:
+                yield issue
+            elif (at := self._time_in_run(number, issue.figures["t"])) is not None:
+                yield replace(
                     issue,
                     what=issue.what.format(t=at),
                     where=issue.where.format(t=at),
-                    figures=figures,
-                    changes=_cuts_at(self.reports[number], at),
+                    figures={**issue.figures, "t": at},
                 )
-            said.append(issue)
-        return said
 
 
 def _two_arms(log: Likelihood, claim: Claim, t: float) -> Issue:
@@ -409,25 +386,25 @@ def _is_near_gap(run: Measurements, t: float) -> bool:
     return bool(np.any(is_gap & near))
 
 
-def _cut_around(report: Report, at: float, width: float = EVENT_WIDTH) -> Change:
-    """Return the change that leaves out what happens once about an instant [s] of a
-    run's clock."""
-    span = [at - 0.5 * width, at + 0.5 * width]
-    words = f"leave {width:.2g} s around {at:.4g} s of {report.run} out"
-    return Change("cut", words, {"run": report.run, "spans": [span]})
-
-
-def _cuts_at(report: Report, at: float) -> tuple[Change, ...]:
-    """Return the changes that leave out what a run holds after an instant [s] of its
-    clock, or before it: the longer part stays first."""
+def _cuts(report: Report, issue: Issue) -> tuple[Change, ...]:
+    """Return the changes that leave out what happens once in a run, or what it holds
+    after an instant or before it: the longer part stays first. None for an issue that
+    is about no instant."""
+    if "t" not in issue.figures:
+        return ()
+    at = issue.figures["t"]
+    half = 0.5 * EVENT_WIDTH
+    first, last = issue.figures.get("span", [at - half, at + half])
     begin, end = report.repaired_all.t[[0, -1]].tolist()
-    parts = [("after", [at, end]), ("before", [begin, at])]
+    parts = [("what comes after", [at, end]), ("what comes before", [begin, at])]
     parts.sort(key=lambda part: part[1][1] - part[1][0])
+    if issue.kind == EVENT:
+        parts = [(f"{last - first:.2g} s around", [first, last])]
     return tuple(
         Change(
             "cut",
-            f"leave what comes {word} {at:.4g} s of {report.run} out",
+            f"leave {what} {at:.4g} s of {report.run} out",
             {"run": report.run, "spans": [span]},
         )
-        for word, span in parts
+        for what, span in parts
     )

@@ -182,7 +182,7 @@ def _of_fault(
         changes=() if is_known else _asked(fault),
         repair=keep_only(log, net, fault).apply if is_repaired else None,
         figures=figures,
-        gravity=_measured_gravity(net) if fault.is_of_gravity else None,
+        gravity=net.gravity_left if fault.is_of_gravity else None,
         apply=fault.apply if is_repaired else "",
         equivalents=tuple(words),
     )
@@ -233,16 +233,6 @@ def _reason(log: Likelihood, fault: Fault, net: LogTransform) -> str:
         f"what the arm's dynamics leave unexplained of joint {j + 1}'s torque falls"
         f" from {text_of_share(without[j])} to {text_of_share(after[j])}"
     )
-
-
-def _measured_gravity(net: LogTransform) -> tuple[float, ...]:
-    """Return the gravity vector [m/s^2] whose weight the measured torques hold.
-
-    It is the gravity of the repair times 1 - s, if all torques lack the same share s of
-    the weight (a controller compensates it); otherwise the gravity as it is.
-    """
-    share = 1.0 - net.lacks[0] if len(set(net.lacks)) == 1 else 1.0
-    return tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
 
 
 def repair_of(claim: Claim) -> LogTransform | None:

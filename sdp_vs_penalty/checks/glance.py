@@ -129,23 +129,6 @@ class RunSummary:
         what the arm makes of the others; False where that is not known."""
         return (self.one_arm_is_worse(j, at) or np.inf) < c.OUTLYING
 
-    @cached_property
-    def row_numbers(self) -> NDArray[np.int64]:
-        """(N,) a number for each row: the same for rows that are equal, bit by bit, in
-        every column but t."""
-        return numbers_of_rows([*self.run.groups.values()])
-
-    @cached_property
-    def repeats_measured(self) -> Rows:
-        """(N,) which rows repeat the positions and torques of the row before, bit by
-        bit, whatever else is logged."""
-        measured = [self.run.q]
-        if self.run.torque_logged:
-            measured.append(self.run.tau)
-        bits = _bits(measured)
-        is_same = np.all(bits[1:] == bits[:-1], axis=1)
-        return np.concatenate([[False], is_same])
-
     @property
     def channels(self) -> list[tuple[str, int, Array]]:
         """Name ("q1"), joint (from 0) and values (N,) of each position, and of each
@@ -263,6 +246,12 @@ def numbers_of_rows(columns: Sequence[Array]) -> NDArray[np.int64]:
     factors = np.random.default_rng(0).integers(1, 1 << 62, bits.shape[1]) * 2 + 1
     hashes = bits @ factors
     return np.unique(hashes, return_inverse=True)[1].ravel()
+
+
+def repeat_row_before(columns: Sequence[Array]) -> Rows:
+    """Return which rows (N,) of columns (N, k) repeat the row before, bit by bit."""
+    bits = _bits(columns)
+    return np.concatenate([[False], np.all(bits[1:] == bits[:-1], axis=1)])
 
 
 def _bits(columns: Sequence[Array]) -> NDArray[np.int64]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.issue import Issue, gravest_first
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.race.constants import PARTS
@@ -58,7 +58,7 @@ def issues_of_run(windows: Sequence[tuple[str, Sequence[Issue]]]) -> list[Issue]
 def _in_windows(places: Sequence[tuple[Issue, str]], n_windows: int) -> Issue:
     """Return one issue from its copies in several windows, each with the window's name:
     the gravest copy, with the number of windows that show it in front."""
-    grave = ("error", "warning", "note").index
-    issue, window = min(places, key=lambda place: grave(place[0].severity))
+    gravest, *_ = gravest_first([issue for issue, _ in places])
+    issue, window = next(place for place in places if place[0] is gravest)
     which = f"Seen in {len(places)} of {n_windows} stretches; in {window}: "
     return replace(issue, what=which + issue.what, repair=None)

@@ -15,6 +15,7 @@ from sdp_vs_penalty.checks.constants import GAP, RUN
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import Issue, make_issue
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.words.units import UNITS
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Ratios of joints that are one: they differ by no more than this share.
@@ -24,12 +25,10 @@ _CLOCK = 0.1
 #: The same of one joint alone.
 _OF_ONE_JOINT = 0.3
 #: Units that positions and velocities are logged in, in radians and in rad/s.
-_OF_POSITIONS = {"radians": 1.0, "degrees": np.pi / 180.0, "turns": 2.0 * np.pi}
+_OF_POSITIONS = {"radians": 1.0, "degrees": UNITS["deg"], "turns": UNITS["turns"]}
 _OF_VELOCITIES = {
-    "radians a second": 1.0,
-    "degrees a second": np.pi / 180.0,
-    "turns a second": 2.0 * np.pi,
-    "turns a minute": np.pi / 30.0,
+    **{f"{name} a second": radians for name, radians in _OF_POSITIONS.items()},
+    "turns a minute": UNITS["turns"] / UNITS["min"],
 }
 #: Positions beyond are in another unit than radians, whatever their names say [rad].
 _TWO_TURNS = 4.0 * np.pi

@@ -226,6 +226,14 @@ class LogTransform:
         )
 
     @property
+    def gravity_left(self) -> tuple[float, ...]:
+        """Gravity vector [m/s^2] whose weight the torques hold: that of the model times 1 - s,
+        if all torques lack the same share s of the weight (a controller compensates it);
+        otherwise the gravity as it is."""
+        share = 1.0 - self.lacks[0] if len(set(self.lacks)) == 1 else 1.0
+        return tuple(float(round(share * g, 3)) + 0.0 for g in self.gravity)
+
+    @property
     def position_factors(self) -> Array:
         """(n,) factor of each joint's logged position."""
         return np.array(self.scale) * np.array(self.ratio)

@@ -213,48 +213,6 @@ def test_behind_a_clock_that_was_set_back_another_motion_is_another_run(back):
     assert np.diff(fixed.t).max() == pytest.approx(1.0)
 
 
-def test_rows_that_come_last_first_are_turned_round():
-    run = motion()
-    reverse = np.arange(len(run.t))[::-1]
-    issue = found("time runs backwards", run.rows(reverse))
-    assert issue is not None
-    assert "the last row comes first" in issue.what
-    assert issue.repair is not None
-    mended_run = issue.repair(run.rows(reverse))
-    np.testing.assert_array_equal(mended_run.t, run.t)
-    np.testing.assert_array_equal(mended_run.tau, run.tau)
-
-
-@pytest.mark.parametrize(
-    ("unit", "seconds"), [("minutes", 60.0), ("hours", 3600.0), ("milliseconds", 1e-3)]
-)
-def test_a_clock_in_another_unit_is_named_without_velocities(unit, seconds):
-    clean = replace(motion(), dq=None)
-    issue = found("time unit", replace(clean, t=clean.t / seconds))
-    assert issue is not None
-    assert f"time is in {unit}" in issue.what
-    assert issue.figures["factor"] == seconds
-    # The steps of a clock in minutes are those of a fast log in seconds.
-    assert issue.severity == ("warning" if unit == "minutes" else "error")
-
-
-def test_velocities_tell_minutes_from_degrees():
-    clean = motion()
-    assert clean.dq is not None
-    velocities = np.gradient(clean.q, clean.t, axis=0)
-    minutes = replace(clean, t=clean.t / 60.0, dq=velocities)
-    issue = found("time unit", minutes)
-    assert issue is not None
-    assert (issue.severity, issue.apply) == ("error", "time:min")
-    assert issue.repair is not None
-    np.testing.assert_allclose(issue.repair(minutes).t, clean.t)
-    # 180 / pi instead of 60.
-    degrees = replace(clean, t=clean.t * np.pi / 180.0, dq=velocities)
-    issue = found("time unit", degrees)
-    assert issue is not None
-    assert issue.severity == "warning"
-
-
 def small_swing(rate, noise, middle=0.0, swing=0.05):
     """Two joints that swing at 2 Hz and 2.7 Hz for ten seconds, under the noise of an
     encoder [rad]."""
@@ -262,21 +220,6 @@ def small_swing(rate, noise, middle=0.0, swing=0.05):
     q = middle + swing * np.sin(2.0 * np.pi * np.outer(t, [2.0, 2.7]))
     q += noise * np.random.default_rng(3).normal(size=q.shape)
     return Measurements(t, q, np.cos(q))
-
-
-def test_a_swing_in_degrees_may_be_one_in_minutes():
-    """Degrees and minutes raise speed alike: the check names both, and repairs
-    neither."""
-    run = small_swing(500.0, 1e-5)
-    issue = found("time unit", replace(run, q=np.degrees(run.q)))
-    assert issue is not None
-    assert issue.severity == "warning"
-    assert issue.repair is None
-    assert not issue.apply
-    assert "minutes" in issue.what
-    assert "degrees" in issue.what
-    far = small_swing(500.0, 1e-5, middle=0.7)  # 40 degrees: no joint is 40 rad off
-    assert found("time unit", replace(far, q=np.degrees(far.q))) is None
 
 
 def test_stamps_that_repeat_say_nothing_about_the_order_of_the_rows():
@@ -359,51 +302,6 @@ def test_a_channel_that_never_changes_at_a_joint_that_rests_is_no_error():
     assert (dead.kind, dead.severity) == ("dead channel", "note")
 
 
-@pytest.mark.parametrize(("rows", "severity"), [(60, "warning"), (900, "error")])
-def test_only_many_rows_that_are_no_measurements_refuse_a_log(rows, severity):
-    """A tenth of them: less is a warning, which `--fix` repairs."""
-    clean = replace(motion(), dq=None)
-    q, tau = clean.q.copy(), clean.tau.copy()
-    q[2000 : 2000 + rows], tau[2000 : 2000 + rows] = q[2000], tau[2000]
-    (issue,) = told(replace(clean, q=q, tau=tau))[0]
-    assert (issue.kind, issue.severity) == ("frozen packets", severity)
-
-
-def test_a_channel_that_is_frozen_until_the_end_is_named():
-    """A log may end before the channel changes again."""
-    clean = motion()
-    n = len(clean.t)
-    tau = clean.tau.copy()
-    tau[n // 3 :, 0] = tau[n // 3, 0]
-    issue = found("frozen torque", replace(clean, tau=tau))
-    assert issue.severity == "error"
-    assert issue.where.startswith("tau1,")
-
-
-def test_a_position_is_frozen_where_the_logged_velocity_goes_on():
-    clean = motion()
-    n = len(clean.t)
-    q = clean.q.copy()
-    q[n // 2 :, 1] = q[n // 2, 1]
-    assert found("frozen position", replace(clean, q=q)) is not None
-    assert found("frozen position", replace(clean, q=q, dq=None)) is None
-
-
-@pytest.mark.parametrize("rows", [12, 40])
-def test_positions_and_torques_that_wait_while_the_velocity_goes_on_are_frozen(rows):
-    """A velocity of the controller is no measurement: it comes all the same."""
-    clean = motion()
-    held = slice(1000, 1000 + rows)
-    q = clean.q.copy()
-    tau = clean.tau.copy()
-    q[held] = q[held.start]
-    tau[held] = tau[held.start]
-    issue = found("frozen packets", replace(clean, q=q, tau=tau))
-    assert issue is not None
-    assert issue.figures["rows"] == rows - 1
-    assert issue.what.startswith("positions and torques")
-
-
 def with_a_held_joint():
     """Joint 2 is held: its servo lets it tremble by a few steps of the encoder, now and
     then by a jerk; the logged velocity comes from a finer counter inside of the drive."""
@@ -434,16 +332,6 @@ def with_a_joint_that_catches():
     return replace(run, q=q, tau=tau, dq=None), row
 
 
-def test_packets_torn_in_steady_motion_are_spikes_and_so_are_others_like_them():
-    """One of them where the joint stops is deleted with those in steady motion."""
-    run, row = with_a_joint_that_catches()
-    tau = run.tau.copy()
-    tau[[row, row - 60], 0] -= 30.0
-    issue = found("spikes", replace(run, tau=tau))
-    assert issue is not None
-    assert issue.figures["rows"] == 2
-
-
 def creeping(rows_doubled=0, seed=3):
     """Two joints that creep for half of the time: then their encoders and torques, both
     coarse, often change in no channel from row to row. Some rows are doubled, with the
@@ -458,19 +346,6 @@ def creeping(rows_doubled=0, seed=3):
         np.append(np.arange(len(t)), rng.choice(len(t), rows_doubled, False))
     )
     return Measurements(np.arange(len(rows)) / RATE, q[rows], stepped(tau, 2e-3)[rows])
-
-
-@pytest.mark.parametrize("share", [0.05, 0.3, 0.5])
-def test_rows_doubled_in_a_log_without_coarse_steps_are_told(share):
-    """Two channels of one joint that moves are enough to tell chance from copies."""
-    clean = replace(motion(encoder=1e-4, torque=0.01), dq=None)
-    count = round(share * len(clean.t))
-    doubled = np.random.default_rng(1).choice(len(clean.t), count, replace=False)
-    rows = np.sort(np.append(np.arange(len(clean.t)), doubled))
-    spoiled = replace(clean.rows(rows), t=np.arange(len(rows)) / RATE)
-    issue = found("doubled rows", spoiled)
-    assert issue is not None
-    assert issue.figures["rows"] >= 0.9 * count
 
 
 def with_tau(run, rows, by):
@@ -537,6 +412,11 @@ def turning_wheel():
     return replace(run, q=np.angle(np.exp(1j * angle)))
 
 
+#: 40 degrees: no joint is 40 rad off.
+FAR = small_swing(500.0, 1e-5, middle=0.7)
+STAYS = replace(
+    motion(), dq=None, q=np.repeat(motion().q[:3000], [*2999 * [1], 3001], axis=0)
+)
 #: The last sample but two of a jerk at an end has no three samples behind it.
 JERK = np.array([0.0, 9.0, 18.0, 28.0, 43.0, 78.0, 101.0, 97.0])
 CATCHES, ROW = with_a_joint_that_catches()
@@ -570,6 +450,8 @@ IN_ORDER = {
         for x in (100.0, 1000.0, 4000.0, 10000.0)
     },
     "an angle that wraps": ("time unit", turning_wheel()),
+    "a far swing in degrees": ("time unit", replace(FAR, q=np.degrees(FAR.q))),
+    "a position that stays until the end": ("frozen position", STAYS),
     "degrees": ("time unit", replace(motion(), q=np.degrees(motion().q))),
     "no motion": ("time unit", replace(motion(), q=np.zeros_like(motion().q))),
 }
@@ -581,5 +463,118 @@ def test_of_a_log_in_order_nothing_is_said(name):
     assert found(kind, run) is None
 
 
-def test_a_joint_that_moves_alone_shows_lost_rows_at_several_places():
-    assert found("lost rows", alone(6)) is not None
+def with_rows(run, rows, **names):
+    """The run in which some of its channels hold one row: their first."""
+    first = np.arange(len(run.t))[rows][0]
+    held = {name: getattr(run, name).copy() for name in names}
+    for name, values in held.items():
+        values[rows, names[name]] = values[first, names[name]]
+    return replace(run, **held)
+
+
+def doubled(share):
+    """Two channels of one joint that moves are enough to tell chance from copies."""
+    clean = replace(motion(encoder=1e-4, torque=0.01), dq=None)
+    count = round(share * len(clean.t))
+    rows = np.random.default_rng(1).choice(len(clean.t), count, replace=False)
+    rows = np.sort(np.append(np.arange(len(clean.t)), rows))
+    return replace(clean.rows(rows), t=np.arange(len(rows)) / RATE)
+
+
+SMOOTH = replace(motion(), dq=None)
+DERIVED = replace(motion(), dq=np.gradient(motion().q, motion().t, axis=0))
+BACKWARDS = SMOOTH.rows(np.arange(len(SMOOTH.t))[::-1])
+NEAR = small_swing(500.0, 1e-5)
+HALF = slice(len(SMOOTH.t) // 2, None)
+#: A log, the kind of fact that it is, and what is said of it: words of a sentence, or
+#: figures.
+TOLD = {
+    "last row first": (
+        BACKWARDS,
+        "time runs backwards",
+        {"what": "last row comes first"},
+    ),
+    **{
+        f"a clock in {unit}": (
+            replace(SMOOTH, t=SMOOTH.t / seconds),
+            "time unit",
+            {"what": f"time is in {unit}", "factor": seconds, "severity": severity},
+        )
+        # The steps of a clock in minutes are those of a fast log in seconds.
+        for unit, seconds, severity in (
+            ("minutes", 60.0, "warning"),
+            ("hours", 3600.0, "error"),
+            ("milliseconds", 1e-3, "error"),
+        )
+    },
+    "minutes, by velocities": (
+        replace(DERIVED, t=DERIVED.t / 60.0),
+        "time unit",
+        {"severity": "error", "apply": "time:min"},
+    ),
+    # 180 / pi instead of 60.
+    "degrees, by velocities": (
+        replace(DERIVED, t=DERIVED.t * np.pi / 180.0),
+        "time unit",
+        {"severity": "warning"},
+    ),
+    # Degrees and minutes raise speed alike: both are named, and none is repaired.
+    "a swing in degrees or minutes": (
+        replace(NEAR, q=np.degrees(NEAR.q)),
+        "time unit",
+        {"severity": "warning", "repair": None, "what": "degrees"},
+    ),
+    # A tenth of the rows refuse a log: less is a warning, which `--fix` repairs.
+    **{
+        f"{count} rows held": (
+            with_rows(
+                SMOOTH, slice(2000, 2000 + count), q=slice(None), tau=slice(None)
+            ),
+            "frozen packets",
+            {"severity": severity},
+        )
+        for count, severity in ((60, "warning"), (900, "error"))
+    },
+    # A log may end before the channel changes again.
+    "a torque frozen until the end": (
+        with_rows(motion(), slice(2000, None), tau=0),
+        "frozen torque",
+        {"severity": "error", "where": "tau1,"},
+    ),
+    "a position frozen while the logged velocity goes on": (
+        with_rows(motion(), HALF, q=1),
+        "frozen position",
+        {},
+    ),
+    # A velocity of the controller is no measurement: it comes all the same.
+    **{
+        f"{count} rows wait while the velocity goes on": (
+            with_rows(
+                motion(), slice(1000, 1000 + count), q=slice(None), tau=slice(None)
+            ),
+            "frozen packets",
+            {"rows": count - 1, "what": "positions and torques"},
+        )
+        for count in (12, 40)
+    },
+    # One of them where the joint stops is deleted with those in steady motion.
+    "packets torn": (with_tau(CATCHES, [ROW, ROW - 60], -30.0), "spikes", {"rows": 2}),
+    "lost rows of a joint that moves alone": (alone(6), "lost rows", {}),
+    **{f"doubled {x:g}": (doubled(x), "doubled rows", {}) for x in (0.05, 0.3, 0.5)},
+}
+
+
+@pytest.mark.parametrize("name", TOLD)
+def test_what_is_wrong_with_rows_is_told(name):
+    run, kind, said = TOLD[name]
+    issue = found(kind, run)
+    assert issue is not None
+    for key, value in said.items():
+        told = issue.figures.get(key, getattr(issue, key, None))
+        assert value in told if isinstance(value, str) else value == told
+    if "doubled" in name:
+        assert issue.figures["rows"] >= 0.9 * float(name.split()[1]) * 6000
+    if name in ("last row first", "minutes, by velocities"):
+        clean = SMOOTH if "last" in name else DERIVED
+        np.testing.assert_allclose(issue.repair(run).t, clean.t)
+        np.testing.assert_array_equal(issue.repair(run).tau, clean.tau)

@@ -16,6 +16,7 @@ from sdp_vs_penalty.checks.glance import (
     RunSummary,
     mask_of,
     numbers_of_rows,
+    repeat_row_before,
     with_time_steps,
 )
 from sdp_vs_penalty.checks.issue import Issue, make_issue, rows_text
@@ -34,7 +35,7 @@ def find_repeated_run(glance: RunSummary) -> Iterator[Issue]:
     a jump of the motion is a copy.
     """
     # Equal rows have equal numbers; a lag is a row's distance from its first equal.
-    number = glance.row_numbers
+    number = numbers_of_rows([*glance.run.groups.values()])
     first_row_of_number = np.unique(number, return_index=True)[1]
     lags = np.arange(len(number)) - first_row_of_number[number]
     lags = lags[lags > RUN]
@@ -134,7 +135,7 @@ def find_held_rows(glance: RunSummary) -> Iterator[Issue]:
     """Yield issues about rows that are copies of the row before: packets that did not
     come for long, or else single rows that were doubled.
     """
-    is_held = np.concatenate([[False], np.diff(glance.row_numbers) == 0])
+    is_held = repeat_row_before([*glance.run.groups.values()])
     frozen = _frozen_packets(glance, is_held)
     which = "all channels repeat"
     if not frozen.any():
@@ -154,7 +155,10 @@ def find_held_rows(glance: RunSummary) -> Iterator[Issue]:
 def _frozen_measurements(glance: RunSummary) -> Rows:
     """Return the rows (N,) in which no packet came: positions and torques repeat the
     row before for long, while a logged velocity shows that its joint moves on."""
-    frozen = _frozen_packets(glance, glance.repeats_measured)
+    measured = [glance.run.q]
+    if glance.run.torque_logged:
+        measured.append(glance.run.tau)
+    frozen = _frozen_packets(glance, repeat_row_before(measured))
     if not frozen.any():
         return frozen
     level_by_joint = {

@@ -36,8 +36,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         remedy = "log the torques before gravity compensation"
         if len(joints) == log.n:
             torques = "the torques"
-            left = [float(round((1.0 - share) * g, 3)) + 0.0 for g in chain.gravity]
-            vector = ", ".join(f"{g:g}" for g in left)
+            vector = ", ".join(f"{g:g}" for g in chain.gravity_left)
             remedy = f"{remedy}, or set gravity to ({vector}) m/s^2"
         yield Fault(
             kind="gravity removed",
