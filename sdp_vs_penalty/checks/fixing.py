@@ -108,16 +108,23 @@ def fix_runs(
     if any(issues):
         copies, remaining = _checked_again(problem, copies, issues)
     for run, copy, report in zip(runs, copies, reports, strict=True):
-        _check_rows(len(run.t), len(copy.t), report.run)
-    if not any(issues) or not all(run.torque_logged for run in runs):
-        _refuse_remaining(remaining)
-        return Repaired(copies, issues)
-    left_out = errors_left_out((problem, runs), (problem, copies))
-    # A log that cannot be identified as it is is no better choice.
-    is_refused = any(f.severity == "error" for done in issues for f in done)
-    if not is_refused:
-        _check_errors(left_out, allowed=1.0 if apply else SAME_ERROR)
-    _refuse_remaining(remaining)
+        lost = 1.0 - len(copy.t) / max(len(run.t), 1)
+        if lost > MOST_LOST:
+            what = f"the repair would drop {100.0 * lost:.0f} % of the rows"
+            raise InputError(what, "log it again: nothing was written", report.run)
+    left_out = LeftOut()
+    if any(issues) and all(run.torque_logged for run in runs):
+        left_out = errors_left_out((problem, runs), (problem, copies))
+        # A log that cannot be identified as it is is no better choice.
+        if not any(f.severity == "error" for done in issues for f in done):
+            _check_errors(left_out, allowed=1.0 if apply else SAME_ERROR)
+    for name, issue in remaining:
+        raise InputError(
+            f"{issue.kind} ({issue.where}) could not be mended: the check finds it in"
+            " the repaired copy, too",
+            f"{issue.remedy}; nothing was written",
+            name,
+        )
     return Repaired(copies, issues, left_out)
 
 
@@ -140,15 +147,6 @@ def _check_words(reports: Sequence[Report], apply: Sequence[str]) -> None:
         if word not in known:
             offers = formatting.words(sorted(known)) if known else "there is none"
             raise InputError(f"--apply {word}: no such repair", f"choose of: {offers}")
-
-
-def _check_rows(before: int, after: int, name: str) -> None:
-    """Raise an InputError where a repair drops more than MOST_LOST of a run's rows;
-    before, after : numbers of rows."""
-    lost = 1.0 - after / max(before, 1)
-    if lost > MOST_LOST:
-        what = f"the repair would drop {100.0 * lost:.0f} % of the rows"
-        raise InputError(what, "log it again: nothing was written", name)
 
 
 def _check_errors(left_out: LeftOut, allowed: float) -> None:
@@ -229,17 +227,6 @@ def _checked_again(
     return copies, remaining
 
 
-def _refuse_remaining(remaining: Sequence[tuple[str, Issue]]) -> None:
-    """Raise an InputError for the first issue that the check finds after its repair."""
-    for run, issue in remaining:
-        raise InputError(
-            f"{issue.kind} ({issue.where}) could not be mended: the check finds it in"
-            " the repaired copy, too",
-            f"{issue.remedy}; nothing was written",
-            run,
-        )
-
-
 def _filters(
     problem: Problem, copies: Sequence[Measurements], runs: Sequence[Measurements]
 ) -> Preprocessing:
@@ -267,6 +254,8 @@ def _error_left_out(
     from sdp_vs_penalty.estimation.build_problem import filter_runs, load_and_check
     from sdp_vs_penalty.estimation.identify import estimate_parameters
 
+    if not all(run.torque_logged for run in runs):
+        return None
     train = []
     test = []
     for run in runs:
@@ -274,8 +263,6 @@ def _error_left_out(
         without_velocity = replace(run, dq=None)
         train.append(without_velocity.window(0.0, TRAINED_ON * end))
         test.append(without_velocity.window(TRAINED_ON * end, end))
-    if not all(run.torque_logged for run in runs):
-        return None
     try:
         data = load_and_check(problem, concatenate(train), "check --fix")
         assert isinstance(data, Measurements)

@@ -31,7 +31,7 @@ from sdp_vs_penalty.data.plausibility import (
     radians_per_percent,
 )
 from sdp_vs_penalty.data.words.tokens import group_of
-from sdp_vs_penalty.data.words.units import UNITS
+from sdp_vs_penalty.data.words.units import ENCODER_BITS, UNITS
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -45,8 +45,6 @@ _BESIDE_RANGE = 1e-2
 #: Factors beside a unit's that are tried, as gears have: of all joints, where the unit has
 #: to explain most; and of one, with the odds from which it is not certain.
 _OF_ALL, _OF_ONE, _ODDS_OF_ONE = (0.6, 0.75, 0.91, 1.1, 1.33, 1.7), (0.6, 1.7), 5.0
-#: Bits of an encoder's turn.
-_BITS = range(10, 21)
 _TURN = 2.0 * np.pi
 
 #: Fits the arm to torques (N, n), by positions (N, n).
@@ -186,7 +184,7 @@ def _units(robot: Robot, q: Array, found: Recognition) -> Iterator[_Unit]:
         words = "per cent of each joint's range"
         yield _Unit(words, _OF_SERVO if is_of_servo else 1e-3, *pairs.T)
     if np.all(q[:, revolute] == np.round(q[:, revolute])):
-        for bits in _BITS:
+        for bits in ENCODER_BITS:
             words = f"counts of an encoder with {2**bits} a turn"
             yield replace(unit(words, _RARE, _TURN / 2**bits), is_of_any_size=True)
             if bits == 12:

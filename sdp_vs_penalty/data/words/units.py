@@ -10,6 +10,8 @@ from sdp_vs_penalty.data.words import table
 
 #: Positions in per cent of a joint's range go a little beyond its ends.
 LARGEST_PERCENT = 101.0
+#: Encoders count two to the power of so many a turn.
+ENCODER_BITS = range(10, 21)
 #: Units whose size a file does not say: shares of a rating, steps of an encoder.
 SHARES = (
     *("%", "percent", "pct", "permil", "permille", "promille", "‰", "0.1%"),

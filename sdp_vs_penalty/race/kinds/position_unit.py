@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sdp_vs_penalty.data.plausibility import ENCODER_ZERO, radians_per_percent
-from sdp_vs_penalty.data.words.units import LARGEST_PERCENT
+from sdp_vs_penalty.data.words.units import ENCODER_BITS, LARGEST_PERCENT
+from sdp_vs_penalty.data.words.units import UNITS as NAMED
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis, Number
 
-_RADIANS_PER_DEGREE = float(np.radians(1.0))
-_TURN = 2.0 * np.pi
+_TURN = NAMED["turns"]
 #: Natural logarithm of the odds that tell radians from another unit.
 _LEAST_TO_TELL = 6.0
 #: Encoders have a hundred counts a turn or a million (natural logarithm, from radians); a
@@ -39,8 +39,8 @@ class PositionUnit:
     kind: str
     #: What the positions are in, in words.
     words: str
-    #: What to do, in words.
-    remedy: str
+    #: What they are multiplied by, in words.
+    factor: str
     #: Radians of a unit and of its zero; of shares of a joint's range in per cent of it,
     #: -100 to 100, and of half of it.
     scale: float
@@ -77,67 +77,51 @@ class PositionUnit:
         return numbers
 
 
-_TO_RADIANS = "multiply q (and dq) by {}"
-_OF_RANGE = "multiply q (and dq) by {} of the range"
 #: Kind of positions that are an encoder's counts.
 COUNTS = "positions in counts"
 _DEGREES = PositionUnit(
-    "positions in degrees",
-    "degrees",
-    _TO_RADIANS.format("pi / 180"),
-    _RADIANS_PER_DEGREE,
-    name="deg",
+    "positions in degrees", "degrees", "pi / 180", NAMED["deg"], name="deg"
 )
 UNITS = (
     _DEGREES,
     PositionUnit(
         "positions in per cent",
         "per cent of each joint's range, from -100 to 100, as LeRobot writes them",
-        _OF_RANGE.format("a hundredth of half"),
+        "a hundredth of half of the range",
         1.0,
         is_share=True,
     ),
     PositionUnit(
-        "positions in mrad",
-        "milliradians",
-        _TO_RADIANS.format("0.001"),
-        1e-3,
-        name="mrad",
+        "positions in mrad", "milliradians", "0.001", NAMED["mrad"], name="mrad"
     ),
     PositionUnit(
-        "positions in mdeg",
-        "millidegrees",
-        _TO_RADIANS.format("pi / 180000"),
-        1e-3 * _RADIANS_PER_DEGREE,
-        name="mdeg",
+        "positions in mdeg", "millidegrees", "pi / 180000", NAMED["mdeg"], name="mdeg"
     ),
     *(
         PositionUnit(
             COUNTS,
             f"counts of an encoder with {2**bits} a turn{words}",
-            _TO_RADIANS.format(f"2 pi / {2**bits}"),
+            f"2 pi / {2**bits}",
             _TURN / 2**bits,
             middle,
         )
         for bits, middle, words in (
             (12, -np.pi, ", the middle at 2048"),
-            *((bits, 0.0, "") for bits in range(10, 21)),
+            *((bits, 0.0, "") for bits in ENCODER_BITS),
         )
     ),
-    PositionUnit(
-        "positions in turns", "turns", _TO_RADIANS.format("2 pi"), _TURN, name="turns"
-    ),
+    PositionUnit("positions in turns", "turns", "2 pi", _TURN, name="turns"),
     PositionUnit(
         "positions in shares",
         "shares of each joint's range, from -1 to 1",
-        _OF_RANGE.format("half"),
+        "half of the range",
         100.0,
         is_share=True,
     ),
     PositionUnit(
         "positions in shares",
         "shares of each joint's range, from 0 to 1",
-        _OF_RANGE.format("all"),
+        "all of the range",
         200.0,
         -1.0,
         is_share=True,
@@ -295,7 +279,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         joints=joints,
         what=f"the {places} of {joints_text(joints)} {are} in {best.words}:"
         f" {they_reach} {largest:.4g}.",
-        remedy=best.remedy.replace("q (and dq)", f"{channels} (and dq)"),
+        remedy=f"multiply {channels} (and dq) by {best.factor}",
         without=without,
         place=channels,
     )

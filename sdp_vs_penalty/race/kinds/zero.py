@@ -2,7 +2,8 @@
 zero, and joints farther apart or nearer, along the line between them."""
 
 import operator
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import combinations, product
 
 import numpy as np
@@ -31,21 +32,18 @@ _SD, _SD_OF_LENGTH, _SD_OF_TURN = 0.3, 0.1, 1.5
 
 def zero_number(log: Likelihood, j: int, sd: float = _SD) -> Number:
     """Return what is added to joint j's position [rad or m]."""
-    if j in log.revolute:
-        turns = (*_QUARTERS, -np.pi)
-        return Number(
-            "zero", (j,), sd, c.CALIBRATED, widest=c.WIDEST, round_sizes=turns
-        )
-    unit = length_like_a_radian(log)
-    usual = _LENGTH_OVER_ANGLE * c.CALIBRATED * unit
-    return Number("zero", (j,), sd * unit, usual, step=0.01 * unit)
+    if j not in log.revolute:
+        return _length(log, j, "zero", sd)
+    turns = (*_QUARTERS, -np.pi)
+    return Number("zero", (j,), sd, c.CALIBRATED, widest=c.WIDEST, round_sizes=turns)
 
 
-def _length_number(log: Likelihood, j: int) -> Number:
-    """Return how much farther joint j is from the joint before [m]."""
+def _length(log: Likelihood, j: int, field: str, sd: float = _SD_OF_LENGTH) -> Number:
+    """Return a length of joint j [m]: how much farther it is from the joint before
+    ("longer"), or its zero."""
     unit = length_like_a_radian(log)
     usual = _LENGTH_OVER_ANGLE * c.CALIBRATED * unit
-    return Number("longer", (j,), _SD_OF_LENGTH * unit, usual, step=0.01 * unit)
+    return Number(field, (j,), sd * unit, usual, step=0.01 * unit)
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
@@ -56,7 +54,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     prior = prior_of_one_of(log.n)
     for j, joint in enumerate(log.problem.robot.joints):
         if j and joint.placement[:3, 3].any():
-            number = _length_number(log, j)
+            number = _length(log, j, "longer")
             yield Hypothesis("link length", (j,), prior, now, number)
     for j in log.joints:
         number = zero_number(log, j)
@@ -98,7 +96,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             remedy="correct the kinematics, or choose the problem of the robot that was"
             " logged",
             without=chain.with_entries("longer", (j,), 0.0),
-            number=_length_number(log, j),
+            number=_length(log, j, "longer"),
             in_words=_metres,
             is_repairable=False,
         )
@@ -107,7 +105,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     offsets = np.array(chain.zero) - middles  # [rad, m]; the zero is away by minus that
     for j in np.flatnonzero(offsets).tolist():
         offset = float(offsets[j])
-        in_words = _minus_degrees if j in log.revolute else _minus_metres
+        of_size = degrees_text if j in log.revolute else _metres
         unit = log.problem.robot.position_units[j]
         # The mounting about the first axis.
         is_mounting = j == 0 and j in log.revolute
@@ -115,12 +113,12 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         yield Fault(
             kind="encoder offset",
             joints=(j,),
-            what=f"the zero of joint {j + 1} is {in_words(offset)} away from the robot's"
+            what=f"the zero of joint {j + 1} is {of_size(-offset)} away from the robot's"
             f" kinematics{base}.",
             remedy=f"add {offset:+.5g} {unit} to q{j + 1}",
             without=chain.with_entries("zero", (j,), float(middles[j])),
             number=None if middles[j] else zero_number(log, j),
-            in_words=in_words,
+            in_words=partial(_minus, of_size),
             number_told=operator.neg,
             figures={"shifts": [offset]},
         )
@@ -131,13 +129,6 @@ def _metres(length: float) -> str:
     return f"{length:.4g} m"
 
 
-def _minus_degrees(offset: float) -> str:
-    """Return in words how far an encoder's zero is off, minus the ``offset`` [rad] that
-    the repair adds."""
-    return degrees_text(-offset)
-
-
-def _minus_metres(offset: float) -> str:
-    """Return in words how far an encoder's zero is off, minus the ``offset`` [m] that
-    the repair adds."""
-    return _metres(-offset)
+def _minus(in_words: Callable[[float], str], size: float) -> str:
+    """Return in words how far a zero is off: minus what the repair adds."""
+    return in_words(-size)
