@@ -345,45 +345,30 @@ class CauseShares:
 
     #: Share of the whole error, by cause.
     of_error: Mapping[str, float]
-    #: Share, by cause, of the part of the error that neither other parameters of the
-    #: model nor the usual error would make. Only this part tells causes apart, since
-    #: the model's own columns resemble several causes, and every drive's friction and
-    #: lag do.
-    beyond_usual: Mapping[str, float]
+    #: Share, by cause, of the part of the error that no other parameters of the model
+    #: would make. Only this part tells causes apart, since the model's own columns
+    #: resemble several causes.
+    beyond_refit: Mapping[str, float]
     #: Share of the error's variance that other parameters of the model would remove.
     refit_share: float = 0.0
-    #: Share of what a refit leaves that usual drives show as well
-    #: (:func:`usual_errors`).
-    usual_share: float = 0.0
     #: What of another joint explains most, such as "velocity of joint 2"; empty if
     #: nothing does.
     other_joint: str = ""
 
     @cached_property
-    def is_usual(self) -> bool:
-        """Whether no cause explains CHANGES (5 %) of the error beyond the usual one.
-
-        The usual error counts as a part of the error here: a share of a small rest is no
-        cause of the whole.
-        """
-        share_beyond_usual = 1.0 - self.usual_share
-        return not any(
-            min(share_beyond_usual * self.beyond_usual[name], self.of_error[name])
-            >= CHANGES
+    def stands_out(self) -> bool:
+        """Whether a cause explains CHANGES (5 %) of the error, and of the part of it that
+        a refit leaves."""
+        return any(
+            min(self.beyond_refit[name], self.of_error[name]) >= CHANGES
             for name in self.names
         )
 
     @property
     def likelihood(self) -> Mapping[str, float]:
-        """The shares that tell causes apart: those beyond the usual error, or of the
-        whole error where the usual error is all that is seen.
-        """
-        return self.of_error if self.is_usual else self.beyond_usual
-
-    @property
-    def total_usual_share(self) -> float:
-        """Share of the whole error that usual drives show as well."""
-        return (1.0 - self.refit_share) * self.usual_share
+        """The shares that tell causes apart: those of what a refit leaves, or of the
+        whole error where no cause stands out there."""
+        return self.beyond_refit if self.stands_out else self.of_error
 
     @cached_property
     def equivalent_causes(self) -> list[str]:
@@ -434,8 +419,7 @@ class CauseShares:
         """
         below = 1.0 / (1.0 + energy)  # share of the error below the cut-off
         beyond_refit = 1.0 - self.refit_share
-        share_beyond_usual = beyond_refit * (1.0 - self.usual_share)
-        below_beyond = share_beyond_usual / max(share_beyond_usual + energy, 1e-300)
+        below_beyond = beyond_refit / max(beyond_refit + energy, 1e-300)
 
         def with_hum(shares: Mapping[str, float], below: float) -> dict[str, float]:
             """Return shares of an error with the hums, of which ``below`` is below the
@@ -445,13 +429,10 @@ class CauseShares:
             out[HUM] += 1.0 - below
             return out
 
-        refit_share = self.refit_share * below
-        usual = self.usual_share * beyond_refit * below
         return CauseShares(
             of_error=with_hum(self.of_error, below),
-            beyond_usual=with_hum(self.beyond_usual, below_beyond),
-            refit_share=refit_share,
-            usual_share=usual / max(1.0 - refit_share, 1e-300),
+            beyond_refit=with_hum(self.beyond_refit, below_beyond),
+            refit_share=self.refit_share * below,
             other_joint=self.other_joint,
         )
 
@@ -516,10 +497,9 @@ class ExplainedShares(NamedTuple):
 
     #: Share of the whole error.
     of_error: float
-    #: Share of what neither other parameters of the model nor the usual error would
-    #: make.
-    beyond_usual: float
-    #: The set of the cause's columns, from 0, for which ``beyond_usual`` is largest.
+    #: Share of what no other parameters of the model would make.
+    beyond_refit: float
+    #: The set of the cause's columns, from 0, for which ``beyond_refit`` is largest.
     best_alternative: int
 
 
@@ -536,11 +516,6 @@ class SplitError:
     joint: int
     #: (M,) fold of each row, for shares on data left out.
     fold: NDArray[np.intp]
-    #: (M, k) columns of usual friction beyond the model.
-    turning: Array
-    #: (M,) error that the lag of the other joints would make on this joint
-    #: (:class:`UsualError`).
-    lag: Array
 
     @property
     def beyond_model(self) -> Array:
@@ -554,27 +529,6 @@ class SplitError:
         """
         energy = max(float(np.sum(self.error**2)), 1e-300)
         return max(0.0, 1.0 - float(np.sum(self.beyond_model**2)) / energy)
-
-    @cached_property
-    def _beyond_lag(self) -> Array:
-        """(M,) the part beyond the model, less the lag that the joints share."""
-        return np.asarray(self.beyond_model - self.lag)
-
-    @cached_property
-    def _turning_share(self) -> float:
-        """Share of the part beyond the lag that usual friction explains on data left
-        out.
-        """
-        return held_out_share(self.turning, self._beyond_lag, self.fold)
-
-    @cached_property
-    def usual_share(self) -> float:
-        """Share of the part beyond the model that usual drives show as well: friction
-        that turns round over a short travel, and a lag that the joints share.
-        """
-        energy = max(float(np.sum(self.beyond_model**2)), 1e-300)
-        beyond_lag = float(np.sum(self._beyond_lag**2)) / energy
-        return max(0.0, 1.0 - beyond_lag * (1.0 - self._turning_share))
 
     def explained_shares(self, alternatives: Sequence[Array]) -> ExplainedShares:
         """Return the shares of an error that a cause explains on data left out.
@@ -592,38 +546,24 @@ class SplitError:
         Returns
         -------
         ExplainedShares
-            Shares of the whole error, and of what neither other parameters of the model
-            nor the usual error would make.
+            Shares of the whole error, and of what no other parameters of the model would
+            make.
         """
         of_error = []
-        beyond_usual = []
+        beyond_refit = []
         for columns in alternatives:
             visible = self._visible_beyond_model(columns)
             share = held_out_share(visible, self.beyond_model, self.fold)
             share_of_error = held_out_share(columns, self.error, self.fold)
-            beyond_as_share_of_error = (1.0 - self.refit_share) * share
-            of_error.append(max(share_of_error, beyond_as_share_of_error))
-            beyond_usual.append(self._share_beyond_usual(visible))
+            of_error.append(max(share_of_error, (1.0 - self.refit_share) * share))
+            beyond_refit.append(share)
         if not alternatives:
             return ExplainedShares(0.0, 0.0, 0)
         return ExplainedShares(
             of_error=max(of_error),
-            beyond_usual=max(beyond_usual),
-            best_alternative=int(np.argmax(beyond_usual)),
+            beyond_refit=max(beyond_refit),
+            best_alternative=int(np.argmax(beyond_refit)),
         )
-
-    def _share_beyond_usual(self, columns: Array) -> float:
-        """Return the share that columns (M, k) explain of what the usual error leaves
-        beyond the model.
-
-        It is the gain of columns and usual friction together over that friction alone.
-        """
-        left = 1.0 - self._turning_share
-        if not columns.shape[1] or left <= 0.0:
-            return 0.0
-        together = np.hstack([self.turning, columns])
-        share = held_out_share(together, self._beyond_lag, self.fold)
-        return max(0.0, (share - self._turning_share) / left)
 
     def _visible_beyond_model(self, columns: Array) -> Array:
         """Return columns (M, k) beyond the model, without those that it makes itself.
@@ -683,165 +623,3 @@ def held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> flo
     quadratic = np.einsum("fkr,fkr->r", theta, grams @ theta)
     explained = 2.0 * linear - quadratic
     return max(0.0, float(explained.max()) / total)
-
-
-# The error that most drives show: friction that turns round over a short travel, and a
-# lag that the joints share. Both are in nearly every log, and often make its largest
-# errors. They tell neither the joint at fault nor the cause, so that joints and causes
-# are compared beyond them. The lag of a joint is predicted from the other joints alone:
-# a channel that is later than the others keeps the part by which it is later.
-
-#: Travels over which friction turns round in usual gears [rad or m]: it approaches its
-#: level as exp(-travel / length).
-_TURNING_LENGTHS = (0.003, 0.01, 0.03)
-#: Instants from a reversal [s], and the half width [s] of the triangles there: a late
-#: velocity channel makes such errors.
-_TURNING_INSTANTS = (-0.1, 0.0, 0.1)
-_TURNING_WIDTH = 0.1
-
-
-def turning_columns(states: States, joint: int) -> Array:
-    """Return columns (M, 6) of friction that turns round over a short travel, for one
-    joint (from 0).
-
-    Returns
-    -------
-    (M, 6) array
-        The direction times exp(-travel / length), with the travel since the last
-        reversal, for three lengths. Then triangles around three instants near a
-        reversal, times the direction after it.
-    """
-    q = states.q[:, joint]
-    velocity = states.dq[:, joint]
-    direction = smooth_sign(velocity)
-    travel = travel_since_reversal(q, velocity, states.rows)
-    since, direction_after = since_reversal(states.t, velocity, states.rows.segment)
-    columns = [np.exp(-travel / length) * direction for length in _TURNING_LENGTHS]
-    for instant in _TURNING_INSTANTS:
-        distance = np.abs(since - instant)
-        triangle = np.maximum(1.0 - distance / _TURNING_WIDTH, 0.0)
-        columns.append(triangle * direction_after)
-    return np.column_stack(columns)
-
-
-def lag_columns(states: States, joint: int) -> Array:
-    """Return columns (M, 2) of a lag: first and second derivative of the joint's
-    torque by time [N m/s, N m/s^2 or N/s, N/s^2].
-
-    A low-pass of time constant T makes tau - T dtau/dt + T^2 d^2tau/dt^2 of the torque
-    tau, to second order. Noise of positions (encoder steps, a clock that jitters) is in
-    the modelled torque and in its second derivative alike, so that the latter explains
-    it as well: by a coefficient that follows from the filters, the same for all joints.
-    """
-    columns = [states.torque_rate[:, joint], states.torque_curvature[:, joint]]
-    return np.column_stack(columns)
-
-
-@dataclass(frozen=True)
-class LagFit:
-    """The least-squares problem of the lag of one joint."""
-
-    #: (M, 2) columns of the lag, without what a refit of the model makes of them.
-    columns: Array
-    #: (2, 2) matrix of the normal equations of the lag's coefficients [s, s^2], without
-    #: the joint's turning friction and over the mean square that is left of its error.
-    gram: Array
-    #: (2,) right side of these normal equations.
-    pull: Array
-    #: (M, k) orthonormal basis of the turning friction.
-    turning: Array
-    #: (M,) error of the joint without the turning friction.
-    error: Array
-
-    @classmethod
-    def of_joint(cls, turning: Array, lag: Array, error: Array) -> LagFit:
-        """Set up the fit of a lag (M, 2) to an error (M,) beside friction (M, k)."""
-        basis = span(turning)
-        error_left = error - basis @ (basis.T @ error)
-        lag_left = lag - basis @ (basis.T @ lag)
-        mean_square = float(nonzero_or_one(np.mean(error_left**2)))
-        return cls(
-            columns=lag,
-            gram=lag_left.T @ lag_left / mean_square,
-            pull=lag_left.T @ error_left / mean_square,
-            turning=basis,
-            error=error_left,
-        )
-
-    def predicted(self, coefficients: Array) -> Array:
-        """Return the error (M,) of a lag with these coefficients (2,) [s, s^2].
-
-        It is scaled by 0 to 1, so that it fits this joint best: a joint need not have
-        the lag that others have.
-        """
-        lag = self.columns @ coefficients
-        lag_left = lag - self.turning @ (self.turning.T @ lag)
-        energy = float(nonzero_or_one(lag_left @ lag_left))
-        scale = np.clip(lag_left @ self.error / energy, 0.0, 1.0)
-        return np.asarray(scale * lag)
-
-
-def shared_lags(fits: list[LagFit]) -> list[Array]:
-    """Return the error (M,) of each joint's lag, as the other joints show the lag.
-
-    Returns
-    -------
-    list of (M,) array
-        Zeros for an arm of one joint.
-    """
-    out = []
-    for j, fit in enumerate(fits):
-        others = [other for i, other in enumerate(fits) if i != j]
-        gram = sum((other.gram for other in others), np.zeros((2, 2)))
-        pull = sum((other.pull for other in others), np.zeros(2))
-        # Columns of unit norm: s and s^2 differ by orders of magnitude.
-        norms = nonzero_or_one(np.sqrt(np.diagonal(gram)))
-        unit_gram = gram / np.outer(norms, norms)
-        coefficients = np.linalg.pinv(unit_gram, rcond=1e-9) @ (pull / norms) / norms
-        out.append(fit.predicted(coefficients))
-    return out
-
-
-@dataclass(frozen=True)
-class UsualError:
-    """The usual error of one joint, on the rows that count."""
-
-    #: (M, 6) columns of friction that turns round over a short travel, without what a
-    #: refit of the model makes of them.
-    turning: Array
-    #: (M,) error of the lag that the other joints show, over the joint's RMS error.
-    lag: Array
-
-
-def usual_errors(
-    states: States, refit: Refit, keep: NDArray[np.bool_]
-) -> list[UsualError]:
-    """Return the usual error of every joint, one for each in order.
-
-    Parameters
-    ----------
-    states
-        Motion and torque of every row.
-    refit
-        The model's parameters, fitted to the rows that count.
-    keep
-        (all rows,) flags the M rows that count.
-    """
-    turning = []
-    fits = []
-    for joint in range(len(refit.scale)):
-        scale = refit.scale[joint]
-        friction = turning_columns(states, joint)[keep] / scale
-        lag = lag_columns(states, joint)[keep] / scale
-        turning.append(refit.without_model(friction, joint))
-        fits.append(
-            LagFit.of_joint(
-                turning=turning[-1],
-                lag=refit.without_model(lag, joint),
-                error=refit.remainder[joint],
-            )
-        )
-    return [
-        UsualError(turning=friction, lag=lag)
-        for friction, lag in zip(turning, shared_lags(fits), strict=True)
-    ]

@@ -8,10 +8,8 @@ the model's torque, its rate and its curvature, which a wrong gain, a late chann
 gear that yields follow. Shares are on data left out: a smooth function of the quantity
 is fitted to some stretches of the motion and judged on others, so that chance explains
 nothing. They are shares of what other parameters of the model would leave, fitted to
-all joints at once: the rest resembles the model, whatever its cause. Friction that
-turns round over a short travel, and a lag that the joints share, are in nearly every log
-(:mod:`~sdp_vs_penalty.diagnosis.causes`): causes are judged beyond them, and the
-worst joint is the one whose error beyond them is the most times its noise.
+all joints at once: the rest resembles the model, whatever its cause. The worst joint is
+the one whose error is the most times its noise.
 """
 
 from __future__ import annotations
@@ -46,10 +44,8 @@ from sdp_vs_penalty.diagnosis.causes import (
     Refit,
     SplitError,
     States,
-    UsualError,
     columns_of_causes,
     other_joint_quantity,
-    usual_errors,
 )
 from sdp_vs_penalty.diagnosis.constants import FOLDS, SPECTRUM_NOISE_FACTOR
 from sdp_vs_penalty.diagnosis.events import find_hums_above
@@ -85,10 +81,10 @@ NEAR = 0.15
 _LARGE_LIFT = 2.0
 #: The same where reversals are a cause or a stretch that is shown.
 _SEEN_LIFT = 1.2
-#: Share of an error from which the usual error of drives is named before other causes.
-_LARGE_USUAL_SHARE = 0.25
 #: Share of an error from which it is said that other parameters would remove it.
 _LARGE_REFIT_SHARE = 0.5
+#: Factor within which the noise floors compare the noise of two joints.
+_NOISE_KNOWN = 1.2
 #: Causes that are seen at some instants only; all others act all the time.
 _AT_INSTANTS = (STANDSTILL, HIGH_SPEED)
 
@@ -99,17 +95,10 @@ TAKEN_IN = (
     " model's offsets and masses take them in. `diagnose` says how large they are."
 )
 
-#: What most drives show, whatever else a model lacks.
-USUAL = (
-    "friction that turns round over a short travel, and a lag or noise of positions that"
-    " joints share"
-)
-
 #: What the shares of causes are shares of, for the heading of every table and picture.
 SHARES = (
-    "How much of a joint's error each cause explains on data left out, beyond a refit and"
-    " the usual friction of drives (of all of it where nothing stands out there). Causes"
-    " overlap: do not add their shares."
+    "How much of a joint's error each cause explains on data left out, beyond a refit (of"
+    " all of it where nothing stands out there). Causes overlap: do not add their shares."
 )
 
 #: What makes an error that follows a torque of the model, by the name of its cause.
@@ -172,8 +161,8 @@ class JointFailure(JsonRecord):
     #: Share of the residual's variance that repeats, 1 - floor^2 / rmse^2; None if the
     #: noise floor is not known.
     explainable_share: float | None
-    #: By cause, the share of what a refit and the usual error would leave that a
-    #: function of the cause explains on data left out; causes are ranked by it.
+    #: By cause, the share of what a refit would leave that a function of the cause
+    #: explains on data left out; causes are ranked by it.
     held_out_shares: dict[str, float]
     #: RMS within 0.15 s of velocity reversals over that elsewhere.
     #: NaN where there is no row of either kind.
@@ -192,20 +181,8 @@ class JointFailure(JsonRecord):
     hums: tuple[Hum, ...] = ()
     #: RMS of the measured torque [N m or N], None in older files.
     torque: float | None = None
-    #: Share of what a refit would leave that usual drives show as well: friction that
-    #: turns round over a short travel, and a lag that joints share.
-    usual_share: float = 0.0
     #: What of another joint explains most, such as "velocity of joint 2".
     other_joint: str = ""
-    #: Scatter of the torque from sample to sample [N m or N], by which joints are
-    #: compared; None where the log is too slow to show it.
-    scatter: float | None = None
-
-    @property
-    def unusual_error(self) -> float:
-        """RMS error beyond the usual error of drives [N m or N], with the hums."""
-        share = 1.0 - self.causes.total_usual_share
-        return float(self.total_error * np.sqrt(max(share, 0.0)))
 
     @property
     def goes_with_a_refit(self) -> bool:
@@ -228,9 +205,8 @@ class JointFailure(JsonRecord):
         of_error = self.shares_of_error or self.held_out_shares
         return CauseShares(
             of_error=of_error,
-            beyond_usual=self.held_out_shares,
+            beyond_refit=self.held_out_shares,
             refit_share=self.refit_share,
-            usual_share=self.usual_share,
             other_joint=self.other_joint,
         )
 
@@ -249,7 +225,6 @@ class JointFailure(JsonRecord):
         shares = {
             "all that repeats": self.explainable_share,
             "a refit would take": self.refit_share,
-            "usual in drives": self.causes.total_usual_share,
             **self.shares,
         }
         numbers = {
@@ -318,7 +293,7 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
             f"Within {NEAR:g} s of the joint's reversals it is"
             f" {failure.reversal_lift:.2g} times as large as elsewhere."
         )
-    if strongest and not failure.causes.is_usual:
+    if strongest and failure.causes.stands_out:
         likeliest = strongest[0][0]
         out += [MEANINGS[likeliest]] if likeliest in MEANINGS else []
     return [*out, *_wave_sentences(failure, plain_unit(unit))]
@@ -360,7 +335,7 @@ def _cause_sentences(
         has_detail = name == OTHER_JOINTS and failure.other_joint
         detail = f", most on the {failure.other_joint}" if has_detail else ""
         named.append(f"{name} ({percent}{detail})")
-    out = [_dependence_sentence(failure.causes, named)]
+    out = [f"The error depends most on {words(named)}."]
     equivalent = failure.causes.equivalent_causes
     if len(equivalent) > 1 and set(equivalent) & set(dict(strongest)):
         out.append(f"These data do not tell {words(equivalent)} apart.")
@@ -388,34 +363,6 @@ def _wave_sentences(failure: JointFailure, unit: str) -> list[str]:
             f"Waves per revolution (amplitude, that over its surroundings): {waves}."
         )
     return out
-
-
-def _dependence_sentence(causes: CauseShares, named: Sequence[str]) -> str:
-    """Return the sentence on what an error depends on.
-
-    Parameters
-    ----------
-    named
-        The likeliest causes with their shares, such as "velocity (40 %)".
-    """
-    usual_share = causes.total_usual_share
-    percent = f"{100.0 * usual_share:.0f} %"
-    if usual_share < CHANGES:
-        return f"The error depends most on {words(named)}."
-    if causes.is_usual:
-        return (
-            f"The error depends most on {words(named)}. {percent} of it is what most"
-            f" drives show: {USUAL}."
-        )
-    if usual_share >= _LARGE_USUAL_SHARE:
-        return (
-            f"{percent} of the error is what most drives show: {USUAL}. The rest depends"
-            f" most on {words(named)}."
-        )
-    return (
-        f"The error depends most on {words(named)} beyond what most drives show"
-        f" ({USUAL}: {percent} of it)."
-    )
 
 
 @dataclass(frozen=True, repr=False)
@@ -454,22 +401,15 @@ class Failures(Record, JsonRecord):
 
     @property
     def badness(self) -> Array:
-        """(n,) error of each joint beyond the usual one, as a multiple of its noise.
+        """(n,) error of each joint as a multiple of its noise.
 
-        Errors are RMS, over the noise floors where repetition shows them. Else they are
-        over the scatter of the joints' torques from sample to sample: it compares the
-        noise of joints of one log even where the level of that noise is not known.
-        Where the log does not show it, they are over the noise floors, and over the RMS
-        torques where a floor is unknown.
+        Errors are RMS, over the noise floors, and over the RMS torques where a floor is
+        unknown.
         """
-        units: list[float | None] = [f.torque for f in self]
-        # Only noise that repetition shows tells which share of an error repeats.
-        is_noise_known = all(f.explainable_share is not None for f in self)
-        if all(f.scatter for f in self) and not is_noise_known:
-            units = [f.scatter for f in self]
-        elif all(f.noise_floor for f in self):
+        units = [f.torque for f in self]
+        if all(f.noise_floor for f in self):
             units = [f.noise_floor for f in self]
-        errors = np.array([f.unusual_error for f in self])
+        errors = np.array([f.total_error for f in self])
         return np.asarray(errors / [unit or 1.0 for unit in units])
 
     @property
@@ -477,12 +417,12 @@ class Failures(Record, JsonRecord):
         """The joints sorted by their ``badness``, the largest first.
 
         Of the worst joints that are about as bad, those come first whose error has a
-        cause beyond the usual one.
+        cause that stands out.
         """
         order = np.argsort(self.badness)[::-1].tolist()
         equally_bad = self.equally_bad
         tied = [k for k in order if k + 1 in equally_bad]
-        tied.sort(key=lambda k: self[k].causes.is_usual)
+        tied.sort(key=lambda k: not self[k].causes.stands_out)
         others = [k for k in order if k not in tied]
         return [self[k] for k in [*tied, *others]]
 
@@ -490,7 +430,7 @@ class Failures(Record, JsonRecord):
     def equally_bad(self) -> list[int]:
         """The worst joints (from 1) that differ by less than their noise is known."""
         badness = self.badness
-        return (np.flatnonzero(badness * _SCATTER_KNOWN >= badness.max()) + 1).tolist()
+        return (np.flatnonzero(badness * _NOISE_KNOWN >= badness.max()) + 1).tolist()
 
     def to_frame(self) -> pandas.DataFrame:
         """Return the numbers of each joint (from 1), a row each, as
@@ -640,12 +580,10 @@ class _Judge:
             rmse=rmse,
             noise_floor=floor,
             explainable_share=explainable,
-            held_out_shares=dict(shares.beyond_usual),
+            held_out_shares=dict(shares.beyond_refit),
             shares_of_error=dict(shares.of_error),
             refit_share=shares.refit_share,
-            usual_share=shares.usual_share,
             other_joint=shares.other_joint,
-            scatter=torque_scatter(self.runs, j, self.rows.cutoff, hums),
             reversal_lift=_reversal_lift(velocity, error, self.rows, keep),
             orders=orders,
             hums=hums,
@@ -680,38 +618,29 @@ class _Judge:
         some folds of the rows, and judged on the others.
         """
         keep = self.keep
-        usual = self.usual_errors[error.joint]
         errors = SplitError(
             error=error.error[keep] / self.refit.scale[error.joint],
             refit=self.refit,
             joint=error.joint,
             fold=self.folds[keep],
-            turning=usual.turning,
-            lag=usual.lag,
         )
         of_error = dict[str, float]()
-        beyond_usual = dict[str, float]()
+        beyond_refit = dict[str, float]()
         other_joint = ""
         for name, alternatives in columns_of_causes(self.states, error).items():
             explained = errors.explained_shares([x[keep] for x in alternatives])
             of_error[name] = explained.of_error
-            beyond_usual[name] = explained.beyond_usual
-            if name == OTHER_JOINTS and explained.beyond_usual > 0.0:
+            beyond_refit[name] = explained.beyond_refit
+            if name == OTHER_JOINTS and explained.beyond_refit > 0.0:
                 other_joint = other_joint_quantity(
                     self.states, error.joint, explained.best_alternative
                 )
         return CauseShares(
             of_error=of_error,
-            beyond_usual=beyond_usual,
+            beyond_refit=beyond_refit,
             refit_share=errors.refit_share,
-            usual_share=errors.usual_share,
             other_joint=other_joint,
         )
-
-    @cached_property
-    def usual_errors(self) -> list[UsualError]:
-        """The usual error of each joint: friction that turns round, and shared lag."""
-        return usual_errors(self.states, self.refit, self.keep)
 
     @cached_property
     def runs(self) -> Sequence[Measurements]:
@@ -770,66 +699,6 @@ def _reversal_lift(
         return float("nan")
     ratio = np.mean(error_near**2) / np.mean(error_elsewhere**2)
     return float(np.sqrt(ratio))
-
-
-#: Samples in a period of the filters' cut-off, from which on the third differences of
-#: the torque hold its noise, and hardly its motion.
-_SAMPLES_A_PERIOD = 5.0
-#: Sum of the squares of (1, -3, 3, -1): what a third difference makes of white noise.
-_THIRD_DIFFERENCE = 20.0
-#: Samples of a window, and the share of windows that are quiet: friction that turns
-#: round, a knock, and a servo that shakes its joint are torque, and no noise of it.
-_WINDOW = 25
-_QUIET_SHARE = 0.25
-#: Factor within which the scatter compares the noise of two joints.
-_SCATTER_KNOWN = 1.2
-
-
-def torque_scatter(
-    runs: Sequence[Measurements], joint: int, cutoff: float, hums: Sequence[Hum]
-) -> float | None:
-    """Return the scatter of the torque of a joint (from 0) from sample to sample [N m
-    or N].
-
-    It is the standard deviation of white noise with the third differences of the quiet
-    windows, less what hums make of them. Low-passes in a drive make it smaller than the
-    noise, in all joints alike.
-
-    Parameters
-    ----------
-    cutoff
-        Cut-off of the filters [Hz].
-    hums
-        The joint's hums above it.
-
-    Returns
-    -------
-    float or None
-        None where the log has too few samples for it, or no scatter.
-    """
-    long_runs = [run for run in runs if len(run.t) > _WINDOW + 3]
-    if not long_runs:
-        return None
-    rate = min(1.0 / float(np.median(np.diff(run.t))) for run in long_runs)
-    squares = np.concatenate([_window_squares(run, joint) for run in long_runs])
-    squares = squares[squares > 0.0]  # windows of one coarse level show nothing
-    if rate < _SAMPLES_A_PERIOD * cutoff or not len(squares):
-        return None
-    variance = float(np.quantile(squares, _QUIET_SHARE))
-    for hum in hums:
-        gain = (2.0 * np.sin(np.pi * hum.frequency / rate)) ** 6
-        variance -= 0.5 * hum.amplitude**2 * gain
-    return float(np.sqrt(variance / _THIRD_DIFFERENCE)) if variance > 0.0 else None
-
-
-def _window_squares(run: Measurements, joint: int) -> Array:
-    """Return the mean squares (windows,) of a torque's third differences in windows of
-    25 samples [(N m)^2 or N^2]; joint : from 0.
-    """
-    differences = np.diff(run.tau[:, joint], 3)
-    n_windows = len(differences) // _WINDOW
-    windows = differences[: n_windows * _WINDOW].reshape(n_windows, _WINDOW)
-    return np.asarray(np.mean(windows**2, axis=1))
 
 
 class _FullRate(NamedTuple):
