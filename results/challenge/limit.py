@@ -26,7 +26,6 @@ from sdp_vs_penalty.diagnosis.late_torque import refer_columns_to_current_model
 from sdp_vs_penalty.diagnosis.library import Candidate
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search, search
-from sdp_vs_penalty.diagnosis.sign_width import refer_signs_to_current_model
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.parallel import spread
 from sdp_vs_penalty.results.table import markdown_lines
@@ -72,8 +71,7 @@ def finished_search(case: Case, built: BuiltCase) -> Search:
     data = concatenate([x.run for x in runs])
     found = DiagnosisRuns(identify_case(case, built), data, test.run)
     done = search(found.white_data, found.candidates)
-    done = refer_columns_to_current_model(done)
-    return refer_signs_to_current_model(done)
+    return refer_columns_to_current_model(done)
 
 
 def true_forms(found: Search, effect: str, joints: Sequence[int]) -> list[Candidate]:

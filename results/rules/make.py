@@ -33,7 +33,6 @@ PARTS: dict[str, tuple[str, str, str, Callable[..., Any]]] = {
     "simplest": ("search", "Search", "simplest", lambda _, x: x[0] if x else None),
     "contradictions": ("search", "Search", "_bar_contradictions", lambda _: False),
     "law misfits": ("nuisances", "Nuisances", "with_law_misfits", lambda _, x: [*x]),
-    "signs": ("diagnose", "", "refer_signs_to_current_model", lambda x, _: x),
     "own at zero": ("evidence", "EvidenceScorer", "_own_below_zero", lambda *_: None),
     "joint's harm": (
         "held_out",
@@ -43,7 +42,6 @@ PARTS: dict[str, tuple[str, str, str, Callable[..., Any]]] = {
     ),
     "forces": ("passing.search", "", "force_laws", lambda _: []),
     "wandering": ("passing.search", "PassingSearch", "_wandering", lambda _: []),
-    "hums": ("events", "", "find_hums", lambda *_: []),
     "repeated outliers": ("events", "", "_repeated_outliers", lambda _, x: x & False),
 }
 

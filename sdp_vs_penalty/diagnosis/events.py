@@ -1,5 +1,5 @@
 """Isolated disturbances: what happens once and is no function of the motion, such as a
-contact or a knock; and hums.
+contact or a knock; and hums above the band of the motion.
 
 Events are rows in which the final model's residual is an outlier: windows of whitened
 residual with too much energy (:mod:`~sdp_vs_penalty.signals.coloured_noise`), in only
@@ -32,8 +32,6 @@ from sdp_vs_penalty.signals.coloured_noise import (
     robust_scale,
 )
 from sdp_vs_penalty.signals.constants import SAME_PHASE
-from sdp_vs_penalty.signals.noise import differences
-from sdp_vs_penalty.signals.repetition import consecutive
 from sdp_vs_penalty.signals.runs import Stretch, split_at_gaps
 from sdp_vs_penalty.signals.spectrum import periodograms
 from sdp_vs_penalty.signals.standstill import SLOW
@@ -97,7 +95,7 @@ class Event(JsonRecord):
 def find_events(
     data: WhiteData, outlier_rows: Mask, residual: Array, unexplained: Sequence[int]
 ) -> list[Event]:
-    """List the isolated disturbances and hums that the final model leaves.
+    """List the isolated disturbances that the final model leaves.
 
     Parameters
     ----------
@@ -116,7 +114,7 @@ def find_events(
     rows = data.rows
     mask = outlier_rows.copy()
     mask[:, list(unexplained)] = False
-    out = find_hums(data, residual)
+    out = []
     rates = torque_rates(rows)
     for j in range(rows.n):
         for group in _groups_in_time(data, mask[:, j], j):
@@ -385,47 +383,6 @@ def _unrepeated_rows(data: WhiteData, residual: Array) -> Mask:
     return out
 
 
-def find_hums(data: WhiteData, residual: Array) -> list[Event]:
-    """List the hums (spectral lines) of the residual as events: one for each joint and
-    run.
-
-    Parameters
-    ----------
-    residual
-        (M, n) residual [N m or N].
-
-    Returns
-    -------
-    list of Event
-        Each from the begin to the end of a run; frequency [Hz] is that of the lowest
-        line.
-    """
-    rows = data.rows
-    out = []
-    for j, lines in hum_lines(data, residual).items():
-        for number, segment in enumerate(rows.segments):
-            begin = float(segment.t[0])
-            end = float(segment.t[-1])
-            # Not by time: the clocks of two runs may overlap.
-            is_known = (rows.segment == number) & (residual[:, j] != 0.0)
-            t = rows.t[is_known]
-            series = residual[is_known, j]
-            # One step of the segment's spectrum.
-            step = 1.0 / max(end - begin, 1e-9)
-            frequency = refined_line(t, series, lines[0], step)
-            phasor = line_phasor(t, series, frequency)
-            hum = Event(
-                j + 1,
-                begin,
-                end,
-                what="hum",
-                frequency=frequency,
-                amplitude=abs(phasor),
-            )
-            out.append(hum)
-    return out
-
-
 def refined_line(t: Array, series: Array, line: float, step: float) -> float:
     """Return the frequency [Hz] near a spectral line at which a series (N,) at times t
     (N,) [s] has most power.
@@ -452,47 +409,6 @@ def line_phasor(t: Array, series: Array, frequency: float) -> complex:
     if not len(t):
         return 0j
     return complex(2.0 * np.mean(series * np.exp(-2j * np.pi * frequency * t)))
-
-
-def hum_lines(data: WhiteData, residual: Array) -> dict[int, list[float]]:
-    """Find the spectral lines of each joint's residual.
-
-    A model's error has lines of the motion. Where the motion repeats, lines are
-    therefore searched in the differences of repetitions; elsewhere a hum has to stand
-    alone. The residual is not whitened: the autoregressive model of the noise would
-    take a sine for coloured noise.
-
-    Parameters
-    ----------
-    residual
-        (M, n) residual [N m or N].
-
-    Returns
-    -------
-    dict of int to list of float
-        Frequencies [Hz], lowest first, by joint (from 0); joints without lines are
-        absent.
-    """
-    rows = data.rows
-    repeats = data.noise.repeats
-    slow = rows.slow > SLOW  # reversals are harmonics of the motion
-    searched_torque = residual
-    if repeats:
-        searched_torque = differences(rows, repeats)
-        slow = np.concatenate([slow[r.rows] for r in repeats])
-    searched_torque = np.where(slow, 0.0, searched_torque)
-    out = {}
-    for j in range(rows.n):
-        pieces = consecutive(repeats) if repeats else rows.pieces[j]
-        longest = max((len(p) for p in pieces), default=0)
-        series = [searched_torque[p, j] for p in pieces if 2 * len(p) > longest]
-        lines = spectral_lines(series, rows.rate, rows.n, highest=rows.cutoff)
-        if lines and not repeats:
-            power, frequency = hann_spectrum(max(series, key=len), rows.rate)
-            lines = [line for line in lines if stands_alone(line, power, frequency)]
-        if lines:
-            out[j] = lines
-    return out
 
 
 def hann_spectrum(series: Array, rate: float) -> tuple[Array, Array]:

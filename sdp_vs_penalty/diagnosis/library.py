@@ -211,19 +211,11 @@ class Library:
         """Recompute on ``data`` the columns that depend on the current model.
 
         These are columns of effects that need the model's torque or links (a gain, load
-        friction). All other columns follow from the motion alone and stay.
-        """
-        return self.with_columns_of(depends, data)
-
-    def with_columns_of(
-        self, which: Callable[[Effect], bool], data: WhiteData
-    ) -> Library:
-        """Recompute on ``data`` the columns of the effects for which ``which`` is true.
-
-        A batch is recomputed whole if it holds such an effect.
+        friction). All other columns follow from the motion alone and stay. A batch is
+        recomputed whole.
         """
         batches = [
-            b.with_columns_on(data) if any(which(f.effect) for f in b.forms) else b
+            b.with_columns_on(data) if any(depends(f.effect) for f in b.forms) else b
             for b in self.batches
         ]
         return replace(self, batches=tuple(batches))

@@ -242,10 +242,6 @@ class SigmoidFriction(JointEffect):
         return deviation * (v0 >= WIDER_THAN_SIGN * motion.width(joint))
 
 
-#: Effects that stand for another width over which a joint's sign turns round.
-STAND_FOR_WIDTH = (CoulombFriction.name, SigmoidFriction.name)
-
-
 class StribeckFriction(JointEffect):
     equation = (
         "f_st sign(dq) times exp(-x) | 1 / (1 + x), x = (|dq| / vs)^delta, for law ="

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.diagnosis import events, find_hums
+from sdp_vs_penalty.diagnosis import events
 from sdp_vs_penalty.diagnosis.events import (
     Event,
     find_events,
@@ -97,7 +97,6 @@ def test_what_one_sharp_corner_explains_is_no_event(monkeypatch, steep, count):
     error = residual([])
     error[corners] = 0.005 * rates[corners]
     rates[corners[3]] *= steep
-    monkeypatch.setattr(events, "find_hums", lambda *_: [])
     monkeypatch.setattr(events, "torque_rates", lambda _: rates)
     data = data_of(SPECTRUM)
     data.rows.segment = np.zeros(M, int)
@@ -112,26 +111,12 @@ def test_what_one_sharp_corner_explains_is_no_event(monkeypatch, steep, count):
         assert event.t_start == pytest.approx(corners[3] / 40.0, abs=0.5)
 
 
-def test_a_hum_has_its_amplitude_in_each_run_whose_clocks_overlap(monkeypatch):
-    """The hum has opposite phases in two runs, which both begin at 0 s."""
-    monkeypatch.setattr(events, "hum_lines", lambda *_: {0: [3.3]})
-    t = np.arange(2000) / 100.0
-    hum = 0.3 * np.sin(2.0 * np.pi * 3.31 * t)
-    rows = SimpleNamespace(
-        segments=[SimpleNamespace(t=t), SimpleNamespace(t=t)],
-        t=np.concatenate([t, t]),
-        segment=np.repeat([0, 1], len(t)),
-    )
-    data = SimpleNamespace(rows=rows)
-    hums = find_hums(data, np.concatenate([hum, -hum])[:, None])
-    amplitudes = [event.amplitude for event in hums]
-    np.testing.assert_allclose(amplitudes, 0.3, rtol=0.02)
-
-
 def test_the_list_gives_a_hum_its_amplitude():
     hum = Event(3, 0.0, 10.0, what="hum", frequency=23.7, amplitude=0.28)
     diagnosis = SimpleNamespace(
-        events_without_cause=(hum,), passing=(), torque_unit=lambda joint: "N m"
+        events_without_cause=(hum,),
+        acting_for_a_time=(),
+        torque_unit=lambda joint: "N m",
     )
     (line,) = event_lines(diagnosis)
     assert line == "a hum of 23.7 Hz (0.28 N m) on joint 3: 0.00 s to 10.00 s"
