@@ -11,7 +11,7 @@ from sdp_vs_penalty.data.recorded import words_of_source
 from sdp_vs_penalty.diagnosis.adding import add as add_effects
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
-from sdp_vs_penalty.diagnosis.passing.cause import beside_causes
+from sdp_vs_penalty.diagnosis.passing.cause import beside_spans
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 
@@ -75,7 +75,7 @@ def add(
         model, effects, runs, frozen=frozen, seed=seed, progress=progress
     )
     if isinstance(effects, Diagnosis):
-        runs = beside_causes(runs, effects.passing)
+        runs = beside_spans(runs, effects.left_out)
     progress("comparing measured with modelled")
     judged = compare(extended, runs)[0]
     words = words_of_source(source)

@@ -11,7 +11,8 @@ from typing import Any
 from sdp_vs_penalty.api.identification import gate_of
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.checks.certainty import POSSIBLE
-from sdp_vs_penalty.checks.gate import Gate, needs_check, raise_on_errors
+from sdp_vs_penalty.checks.check import check_runs
+from sdp_vs_penalty.checks.gate import Gate, issues_by_run, needs_check, raise_on_errors
 from sdp_vs_penalty.checks.issue import EXPLANATION
 from sdp_vs_penalty.data.files import Source, as_measurements, training_runs
 from sdp_vs_penalty.data.measurements import Measurements
@@ -19,6 +20,7 @@ from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.diagnose import diagnose as find_missing_effects
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.passing.cause import Span, beside_spans
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_sizes_of
 from sdp_vs_penalty.effects import EFFECTS
 from sdp_vs_penalty.errors import InputError
@@ -108,6 +110,11 @@ def diagnose(
         give_back_memory(recording.samples)
     test_run = _read_runs(model, test, "test")
     judged = _read_runs(model, judged_recordings, "judged_recordings")
+    spans = _spans_named(issues, recording)
+    spans_of_test: tuple[Span, ...] = ()
+    if spans and test_run is not None:
+        reports = check_runs(model.problem, test_run.runs(), thorough=False)
+        spans_of_test = _spans_named(issues_by_run(reports, test_run), test_run)
     diagnosis = find_missing_effects(
         model,
         recording,
@@ -117,6 +124,8 @@ def diagnose(
         progress=progress,
         noise_from=_read_runs(model, noise_from, "noise_from"),
         judged_recordings=judged,
+        left_out=spans,
+        left_out_of_test=spans_of_test,
     )
     diagnosis = _beside_check(diagnosis, issues)
     diagnosis, _ = add_certain_findings(
@@ -132,6 +141,25 @@ def diagnose(
     return diagnosis
 
 
+def _spans_named(
+    issues: Mapping[str, Sequence[Mapping[str, Any]]], runs: Measurements
+) -> tuple[Span, ...]:
+    """Return the spans of runs in which the check calls it likely that something acts;
+    ``issues`` are by the run's hash."""
+    several = len(runs.names) > 1
+    return tuple(
+        Span(run.names[0] if several else "", *issue["figures"]["span"])
+        for run in runs.runs()
+        for issue in issues.get(run.data_hash, ())
+        if _is_likely(issue) and "span" in issue["figures"]
+    )
+
+
+def _is_likely(issue: Mapping[str, Any]) -> bool:
+    """Return whether the check calls an issue likely or certain."""
+    return str(issue["certainty"]).partition(":")[0] != POSSIBLE
+
+
 def _beside_check(
     diagnosis: Diagnosis, issues: Mapping[str, Sequence[Mapping[str, Any]]]
 ) -> Diagnosis:
@@ -144,9 +172,8 @@ def _beside_check(
     faults = {}
     explained = dict[tuple[str, str], Sequence[int]]()
     for issue in chain.from_iterable(issues.values()):
-        is_likely = str(issue["certainty"]).partition(":")[0] != POSSIBLE
         is_explanation = issue["nature"] == EXPLANATION
-        if not (is_likely and is_explanation) or _states(diagnosis, issue):
+        if not (_is_likely(issue) and is_explanation) or _states(diagnosis, issue):
             continue
         if issue["apply"]:
             faults[issue["what"]] = Remedy.from_dict(issue["remedies"][0])
@@ -168,9 +195,10 @@ def _states(diagnosis: Diagnosis, issue: Mapping[str, Any]) -> bool:
         issue["kind"] in EFFECTS.get(f.effect).faults and f.joints in ((), joints)
         for f in diagnosis.effects
         if f.torque_is_certain
-    ) or any(
-        cause.covers(at, at) if at is not None else issue["kind"] == "another load"
-        for cause in diagnosis.passing
+    ) or (
+        any(span.covers(at, at) for span in diagnosis.left_out)
+        if at is not None
+        else bool(diagnosis.passing) and issue["kind"] == "another load"
     )
 
 
@@ -251,7 +279,8 @@ def add_certain_findings(
     if test is not None and diagnosis.held_out_source == "test":
         progress("judging on the test run")
         models = [model] if better is None else [model, better]
-        compared = compare(models, test, noise_from=judged_recordings)
+        judged = beside_spans(test, diagnosis.left_out_of_test)
+        compared = compare(models, judged, noise_from=judged_recordings or test)
         before, after = compared[0].rmse, compared[-1].rmse
         diagnosis = diagnosis.with_judged_errors(before, after)
     return diagnosis, better

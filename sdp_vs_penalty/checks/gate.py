@@ -85,6 +85,15 @@ def raise_on_errors(
     if explanations:
         line = explanations_in_a_line(gate.command, explanations)
         gate.warn(f"warning: {line}")
+    return issues_by_run(reports, gate.runs or measurements)
+
+
+def issues_by_run(
+    reports: Sequence[Report], measurements: Measurements
+) -> dict[str, list[dict[str, Any]]]:
+    """Return the issues of runs as plain JSON, by the run's hash; empty where a report is
+    about several runs."""
+    runs = measurements.runs()
     if len(reports) != len(runs):
         return {}
     return {

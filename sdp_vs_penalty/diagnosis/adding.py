@@ -14,7 +14,7 @@ from sdp_vs_penalty.diagnosis.constants import IMPLAUSIBLE_SIGMAS
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.diagnosis.held_out import estimator_beside, task_beside
 from sdp_vs_penalty.diagnosis.library import Candidate, Library
-from sdp_vs_penalty.diagnosis.passing.cause import beside_causes
+from sdp_vs_penalty.diagnosis.passing.cause import beside_spans
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_intervals_of_search
 from sdp_vs_penalty.diagnosis.white_rows import diagnosis_rows, whiten_rows
@@ -104,7 +104,7 @@ def add(
     measurements.require_torque("add")
     if isinstance(effects, Diagnosis):
         frozen = frozen or effects.frozen
-        measurements = beside_causes(measurements, effects.passing)
+        measurements = beside_spans(measurements, effects.left_out)
     added, retuned = _read_effects(estimate, effects, frozen)
     frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *added))
     filtered = FilteredRuns.filtering(measurements, estimate.preprocessing)
@@ -148,7 +148,7 @@ def _read_effects(
         model has it already.
     """
     new_effects = parse_effects(_written(effects, estimate), estimate.robot)
-    leaves_spans_out = isinstance(effects, Diagnosis) and bool(effects.passing)
+    leaves_spans_out = isinstance(effects, Diagnosis) and bool(effects.left_out)
     if not new_effects and (frozen or not leaves_spans_out):
         raise InputError("No effect to add", f"name one, such as {EXAMPLES[0]}")
     added, retuned = _retunes(estimate, new_effects, frozen)

@@ -69,67 +69,10 @@ class Conclusion:
         """The white rows that were searched."""
         return self.search.data
 
-    def diagnosis(self) -> Diagnosis:
-        """Return the diagnosis: findings, verdict, events, and what is left.
-
-        The verdict is "unknown_effect" if a joint has unexplained torque or a measured
-        curve, else "effect_missing" if there are findings, else "nothing_missing". A
-        finding becomes weak if it raises the error on data left out when it joins the
-        certain findings alone.
-        """
-        remaining = self.left
-        noise = self.data.noise
-        held_out = self.ladder.held_out
-        helpful = self.help_together
-        # The flags of re-estimated constants come first, then those of findings.
-        findings = [
-            replace(finding, helps=True) if helps else _weakened(finding, "alone")
-            for finding, helps in zip(
-                self.findings_alone, helpful[self.ladder.n_own :], strict=True
-            )
-        ]
-        # By joint (from 0): RMS torque beyond the noise [N m or N].
-        unexplained = {
-            j: float(remaining.beyond[j]) for j in remaining.joints_unexplained
-        }
-        joints_without_name = {*unexplained, *(c.joint for c in self.curves)}
-        verdict: Literal["effect_missing", "nothing_missing", "unknown_effect"]
-        verdict = "effect_missing" if findings else "nothing_missing"
-        if joints_without_name:
-            verdict = "unknown_effect"
-        happened = find_events(
-            self.data,
-            remaining.outlier_rows,
-            remaining.residual,
-            sorted(joints_without_name),
-        )
-        by_joint = sorted(unexplained.items())
-        terms = zip(self.search.terms, findings, strict=True)
-        passing = passing_causes(
-            self.search, [term for term, f in terms if f.torque_is_certain]
-        )
-        return Diagnosis(
-            verdict=verdict,
-            effects=tuple(findings),
-            noise_floor=noise.floor,
-            invisible=invisible_effects(self.search),
-            events=tuple(sorted([*happened, *self.hums], key=Event.order)),
-            passing=passing,
-            notices=find_notices(self.search, self.explanation.estimate),
-            noise_source=noise.source,
-            unexplained=remaining.in_sample_excess_variance,
-            held_out_rmse=self.ladder.errors[-1],
-            band_hz=self.data.rows.cutoff,
-            remarks=self.remarks,
-            held_out_rmse_before=held_out.errors(()),
-            held_out_source=held_out.source,
-            frozen=self.data.frozen,
-            new_motion_share=self.new_motion_share,
-            retuned=self.retunes(helpful),
-            curves=self.described_curves,
-            torque_units=self.explanation.estimate.torque_units,
-            remains=tuple(Remaining(j + 1, torque) for j, torque in by_joint),
-        )
+    @property
+    def known_floor(self) -> Array:
+        """(n,) noise floor [N m or N], zero where the noise is not known."""
+        return np.asarray(self.data.noise.floor * self.data.noise_is_known)
 
     @cached_property
     def errors_of_constants(self) -> list[ConstantErrors]:
@@ -171,21 +114,92 @@ class Conclusion:
         least_help = [least_help_of(finding) for finding in self.findings_alone]
         return self.ladder.help_together(least_help, self.known_floor)
 
-    @property
-    def known_floor(self) -> Array:
-        """(n,) noise floor [N m or N], zero where the noise is not known."""
-        return self.data.noise.floor * self.data.noise_is_known
+    @cached_property
+    def findings(self) -> list[Finding]:
+        """The findings, and which of them help; one that does not is weak."""
+        # The flags of re-estimated constants come first.
+        flags = self.help_together[self.ladder.n_own :]
+        return [
+            replace(finding, helps=True) if helps else _weakened(finding, "alone")
+            for finding, helps in zip(self.findings_alone, flags, strict=True)
+        ]
 
-    def retunes(self, helpful: Sequence[bool]) -> tuple[Retune, ...]:
-        """Describe the shape constants of the model that should change.
+    def diagnosis(self) -> Diagnosis:
+        """Return the diagnosis: findings, verdict, events, and what is left.
 
-        ``helpful`` holds a flag for each of these constants first, then one for each
-        finding: whether it lowers the error on data left out.
+        The verdict is "unknown_effect" if a joint has unexplained torque or a measured
+        curve, else "effect_missing" if there are findings, else "nothing_missing". A
+        finding becomes weak if it raises the error on data left out when it joins the
+        certain findings alone. One that is refuted is not told: it stands for errors
+        that the others are judged beside, such as of friction that sticks. A curve that
+        was measured beside it, and not in its place, would not be right without it.
         """
+        remaining = self.left
+        noise = self.data.noise
+        held_out = self.ladder.held_out
+        places = [k for k, f in enumerate(self.findings) if not f.is_refuted]
+        beside_told = all(
+            not f.is_refuted or CURVE in f.indistinguishable_from for f in self.findings
+        )
+        errors = [self.ladder.errors_with(places[:k]) for k in range(len(places) + 1)]
+        findings = [
+            replace(
+                self.findings[k], held_out_rmse_before=before, held_out_rmse_after=after
+            )
+            for k, (before, after) in zip(places, pairwise(errors), strict=True)
+        ]
+        # By joint (from 0): RMS torque beyond the noise [N m or N].
+        unexplained = {
+            j: float(remaining.beyond[j]) for j in remaining.joints_unexplained
+        }
+        joints_without_name = {*unexplained, *(c.joint for c in self.curves)}
+        verdict: Literal["effect_missing", "nothing_missing", "unknown_effect"]
+        verdict = "effect_missing" if findings else "nothing_missing"
+        if joints_without_name:
+            verdict = "unknown_effect"
+        happened = find_events(
+            self.data,
+            remaining.outlier_rows,
+            remaining.residual,
+            sorted(joints_without_name),
+        )
+        by_joint = sorted(unexplained.items())
+        terms = zip(self.search.terms, self.findings, strict=True)
+        passing = passing_causes(
+            self.search, [term for term, f in terms if f.torque_is_certain]
+        )
+        return Diagnosis(
+            verdict=verdict,
+            effects=tuple(findings),
+            noise_floor=noise.floor,
+            invisible=invisible_effects(self.search),
+            events=tuple(sorted([*happened, *self.hums], key=Event.order)),
+            passing=passing,
+            notices=find_notices(self.search, self.explanation.estimate),
+            noise_source=noise.source,
+            unexplained=remaining.in_sample_excess_variance,
+            held_out_rmse=errors[-1],
+            band_hz=self.data.rows.cutoff,
+            remarks=self.remarks,
+            held_out_rmse_before=held_out.errors(()),
+            held_out_source=held_out.source,
+            frozen=self.data.frozen,
+            new_motion_share=self.new_motion_share,
+            retuned=self.retunes,
+            curves=self.described_curves if beside_told else (),
+            torque_units=self.explanation.estimate.torque_units,
+            remains=tuple(Remaining(j + 1, torque) for j, torque in by_joint),
+        )
+
+    @property
+    def retunes(self) -> tuple[Retune, ...]:
+        """The shape constants of the model that should change."""
+        helpful = self.help_together
+        errors = self.errors_of_constants
         return tuple(
             retune(
                 constant,
-                std=constant_std(self.search.fit, self.errors_of_constants, constant),
+                std=constant_std(self.search.fit, errors, constant),
                 robot=self.explanation.estimate.robot,
                 before=self.ladder.errors_without(k),
                 after=self.ladder.errors[-1],

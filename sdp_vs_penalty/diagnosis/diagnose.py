@@ -20,7 +20,7 @@ from sdp_vs_penalty.diagnosis.explanation import (
     held_out_errors,
 )
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.held_out import HeldOutData
+from sdp_vs_penalty.diagnosis.held_out import HeldOutData, harm
 from sdp_vs_penalty.diagnosis.late_torque import refer_columns_to_current_model
 from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.diagnosis.passing.cause import (
@@ -31,7 +31,6 @@ from sdp_vs_penalty.diagnosis.passing.cause import (
 )
 from sdp_vs_penalty.diagnosis.passing.search import passing_causes
 from sdp_vs_penalty.diagnosis.search import Search, search
-from sdp_vs_penalty.diagnosis.sign_width import refer_signs_to_current_model
 from sdp_vs_penalty.diagnosis.unexplained import unexplained_error
 from sdp_vs_penalty.diagnosis.white_rows import (
     WhiteData,
@@ -43,6 +42,7 @@ from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.memory import give_back_memory
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -68,6 +68,8 @@ def diagnose(
     progress: Progress = no_progress,
     noise_from: Measurements | None = None,
     judged_recordings: Measurements | None = None,
+    left_out: tuple[Span, ...] = (),
+    left_out_of_test: tuple[Span, ...] = (),
 ) -> Diagnosis:
     """Find the effects that a model lacks, in recordings that have been read.
 
@@ -86,6 +88,10 @@ def diagnose(
     judged_recordings
         Recordings of which the test run is a window; they have the noise floor that is
         reported.
+    left_out, left_out_of_test
+        Spans of the measurements and of the test run in which the check says that
+        something acts; the former stay in where a model without them errs more on the
+        test run.
 
     Returns
     -------
@@ -95,8 +101,15 @@ def diagnose(
     """
     progress("filtering the runs")
     runs = DiagnosisRuns(
-        model, measurements, test, noise_from, frozen, progress=progress
-    )
+        model,
+        measurements,
+        test,
+        noise_from,
+        frozen,
+        left_out,
+        left_out_of_test,
+        progress,
+    ).without_harmful_spans()
     diagnosis = diagnose_beside_passing(
         runs, partial(diagnose_runs, seed=seed, progress=progress)
     )
@@ -123,7 +136,7 @@ def diagnose_beside_passing(
     A load that is carried for a time would otherwise be explained by effects that act
     all the time. What is found without its spans is the result, with all that acts for
     a part of the time. The spans stay in where less than ENOUGH of the samples would be
-    left.
+    left. Spans of the test run are left out as well.
 
     Parameters
     ----------
@@ -134,19 +147,29 @@ def diagnose_beside_passing(
     """
     diagnosis = diagnose(runs)
     passing = found = diagnosis.passing
-    spans: tuple[Span, ...] = ()
+    judged = runs
     while found and len(passing) < _MOST_PASSING:
         spans = tuple(span for cause in passing for span in cause.spans)
-        rest = replace(runs, left_out=spans, left_out_of_test=runs.spans_in_test)
+        rest = replace(
+            runs,
+            left_out=(*runs.left_out, *spans),
+            left_out_of_test=(*runs.left_out_of_test, *runs.spans_in_test),
+        )
         if rest.searched.samples < ENOUGH * runs.searched.samples:
             break
+        judged = rest
         diagnosis = diagnose(rest)
         found = diagnosis.passing
         passing += found
-    if diagnosis.passing == passing:
+    if not judged.left_out:
         return diagnosis
-    remarks = (*diagnosis.remarks, _left_out_remark(runs, spans))
-    return replace(diagnosis, passing=passing, remarks=remarks)
+    return replace(
+        diagnosis,
+        passing=passing,
+        named_by_check=runs.left_out,
+        left_out_of_test=judged.left_out_of_test,
+        remarks=(*diagnosis.remarks, _left_out_remark(runs, judged.left_out)),
+    )
 
 
 def _left_out_remark(runs: DiagnosisRuns, spans: Sequence[Span]) -> str:
@@ -192,9 +215,9 @@ def diagnose_runs(
     measured = measure_curves(explanation.search, left.joints_above_noise)
     conclusion = Conclusion(
         explanation=explanation,
+        ladder=ladder,
         left=left,
         curves=accept_curves(explanation.search, measured, judge),
-        ladder=ladder,
         new_motion_share=runs.new_motion_share,
         seed=seed,
         hums=find_hums_above(runs.searched, searched.data.rows.cutoff),
@@ -207,14 +230,13 @@ def diagnose_runs(
 
 
 def _searched(runs: DiagnosisRuns, progress: Progress) -> Search:
-    """Search the effects that a model lacks, with columns that follow from the torque
-    and the widths of signs that were found."""
+    """Search the effects that a model lacks, with columns that follow from the torque that
+    was found."""
     progress("measuring the noise")
     candidates = runs.candidates
     give_back_memory(runs.searched.samples)
     out = search(runs.white_data, candidates, progress)
     out = refer_columns_to_current_model(out, progress)
-    out = refer_signs_to_current_model(out, progress)
     give_back_memory(runs.searched.samples)
     return out
 
@@ -278,6 +300,25 @@ class DiagnosisRuns:
         """The windows of the measurements in which effects are searched."""
         windows = window_subsample(self._driven[1], self.settings)
         return without_spans(windows, self.left_out) if self.left_out else windows
+
+    def without_harmful_spans(self) -> DiagnosisRuns:
+        """Return the recordings with the spans that are left out, or with all rows if
+        a model without the spans errs more on the test run, or too few rows are left."""
+        whole = replace(self, left_out=())
+        if self.searched.samples < ENOUGH * whole.searched.samples:
+            return whole
+        if not self.left_out or self.test is None:
+            return self
+        with_spans, without = (x.errors_on_test() for x in (whole, self))
+        return whole if harm(with_spans, without) > 0.0 else self
+
+    def errors_on_test(self) -> Array:
+        """Return the RMS errors (n,) of the model on the test run [N m or N], fitted to
+        the searched rows by least squares."""
+        judge = HeldOutData(self.estimate, self.test_rows, self.frozen)
+        return judge.held_out_errors(self.rows, (), self.estimate).least_squares_errors(
+            ()
+        )
 
     @property
     def subsample_remark(self) -> str | None:

@@ -82,10 +82,7 @@ def explain(
     refers_to_model = any(depends(t.form.effect) for t in refitted.terms)
     if constants or refers_to_model or delays_torque(refitted):
         refitted = refer_once(refitted)
-    judged = refitted.with_terms(refitted.terms)
-    # What the fit absorbs with the constants of now is no finding any more.
-    judged.terms = [t for t in judged.beside_each_other() if t.evidence > -np.inf]
-    return Explanation(first, tuple(constants), judged)
+    return Explanation(first, tuple(constants), refitted.without_refuted())
 
 
 def explain_in_order(search: Search, first: Estimate) -> Explanation:
@@ -198,6 +195,12 @@ class Ladder:
         steps = range(self.n_own, len(self.offered) + 1)
         return np.array([self.held_out.errors(self.offered[:k]) for k in steps])
 
+    def errors_with(self, findings: Sequence[int]) -> Array:
+        """Return the errors (n,) with the re-estimated constants and some findings,
+        named by their places in the order [N m or N]."""
+        of_findings = [self.offered[self.n_own + k] for k in findings]
+        return self.held_out.errors([*self.offered[: self.n_own], *of_findings])
+
     def errors_without(self, k: int) -> Array:
         """Return the errors (n,) with all offered effects except the one at place k [N
         m or N].
@@ -211,7 +214,7 @@ class Ladder:
 
         It lowers the sum of the joints' log errors in the rows that tell of it, and no
         joint's error on one recording left out is above 1.05 times that without any
-        effect.
+        effect. Those whose torque is in doubt come last, one or two at once.
 
         Parameters
         ----------
@@ -228,14 +231,13 @@ class Ladder:
         """
         findings = self.offered[self.n_own :]
         of_findings = dict(zip(findings, least_help, strict=True))
-        in_doubt = {k: least for k, least in of_findings.items() if least > 0.0}
-        torque_in_doubt = [k for k, least in in_doubt.items() if least >= SURE_HELP]
-        helpful = [k for k in self.offered if in_doubt.get(k, 0.0) < np.inf]
+        in_doubt = {k: x for k, x in of_findings.items() if SURE_HELP <= x < np.inf}
+        size_in_doubt = {k: x for k, x in of_findings.items() if 0.0 < x < SURE_HELP}
+        helpful = [k for k in self.offered if of_findings.get(k, 0.0) < SURE_HELP]
         n_before = len(helpful) + 1
         while len(helpful) < n_before:
             n_before = len(helpful)
-            helpful = self.held_out.drop_harmful(helpful, in_doubt)
-            helpful = self.held_out.drop_harmful_to_a_joint(
-                helpful, floor, torque_in_doubt
-            )
+            helpful = self.held_out.drop_harmful(helpful, size_in_doubt)
+            helpful = self.held_out.drop_harmful_to_a_joint(helpful, floor)
+        helpful = self.held_out.with_helpful(helpful, in_doubt, floor)
         return [number in helpful for number in self.offered]

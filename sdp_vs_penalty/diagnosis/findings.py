@@ -12,10 +12,10 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
-from sdp_vs_penalty.diagnosis.doubts import NAME_IS_OPEN, SIZE_IS_OPEN, Doubt
+from sdp_vs_penalty.diagnosis.doubts import NAME_IS_OPEN, REFUTES, SIZE_IS_OPEN, Doubt
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.notices import Notice
-from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, passing_sentence
+from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, Span, spans_in_words
 from sdp_vs_penalty.effects import (
     FittedEffect,
     effect_in_words,
@@ -112,6 +112,12 @@ class Rated(JsonRecord):
     def has_open_torque(self) -> bool:
         """Whether a doubt leaves open that the torque is there."""
         return any(doubt.leaves_torque_open for doubt in self.doubts)
+
+    @property
+    def is_refuted(self) -> bool:
+        """Whether its torque is not there as it was found, and adding it does not help."""
+        reasons = {doubt.reason for doubt in self.doubts}
+        return not self.helps and not reasons.isdisjoint(REFUTES)
 
     @property
     def torque_is_certain(self) -> bool:
@@ -590,6 +596,10 @@ class Diagnosis(Record, JsonRecord):
     notices: tuple[Notice, ...] = ()
     #: What acts for a part of the runs only, such as a load that is carried.
     passing: tuple[PassingCause, ...] = ()
+    #: Spans of the runs in which the check says that something acts, and of the test run
+    #: in which something does.
+    named_by_check: tuple[Span, ...] = ()
+    left_out_of_test: tuple[Span, ...] = ()
     #: How long the arm stands still in the runs of the errors [s]; these rows are left
     #: out.
     standstill_left_out: float = 0.0
@@ -625,7 +635,14 @@ class Diagnosis(Record, JsonRecord):
             return self
 
         out = self._doubted(Doubt("log"), ())
-        return replace(out, log_faults=tuple(faults), curves=(), passing=())
+        return replace(
+            out,
+            log_faults=tuple(faults),
+            curves=(),
+            passing=(),
+            named_by_check=(),
+            left_out_of_test=(),
+        )
 
     def beside_explanation_of_log(
         self, kind: str, sentence: str, joints: Sequence[int]
@@ -694,7 +711,7 @@ class Diagnosis(Record, JsonRecord):
         retuned = [r for r in self.retuned if r.torque_is_certain or not confident]
         has_all = numbers is None and len(chosen) == len(self.effects)
         curves = self.curves if has_all else ()
-        if not (chosen or retuned or curves or self.passing):
+        if not (chosen or retuned or curves or self.left_out):
             kind = "finding"
             if confident and self.effects:
                 kind = "confident finding or near-tie"
@@ -894,6 +911,22 @@ class Diagnosis(Record, JsonRecord):
         return pandas.DataFrame(rows, columns=columns).set_index("finding")
 
     @property
+    def left_out(self) -> tuple[Span, ...]:
+        """The spans of the runs in which something acts for a time, which no model is
+        identified from."""
+        of_causes = (span for cause in self.passing for span in cause.spans)
+        return (*of_causes, *self.named_by_check)
+
+    @property
+    def acting_for_a_time(self) -> tuple[str, ...]:
+        """What acts for a part of the time, a clause each."""
+        sentences = [cause.sentence for cause in self.passing]
+        if self.named_by_check:
+            named = spans_in_words(self.named_by_check)
+            sentences.append(f"what `check` names {named}")
+        return tuple(sentences)
+
+    @property
     def sure(self) -> tuple[Finding | Retune, ...]:
         """The re-estimated constants and findings whose torque is certain: what should
         be added.
@@ -916,7 +949,7 @@ class Diagnosis(Record, JsonRecord):
         """
         remedies = [*self.log_faults]
         adds_curves = bool(self.curves) and not self.leaves_curves_out
-        leaves_spans_out = bool(self.passing) and not self.frozen
+        leaves_spans_out = bool(self.left_out) and not self.frozen
         if self.sure or adds_curves or leaves_spans_out:
             remedies.append(self._all_that_is_sure)
         remedies += [constant.remedy for constant in self.retuned]
@@ -998,11 +1031,11 @@ class Diagnosis(Record, JsonRecord):
         if self.log_faults:
             faults = "; ".join(x.problem.rstrip(".") for x in self.log_faults)
             sentences.insert(0, f"It looks as if {faults}. Mend the log first.")
-        if self.passing:
-            passing = passing_sentence(self.passing)
+        if self.acting_for_a_time:
+            acting = f"For a part of the time: {'; '.join(self.acting_for_a_time)}."
             most = max((f.gain for f in self.effects), default=0.0)
-            is_main = max(cause.evidence for cause in self.passing) > most
-            sentences.insert(0 if is_main else 1, passing)
+            of_causes = max((cause.evidence for cause in self.passing), default=0.0)
+            sentences.insert(0 if of_causes > most else 1, acting)
         return " ".join([*sentences, *self.besides])
 
     @property
@@ -1066,7 +1099,7 @@ class Diagnosis(Record, JsonRecord):
             e
             for e in self.events
             if e.what == "hum"
-            or not any(cause.covers(e.t_start, e.t_end) for cause in self.passing)
+            or not any(span.covers(e.t_start, e.t_end) for span in self.left_out)
         ]
 
     @property
@@ -1140,6 +1173,12 @@ class Diagnosis(Record, JsonRecord):
             self.torque_unit(worst),
         )
         above_noise = self.joints_above_noise
+        if self.is_undetermined:
+            return (
+                "Nothing is missing that these measurements could show: with other values"
+                " of its parameters the model explains them. They do not determine these:"
+                f" joint {worst} errs by {error}, on data left out."
+            )
         if above_noise:
             return (
                 "No effect of the library explains the torque beyond the noise on"
@@ -1183,6 +1222,14 @@ class Diagnosis(Record, JsonRecord):
         if over is None:
             return []
         return [int(j) + 1 for j in np.flatnonzero(over > ABOVE_NOISE)]
+
+    @property
+    def is_undetermined(self) -> bool:
+        """Whether joints err above their noise on data left out alone: the model fitted
+        to all of the data explains them."""
+        joints = [joint - 1 for joint in self.joints_above_noise]
+        left = 1.0 + self.unexplained[joints]
+        return bool(joints) and bool(np.all(left <= ABOVE_NOISE**2))
 
     @property
     def left_sentence(self) -> str:
@@ -1244,7 +1291,7 @@ class Diagnosis(Record, JsonRecord):
                 "Record a run that tells the findings from what fits as well: all are"
                 " weak."
             )
-        if self.joints_above_noise:
+        if self.joints_above_noise and not self.is_undetermined:
             return "Look at what the error depends on."
         return "Use the model, or record motion that excites more."
 
@@ -1445,7 +1492,7 @@ def event_lines(
     most_lines
         The most lines without ``show_all``.
     """
-    causes = [cause.sentence for cause in diagnosis.passing]
+    causes = [*diagnosis.acting_for_a_time]
     events = diagnosis.events_without_cause
     if len(events) > most_lines and not show_all:
         where = formatting.joints(sorted({e.joint for e in events}))

@@ -11,10 +11,10 @@ folds, the choice of effects and constants from all rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import groupby
+from itertools import combinations, groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -118,6 +118,10 @@ class Columns(NamedTuple):
         return out
 
 
+#: Errors (n,) of a choice of effects (their numbers), in the rows that tell of one.
+_Errors = Callable[[Sequence[int], int], Array]
+
+
 @dataclass
 class HeldOut:
     """Errors of a model on data left out, with any selection of candidate effects.
@@ -136,11 +140,9 @@ class HeldOut:
     #: Computes such errors for folds of the training motion, the second opinion before
     #: an effect is removed; None if there is none.
     make_second: Callable[[], HeldOut] | None = None
-    #: Sums of squared errors computed before, by the chosen effects' numbers
-    #: and whether they are fitted where the joints slide.
+    #: Sums of squared errors computed before, by the chosen effects' numbers, whether
+    #: they are fitted where the joints slide, and how they are fitted.
     _known_squares: dict[tuple[Any, ...], Array] = field(default_factory=dict)
-    #: Those of least-squares fits.
-    _least_squares: dict[tuple[Any, ...], Array] = field(default_factory=dict)
 
     @cached_property
     def second(self) -> HeldOut | None:
@@ -197,45 +199,37 @@ class HeldOut:
             [[x.joint_rows() for x in (*s.tests, *s.sliding)] for s in self.splits]
         )
 
-    def _squares(self, chosen: Sequence[int], sliding: bool) -> Array:
+    def _squares(
+        self,
+        chosen: Sequence[int],
+        sliding: bool,
+        fitted: Callable[..., list[Array]] | None = None,
+    ) -> Array:
         """Return the sums (splits, 2 R + 1, n) of squared errors [(N m)^2 or N^2] on these
         rows.
 
-        Each choice of effects (their numbers) is computed once.
+        The model with the chosen effects (their numbers) is fitted to each split's
+        training rows, all or those in which the joints slide. Each choice is computed
+        once. Splits with the same effects are fitted together, so that constraints and
+        columns are set up once. ``fitted`` : how; default: by the model's method
+        (:func:`fitted_parameters`).
         """
-        key = (*sorted(chosen), sliding)
+        key = (*sorted(chosen), sliding, fitted)
         if key not in self._known_squares:
-            squares = list(self._fitted_squares(sorted(chosen), sliding))
+            squares = []
+            for _, splits in groupby(self.splits, key=lambda x: [*map(id, x.effects)]):
+                alike = list(splits)
+                columns = alike[0].columns_of(self.estimate, sorted(chosen))
+                trains = [s.fitted_rows(sliding).keeping(columns.kept) for s in alike]
+                fits = (fitted or fitted_parameters)(
+                    self.estimate, columns.own, columns.new, trains, self.frozen
+                )
+                for split, theta in zip(alike, fits, strict=True):
+                    parameters = columns.with_zeros(theta)
+                    rows = (*split.tests, *split.sliding)
+                    squares.append([x.joint_losses(parameters) for x in rows])
             self._known_squares[key] = np.array(squares)
         return self._known_squares[key]
-
-    def _fitted_squares(self, chosen: Sequence[int], sliding: bool) -> Iterator[Array]:
-        """Yield the sums (2 R + 1, n) of squared errors of each split.
-
-        The model with the chosen effects (their numbers) is fitted to a split's
-        training rows, all or those in which the joints slide, and judged on its test
-        rows, and where the joints slide. Splits
-        with the same effects are fitted together, so that constraints and columns are
-        set up once.
-        """
-
-        def identities(split: HeldOutSplit) -> list[int]:
-            """Return the identities of the split's effect objects."""
-            return [id(effect) for effect in split.effects]
-
-        for _, splits in groupby(self.splits, key=identities):
-            same_effects = list(splits)
-            columns = same_effects[0].columns_of(self.estimate, chosen)
-            trains = [
-                s.fitted_rows(sliding).keeping(columns.kept) for s in same_effects
-            ]
-            fits = fitted_parameters(
-                self.estimate, columns.own, columns.new, trains, self.frozen
-            )
-            for split, theta in zip(same_effects, fits, strict=True):
-                all_parameters = columns.with_zeros(theta)
-                rows = (*split.tests, *split.sliding)
-                yield np.array([x.joint_losses(all_parameters) for x in rows])
 
     def least_squares_errors(
         self, chosen: Sequence[int], judged: int | None = None
@@ -247,18 +241,8 @@ class HeldOut:
         is that whose rows count. Each choice is computed once.
         """
         sliding = self._is_told_by_sliding(judged)
-        key = (*sorted(chosen), sliding)
-        if key not in self._least_squares:
-            squares = []
-            for split in self.splits:
-                columns = split.columns_of(self.estimate, chosen)
-                train = split.fitted_rows(sliding).keeping(columns.kept)
-                theta = least_squares_parameters(self.estimate, columns, train)
-                all_parameters = columns.with_zeros(theta)
-                rows = (*split.tests, *split.sliding)
-                squares.append([x.joint_losses(all_parameters) for x in rows])
-            self._least_squares[key] = np.array(squares)
-        return self._rms(self._least_squares[key], sliding)
+        squares = self._squares(chosen, sliding, least_squares_parameters)
+        return self._rms(squares, sliding)
 
     def drop_harmful(
         self, candidates: Sequence[int], least_help: Mapping[int, float]
@@ -332,9 +316,7 @@ class HeldOut:
         return out
 
     @staticmethod
-    def _harm_of(
-        k: int, errors: Callable[[Sequence[int], int], Array], accepted: Sequence[int]
-    ) -> float:
+    def _harm_of(k: int, errors: _Errors, accepted: Sequence[int]) -> float:
         """Return the harm of effect k of those accepted, by errors (n,) of such choices
         in the rows that tell of it."""
         return harm(errors(_without(accepted, k), k), errors(accepted, k))
@@ -353,8 +335,66 @@ class HeldOut:
         harm_elsewhere = self._harm_of(k, self.second.errors, accepted)
         return harm_elsewhere < -least_help.get(k, MINOR)
 
+    def with_helpful(
+        self, accepted: Sequence[int], in_doubt: Mapping[int, float], floor: Array
+    ) -> list[int]:
+        """Add effects in doubt, one or two at once, while they lower the error on data
+        left out.
+
+        Two that help together alone, and two that cancel, are measured as one candidate.
+        It is taken if it lowers the sum of the joints' log errors by the least help of
+        its effects, in the rows that tell of them, lowers that sum on the second data,
+        folds of the training motion, too, and raises no joint's error on a recording
+        left out, or on the rows fitted to, by more than 5 % (MAX_JOINT_HARM). The best
+        by least squares is judged first.
+
+        Parameters
+        ----------
+        in_doubt
+            By the number of an effect in doubt: its least help.
+        floor
+            (n,) noise [N m or N]; errors below it count as that large.
+
+        Returns
+        -------
+        list of int
+            Numbers of the effects, with those that help.
+        """
+        accepted = list(accepted)
+
+        def fall(of: HeldOut, errors: _Errors, added: Sequence[int]) -> float:
+            """Return by how much effects lower the sum of log errors, above their least
+            help on these data and above zero on second ones."""
+            by_all_rows = (k for k in added if not self._is_told_by_sliding(k))
+            judged = next(by_all_rows, added[0])
+            before = errors(accepted, judged)
+            least = sum(in_doubt[k] for k in added) if of is self else 0.0
+            return -harm(before, errors([*accepted, *added], judged)) - least
+
+        def helps(added: Sequence[int]) -> bool:
+            """Return whether effects help under all constraints, and harm no joint."""
+            before, after = (
+                np.maximum(self.errors_by_recording(chosen), floor)
+                for chosen in (accepted, [*accepted, *added])
+            )
+            if error_ratios(before, after).max() > 1.0 + MAX_JOINT_HARM:
+                return False
+            judges = [judge for judge in (self, self.second) if judge is not None]
+            return all(fall(x, x.errors, added) > 0.0 for x in judges)
+
+        while True:
+            rest = [k for k in in_doubt if k not in accepted]
+            candidates = [*combinations(rest, 1), *combinations(rest, 2)]
+            falls = {x: fall(self, self.least_squares_errors, x) for x in candidates}
+            promising = [x for x in candidates if falls[x] > 0.0]
+            promising.sort(key=lambda x: -falls[x])
+            added = next(filter(helps, promising), None)
+            if added is None:
+                return accepted
+            accepted += added
+
     def drop_harmful_to_a_joint(
-        self, accepted: Sequence[int], floor: Array, in_doubt: Collection[int] = ()
+        self, accepted: Sequence[int], floor: Array
     ) -> list[int]:
         """Drop effects that raise the error of one joint, where it slides, on one
         recording left out, or on the rows fitted to, by more than 5 % (MAX_JOINT_HARM),
@@ -364,16 +404,13 @@ class HeldOut:
         which all folds are taken together. The effects are judged together, against the
         errors without any effect: for the error that has risen by most, the effect is
         dropped without which it is lowest, unless another joint's error on the same
-        recording would then rise by more; one in doubt is dropped all the same.
-        Each effect may raise errors that others lower by more: beside them even true
-        effects do.
+        recording would then rise by more. Each effect may raise errors that others lower
+        by more: beside them even true effects do.
 
         Parameters
         ----------
         floor
             (n,) noise [N m or N]; errors below it count as that large.
-        in_doubt
-            Numbers of the effects in doubt.
 
         Returns
         -------
@@ -397,7 +434,7 @@ class HeldOut:
             without = {k: errors(_without(accepted, k)) for k in accepted}
             worst = min(accepted, key=lambda k: float(without[k][place]))
             rise_without = error_ratios(now, without[worst])[place[0]].max()
-            if worst not in in_doubt and rise_without > rise[place]:
+            if rise_without > rise[place]:
                 is_paid_for[place] = True
             else:
                 accepted.remove(worst)
@@ -692,33 +729,31 @@ def with_replaced_joints(
 
 
 def least_squares_parameters(
-    estimate: Estimate, columns: Columns, data: Regression
-) -> Array:
-    """Fit effects by least squares, with priors from their plausible sizes; return
-    their parameters (p,) in SI units.
+    estimate: Estimate,
+    own_effects: Sequence[Effect],
+    new: Sequence[Effect],
+    data: Sequence[Regression],
+    frozen: bool,
+) -> list[Array]:
+    """Fit effects as :func:`fitted_parameters` does, but by least squares, with priors
+    from their plausible sizes alone.
 
     In two rounds, the second with each joint weighted by its residual in the first.
-
-    Parameters
-    ----------
-    estimate
-        The model whose robot and gains are used.
-    data
-        The rows, with the columns of these effects only.
     """
-    effects = (*columns.own, *columns.new)
-    if not effects:
-        return np.zeros(0)
+    effects = (*own_effects, *new)
     model = replace(estimate.model, effects=effects, reference=None)
-    weights: Array = np.ones(estimate.robot.n)
-    theta: Array = np.zeros(0)
-    for _ in range(2):
-        squares = given_known(data.least_squares(weights), model)
-        # |R theta - rho|^2, with rows for the priors.
-        problem = with_plausible(squares, model, data.oversampling)
-        theta = model.with_known(problem.nearest(0.0))
-        weights = joint_weights(data, theta)
-    return theta
+    out = []
+    for rows in data:
+        weights: Array = np.ones(estimate.robot.n)
+        theta: Array = np.zeros(0)
+        for _ in range(2 if effects else 0):
+            squares = given_known(rows.least_squares(weights), model)
+            # |R theta - rho|^2, with rows for the priors.
+            problem = with_plausible(squares, model, rows.oversampling)
+            theta = model.with_known(problem.nearest(0.0))
+            weights = joint_weights(rows, theta)
+        out.append(theta)
+    return out
 
 
 def estimator_beside(estimate: Estimate) -> Estimator:

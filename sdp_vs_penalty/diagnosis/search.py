@@ -433,6 +433,21 @@ class Search:
             self.beside(term, [*others, *group[:i]]) for i, term in enumerate(group)
         ]
 
+    def without_refuted(self) -> Search:
+        """Return a copy of the search with the chosen effects judged beside each other,
+        without those that the rows speak against, the one with the least evidence first.
+
+        Beside all others and the constants of now a finding may have lost its torque.
+        """
+        out = self.with_terms(self.terms)
+        while True:
+            out.terms = out.beside_each_other()
+            refuted = [t for t in out.terms if not t.evidence > 0.0]
+            if not refuted:
+                return out
+            weakest = min(refuted, key=lambda t: t.evidence)
+            out = out.with_terms([t for t in out.terms if t is not weakest])
+
     def beside_each_other(self) -> list[ScoredEffect]:
         """Return the chosen effects, each judged beside all others."""
         return [

@@ -13,13 +13,14 @@ import pytest
 from point_mass_arm import MASSES, Kinematics, PointMassArm
 
 from sdp_vs_penalty import Measurements, add, compare, diagnose, identify
+from sdp_vs_penalty.api.diagnosis import _spans_named
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis import Candidate, Diagnosis, Event
 from sdp_vs_penalty.diagnosis.findings import event_lines
 from sdp_vs_penalty.diagnosis.passing.cause import (
     PassingCause,
     Span,
-    beside_causes,
+    beside_spans,
     windows_without_spans,
 )
 from sdp_vs_penalty.diagnosis.passing.laws import PassingCandidate, point_of_force
@@ -133,6 +134,10 @@ def test_a_contact_of_some_seconds_is_a_force(problem):
     assert_spans(cause, (12.3, 17.4))
     restored = Diagnosis.from_dict(result.to_dict())
     assert restored.passing == result.passing
+    # A span that the check names as well is told once more, with its command.
+    named = replace(result, passing=(), named_by_check=cause.spans)
+    assert named.left_out == cause.spans
+    assert "what `check` names from 12." in named.headline
 
 
 @pytest.mark.long
@@ -240,7 +245,8 @@ def test_rivals_and_runs_are_named():
 @pytest.mark.parametrize(("t", "covered"), [(14.0, True), (20.0, False)])
 def test_events_in_a_span_are_not_told_again(t, covered):
     event = Event(2, t, t + 0.5)
-    assert cause().covers(event.t_start, event.t_end) == covered
+    (span,) = cause().spans
+    assert span.covers(event.t_start, event.t_end) == covered
 
 
 def test_spans_are_found_where_a_column_acts():
@@ -324,14 +330,14 @@ def test_the_point_of_a_force_is_found():
 def test_spans_are_left_out_of_the_run_that_they_name():
     one = PointMassArm().run(1)
     two = concatenate([replace(one, names=("a",)), replace(one, names=("b",))])
-    rest = beside_causes(two, [cause(Span("b", 10.0, 20.0))])
+    rest = beside_spans(two, [Span("b", 10.0, 20.0)])
     a, b = rest.runs()
     assert a.samples == one.samples
     assert not np.any((b.t > 10.0) & (b.t < 20.0))
-    assert beside_causes(two, [cause(Span("another", 10.0, 20.0))]) is two
-    assert beside_causes(two, [cause(Span("", 10.0, 20.0))]) is two
-    assert beside_causes(one, [cause(Span("", 1.0, 29.0))]) is one
-    assert beside_causes(one, []) is one
+    assert beside_spans(two, [Span("another", 10.0, 20.0)]) is two
+    assert beside_spans(two, [Span("", 10.0, 20.0)]) is two
+    assert beside_spans(one, [Span("", 1.0, 29.0)]) is one
+    assert beside_spans(one, []) is one
 
 
 def test_what_is_left_without_spans_is_written_as_commands_take_it():
@@ -339,3 +345,12 @@ def test_what_is_left_without_spans_is_written_as_commands_take_it():
     run = Measurements(t, t[:, None], t[:, None])
     spans = [Span("", 5.0, 8.0), Span("", 15.25, 17.25)]
     assert windows_without_spans(run, spans) == "3.25:10,12.5:19.99"
+
+
+@pytest.mark.parametrize(("certainty", "n_left_out"), [("likely", 1), ("possible", 0)])
+def test_spans_that_the_check_calls_likely_are_left_out(certainty, n_left_out):
+    run = PointMassArm().run(1)
+    issue = {"certainty": f"{certainty}: one arm", "figures": {"span": [3.0, 5.0]}}
+    elsewhere = {"certainty": "likely: one arm", "figures": {"t": 9.0}}
+    spans = _spans_named({run.data_hash: [issue, elsewhere]}, run)
+    assert spans == (Span("", 3.0, 5.0),) * n_left_out

@@ -115,6 +115,9 @@ class Told(HeldOut):
 
     least_squares_errors = errors
 
+    def _is_told_by_sliding(self, judged):
+        return True
+
 
 @pytest.mark.parametrize(
     ("rule", "least_help", "kept"),
@@ -189,9 +192,41 @@ def test_what_raises_one_joints_error_by_a_twentieth_goes(rule, floor, kept):
     assert held_out.drop_harmful_to_a_joint([0, 1], np.full(1, floor)) == kept
 
 
-def test_what_is_in_doubt_may_raise_no_joints_error_whatever_it_does_to_others():
-    held_out = Told(lambda c: [1.0 - 0.7 * (1 in c), 1.0 + 0.06 * (1 in c)])
-    assert held_out.drop_harmful_to_a_joint([0, 1], np.zeros(1), [1]) == [0]
+@pytest.mark.parametrize(
+    ("rule", "elsewhere", "added"),
+    [
+        (lambda c: [1.0 - 0.3 * (0 in c), 1.0], 0.9, [0]),
+        pytest.param(lambda c: [1.0 - 0.04 * (0 in c), 1.0], 0.9, [], id="too little"),
+        pytest.param(
+            lambda c: [1.0 - 0.3 * (0 in c), 1.0], 1.01, [], id="nothing elsewhere"
+        ),
+        pytest.param(
+            lambda c: [1.0 - 0.7 * (0 in c), 1.0 + 0.06 * (0 in c)],
+            0.9,
+            [],
+            id="harm to a joint, whatever another gains",
+        ),
+        pytest.param(
+            lambda c: [0.7 if len(c) == 2 else 1.0 + 0.1 * len(c)],
+            0.9,
+            [0, 1],
+            id="two that help together alone",
+        ),
+        pytest.param(
+            lambda c: [0.96 if len(c) == 2 else 1.0 + len(c)],
+            0.9,
+            [],
+            id="two that cancel, and help by less than one should",
+        ),
+    ],
+)
+def test_what_is_in_doubt_is_added_where_it_helps_alone_or_in_pairs(
+    rule, elsewhere, added
+):
+    held_out = Told(rule)
+    held_out.make_second = lambda: Told(lambda c: [elsewhere if c else 1.0])
+    in_doubt = {0: 0.05, 1: 0.05}
+    assert held_out.with_helpful([], in_doubt, np.zeros(1)) == added
 
 
 @pytest.mark.parametrize(
@@ -236,9 +271,9 @@ def test_a_torque_of_sliding_is_judged_where_joints_slide(monkeypatch):
 
     def squares_of_fit(self, chosen, sliding):
         fitted.append(split.fitted_rows(sliding).rows)
-        yield np.array([[x.squares] for x in (*split.tests, *split.sliding)])
+        return np.array([[[x.squares] for x in (*split.tests, *split.sliding)]])
 
-    monkeypatch.setattr(HeldOut, "_fitted_squares", squares_of_fit)
+    monkeypatch.setattr(HeldOut, "_squares", squares_of_fit)
     assert [held_out.errors([0, 1], k)[0] for k in (0, 1)] == [1.0, 5.0]
     assert fitted == ["sliding", "all"]
 

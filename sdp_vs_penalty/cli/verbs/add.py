@@ -45,7 +45,7 @@ def verb(
     from sdp_vs_penalty.data.files import training_runs
     from sdp_vs_penalty.diagnosis.adding import add as run
     from sdp_vs_penalty.diagnosis.comparison import compare
-    from sdp_vs_penalty.diagnosis.passing.cause import beside_causes
+    from sdp_vs_penalty.diagnosis.passing.cause import beside_spans
 
     effects = _effects(effect, from_, confident, only)
     named = NamedRuns(training_runs(data), window, as_written)
@@ -57,10 +57,12 @@ def verb(
             estimate, effects, runs.train, frozen=frozen, seed=seed, progress=progress
         )
         models = {"before": estimate, "after": bigger}
-        causes = () if isinstance(effects, str) else effects.passing
-        train = beside_causes(runs.train, causes)
-        leaves_spans_out = train is not runs.train
-        judged = train if leaves_spans_out and test is None else runs.judge
+        train, judged = runs.train, runs.judge
+        if not isinstance(effects, str):
+            train = beside_spans(train, effects.left_out)
+            spans = effects.left_out if test is None else effects.left_out_of_test
+            judged = beside_spans(judged, spans)
+        acting = effects.acting_for_a_time if train is not runs.train else ()
         before, after = compare(models, judged, noise_from=runs.judged_recordings)
         if not isinstance(effects, str):
             what = "the training data"
@@ -80,9 +82,7 @@ def verb(
         bigger.save(out)
     what = "the training data" if test is None else str(test)
     printing.before_after(before, after, estimate.torque_units, what)
-    _say_changes(
-        effects, estimate, bigger, causes if leaves_spans_out else (), confident
-    )
+    _say_changes(effects, estimate, bigger, acting, confident)
     printing.certificate(bigger)
     console.written(out)
     mounting = [] if gravity is None else ["--gravity", gravity]
@@ -114,13 +114,13 @@ def _refuse_harm(before: Any, after: Any, what: str) -> None:
 
 
 def _say_changes(
-    effects: Any, estimate: Any, bigger: Any, causes: Any, confident: bool
+    effects: Any, estimate: Any, bigger: Any, acting: Any, confident: bool
 ) -> None:
     """Print what the bigger of two models has that the other has not.
 
-    effects : what was to be added, as text or as a diagnosis; causes : what passes, and
-    whose spans were left out; confident : whether only findings were added whose torque
-    is certain.
+    effects : what was to be added, as text or as a diagnosis; acting : what acts for a
+    time, in words, where its spans were left out; confident : whether only findings were
+    added whose torque is certain.
     """
     from sdp_vs_penalty.effects import effect_in_words
     from sdp_vs_penalty.estimation.shapes import changed_constants_in_words
@@ -129,9 +129,9 @@ def _say_changes(
     if added:
         named = "; ".join(effect_in_words(e.brief) for e in added)
         console.paragraph(f"added: {named}")
-    if causes:
-        acting = "; ".join(cause.sentence for cause in causes)
-        console.paragraph(f"identified without the spans of what passes: {acting}")
+    if acting:
+        passes = "; ".join(acting)
+        console.paragraph(f"identified without the spans of what passes: {passes}")
     if confident and not isinstance(effects, str):
         _say_what_is_weak(effects)
     if not isinstance(effects, str) and effects.frozen:

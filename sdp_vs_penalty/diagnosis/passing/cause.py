@@ -40,6 +40,13 @@ class Span(JsonRecord):
     #: End [s] on the run's clock.
     t_end: float
 
+    def covers(self, t_start: float, t_end: float) -> bool:
+        """Return whether an event from ``t_start`` to ``t_end`` [s] is within the span.
+
+        Events do not name their run: any run counts.
+        """
+        return self.t_start <= 0.5 * (t_start + t_end) <= self.t_end
+
 
 @dataclass(frozen=True)
 class PassingCause(JsonRecord):
@@ -99,20 +106,17 @@ class PassingCause(JsonRecord):
 
     @property
     def when(self) -> str:
-        """The spans in words, such as "from 8.0 s to 15.2 s of run2"."""
-        spans = []
-        for span in self.spans:
-            text = f"from {span.t_start:.1f} s to {span.t_end:.1f} s"
-            spans.append(f"{text} of {span.run}" if span.run else text)
-        return formatting.words(spans)
+        """The spans in words."""
+        return spans_in_words(self.spans)
 
-    def covers(self, t_start: float, t_end: float) -> bool:
-        """Return whether an event from ``t_start`` to ``t_end`` [s] is within a span.
 
-        Events do not name their run: any run counts.
-        """
-        middle = 0.5 * (t_start + t_end)
-        return any(s.t_start <= middle <= s.t_end for s in self.spans)
+def spans_in_words(spans: Sequence[Span]) -> str:
+    """Write spans, such as "from 8.0 s to 15.2 s of run2"."""
+    texts = []
+    for span in spans:
+        text = f"from {span.t_start:.1f} s to {span.t_end:.1f} s"
+        texts.append(f"{text} of {span.run}" if span.run else text)
+    return formatting.words(texts)
 
 
 def _law_in_words(law: str) -> str:
@@ -120,14 +124,6 @@ def _law_in_words(law: str) -> str:
     kind, place = law.split(":")
     what, part = _IN_WORDS[kind]
     return f"{what} on {part} {place}"
-
-
-def passing_sentence(causes: Sequence[PassingCause]) -> str:
-    """Return a sentence on what acted for a part of the runs; "" for nothing."""
-    if not causes:
-        return ""
-    named = "; ".join(cause.sentence for cause in causes)
-    return f"For a part of the time: {named}."
 
 
 def windows_without_spans(runs: Measurements, spans: Sequence[Span]) -> str:
@@ -150,8 +146,8 @@ def windows_without_spans(runs: Measurements, spans: Sequence[Span]) -> str:
     return ",".join(f"{a - start:.4g}:{b - start:.4g}" for a, b in windows)
 
 
-def beside_causes(runs: Measurements, causes: Sequence[PassingCause]) -> Measurements:
-    """Return runs without the spans in which causes act; the same object if nothing is
+def beside_spans(runs: Measurements, spans: Sequence[Span]) -> Measurements:
+    """Return runs without spans in which something acts; the same object if nothing is
     left out.
 
     A model that is identified from the spans too would take in what acts there. They
@@ -159,12 +155,7 @@ def beside_causes(runs: Measurements, causes: Sequence[PassingCause]) -> Measure
     name no run and there are several.
     """
     several = len(runs.names) > 1
-    spans = [
-        span
-        for cause in causes
-        for span in cause.spans
-        if span.run in runs.names or not (several or span.run)
-    ]
+    spans = [s for s in spans if s.run in runs.names or not (several or s.run)]
     rest = without_spans(runs, spans)
     is_enough = ENOUGH * runs.samples <= rest.samples < runs.samples
     return rest if is_enough else runs
