@@ -18,6 +18,7 @@ from sdp_vs_penalty.render import charts as plots
 from sdp_vs_penalty.render.charts import Curves, Figure
 from sdp_vs_penalty.render.pieces import shades
 from sdp_vs_penalty.render.words import shown_cause, shown_waves
+from sdp_vs_penalty.robot.arrays import Array
 
 
 def torque_chart(
@@ -87,36 +88,24 @@ def data_chart(
         shown.append("torque")
     plot = Figure(rows=len(shown), gap=0.08)
     t = read["t"]
+    repaired = {
+        name: read.get(f"repaired_{name}", np.nan * read["q"]) for name in shown
+    }
     for row, name in enumerate(shown):
         for j in range(len(units)):
             colour = PALETTE[j % len(PALETTE)]
             named = {"name": f"joint {j + 1}", "legendgroup": f"{j}"}
-            look: dict[str, Any] = {
-                "line": {"color": colour, "width": 1.2},
-                "showlegend": row == 0,
-            }
-            plot.add("scatter", row, x=t, y=read[name][:, j], **look, **named)
-            repaired = read.get(f"repaired_{name}")
-            if repaired is None or not shows_repairs:
-                continue
-            rows = np.isfinite(repaired[:, j])
+            look: dict[str, Any] = {"line": {"color": colour, "width": 1.2}}
+            look |= {"showlegend": row == 0} | named
+            plot.add("scatter", row, x=t, y=read[name][:, j], **look)
+            rows = np.isfinite(repaired[name][:, j]) & shows_repairs
             if rows.any():
-                named["name"] += ", repaired"
-                look = {
-                    "marker": {"symbol": "x", "size": 5, "color": colour},
-                    "showlegend": False,
-                }
-                plot.add(
-                    "scatter",
-                    row,
-                    x=t[rows],
-                    y=repaired[rows, j],
-                    mode="markers",
-                    **look,
-                    **named,
-                )
-        if (span := _span_without_spikes(read, name)) is not None:
-            plot.update_axes("y", row, range=span)
+                marker = {"symbol": "x", "size": 5, "color": colour}
+                look = {"mode": "markers", "marker": marker, "showlegend": False}
+                look |= named | {"name": f"joint {j + 1}, repaired"}
+                plot.add("scatter", row, x=t[rows], y=repaired[name][rows, j], **look)
+        span = _span_without_spikes(read[name], repaired[name])
+        plot.update_axes("y", row, range=span)
     kinds = "/".join(dict.fromkeys("m" if unit == "N" else "rad" for unit in units))
     titles = (
         f"Position [{kinds}]",
@@ -129,30 +118,19 @@ def data_chart(
     return ready(plot, 460)
 
 
-#: Spikes that make an axis so many times longer than all else leave the picture.
-_SPIKE = 3.0
 #: Between these percentiles measured values stay in the picture.
 _USUAL = (2.0, 98.0)
 
 
-def _span_without_spikes(read: Mapping[str, Any], name: str) -> list[float] | None:
-    """Return the axis range of a signal (M, n) without the values that the check
-    repairs.
-
-    Spikes would press everything else into a line. None if the range without them is
-    not much shorter, so that the axis stays as it is.
-    """
-    repaired = read.get(f"repaired_{name}")
-    if repaired is None or not np.isfinite(repaired).any():
+def _span_without_spikes(raw: Array, repaired: Array) -> list[float] | None:
+    """Return the axis range of a signal (M, n) without the values that the check repairs:
+    spikes would press everything else into a line. None where it repairs nothing."""
+    if not np.isfinite(repaired).any():
         return None
-    raw = np.asarray(read[name])
     mended = np.where(np.isfinite(repaired), repaired, raw)
-    usual = np.nanpercentile(raw, _USUAL)
-    low = float(min(np.nanmin(mended), usual[0]))
-    high = float(max(np.nanmax(mended), usual[1]))
+    shown = [np.nanmin(mended), np.nanmax(mended), *np.nanpercentile(raw, _USUAL)]
+    low, high = min(shown), max(shown)
     room = 0.1 * (high - low)
-    if not 0.0 < _SPIKE * (high - low) < float(np.nanmax(raw) - np.nanmin(raw)):
-        return None
     return [low - room, high + room]
 
 

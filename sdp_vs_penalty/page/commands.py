@@ -6,35 +6,20 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.page.model_step import ModelStep
+    from sdp_vs_penalty.page.session import Session
 
 
-def commands_of(
-    robot: Mapping[str, Any],
-    runs: Sequence[Mapping[str, Any]],
-    history: Sequence[ModelStep],
-    prepared: Sequence[Sequence[str]],
-    seed: int,
-    options: Mapping[str, str],
-    has_check: bool,
-) -> list[list[str]]:
+def commands_of(session: Session) -> list[list[str]]:
     """Return the words of the command lines that repeat a session's work, one a step.
 
     They are what made the runs, `identify` unless the first model was opened from a
     file, and for each further model the `diagnose` that names its effects and `add`;
     `compare` judges the models on the run that is kept for testing.
-
-    Parameters
-    ----------
-    prepared : sequence of sequences of str
-        Words of the commands that simulated, converted and repaired the runs.
-    has_check : bool
-        Whether the data check came before identification.
     """
-    commands = [[*words] for words in prepared]
+    robot, runs, history = session.robot, session.runs, session.history
+    commands = [[*words] for words in session.prepared]
     if not history:
         return commands
-    source = robot["file"] or robot["source"]
     first = history[0]
     data = data_words(runs)
     test = test_words(runs)
@@ -42,22 +27,19 @@ def commands_of(
     names = [name]
     if not first.opened:
         words = ["--method", first.method, "--effects", ",".join(first.effects)]
-        words += ["--seed", str(seed)]
-        if not has_check:
+        if session.meaningless:
             words.append("--no-check")
+        given = {"hold": robot["hold"], **session.options}
         if robot["gravity"] != robot["own_gravity"]:
-            words += option_words(
-                "gravity", ",".join(f"{g:g}" for g in robot["gravity"])
-            )
-        given = {"hold": robot["hold"], **options}
+            given["gravity"] = ",".join(f"{g:g}" for g in robot["gravity"])
         for option, value in given.items():
             words += option_words(option, value) if value else []
-        commands.append(["identify", source, *data, *words, "--out", name])
+        commands.append(["identify", session.robot_word, *data, *words, "--out", name])
     # A model that was kept is the last of those that the commands before it made.
-    n_made = max(1, sum(words[0] in ("identify", "add") for words in prepared))
+    n_made = max(1, sum(words[0] in ("identify", "add") for words in session.prepared))
     for k, model in enumerate(history[1:], start=n_made + 1):
         frozen = ["--frozen"] if model.frozen else []
-        how = [*data, *test, "--seed", str(seed), *frozen]
+        how = [*data, *test, *frozen]
         what = [",".join(model.added)]
         if model.findings_added is not None:
             found = f"findings{k - 1}.json"
@@ -67,15 +49,14 @@ def commands_of(
                 what += ["--only", ",".join(map(str, model.findings_added))]
             elif model.findings_added == "confident":
                 what.append("--confident")
-        words = [name, *what, *data, *(test if len(what) > 1 else ()), "--seed"]
+        words = [name, *what, *data, *(test if len(what) > 1 else ())]
         name = f"model{k}.json"
         names.append(name)
-        commands.append(["add", *words, str(seed), *frozen, "--out", name])
+        commands.append(["add", *words, *frozen, "--out", name])
     if history[-1].findings is not None:
-        how = [*data, *test, "--seed", str(seed)]
         frozen = ["--frozen"] if history[-1].findings.frozen else []
         found = f"findings{n_made + len(history) - 1}.json"
-        commands.append(["diagnose", name, *how, *frozen, "--json", found])
+        commands.append(["diagnose", name, *data, *test, *frozen, "--json", found])
     if test:
         judged = ["--data", *test[1:2]]
         if "--test-window" in test:

@@ -66,6 +66,12 @@ def tiles(label: str) -> Any:
     return tag("div", style="tiles", role="group", aria_label=label)
 
 
+def changing(field: Any, do: Callable[[str], Any]) -> Any:
+    """Call ``do`` with the text of a field whenever that is changed; return the field."""
+    emit = "(e) => emit(e.target.value)"
+    return field.on("change", lambda e: do(str(e.args)), js_handler=emit)
+
+
 def choice(
     label: str,
     options: Iterable[tuple[str, str] | str],
@@ -86,12 +92,7 @@ def choice(
             for option in options:
                 name, text = (option, option) if isinstance(option, str) else option
                 tag("option", text, value=name, selected=name == value)
-        select.on(
-            "change",
-            lambda e: do(str(e.args)),
-            js_handler="(e) => emit(e.target.value)",
-        )
-    return select
+        return changing(select, do)
 
 
 def text_field(
@@ -115,11 +116,7 @@ def text_field(
             placeholder=example,
             **{"type": "text", **how},
         )
-        field.on(
-            "change",
-            lambda e: do(str(e.args)),
-            js_handler="(e) => emit(e.target.value)",
-        )
+        changing(field, do)
 
 
 def slider(
@@ -138,11 +135,7 @@ def slider(
             max=most,
             step="1",
         )
-        handle.on(
-            "change",
-            lambda e: do(int(e.args)),
-            js_handler="(e) => emit(e.target.value)",
-        )
+        changing(handle, lambda text: do(int(text)))
 
 
 def check(

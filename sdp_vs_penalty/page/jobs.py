@@ -27,7 +27,7 @@ from sdp_vs_penalty.api.remedies import (
     effect_on_error,
     what_to_add,
 )
-from sdp_vs_penalty.checks import Report, check
+from sdp_vs_penalty.checks import Report
 from sdp_vs_penalty.checks.check import check_runs
 from sdp_vs_penalty.checks.gate import Gate
 from sdp_vs_penalty.checks.long_runs import is_long
@@ -66,7 +66,6 @@ from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.estimation.excitation import excite, save_trajectory
 from sdp_vs_penalty.estimation.identify import estimate_parameters
-from sdp_vs_penalty.estimation.resampling import cross_validate
 from sdp_vs_penalty.estimation.separation import separate
 from sdp_vs_penalty.estimation.shapes import effects_to_estimate_again
 from sdp_vs_penalty.estimation.verdict import Verdict
@@ -161,21 +160,6 @@ class JobRequest(dict[str, Any]):
         """The session's current model, loaded from its model.json."""
         return load_estimate(self["model"])
 
-    @property
-    def common_options(self) -> dict[str, Any]:
-        """The keyword arguments that `add`, `diagnose` and `follow` share.
-
-        These are ``frozen`` (hold the model's parameters fixed), ``seed`` and
-        ``progress``. A request without "frozen" leaves it out, so that the function's
-        default applies.
-        """
-        options = {
-            "frozen": self.get("frozen"),
-            "seed": self["seed"],
-            "progress": self.progress,
-        }
-        return {name: value for name, value in options.items() if value is not None}
-
     def progress_of(self, name: str, text: str) -> None:
         """Report the progress of one of several named tasks."""
         self.progress(f"{name}: {text}")
@@ -197,7 +181,7 @@ class JobRequest(dict[str, Any]):
     @cached_property
     def loaded(self) -> Measurements:
         """All recordings of the session, uncut, read once."""
-        return load_measurements(*(self.folder / run["file"] for run in self["runs"]))
+        return concatenate(self.stored_runs)
 
     @cached_property
     def runs(self) -> Runs:
@@ -236,13 +220,12 @@ def _by_use(
     A split run yields both sides, each cut to its time windows; any other run is
     yielded whole. ``run`` is the page's record of it, ``part`` its samples.
     """
-    named = replace(part, names=(run["name"],))
     if run["use"] != "split":
-        yield run["use"], named
+        yield run["use"], part
         return
     for side in ("train", "test"):
         windows = [(a, b) for a, b in run["split"][side]]
-        yield side, windowed(named, windows)
+        yield side, windowed(part, windows)
 
 
 def read(job: JobRequest) -> Answer:
@@ -328,13 +311,12 @@ def _judged(job: JobRequest, state: State, uses: Sequence[str]) -> Answer:
     problem = state.problem
     job.progress(f"checking {formatting.count(len(state.runs), 'run')}")
     reports = check_runs(problem, state.runs, thorough=False)
-    is_alone = len(state.runs) == 1
     facts = robot_facts(job, problem)
     if facts["hold"] != job["robot"].get("hold", ""):  # joints have other numbers
         facts["meshes"] = _kept_meshes(job, problem)
     return {
         "runs": [
-            keep(job, problem, run, report, use, is_alone)
+            keep(job, problem, run, report, use)
             for run, report, use in zip(state.runs, reports, uses, strict=True)
         ],
         "remedies": to_json(list_remedies(reports)),
@@ -375,12 +357,13 @@ def motion(job: JobRequest) -> Answer:
     """
     job.progress("looking for a motion within the robot's limits")
     name = "trajectory.csv"
-    how = {"seed": job["seed"], "progress": job.progress}
     trajectory: FourierTrajectory | PointTrajectory
     if job["separate"]:
-        trajectory = separate(job.model, ",".join(job["separate"]), **how).trajectory
+        trajectory = separate(
+            job.model, ",".join(job["separate"]), progress=job.progress
+        ).trajectory
     else:
-        trajectory = excite(job.problem, **how).trajectory
+        trajectory = excite(job.problem, progress=job.progress).trajectory
     save_trajectory(trajectory, job.folder / name)
     _, dq, _ = trajectory.states(np.arange(0.0, trajectory.duration, 0.01))
     speeds = np.abs(dq).max(axis=0)
@@ -519,12 +502,7 @@ def simulate(job: JobRequest) -> Answer:
 
 
 def keep(
-    job: JobRequest,
-    problem: Problem,
-    part: Measurements,
-    report: Report,
-    use: str,
-    alone: bool,
+    job: JobRequest, problem: Problem, part: Measurements, report: Report, use: str
 ) -> dict[str, Any]:
     """Store a run in the session's folder, and return the page's record of it.
 
@@ -538,9 +516,6 @@ def keep(
         The samples of the run.
     report : Report
         What the check says of it.
-    alone : bool
-        Whether no other run exists. The page then splits this one, so that the check
-        looks at the split's time windows as well.
 
     Returns
     -------
@@ -554,9 +529,6 @@ def keep(
     known = [run["split"] for run in job["runs"] if run["file"] == file]
     split = known[0] if known else split_run(problem, part)
     findings = [issue.to_dict() for issue in report.issues]
-    # Of a long run the check looks at windows all over it anyway.
-    if alone and split is not None and not report.is_long:
-        findings += _window_issues(problem, part, split, report)
     view = f"view-{file}"
     if not (job.folder / file).exists():
         save_arrays(job.folder / file, columns_of(part))
@@ -576,33 +548,13 @@ def keep(
     }
 
 
-def _window_issues(
-    problem: Problem,
-    part: Measurements,
-    split: Mapping[str, Any],
-    report_of_run: Report,
-) -> list[dict[str, Any]]:
-    """Return the issues that the check finds in the split's windows but not in the run.
-
-    The windows are what a model is identified from and judged on. An issue of a window
-    offers no repair, because a repair applies to a full run.
-    """
-    known = {(issue.kind, issue.where) for issue in report_of_run.issues}
-    new_issues = []
-    for side, word in (("train", "identified from"), ("test", "judged")):
-        reports = check(problem, windowed(part, split[side]), thorough=False)
-        for issue in (i for report in reports for i in report.errors_and_warnings):
-            if (issue.kind, issue.where) in known:
-                continue
-            known.add((issue.kind, issue.where))
-            what = f"In the windows that are {word}: {issue.what}"
-            new_issues.append(replace(issue, what=what, repair=None).to_dict())
-    return new_issues
-
-
 def _run_file_name(part: Measurements) -> str:
     """Return the file name of a run: equal samples get equal names."""
     return f"run-{part.data_hash[:16]}.npz"
+
+
+#: Share of a column's largest value above which a repair of it is seen.
+_VISIBLE = 1e-3
 
 
 def _preview_arrays(
@@ -627,15 +579,16 @@ def _preview_arrays(
         the repair changes nothing; tf (F,) [s] and poses (F, joints, 4, 4) of the arm.
     """
     raw = np.hstack([part.q, part.tau])
-    if mended is part:
-        repaired = np.full_like(raw, np.nan)
-    else:
-        repaired = _where_changed(raw, _repaired_rows(part, mended))
+    repaired = np.hstack([mended.q, mended.tau])
+    if len(repaired) != len(raw):  # a repair may remove rows
+        columns = [np.interp(part.t, mended.t, column) for column in repaired.T]
+        repaired = np.column_stack(columns)
+    is_changed = np.abs(repaired - raw) > _VISIBLE * np.nanmax(np.abs(repaired), axis=0)
+    repaired = np.where(is_changed, repaired, np.nan)
     # Rows evenly spread over the run, and at most POINTS of the repaired ones.
-    evenly_spread = spread_rows(len(part.t))
-    changed = np.flatnonzero(np.isfinite(repaired).any(axis=1))
-    step = 1 + len(changed) // POINTS
-    k = np.unique(np.concatenate([evenly_spread, changed[::step]]))
+    changed = np.flatnonzero(is_changed.any(axis=1))
+    few = changed[:: 1 + len(changed) // POINTS]
+    k = np.unique(np.concatenate([spread_rows(len(part.t)), few]))
     velocity = part.dq
     if velocity is None:
         velocity = np.gradient(part.q, part.t, axis=0)
@@ -650,31 +603,6 @@ def _preview_arrays(
         "tf": tf,
         "poses": poses,
     }
-
-
-def _repaired_rows(part: Measurements, mended: Measurements) -> Array:
-    """Return the repaired q and tau, (N, 2 n), at the instants of the recorded run.
-
-    A repair may remove rows: their values are interpolated from the neighbours. If the
-    repaired time stamps do not increase, the recorded values are returned unchanged.
-    """
-    rows = np.hstack([mended.q, mended.tau])
-    if len(rows) == len(part.t):
-        return rows
-    if not np.all(np.diff(mended.t) > 0.0):
-        return np.hstack([part.q, part.tau])
-    columns = [np.interp(part.t, mended.t, column) for column in rows.T]
-    return np.column_stack(columns)
-
-
-def _where_changed(raw: Array, repaired: Array) -> Array:
-    """Return the repaired values (N, k) where they visibly differ, NaN elsewhere.
-
-    A difference is visible above a thousandth of the column's largest value.
-    """
-    largest = np.nanmax(np.abs(repaired), axis=0)
-    is_visible = np.abs(repaired - raw) > 1e-3 * largest
-    return np.where(is_visible, repaired, np.nan)
 
 
 def resplit(job: JobRequest) -> Answer:
@@ -730,18 +658,14 @@ def robot_facts(job: JobRequest, problem: Problem) -> Answer:
     dict
         Title, name, number of joints n, joint names, torque units, effects of a first
         model, the arm's ellipsoids for the 3D view ("drawn") and the file of its motion
-        ("sweep"), gravity [m/s^2] ("gravity"), the held joints as text ("hold"), a
-        sentence on limits and filters ("known"), and the public data set of a built-in
+        ("sweep"), gravity [m/s^2] ("gravity"), the held joints as text ("hold"), and the
+        public data set of a built-in
         robot ("data"), if there is one.
     """
     joints = problem.channel_names
     source = job["robot"]["source"]
     measured = (x for x in DATASETS.values() if x.problem == problem.name == source)
     summary_words = formatting.count(problem.robot.n, "joint") + ", from URDF"
-    known = (
-        f"{_limits_in_words(problem)}; {_filters_in_words(problem)}. The stage Identify,"
-        " or a folder with a problem.toml, sets others."
-    )
     return {
         "title": summary_words if problem.folder is None else problem.title,
         "name": problem.name,
@@ -753,7 +677,6 @@ def robot_facts(job: JobRequest, problem: Problem) -> Answer:
         "sweep": _kept_sweep(job, problem.robot),
         "gravity": problem.robot.gravity,
         "hold": ",".join(f"{j.name}={j.value:.6g}" for j in joints.held),
-        "known": known,
         "data": next((to_json(d) for d in measured), None),
     }
 
@@ -807,26 +730,6 @@ def _kept_meshes(job: JobRequest, problem: Problem) -> list[Answer]:
     return kept
 
 
-def _limits_in_words(problem: Problem) -> str:
-    """Say for how many of the links' parameters a lower or upper limit is set."""
-    has_limit = np.isfinite(problem.box).any(axis=2)
-    return (
-        f"Limits are set for {has_limit.sum()} of {has_limit.size} parameters of links"
-    )
-
-
-def _filters_in_words(problem: Problem) -> str:
-    """Say at which cut-off frequencies [Hz] the filters act, if the problem sets
-    them.
-    """
-    settings = problem.preprocessing
-    cutoffs = [settings.state_cutoff, settings.torque_cutoff]
-    if cutoffs == [None, None]:
-        return "filters are chosen from the data"
-    words = ["chosen from the data" if f is None else f"{f:g} Hz" for f in cutoffs]
-    return f"filters of states and torque: {', '.join(words)}"
-
-
 def fit(job: JobRequest) -> Answer:
     """Identify a model as `sdp-vs-penalty identify` does, and judge it.
 
@@ -847,7 +750,6 @@ def fit(job: JobRequest) -> Answer:
             **{
                 **{f.name: options.get(f.name) for f in fields(PoseOptions)},
                 "effects": job["effects"],
-                "seed": job["seed"],
                 "workers": Workers(int(job.number("jobs", 1)), progress=job.progress),
                 "progress": job.progress,
             }
@@ -893,7 +795,8 @@ def extend(job: JobRequest) -> Answer:
     found = job.get("diagnosed")
     diagnosis = None if not found else Diagnosis.from_dict(found)
     effects = what_to_add(Change.from_dict(job["change"]), diagnosis)
-    bigger = add(job.model, effects, job.runs.train, **job.common_options)
+    how: dict[str, Any] = {"frozen": job["frozen"], "progress": job.progress}
+    bigger = add(job.model, effects, job.runs.train, **how)
     return summary(job, bigger)
 
 
@@ -910,6 +813,7 @@ def find(job: JobRequest) -> Answer:
     """
     runs = job.runs
     model = job.model
+    how: dict[str, Any] = {"frozen": job["frozen"], "progress": job.progress}
     # The stage Check has judged these runs.
     result = find_missing_effects(
         model,
@@ -917,15 +821,10 @@ def find(job: JobRequest) -> Answer:
         runs.test,
         noise_from=runs.all_runs,
         judged_recordings=runs.judged_recordings,
-        **job.common_options,
+        **how,
     )
     result, better = add_certain_findings(
-        result,
-        model,
-        runs.train,
-        runs.test,
-        runs.judged_recordings,
-        **job.common_options,
+        result, model, runs.train, runs.test, runs.judged_recordings, **how
     )
     save_arrays(job.folder / job["pictures"], _card_arrays(model, better, runs.judge))
     result = _confirmed_on_other_splits(job, result)
@@ -950,7 +849,8 @@ def _confirmed_on_other_splits(job: JobRequest, diagnosis: Diagnosis) -> Diagnos
     recording = load_measurements(job.folder / split_runs[0]["file"])
     recording = replace(recording, names=(split_runs[0]["name"],))
     splits = other_splits(job.problem, recording, split_runs[0]["split"])
-    return confirmed(diagnosis, job.model, recording, splits, **job.common_options)
+    how: dict[str, Any] = {"frozen": job["frozen"], "progress": job.progress}
+    return confirmed(diagnosis, job.model, recording, splits, **how)
 
 
 def _card_arrays(
@@ -988,9 +888,8 @@ def methods(job: JobRequest) -> Answer:
     """Identify the current model's effects by other methods and judge each on the same
     runs.
 
-    ``job["methods"]`` names them; ``job["folds"]`` asks for the cross-validated error
-    as well. A method that fails gets its error message for a row. Returns {"table":
-    ...}.
+    ``job["methods"]`` names them; the reason stands beside one that fails. Returns
+    {"table": ..., "reasons": ...}.
     """
     runs = job.runs
     current = job.model
@@ -1003,21 +902,11 @@ def methods(job: JobRequest) -> Answer:
     for name in job["methods"]:
         effects = current.model.effects
         progress = partial(job.progress_of, name)
-        options = PoseOptions(effects=effects, seed=job["seed"], progress=progress)
+        options = PoseOptions(effects=effects, progress=progress)
         try:
             estimates_made = estimate_parameters(
                 current.problem, filtered, name, options
             )
-            folds = None
-            if job["folds"]:
-                folds = cross_validate(
-                    current.problem,
-                    train,
-                    name,
-                    effects=effects,
-                    seed=job["seed"],
-                    progress=progress,
-                )
         except InputError as error:
             rows.append((name, "failed", {}))
             reasons[name] = str(error)
@@ -1025,8 +914,7 @@ def methods(job: JobRequest) -> Answer:
         (judged,) = compare(
             {name: estimates_made}, runs.judge, noise_from=runs.judged_recordings
         )
-        facts = judged.facts() if folds is None else judged.facts() | folds.facts()
-        rows.append((name, judged.verdict.grade, facts))
+        rows.append((name, judged.verdict.grade, judged.facts()))
         reasons[name] = judged.verdict.lines[0].text
     return {"table": tables.model_table(rows, "method").to_dict(), "reasons": reasons}
 
@@ -1118,7 +1006,7 @@ def forward(job: JobRequest) -> Answer:
     """
     estimate = job.model
     drive = job["drive"]
-    following = follow(estimate, job.runs.judge, drive=drive, **job.common_options)
+    following = follow(estimate, job.runs.judge, drive=drive, progress=job.progress)
     files = [f"forward-{following.drive}-{k}.npz" for k in range(len(following.free))]
     for file, free in zip(files, following.free, strict=True):
         t = free.simulated.t

@@ -26,13 +26,13 @@ from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES, Failures
 from sdp_vs_penalty.effects import (
     DEFAULT_EFFECTS,
     effect_in_words,
-    effect_name,
     effect_types,
     effects_in_words,
 )
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
+from sdp_vs_penalty.estimators.estimator import no_progress
 from sdp_vs_penalty.files import require_format, write_text
 from sdp_vs_penalty.page.commands import commands_of, option_words
 from sdp_vs_penalty.page.model_step import ModelStep
@@ -61,16 +61,7 @@ KEPT = (
     "hidden",
 )
 #: What is chosen besides.
-CHOSEN = (
-    "seed",
-    "options",
-    "reading",
-    "anyway",
-    "seen_issues",
-    "names",
-    "name",
-    "begun",
-)
+CHOSEN = ("options", "reading", "anyway", "seen_issues", "names", "name", "begun")
 #: Steps back that are kept.
 MOST_STEPS = 20
 #: Samples of all runs with which remedies are tried before anyone asks.
@@ -207,8 +198,6 @@ class Session:
     effects: list[str] = field(default_factory=list)
     #: Method that was chosen.
     method: str = DEFAULT_METHOD
-    #: Seed of random choices.
-    seed: int = 0
     #: What is written in the fields that are the command line's options.
     options: dict[str, str] = field(default_factory=dict)
     #: What is written in the fields of the options for reading files.
@@ -236,8 +225,6 @@ class Session:
     task: asyncio.Task[None] | None = None
     #: What tries the remedies beside everything else; None while nothing does.
     aside: asyncio.Task[None] | None = None
-    #: The change that is being tried, with what tries it.
-    trial: tuple[Mapping[str, Any], asyncio.Task[dict[str, Any]]] | None = None
     #: What the changes answered that were tried on the runs as they are, by the request.
     foreseen: dict[str, dict[str, Any]] = field(default_factory=dict)
     #: Tabs that show the session (workbench.py).
@@ -346,20 +333,16 @@ class Session:
         if effect == "none":
             return "Nothing was hidden in these runs."
         joints = {int(joint) for joint in at.split("+") if joint}
-        found = [f for f in diagnosis.effects if joints <= {*f.joints}]
-        named = [f for f in found if is_law_of(f.effect, effect)]
-        unseen = [x for x in diagnosis.invisible if joints <= {*x.joints}]
         added = [text for step in self.history for text in step.added]
+        outcome = "not found by this name"
         if any(_acts_as(text, effect, joints) for text in added):
             outcome = "found, and in the model"
-        elif named:
-            outcome = "found" if named[0].torque_is_certain else "found, but weak"
-        elif any(x.effect == effect for x in unseen):
+        elif any(_acts_as(f.text, effect, joints) for f in diagnosis.effects):
+            outcome = "found"
+        elif any(
+            x.effect == effect and joints <= {*x.joints} for x in diagnosis.invisible
+        ):
             outcome = "not found: parameters of the model absorb it in these runs"
-        elif found:
-            outcome = f"its torque is found as {effect_name(found[0].effect)}"
-        else:
-            outcome = "not found"
         return f"You hid {effect_in_words(self.hidden)}: {outcome}."
 
     def cause_of(self, joint: int) -> str:
@@ -416,15 +399,7 @@ class Session:
 
     def command_words(self) -> list[list[str]]:
         """Return the words of each of these commands."""
-        return commands_of(
-            robot=self.robot,
-            runs=self.runs,
-            history=self.history,
-            prepared=self.prepared,
-            seed=self.seed,
-            options=self.options,
-            has_check=not self.meaningless,
-        )
+        return commands_of(self)
 
     def left(self, watcher: Any) -> None:
         """Unregister a tab that was closed. A running job goes on."""
@@ -471,8 +446,7 @@ class Session:
         is ignored if another task is running.
         """
         if self.task is None:
-            is_asked_for = self.trial is not None and arguments[:1] == self.trial[:1]
-            if self.aside is not None and not is_asked_for:
+            if self.aside is not None:
                 self.aside.cancel()
             self.notice = None
             self.working = Working()
@@ -515,25 +489,15 @@ class Session:
         self.foreseen = {}
         for change in untried:
             request = self._change_request(change)
-            work = self.pool.run(request, self._heard_aside, is_aside=True)
-            trial = asyncio.get_running_loop().create_task(work)
-            self.trial = change, trial
             try:
-                answer = await trial
+                answer = await self.pool.run(request, no_progress, is_aside=True)
             except InputError as error:
                 self._keep_outcome(change, {"refused": str(error)})
             else:
                 self.foreseen[json.dumps(request)] = answer
                 self._keep_outcome(change, {"effect": answer["effect"]})
-            finally:
-                self.trial = None
             self.save()
             self.changed()
-
-    def _heard_aside(self, text: str) -> None:
-        """Show where a trial stands, while somebody waits for it."""
-        if self.working is not None:
-            self._doing(status=text)
 
     def _keep_outcome(
         self, change: Mapping[str, Any], outcome: Mapping[str, str]
@@ -574,7 +538,7 @@ class Session:
     def _request(self, job: str, **details: Any) -> dict[str, Any]:
         """Return the request for a function of jobs.py: the session's state and the
         ``details``."""
-        names = ("robot", "runs", "seed", "options")
+        names = ("robot", "runs", "options")
         return {
             **{name: getattr(self, name) for name in names},
             "job": job,
@@ -1076,17 +1040,10 @@ class Session:
         request = self._change_request(change)
         self._doing(title=formatting.sentence(change["words"]), status="")
         try:
-            if self.trial is not None and self.trial[0] == change:
-                answer = await self.trial[1]
-            elif (foreseen := self.foreseen.get(json.dumps(request))) is not None:
-                answer = foreseen
-            else:
-                answer = await self._run(request)
+            answer = self.foreseen.get(json.dumps(request)) or await self._run(request)
         except InputError as error:
             self._keep_outcome(change, {"refused": str(error)})
             raise
-        if self.aside is not None:
-            self.aside.cancel()
         words = self._command_of(change)
         self._step_from_here(change["words"])
         self._take(answer)

@@ -209,7 +209,6 @@ def confirmed(
     splits: Sequence[tuple[Windows, Windows]],
     *,
     frozen: bool = False,
-    seed: int = 0,
     progress: Progress = no_progress,
 ) -> Diagnosis:
     """Return a diagnosis with the number of splits that show each confident finding.
@@ -225,8 +224,6 @@ def confirmed(
         Windows of further splits, from :func:`other_splits`.
     frozen : bool
         Whether the model's parameters are held fixed; it is then not identified again.
-    seed : int
-        Of the random numbers of identification and diagnosis.
     progress : callable
         Called with a short text before each split.
 
@@ -239,9 +236,7 @@ def confirmed(
     for k, (train, test) in enumerate(splits, start=2):
         progress(f"the same on split {k} of {len(splits) + 1}")
         try:
-            shown.append(
-                _named(_diagnosed(model, run, train, test, frozen=frozen, seed=seed))
-            )
+            shown.append(_named(_diagnosed(model, run, train, test, frozen=frozen)))
         except InputError:  # too little is left of this split: it shows nothing
             continue
     effects = [_with_splits(finding, shown) for finding in diagnosis.effects]
@@ -249,13 +244,7 @@ def confirmed(
 
 
 def _diagnosed(
-    model: Estimate,
-    run: Measurements,
-    train: Windows,
-    test: Windows,
-    *,
-    frozen: bool,
-    seed: int,
+    model: Estimate, run: Measurements, train: Windows, test: Windows, *, frozen: bool
 ) -> Diagnosis:
     """Identify and diagnose a model anew on another split of the run.
 
@@ -267,14 +256,13 @@ def _diagnosed(
             model.problem,
             read_and_filter(model.problem, trained),
             model.method,
-            PoseOptions(effects=model.model.effects, seed=seed),
+            PoseOptions(effects=model.model.effects),
         )
     return diagnose(
         model,
         trained,
         windowed(run, test),
         frozen=frozen,
-        seed=seed,
         noise_from=run,
         judged_recordings=run,
     )

@@ -72,8 +72,6 @@ class View:
     methods: dict[str, bool] = field(
         default_factory=lambda: dict.fromkeys(METHODS, True)
     )
-    #: Whether methods are compared by cross-validation.
-    folds: bool = False
     #: What drives the forward simulation.
     drive: str = ""
     #: What the form for simulated runs holds.

@@ -9,7 +9,7 @@ from typing import Any
 
 from nicegui import ui
 
-from sdp_vs_penalty.page.controls import button, note, tag
+from sdp_vs_penalty.page.controls import button, changing, note, tag
 from sdp_vs_penalty.page.next_step import NextStep, next_step
 from sdp_vs_penalty.page.session import Working
 from sdp_vs_penalty.page.sessions import title_of
@@ -47,9 +47,7 @@ class Workbench:
                 aria_label="Name of the project",
                 data_key="project-name",
             )
-            rename = lambda e: self.session.rename(str(e.args))  # noqa: E731
-            take = "(e) => emit(e.target.value)"
-            self._project.on("change", rename, js_handler=take)
+            changing(self._project, self.session.rename)
             tag("span", style="gap")
             self._steps = tag("div", style="row steps-back")
             new = {"href": "/new", "data_key": "new-project"}

@@ -268,8 +268,7 @@ def test_the_job_of_a_closed_tab_goes_on_and_is_found_again(context, server):
     ):
         page.check(
             key(f"method-{name}")
-        )  # simulated annealing: together, in folds, they take minutes
-    page.check(key("folds"))
+        )  # simulated annealing: together they take a minute
     page.click(key("compare"))
     page.wait_for_selector(".working .status:has-text('penalty-paper')")
     working = server.workers()

@@ -344,7 +344,6 @@ def test_everything_is_offered_and_every_control_does_what_it_says(story, monkey
         "hide-effect": "joint_spring",
         "hide-joint": "2",
         "hide-level": "weak",
-        "folds": True,
         "method-ols": False,
         "drive": "pd",
         "add-effect": "joint_spring",
@@ -363,7 +362,7 @@ def test_everything_is_offered_and_every_control_does_what_it_says(story, monkey
         "forward",
     )
     screen.click("take-robot.xml")
-    asked = {"methods": ["lmi-sdp", "penalty"], "folds": True}
+    asked = {"methods": ["lmi-sdp", "penalty"]}
     assert called == [
         ("simulate", "joint_spring", [2], "weak", SEED, {}),
         ("identify", {}),

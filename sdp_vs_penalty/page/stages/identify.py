@@ -466,17 +466,8 @@ def methods(view: View) -> None:
 
     def compare() -> None:
         chosen_names = [name for name in names if chosen.get(name)]
-        session.start(
-            session.ask,
-            "Comparing methods",
-            "methods",
-            methods=chosen_names,
-            folds=view.folds,
-        )
+        session.start(session.ask, "Comparing methods", "methods", methods=chosen_names)
 
-    description = "On unseen motion too: five folds, takes five times as long"
-    hint = "Each fold leaves out a stretch of the motion and all its repetitions"
-    draw.check(description, view.folds, partial(setattr, view, "folds"), "folds", hint)
     draw.button("Compare methods", compare, "compare")
     if (answer := session.answer("methods")) is None:
         return

@@ -70,15 +70,13 @@ def _chosen(view: View) -> None:
     now = ",".join(f"{g:g}" for g in robot["gravity"])
     fields = ((gravity, now, session.mount), (hold, robot["hold"], session.hold))
     is_changed = bool(robot["hold"]) or robot["gravity"] != robot["own_gravity"]
-    title = "Mounting, joints that stand still, limits and filters"
-    with draw.details(title, "known", is_changed):
-        with draw.tag("div", style="fields"):
-            for option, value, do in fields:
-                text = draw.option_help(option)
-                example = str(option.metavar)
-                put = partial(session.start, do)
-                draw.text_field(text, value, put, option.dest, example)
-        draw.note(robot["known"])
+    title = "Mounting, joints that stand still"
+    with draw.details(title, "known", is_changed), draw.tag("div", style="fields"):
+        for option, value, do in fields:
+            text = draw.option_help(option)
+            example = str(option.metavar)
+            put = partial(session.start, do)
+            draw.text_field(text, value, put, option.dest, example)
     if session.runs:  # they are this robot's: another one has a page of its own
         new = {"href": "/new", "target": "_blank", "data_key": "another-robot"}
         draw.tag("a", "Another robot, on a new page", **new)
