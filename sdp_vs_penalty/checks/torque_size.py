@@ -224,7 +224,10 @@ def _issues_of_size(
         remedy="log the measured joint torque: neither masses nor inertias can be"
         " identified from this",
     )
-    if _resembles(log.channels(repair).T, log.nominal(repair)) < c.RESEMBLES:
+    # Beside each joint's friction, which can be most of it.
+    pair = np.stack([log.channels(repair), log.nominal(repair).T], axis=2)
+    torques, nominal = np.moveaxis(log.rows(repair).project_out_own(pair), 2, 0)
+    if _resembles(torques.T, nominal.T) < c.RESEMBLES:
         yield external(
             f"{are}they do not follow the arm's weight and inertia: what is left where a"
             " model was subtracted (external torque).",
