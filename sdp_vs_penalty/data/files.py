@@ -183,7 +183,7 @@ def _one(
     else:
         from sdp_vs_penalty.data.formats.memory import log_in_memory
 
-        log = log_in_memory(part, number, what)
+        log = log_in_memory(part, number)
         if log is None:
             remedy = (
                 "give a path, a mapping of arrays, a DataFrame, Measurements, or a list"

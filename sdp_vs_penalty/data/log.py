@@ -160,14 +160,23 @@ def log_of_arrays(
     return Log(path, columns, read, rows_of_texts, **more)
 
 
+#: How an empty cell of a column of texts is written.
+_EMPTY = {"", "nan", "NaN", "NaT", "None", "<NA>"}
+
+
 def _seconds_of_rows(rows: Sequence[Sequence[str]]) -> Array | None:
-    """Convert one text a row to seconds (N,) [s]; None where one is no time."""
+    """Convert one text a row to seconds (N,) [s], NaN where a cell is empty; None where one
+    is no time."""
     from sdp_vs_penalty.data.words.stamps import is_stamp, past_midnight, seconds_of
 
     cells = [row[0] for row in rows if len(row) == 1]
-    if not rows or len(cells) < len(rows) or not all(map(is_stamp, cells)):
+    filled = np.array([x not in _EMPTY for x in cells], bool)
+    stamps = [x for x in cells if x not in _EMPTY]
+    if not stamps or len(cells) < len(rows) or not all(map(is_stamp, stamps)):
         return None
-    return past_midnight(seconds_of(cells))
+    seconds = np.full(len(cells), np.nan)
+    seconds[filled] = past_midnight(seconds_of(stamps))
+    return seconds
 
 
 def real_numbers(path: Path, name: str, array: Any) -> Array:

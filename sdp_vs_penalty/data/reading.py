@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +40,6 @@ from sdp_vs_penalty.data.store import (
 from sdp_vs_penalty.data.words.tokens import brief_names, group_of, parts_of
 from sdp_vs_penalty.errors import ColumnsRemark, InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
-
-T = TypeVar("T")
 
 # Files with our own names need no tables of words and loggers: these are imported where
 # a foreign file is recognised.
@@ -115,7 +113,7 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
     remark = ColumnsRemark(said, _rows_shown(run, found.rename), found.rename, others)
     warnings.warn(remark, stacklevel=2)
     run = replace(run, reading=f"{log.path.name}: {sentence}")
-    if found.says_unit_of_positions:
+    if "q" not in found.unsaid:
         return run
     asking = replace(choice, scale={**(choice.scale or {}), "q": "UNIT"})
     asked = repeating_command(log, found.without_unit("q"), asking)
@@ -316,7 +314,7 @@ def _order(log: Log, joints: Sequence[str] | None) -> tuple[int, ...] | None:
     in_file = joints_in_cells(log.columns)
     if not in_file or all(x.kind != "list" for x in log.columns.values()):
         return None
-    return tuple(in_file.index(x) for x in in_order_of(joints, in_file)[0])
+    return tuple(in_file.index(x) for x in in_order_of(joints, in_file)[0].values())
 
 
 def _missing_channels(rename: Mapping[str, str]) -> list[str]:
@@ -598,18 +596,15 @@ def _in_si(
     name = log.run_name or log.path.name
     run = Measurements.from_channels(t, blocks, (name,), None, found.torque_unit)
     run = replace(run, joint_names=found.joints)
-    return _without_others(log, run, found, choice)
+    return _without_others(log, run, choice), found
 
 
-def _without_others(
-    log: Log, run: Measurements, found: Recognition, choice: Choice
-) -> tuple[Measurements, Recognition]:
+def _without_others(log: Log, run: Measurements, choice: Choice) -> Measurements:
     """Leave out the joints beyond the robot's whose torque is exactly zero in every row, a
-    gripper's, or that do not move at all while the others do, another arm's. The others
-    are counted anew, so that the printed command reads the same."""
+    gripper's, or that do not move at all while the others do, another arm's."""
     n = len(choice.joints or ()) + len(getattr(choice.joints, "held", ()))
     if not choice.joints or run.n <= n or not run.torque_logged or not len(run.t):
-        return run, found
+        return run
     low, high = column_range(run.q)
     kinds = {
         "has no torque in any row": ~np.any(column_range(run.tau), axis=0),
@@ -620,24 +615,12 @@ def _without_others(
         ("", None),
     )
     if is_idle is None:
-        return run, found
+        return run
     idle = np.flatnonzero(is_idle).tolist()
     shown = formatting.words([f"joint {k + 1}" for k in idle])
     _remark(log, f"{shown} of the log {what}: left out")
-    stays = [k + 1 for k in range(run.n) if k not in idle]
-    ours = {f"{x}{k}": f"{x}{new}" for x in GROUPS for new, k in enumerate(stays, 1)}
-    left_out = {f"{x}{k + 1}" for x in GROUPS for k in idle}
     joints = tuple(x for k, x in enumerate(run.joint_names) if k not in idle)
-    run = replace(run.without_joints(idle), joint_names=joints)
-
-    def counted(pairs: Mapping[str, T]) -> dict[str, T]:
-        return {ours.get(x, x): y for x, y in pairs.items() if x not in left_out}
-
-    if found.order is None:
-        torques = {x: counted(columns) for x, columns in found.torques.items()}
-        rename, scale = counted(found.rename), counted(found.scale)
-        found = replace(found, rename=rename, scale=scale, torques=torques)
-    return run, replace(found, joints=joints)
+    return replace(run.without_joints(idle), joint_names=joints)
 
 
 def _with_open_units(

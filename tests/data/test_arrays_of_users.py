@@ -152,7 +152,7 @@ def test_dates_of_a_frame_are_its_clock(stamps, frame):
 
 def test_a_clock_of_other_texts_is_shown(frame):
     commas = [str(t).replace(".", ",") for t in frame["t"]]
-    with pytest.raises(InputError, match="column t holds '0,0', not numbers"):
+    with pytest.raises(InputError, match="column t is never a number: '0,0'"):
         load(frame.assign(t=commas))
 
 

@@ -138,6 +138,8 @@ ms=tick; q=q{}; dq=dq{}; tau=tau{}
 @%H:%M:%S;%f=Time; q=J{}.ActualPosition; tau=J{}.TorqueReference
 t=time; q=axis {} position_rad; tau=axis {} torque_ref_Nm
 t=when; q=q{}; tau=tau{}
+t=time; q=theta{}; tau=G{} [N*m]
+t=time; deg={s} [deg]; tau={s} [Nm]
 t=time; q=pos{}; tau=tauRaw{}
 t=tm; q=feedBack.joints[{z}]; q+1=planned.joints[{z}]; tau=MotorTorque[{z}]
 t=time; q+1=q_d/ActualPosition[{z}]; q=ActualPosition[{z}]; tau=ActualTorque[{z}]
@@ -368,7 +370,6 @@ t=time; q=X{}; dq=Xd{}; tau=u_actual.{} -> q*=X*,dq*=Xd*,tau*=u_actual.*
 t=time; deg=th_{} [deg]; dq=w_{}; tau=F{} -> tau*=F*
 t=time; deg=P{} in deg; tau=M{} -> --scale q=deg
 unix=time; q=P{}; tau=M{} -> --scale t=ms
-t=time; q=theta{}; tau=G{} [N*m] -> tau1=#5,tau2=#6,tau3=#7
 k=; q=q{}; tau=tau{} -> no column t
 q=q{}; tau=tau{} -> --rate HZ
 t=t; q=q{} -> no column tau

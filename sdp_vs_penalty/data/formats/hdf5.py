@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.formats.limits import understood
+from sdp_vs_penalty.data.formats.limits import parse_apart
 from sdp_vs_penalty.data.log import Log, log_of_arrays
 from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.robot.arrays import Array
@@ -32,17 +32,14 @@ def read(path: Path) -> Log:
     without h5py, and where two columns have the same name, such as those of a measured
     and a desired state, or of two runs: nothing says which one is meant.
     """
-    from sdp_vs_penalty.robot.isolated import parse_isolated
-
     try:
         import h5py  # noqa: F401
     except ImportError as error:
         raise missing_extra("HDF5 files need", "formats") from error
     remedy = "save its arrays with numpy.savez(path, t=..., q=..., tau=...)"
-    with understood(path, "HDF5 file", remedy):
-        parts = list(parse_isolated(numeric_data_sets, path, prepare=load_h5py))
+    parts = parse_apart(numeric_data_sets, path, load_h5py, "HDF5 file", remedy)
     arrays, tables = dict[str, Array](), dict[str, str]()
-    for name, values in (item for part in parts for item in part.items()):
+    for name, values in parts.items():
         table, _, column = name.rpartition(_WITHIN)
         if column in arrays:
             places = " and ".join(x or "the file" for x in (tables[column], table))

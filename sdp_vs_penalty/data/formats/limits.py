@@ -1,9 +1,11 @@
-"""Failures of the libraries that read files, as one sentence."""
+"""Libraries that read files, in a process of their own where one wrong byte can end them,
+and their failures as one sentence."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from errno import EINVAL
 from pathlib import Path
+from typing import Any
 
 from sdp_vs_penalty.errors import InputError
 
@@ -35,3 +37,19 @@ def understood(path: str | Path, kind: str, remedy: str) -> Iterator[None]:
         if "end magic" in what or "Truncated" in what:
             remedy = "save what is left with `mcap recover`"
         raise InputError(f"not a readable {kind} ({what})", remedy, path) from error
+
+
+def parse_apart(
+    parse: Callable[[str], Iterator[dict[str, Any]]],
+    path: Path,
+    prepare: Callable[[], None],
+    kind: str,
+    remedy: str,
+) -> dict[str, Any]:
+    """Parse a file in a process of its own, which ``prepare`` gives its library, and put
+    the parts together. A broken file is an InputError (:func:`understood`)."""
+    from sdp_vs_penalty.robot.isolated import parse_isolated
+
+    with understood(path, kind, remedy):
+        parts = parse_isolated(parse, path, prepare=prepare)
+        return {name: x for part in parts for name, x in part.items()}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.data.formats.limits import understood
+from sdp_vs_penalty.data.formats.limits import parse_apart
 from sdp_vs_penalty.data.formats.npz import columns_of_array
 from sdp_vs_penalty.data.log import Log, log_of_arrays
 from sdp_vs_penalty.data.measurements import Measurements
@@ -29,24 +29,20 @@ def read(path: Path) -> Log:
     byte can end it. One of version 7.3 is HDF5; MATLAB writes a matrix (N, n) as (n, N)
     there, which whoever makes a run of it turns.
     """
-    from sdp_vs_penalty.robot.isolated import parse_isolated
+    with path.open("rb") as file:
+        start = file.read(128)
+    if start.startswith((b"MATLAB 7.3", b"\x89HDF")):
+        from sdp_vs_penalty.data.formats import hdf5
 
-    arrays = dict[str, Array]()
-    with understood(path, ".mat file", "save it again, as version 7 or earlier"):
-        with path.open("rb") as file:
-            start = file.read(128)
-        if start.startswith((b"MATLAB 7.3", b"\x89HDF")):
-            from sdp_vs_penalty.data.formats import hdf5
-
-            try:
-                return hdf5.read(path)
-            except InputError as error:
-                what = f"a version 7.3 file ({error.what})"
-                remedy = f"save it with save(..., '-v7'), or {error.remedy}"
-                raise InputError(what, remedy, path) from error
-        for part in parse_isolated(numeric_variables, path, prepare=load_scipy):
-            arrays |= part
-    arrays = {name: np.atleast_1d(block) for name, block in arrays.items()}
+        try:
+            return hdf5.read(path)
+        except InputError as error:
+            what = f"a version 7.3 file ({error.what})"
+            remedy = f"save it with save(..., '-v7'), or {error.remedy}"
+            raise InputError(what, remedy, path) from error
+    kind = ".mat file", "save it again, as version 7 or earlier"
+    variables = parse_apart(numeric_variables, path, load_scipy, *kind)
+    arrays = {name: np.atleast_1d(block) for name, block in variables.items()}
     if len(arrays) == 1:
         (block,) = arrays.values()
         if block.ndim > 1 and min(block.shape) > 1:

@@ -154,6 +154,46 @@ def numbers_of(path: Path, name: str, column: Any) -> Array:
     return 1e-9 * numbers if kind == "stamp" else numbers
 
 
+def table_of(columns: Mapping[str, Any]) -> Any:
+    """Return columns (N,) of pandas, polars or Python as a table of Arrow's; as texts what
+    Arrow does not take."""
+    import pyarrow as arrow
+
+    arrays = list[Any]()
+    for values in columns.values():
+        try:
+            is_polars = hasattr(values, "to_arrow")
+            array = (
+                values.to_arrow()
+                if is_polars
+                else arrow.array(values, from_pandas=True)
+            )
+        except (arrow.ArrowException, TypeError, ValueError):
+            array = arrow.array(list(map(str, values)))
+        arrays.append(array)
+    return arrow.table(arrays, names=list(columns))
+
+
+def columns_of_table(
+    path: Path, table: Any
+) -> tuple[dict[str, Array], dict[str, list[list[str]]], dict[str, dict[str, Any]]]:
+    """Return the columns of a table in memory: numbers, the texts of each row, "" where a
+    cell is empty, and what is known of stamps."""
+    numbers, texts = dict[str, Array](), dict[str, list[list[str]]]()
+    facts = dict[str, dict[str, Any]]()
+    for field in table.schema:
+        column, kind = table.column(field.name), kind_of(field.type)
+        if kind == "text":
+            cells = column.to_pylist()
+            texts[field.name] = [["" if x is None else str(x)] for x in cells]
+            continue
+        numbers[field.name] = numbers_of(path, field.name, column)
+        if kind == "stamp":
+            cells = [str(x) for x in column[:ROWS_DESCRIBED].to_pylist()]
+            facts[field.name] = {"kind": kind, "cells": cells}
+    return numbers, texts, facts
+
+
 def stated_facts(path: Path, schema: Any) -> dict[str, dict[str, Any]]:
     """Return what metadata say of columns, their own before those of the data set that
     the file belongs to (LeRobot's meta/info.json): units, and names of the joints."""

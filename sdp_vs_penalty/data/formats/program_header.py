@@ -1,15 +1,11 @@
 """What LabVIEW and TwinCAT write above the columns of their tables: settings, names and
-units in rows of their own.
+units in rows of their own, each with its key in the first cell.
 
-LabVIEW's .lvm begins with "LabVIEW Measurement"; its names stand behind the second
-"***End_of_Header***", its units in the row "Y_Unit_Label". A channel may have a clock
-column "X_Value" of its own, or none: then the row "Delta_X" says the step. A further
-header between the values begins another segment: such a file is refused.
-
-An export of TwinCAT Scope has a row "Starttime of export". Then the row "Name" holds the
-channels' names, and "Name" again above each column of stamps, which are in milliseconds
-or count since 1601 in steps of 100 ns. Rows about the channels follow, one of them
-"Unit".
+A column of stamps has the program's word for a clock as its name, and each channel may
+have one of its own. LabVIEW's .lvm has its names behind the second "***End_of_Header***",
+and a row "Delta_X" that says the step where it has no clock; a further header between the
+values begins another segment: such a file is refused. TwinCAT's stamps are in
+milliseconds or count since 1601 in steps of 100 ns.
 """
 
 import re
@@ -22,12 +18,9 @@ from sdp_vs_penalty.errors import InputError
 #: A row of a text with its number in the file, from 1.
 Row = tuple[int, str]
 
-_LABVIEW = "LabVIEW Measurement"
-_END_OF_HEADER = "***End_of_Header***"
-#: The headers of a file of LabVIEW with one segment: the file's, and the segment's.
-_MOST_HEADERS = 2
-_TWINCAT = "Starttime of export"
-#: Rows among which the marks of TwinCAT are looked for.
+#: The end of a header of LabVIEW, and how many a file with one segment has.
+_END_OF_HEADER, _MOST_HEADERS = "***End_of_Header***", 2
+#: Rows among which the marks of a program are looked for.
 _FIRST_ROWS = 10
 #: Stamps that are larger count since 1601, and no milliseconds of a recording.
 _LARGEST_MILLISECONDS = 1e12
@@ -48,6 +41,26 @@ class ProgramHeader:
     rate: float | None = None
 
 
+@dataclass(frozen=True)
+class _Program:
+    """How a program writes its header."""
+
+    #: How a row of the header begins.
+    mark: str
+    #: What columns of stamps are called, as is the key of the row of names.
+    clock: str
+    #: Key of the row of units.
+    units: str
+    #: Name of the clock in a plain table.
+    name: str
+
+
+_PROGRAMS = (
+    _Program("LabVIEW Measurement", "X_Value", "Y_Unit_Label", "X_Value"),
+    _Program("Starttime of export", "Name", "Unit", "Time"),
+)
+
+
 def find_program_header(path: Path, rows: Sequence[Row]) -> ProgramHeader | None:
     """Find the names and units that LabVIEW or TwinCAT has written into a text.
 
@@ -61,120 +74,69 @@ def find_program_header(path: Path, rows: Sequence[Row]) -> ProgramHeader | None
     Returns
     -------
     ProgramHeader | None
-        None for a text of another program.
+        None for a text of another program, or without names or values.
 
     Raises
     ------
     InputError
         A file of LabVIEW with several segments.
     """
-    if rows and rows[0][1].startswith(_LABVIEW):
-        return _of_labview(path, rows)
-    if any(line.startswith(_TWINCAT) for _, line in rows[:_FIRST_ROWS]):
-        return _of_twincat(rows)
-    return None
-
-
-def _of_labview(path: Path, rows: Sequence[Row]) -> ProgramHeader | None:
-    """Return the table of a LabVIEW file; None where its header has no end, or no row
-    of names behind it. Raises InputError for several segments."""
-    ends = [k for k, (_, line) in enumerate(rows) if line.startswith(_END_OF_HEADER)]
-    if not ends or ends[-1] + 1 >= len(rows):
+    marked = (
+        (program, line[len(program.mark) :][:1])
+        for _, line in rows[:_FIRST_ROWS]
+        for program in _PROGRAMS
+        if line.startswith(program.mark)
+    )
+    program, delimiter = next(marked, (None, ""))
+    if program is None or not delimiter:
         return None
+    ends = [number for number, line in rows if line.startswith(_END_OF_HEADER)]
     if len(ends) > _MOST_HEADERS:
-        what = f"row {rows[ends[-1]][0]} ends the header of another segment of LabVIEW"
+        what = f"row {ends[-1]} ends the header of another segment of LabVIEW"
         raise InputError(what, "write each segment into a file of its own", path)
-    settings = {
-        re.split("[\t,]", line)[0].strip(): line for _, line in rows[: ends[-1]]
-    }
-    delimiter = "," if "Comma" in settings.get("Separator", "") else "\t"
-    number, line = rows[ends[-1] + 1]
-    names = [name.strip() for name in line.split(delimiter)]
-    values = [row for row in rows[ends[-1] + 2 :] if row[1].strip()]
-    cells = [[cell.strip() for cell in line.split(delimiter)] for _, line in values]
-    widest = max(map(len, cells), default=len(names))
-    if names[-1] == "Comment" and widest < len(names):
+    cells = [[cell.strip() for cell in line.split(delimiter)] for _, line in rows]
+    heads = [k for k, row in enumerate(cells) if row[0] == program.clock]
+    first = (
+        next((k for k in range(heads[-1] + 1, len(rows)) if _is_sample(cells[k])), 0)
+        if heads
+        else 0
+    )
+    if not first:
+        return None
+    keyed = {row[0]: row for row in cells[:first]}
+    names, values = cells[heads[-1]], [x for x in rows[first:] if x[1].strip()]
+    if names[-1] == "Comment" and max(map(len, cells[first:])) < len(names):
         names.pop()  # of cells that no row has
-    clocks = tuple(k for k, name in enumerate(names) if name == "X_Value")
-    units = settings.get("Y_Unit_Label", "").split(delimiter)[: len(names)]
-    units = ["s" if k in clocks else _bare(x) for k, x in enumerate(units)]
-    units += [""] * (len(names) - len(units))
-    rate = None
-    if cells and not cells[0][0]:
-        rate = _rate_of_step(settings.get("Delta_X", "").split(delimiter))
-        names = ["" if k in clocks else name for k, name in enumerate(names)]
-        units = ["" if k in clocks else unit for k, unit in enumerate(units)]
-        clocks = ()
-    head = (number, delimiter.join(_with_units(names, clocks, units)))
+    units = [
+        x.split(" (")[0].replace("(None)", "") for x in keyed.get(program.units, ())
+    ]
+    units = (units + [""] * len(names))[: len(names)]
+    clocks = tuple(k for k, name in enumerate(names) if name == program.clock)
+    stamp, rate = _number(cells[first][0]), None
+    if stamp is None:
+        step = _number("".join(keyed.get("Delta_X", [])[1:2]))
+        rate = float(f"{1.0 / step:.12g}") if step else None
+    in_seconds = program.mark.startswith("LabVIEW")
+    unit = "s" if in_seconds else "ms" if (stamp or 0.0) < _LARGEST_MILLISECONDS else ""
+    for number, k in enumerate(clocks, start=1):
+        names[k] = program.name if number == 1 else f"{program.name} {number}"
+        units[k] = unit
+        if stamp is None:
+            names[k] = units[k] = ""
+    named = [f"{x} [{y}]" if y else x for x, y in zip(names, units, strict=True)]
+    head = (rows[heads[-1]][0], delimiter.join(named))
+    clocks = clocks if stamp is not None else ()
     return ProgramHeader([head, *values], delimiter, clocks, rate)
 
 
-def _rate_of_step(cells: Sequence[str]) -> float | None:
-    """Return the rate [Hz] of the first step in LabVIEW's row "Delta_X", whose decimal
-    mark may be a comma; None where it holds no step above zero."""
-    try:
-        step = float(cells[1].replace(",", "."))
-    except (IndexError, ValueError):
-        return None
-    return float(f"{1.0 / step:.12g}") if step > 0.0 else None
+def _number(cell: str) -> float | None:
+    """Return the number in a cell, of any decimal mark; None for another text."""
+    match = re.fullmatch(r"[-+]?\d+(?:[.,]\d*)?(?:[eE][-+]?\d+)?", cell)
+    return float(cell.replace(",", ".")) if match else None
 
 
-def _of_twincat(rows: Sequence[Row]) -> ProgramHeader | None:
-    """Return the table of an export of TwinCAT Scope; None where the row of names or the
-    values are missing."""
-    start = next(k for k, (_, line) in enumerate(rows) if line.startswith(_TWINCAT))
-    delimiter = rows[start][1][len(_TWINCAT) :][:1]
-    if not delimiter:
-        return None
-    split = [[cell.strip() for cell in line.split(delimiter)] for _, line in rows]
-    first = next((k for k in range(start, len(rows)) if split[k][0] == "Name"), None)
-    if first is None:
-        return None
-    names = split[first]
-    last = first
-    while last + 1 < len(rows) and not _is_stamp(split[last + 1][0]):
-        last += 1
-    values = list(rows[last + 1 :])
-    if not values:
-        return None
-    # A column of stamps has the row's own key in each row of the header.
-    clocks = tuple(k for k, name in enumerate(names) if name == "Name")
-    names = ["Time" if k in clocks else name for k, name in enumerate(names)]
-    units = [""] * len(names)
-    for cells in split[first : last + 1]:
-        if cells[0] == "Unit" and len(cells) == len(names):
-            units = [_bare(cell) for cell in cells]
-    stamp = float(split[last + 1][0].replace(",", "."))
-    unit = "ms" if stamp < _LARGEST_MILLISECONDS else ""
-    units = [unit if k in clocks else x for k, x in enumerate(units)]
-    head = (rows[first][0], delimiter.join(_with_units(names, clocks, units)))
-    return ProgramHeader([head, *values], delimiter, clocks)
-
-
-def _is_stamp(cell: str) -> bool:
-    """Return whether a cell holds a stamp of TwinCAT, a number of any decimal mark."""
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
-def _bare(unit: str) -> str:
-    """Return a unit without the words behind it: "deg" for "deg (Angle)", and "" for
-    "(None)"."""
-    return unit.strip().split(" (")[0].replace("(None)", "")
-
-
-def _with_units(
-    names: Sequence[str], clocks: Sequence[int], units: Sequence[str]
-) -> list[str]:
-    """Return the names with their units in brackets, and a number behind each further
-    column of stamps."""
-    out = list(names)
-    for number, k in enumerate(clocks, start=1):
-        out[k] = names[k] if number == 1 else f"{names[k]} {number}"
-    return [
-        f"{name} [{unit}]" if unit else name
-        for name, unit in zip(out, units, strict=True)
-    ]
+def _is_sample(cells: Sequence[str]) -> bool:
+    """Return whether a row holds numbers, perhaps without a stamp."""
+    return _number(cells[0]) is not None or (
+        not cells[0] and any(_number(x) is not None for x in cells)
+    )

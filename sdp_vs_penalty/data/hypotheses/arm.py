@@ -30,6 +30,8 @@ class ChannelFit:
     #: Power that friction takes, over the torques' spread: negative where torques count
     #: the other way.
     friction: float
+    #: The torques over those that the nominal links need; 0 where none are known.
+    size: float = 0.0
 
 
 def units_tried(q: Array) -> tuple[float, ...]:
@@ -104,7 +106,15 @@ def fit_arm(
     share = min(float(np.sqrt(np.mean(np.concatenate(left) ** 2))), 1.0)
     of_friction = slice(-2 * n, None)
     power = own[:, :, of_friction] @ (theta / scale)[of_friction] * dq
-    return ChannelFit(share, float(np.mean(power / spreads / usual_speed)))
+    needed = float(np.linalg.norm(rigid.sum(axis=2) / spreads))
+    factors_of_links = (theta / scale)[: rigid.shape[2]]
+    size = float(np.linalg.norm(rigid @ factors_of_links / spreads))
+    is_known = links is not None and needed > 0.0
+    return ChannelFit(
+        share,
+        float(np.mean(power / spreads / usual_speed)),
+        size / needed if is_known else 0.0,
+    )
 
 
 def _triangular(blocks: list[Array]) -> Array:

@@ -94,24 +94,26 @@ def with_unit_of_positions(
     torques = [tau, register] if bit else [tau]
     is_impossible = bool(far_outside(robot, q))
     largest = np.abs(q[:, _revolute(robot)]).max(initial=0.0)
-    is_open = not found.says_unit_of_positions and not _LITTLE < largest < _TURN
+    is_open = "q" in found.unsaid and not _LITTLE < largest < _TURN
     stated = found.units.get("q")
     is_said = stated is not None and stated.answer != DEGREES_OR_PERCENT
     is_said |= "q" in map(group_of, found.scale)
     if is_said or not (is_impossible or is_open):
         return found, blocks
-    shares = list[tuple[float, _Unit]]()
+    fitted = list[tuple[ChannelFit, _Unit]]()
     for unit in _units(robot, q, found):
         in_si = unit.in_si(q)
         fits = [] if far_outside(robot, in_si) else [fit(in_si, x) for x in torques]
-        if known := [x.share for x in fits if x]:
+        if known := [x for x in fits if x]:
             is_usual = is_in_ranges(robot, in_si)
             prior = unit.prior * (1.0 if is_usual else _BESIDE_RANGE)
-            shares.append((min(known), replace(unit, prior=prior)))
-    if not shares:
+            best_fit = min(known, key=lambda x: x.share)
+            fitted.append((best_fit, replace(unit, prior=prior)))
+    if not fitted:
         return found, blocks
-    weights = [unit.prior * share**-N_PARTS for share, unit in shares]
-    share, best = shares[int(np.argmax(weights))]
+    weights = [unit.prior * x.share**-N_PARTS for x, unit in fitted]
+    of_best, best = fitted[int(np.argmax(weights))]
+    share = of_best.share
     others = sorted(weights)[:-1]
     if share > EXPLAINS_NONE or np.all(best.scale == 1.0) or best.is_of_any_size:
         return found, blocks
@@ -122,6 +124,12 @@ def with_unit_of_positions(
     why = f"the arm leaves {100.0 * share:.2g} % of the torques"
     if is_impossible:
         why = f"outside the joints' ranges as radians, and {why}"
+    if "tau" in found.unsaid and of_best.size > 0.0:
+        said = (
+            "tau in N m, which no name says: they are"
+            f" {of_best.size:.2g} times what the arm's nominal links need"
+        )
+        found = replace(found, said=(*found.said, said))
     if best.words in UNITS and np.all(best.scale == UNITS[best.words]):
         return found.with_unit("q", ColumnHypothesis(best.words, 1.0, why)), blocks
     lengths = np.delete(best.scale, _revolute(robot))

@@ -49,8 +49,9 @@ class Recognition:
     torque_unit: str = ""
     #: Whether the arm has told what no command says without it.
     is_of_arm: bool = False
-    #: Whether names, metadata or the program that wrote the file say the unit of positions.
-    says_unit_of_positions: bool = True
+    #: Those of q and tau whose unit neither names, metadata nor the program that wrote the
+    #: file say.
+    unsaid: frozenset[str] = frozenset()
     #: Sampling rate [Hz] that velocities tell of a file without a clock.
     rate: float | None = None
     #: What is raised where the arm does not confirm these columns; None: nothing is open.
@@ -81,13 +82,12 @@ class Recognition:
         scale = {k: x for k, x in self.scale.items() if group_of(k) != group}
         units = {k: x for k, x in self.units.items() if k != group}
         inferred = {k: x for k, x in self.inferred.items() if k != group}
-        is_said = self.says_unit_of_positions or group == "q"
         return replace(
             self,
             scale=scale,
             units=units,
             inferred=inferred,
-            says_unit_of_positions=is_said,
+            unsaid=self.unsaid - {group},
         )
 
     def factors(self, group: str, n: int) -> list[float]:

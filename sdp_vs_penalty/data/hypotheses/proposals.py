@@ -76,7 +76,7 @@ def proposed(
         pairs,
         scale,
         "by letters and order",
-        says_unit_of_positions="q" in map(group_of, scale),
+        unsaid=frozenset({"q", "tau"} - {*map(group_of, scale)}),
         inferred={} if "t" in scale else {"t": TIME},
         unless_confirmed=error,
     )
@@ -313,7 +313,7 @@ def names_without_header(
     return Recognition(
         dict(zip(layout, log.names, strict=True)),
         logger="by their order",
-        says_unit_of_positions=False,
+        unsaid=frozenset({"q", "tau"}),
         inferred={"t": TIME},
         unless_confirmed=error,
     )

@@ -30,7 +30,7 @@ from sdp_vs_penalty.data.hypotheses.weighing import (
     unit_of_dates,
 )
 from sdp_vs_penalty.data.log import Column
-from sdp_vs_penalty.data.words.joints import JointNames, in_order_of
+from sdp_vs_penalty.data.words.joints import in_order_of
 from sdp_vs_penalty.data.words.loggers import clock_of, episode_of, find_logger
 from sdp_vs_penalty.data.words.names import (
     AMPERES,
@@ -132,15 +132,18 @@ def recognise(
             and any(_OUTPUT.sub(word, x) in usable for word in _FEEDBACK)
         ]
         usable = [x for x in usable if x not in outputs]
-        said, choice = _read_and_choose(usable, columns, joints)
+        n_joints = len(joints) if joints else None
+        chosen = {name: columns[name] for name in usable}
+        said, choice = _read_and_choose(chosen, n_joints)
         if choice and all(map(is_current, _torques_of(choice))):
             # Letters may be the joints' torques, which the arm weighs against currents.
             letters = {x: y for x in usable if (y := read_letter(x))}
             letters = {x: y for x, y in letters.items() if _says_nothing(said.get(x))}
-            choice = choose_sets(said | letters, len(joints) if joints else None)
+            choice = choose_sets(said | letters, n_joints)
         if choice is None:
-            said, choice = _read_and_choose(usable, columns, joints, _read_or_commanded)
-        clock = find_clock({name: columns[name] for name in usable})
+            read = _read_or_commanded
+            said, choice = _read_and_choose(chosen, n_joints, read)
+        clock = find_clock(chosen)
     if choice is None:
         return None
     pairs = {} if clock is None else {"t": clock}
@@ -189,19 +192,20 @@ def recognise(
     if not logger and clock in usable and clock not in said:
         said |= {clock: x} if (x := read_time_by_unit(clock)) else {}
     found = with_units(found, said, columns, logger, heading)
-    found = replace(found, says_unit_of_positions=_says_unit_of_positions(found, said))
+    found = replace(found, unsaid=_without_unit(found, said))
     return with_unit_of_clock(found, columns)
 
 
-def _says_unit_of_positions(found: Recognition, said: Mapping[str, Meaning]) -> bool:
-    """Return whether names, metadata, values or the program that wrote a file say the unit
-    of positions."""
+def _without_unit(found: Recognition, said: Mapping[str, Meaning]) -> frozenset[str]:
+    """Return those of q and tau whose unit neither names, metadata nor the program that
+    wrote a file say."""
     if found.logger != BY_WORDS:
-        return found.inferred.get("q") != SERVO
-    if "q" in {*found.units, *map(group_of, found.scale)}:
-        return True
-    meanings = (said.get(y) for x, y in found.rename.items() if group_of(x) == "q")
-    return any(x is not None and x.unit not in ("", *SHARES) for x in meanings)
+        return frozenset({"q"} if found.inferred.get("q") == SERVO else ())
+    has_unit = {*found.units, *map(group_of, found.scale)}
+    for ours, name in found.rename.items():
+        if name in said and said[name].unit not in ("", *SHARES):
+            has_unit.add(group_of(ours))
+    return frozenset({"q", "tau"} - has_unit)
 
 
 def recognised(
@@ -309,48 +313,28 @@ def _our_name(group: str, key: Hashable, number: int) -> str:
     return group if key == "" else f"{group}{number}"
 
 
-def _read_or_commanded(name: str, joints: JointNames | None = None) -> Meaning | None:
+def _read_or_commanded(name: str) -> Meaning | None:
     """Read a name, or a torque that was commanded."""
-    return read_name(name, joints) or read_commanded_torque(name, joints)
+    return read_name(name) or read_commanded_torque(name)
 
 
 def _read_and_choose(
-    usable: Sequence[str],
-    columns: Columns,
-    joints: Sequence[str] | None,
-    read_name: Callable[..., Meaning | None] = read_name,
+    usable: Mapping[str, Column],
+    n_joints: int | None,
+    read_name: Callable[[str], Meaning | None] = read_name,
 ) -> tuple[dict[str, Meaning], SetChoice | None]:
     """Read the columns' names, and choose the sets of columns that hold q, tau and so on.
 
-    The names are read twice: with the robot's joint names as words that they can hold,
-    and without. The second reading is taken where only it gives as many columns as the
-    robot has joints. Names that say nothing but a joint are positions where nothing else
-    is.
+    Names that say nothing but a joint are positions where nothing else is.
     """
-    n_joints = len(joints) if joints else None
-
-    def choose(read: Any, *more: Any, **options: Any) -> Any:
-        said = {name: x for name in usable if (x := read(name, *more))}
-        return said, choose_sets(said, n_joints, **options)
-
-    plain, without = choose(read_name)
-    if without is None:
-        bare = choose(lambda name: read_bare_joint(name) or read_name(name))
-        if bare[1] is not None:
-            return bare
-    if joints:
-        said, choice = choose(read_name, JointNames(joints))
-        sizes = [x and len(x.sets["q"].columns) for x in (choice, without)]
-        return (plain, without) if sizes[0] != n_joints == sizes[1] else (said, choice)
-    # Of "A angle" to "F angle" the word "A" says nothing, so that "A angle" looks like a
-    # block with all joints, but holds single numbers.
-    if without and without.sets["q"].style == "block":
-        name = without.sets["q"].columns[""]
-        _, other = choose(read_name, has_blocks=False)
-        is_split = other is not None and name in other.sets["q"].columns.values()
-        if columns[name].kind == "number" and is_split:
-            return plain, other
-    return plain, without
+    single = [name for name, x in usable.items() if x.kind == "number"]
+    said = {name: x for name in usable if (x := read_name(name))}
+    choice = choose_sets(said, n_joints, single)
+    if choice is None:
+        bare = said | {name: x for name in usable if (x := read_bare_joint(name))}
+        choice = choose_sets(bare, n_joints, single)
+        said = said if choice is None else bare
+    return said, choice
 
 
 def _says_nothing(said: Meaning | None) -> bool:
@@ -382,8 +366,9 @@ def _joints_of_words(
     """
     positions = choice.sets["q"]
     keys = list(positions.columns)
-    if positions.style == "joint" and joints is not None:
-        return tuple(joints[int(str(key))] for key in keys), keys, None, True
+    if positions.style == "number" and len(joints or ()) == len(keys):
+        # Numbers in the robot's names need not rise along the arm.
+        keys = _in_order_of_numbers(joints or (), keys)
     if positions.style == "name":
         parts = [key if isinstance(key, tuple) else (key,) for key in keys]
         in_file = [" ".join(x for x in map(str, part) if x != "None") for part in parts]
@@ -392,16 +377,22 @@ def _joints_of_words(
         in_file = named or joints_in_cells(columns)
     in_order, is_known = in_order_of(joints, in_file)
     if in_file and positions.style == "block":
-        return (
-            tuple(in_order),
-            keys,
-            tuple(in_file.index(x) for x in in_order),
-            is_known,
-        )
+        order = tuple(in_file.index(x) for x in in_order.values())
+        return tuple(in_order.values()), keys, order, is_known
     if len(in_file) != len(keys):
         return (), keys, None, True
     key_by_name = dict(zip(in_file, keys, strict=True))
-    return tuple(in_order), [key_by_name[x] for x in in_order], None, is_known
+    return tuple(in_order), [key_by_name[x] for x in in_order.values()], None, is_known
+
+
+def _in_order_of_numbers(joints: Sequence[str], keys: list[Hashable]) -> list[Hashable]:
+    """Put keys of numbered columns, which rise, in the order of the joints' numbers, where
+    each joint's name ends with another one."""
+    numbers = [x[-1] if (x := re.findall("[0-9]+", joint)) else "" for joint in joints]
+    if "" in numbers or len({*numbers}) < len(joints):
+        return keys
+    places = sorted(range(len(joints)), key=lambda k: int(numbers[k]))
+    return [keys[places.index(k)] for k in range(len(joints))]
 
 
 def with_units(

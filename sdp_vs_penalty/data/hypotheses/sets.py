@@ -1,6 +1,6 @@
 """Columns of one quantity that belong together: one a joint, named alike."""
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -8,7 +8,7 @@ from sdp_vs_penalty.data.words.names import WORDS, Meaning
 from sdp_vs_penalty.data.words.tokens import split_tokens, starred
 
 #: How columns can be told apart, the surest first.
-_STYLES = ("joint", "number", "block", "name")
+_STYLES = ("number", "block", "name")
 #: Words of what is measured at the motor, before the gear, and of what is at the link.
 _MOTOR_WORDS = frozenset({"motor", "motors", "mot", "actuator", "drive", "rotor"})
 _LINK_WORDS = frozenset({"link", "joint", "arm", "load", "l", "j"})
@@ -26,8 +26,8 @@ class ColumnSet:
     quantity: str
     #: Place of the set's word in the list of the quantity's words, 0 for the best.
     rank: int
-    #: What tells the joints apart: "joint" (the robot's joint names), "number", "block"
-    #: (one column holds all joints), "name" (other words).
+    #: What tells the joints apart: "number", "block" (one column holds all joints), "name"
+    #: (other words).
     style: str
     #: Further words that all its names share.
     other_words: tuple[str, ...]
@@ -111,7 +111,7 @@ def _by_number_that_differs(said: Mapping[str, Meaning]) -> dict[str, Meaning]:
     families = dict[Hashable, list[str]]()
     for name, meaning in said.items():
         words = tuple("*" if x.isdigit() else x for x in meaning.other_words)
-        if "*" in words and meaning.joint is None:
+        if "*" in words:
             families.setdefault((meaning.words, words, meaning.number), []).append(name)
     out = dict[str, Meaning]()
     for names in families.values():
@@ -142,8 +142,6 @@ def _styles_of(meaning: Meaning) -> list[tuple[str, tuple[str, ...]]]:
     """List the styles of the sets to which a column can belong, each with the further
     words that all columns of the set share: [("name", ()), ("number", ("left",))] for
     "left_q_1"."""
-    if meaning.joint is not None:
-        return [("joint", meaning.other_words)]
     style = "block" if meaning.number is None else "number"
     return [("name", ()), (style, meaning.other_words)]
 
@@ -156,8 +154,8 @@ def _columns_by_joint(
 ) -> dict[Hashable, str]:
     """Order the columns of one set by what tells their joints apart.
 
-    By style that is the robot's joint ("joint"), a number from 0 ("number"), the further
-    words of the name ("name"), or "" for one column that holds all joints ("block").
+    By style that is a number from 0 ("number"), the further words of the name ("name"), or
+    "" for one column that holds all joints ("block").
     Empty if the columns are no set: two columns of one joint, numbers with a gap,
     several blocks, or a single "name".
     """
@@ -167,13 +165,14 @@ def _columns_by_joint(
         columns: dict[Hashable, str] = {
             (*said[x].other_words, str(said[x].number)): x for x in names
         }
-        is_numbered = all(said[x].number is not None for x in names)
+        numbers = {said[x].number for x in names}
+        is_numbered = None not in numbers and len(numbers) > 1
         is_set = len(columns) == len(names) > 1 and not is_numbered
         return columns if is_set else {}
-    places = {getattr(said[x], style): x for x in names}
+    places = {said[x].number or 0: x for x in names}
     in_order = {key: places[key] for key in sorted(places)}
-    if len(in_order) != len(names) or style == "joint":
-        return in_order if len(in_order) == len(names) else {}
+    if len(in_order) != len(names):
+        return {}
     first = next(iter(in_order))
     is_whole = first < 2 and list(in_order) == list(range(first, first + len(names)))
     is_whole |= len(names) == n_joints
@@ -222,7 +221,7 @@ class SetChoice:
 
 
 def choose_sets(
-    said: Mapping[str, Meaning], n_joints: int | None, *, has_blocks: bool = True
+    said: Mapping[str, Meaning], n_joints: int | None, single: Collection[str] = ()
 ) -> SetChoice | None:
     """Choose the set of position columns, and the sets of torques, velocities and so on
     that have the same joints; None where there is none.
@@ -236,10 +235,10 @@ def choose_sets(
     said : mapping of str to Meaning
         What each column's name says.
     n_joints : int or None
-        Number of the robot's joints. Columns that are called by its joints have to name
-        two of them.
-    has_blocks : bool
-        Whether one column may hold all joints, a list in each cell.
+        Number of the robot's joints.
+    single : collection of str
+        Columns that hold a number a row: one that is called by more than its quantity,
+        "q_elbow", is not all of several joints.
     """
     every = {x: column_sets(x, said, n_joints) for x in WORDS if x != "t"}
     motors = {
@@ -249,9 +248,11 @@ def choose_sets(
     candidates = list[dict[str, ColumnSet]]()
     for positions in links["q"]:
         positions = _driven(positions, links["tau"])
-        n_named = min(2, n_joints or 0) if positions.style == "joint" else 0
-        if len(positions.columns) < n_named or (
-            positions.style == "block" and not has_blocks
+        if (
+            positions.style == "block"
+            and positions.other_words
+            and n_joints not in (None, 1)
+            and positions.columns[""] in single
         ):
             continue
         partners = {x: _partner_of(positions, links[x]) for x in links if x != "q"}
@@ -292,11 +293,11 @@ def choose_sets(
 
 def _driven(positions: ColumnSet, torques: Sequence[ColumnSet]) -> ColumnSet:
     """Leave joints without a torque column, such as a gripper's, out of positions that
-    are called by the robot's joints, where more than half of them have a torque."""
-    if positions.style != "joint":
+    are called by names, where more than half of them have a torque."""
+    if positions.style != "name":
         return positions
     joints = positions.columns.keys()
-    driven = [x.columns.keys() for x in torques if x.style == "joint"]
+    driven = [x.columns.keys() for x in torques if x.style == "name"]
     most = [x for x in driven if x < joints and 2 * len(x) > len(joints)]
     if joints in driven or not most:
         return positions
@@ -312,7 +313,7 @@ def _partner_of(positions: ColumnSet, others: Sequence[ColumnSet]) -> ColumnSet 
         x
         for x in others
         if x.columns.keys() == joints
-        or (x.style == positions.style == "joint" and x.columns.keys() > joints)
+        or (x.style == positions.style == "name" and x.columns.keys() > joints)
     ]
     if not partners:
         return None

@@ -12,50 +12,6 @@ Tokens: TypeAlias = tuple[str, ...]
 Frame: TypeAlias = tuple[Tokens, Tokens, Tokens, Tokens]
 
 
-class JointNames:
-    """Finder of the robot's joint names within the names of columns.
-
-    Names are compared as tokens (words and numbers in small letters). What all joints
-    begin or end with may be missing: "elbow" for "left_elbow_joint" beside
-    "left_wrist_joint".
-    """
-
-    def __init__(self, names: Sequence[str]) -> None:
-        """Prepare the joints' names, and their short forms where these are words that
-        differ."""
-        full = [tuple(split_tokens(name)) for name in names]
-        without_begin = _without_common_begin(full)
-        turned = [tokens[::-1] for tokens in without_begin]
-        cores = [tokens[::-1] for tokens in _without_common_begin(turned)]
-        self._joint_by_tokens = {tokens: k for k, tokens in enumerate(full)}
-        for short in (without_begin, cores):
-            # Numbers alone are no names: any column can hold them.
-            have_letters = all(any(x.isalpha() for x in name) for name in short)
-            if have_letters and len(set(short)) == len(names):
-                for k, tokens in enumerate(short):
-                    self._joint_by_tokens.setdefault(tokens, k)
-
-    def find(self, tokens: Sequence[str]) -> tuple[int, list[str]] | None:
-        """Find the joint, from 0, whose name a column's tokens hold, the longest first,
-        and the tokens without its name; None without a joint."""
-        for name in sorted(self._joint_by_tokens, key=len, reverse=True):
-            for start in range(len(tokens) - len(name) + 1 if name else 0):
-                end = start + len(name)
-                if tuple(tokens[start:end]) == name:
-                    return self._joint_by_tokens[name], [*tokens[:start], *tokens[end:]]
-        return None
-
-
-def _without_common_begin(names: Sequence[Tokens]) -> list[Tokens]:
-    """Leave out the first tokens that all names share; at least one token of each name
-    stays, and a single name stays as it is."""
-    n_shared = 0
-    shortest = min(map(len, names), default=0) if len(names) > 1 else 0
-    while n_shared < shortest - 1 and len({name[n_shared] for name in names}) == 1:
-        n_shared += 1
-    return [tokens[n_shared:] for tokens in names]
-
-
 def match_joints(
     joints: Sequence[str], names_in_file: Sequence[str], *, by_numbers: bool = False
 ) -> dict[str, str]:
@@ -104,19 +60,23 @@ def match_joints(
 
 def in_order_of(
     joints: Sequence[str] | None, names_in_file: Sequence[str]
-) -> tuple[list[str], bool]:
-    """Put the file's names of joints in the robot's order, and tell whether they match.
+) -> tuple[dict[str, str], bool]:
+    """Put the file's names of joints in the robot's order, by the robot's names, and tell
+    whether they match.
 
     They match where all joints of the robot, or all of the file, are among the others;
     otherwise letters of axes are in the order of these, and the order of the file stays.
     """
     found = match_joints(joints or (), names_in_file, by_numbers=True)
     if found and len(found) in (len(joints or ()), len(names_in_file)):
-        return list(found.values()), True
+        return found, True
     letters: str = table()["axis_letters"]
-    if len(names_in_file) > 1 and {x.lower() for x in names_in_file} <= {*letters}:
-        return sorted(names_in_file, key=lambda x: letters.index(x.lower())), True
-    return list(names_in_file), not (joints and names_in_file)
+    names = list(names_in_file)
+    is_by_letter = len(names) > 1 and {x.lower() for x in names} <= {*letters}
+    if is_by_letter:
+        names.sort(key=lambda x: letters.index(x.lower()))
+    is_known = is_by_letter or not (joints and names)
+    return {name: name for name in names}, is_known
 
 
 def _tokens(name: str) -> Tokens:

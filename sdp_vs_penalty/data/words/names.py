@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sdp_vs_penalty.data.words import table
-from sdp_vs_penalty.data.words.joints import JointNames
 from sdp_vs_penalty.data.words.tokens import split_tokens
 from sdp_vs_penalty.data.words.units import (
     NamedUnit,
@@ -31,8 +30,6 @@ _OTHER_SYMBOLS = ("s", "min", "mins", "h", "day")
 AMPERES = ("a", "amps", "amp", "ampere", "amperes", "ma", "milliamps")
 #: Letters of each quantity.
 INITIALS: dict[str, str] = table()["initials"]
-#: Letters of axes in the order of the joints.
-AXIS_LETTERS: str = table()["axis_letters"]
 #: Two words that mean one.
 _COMPOUNDS = {tuple(text.split()): word for text, word in table()["compounds"].items()}
 
@@ -45,8 +42,6 @@ class Meaning:
     quantity: str
     #: Place of the name's word in the list of the quantity's words, 0 for the best.
     rank: int
-    #: Place of the robot's joint that the name holds, from 0; None without.
-    joint: int | None = None
     #: The last number in the name; None without.
     number: int | None = None
     #: Further words in the name, such as "left".
@@ -76,21 +71,21 @@ def is_word_for_joint(words: Sequence[str]) -> bool:
     return not _JOINTS.isdisjoint(words) and _FILLERS.issuperset(words)
 
 
-def read_name(name: str, joints: JointNames | None = None) -> Meaning | None:
-    """Read quantity, joint and unit off a column's name, which can hold one of the
-    robot's joint names; None where it says no quantity, or one that was not measured.
+def read_name(name: str) -> Meaning | None:
+    """Read quantity, joint and unit off a column's name; None where it says no quantity,
+    or one that was not measured.
 
     A unit at the name's end is split off first; it counts where it is a unit of the
     quantity that the remaining words say.
     """
     for unit in units_of_name(name):
-        said = _read_tokens(split_tokens(unit.remainder), joints)
+        said = _read_words(split_tokens(unit.remainder))
         if said is not None and said.quantity == unit.quantity:
             return replace(said, unit=unit.text, factor=unit.factor)
-        by_unit = _read_by_unit(unit, joints)
+        by_unit = _read_by_unit(unit)
         if by_unit is not None:
             return by_unit
-    return _read_tokens(split_tokens(name), joints)
+    return _read_words(split_tokens(name))
 
 
 def quantity_of(name: str) -> str | None:
@@ -175,43 +170,39 @@ def read_letter(name: str) -> Meaning | None:
     return Meaning("tau", len(WORDS["tau"]) + 1, number=int(numbers[0]))
 
 
-def read_commanded_torque(
-    name: str, joints: JointNames | None = None
-) -> Meaning | None:
+def read_commanded_torque(name: str) -> Meaning | None:
     """Read a name that says a torque and that it was commanded, "TorqueReference_2", as a
     torque; None for other names."""
     tokens = split_tokens(name)
-    said = read_name("_".join(x for x in tokens if x not in _COMMANDS), joints)
+    said = read_name("_".join(x for x in tokens if x not in _COMMANDS))
     return said if said and said.quantity == "tau" and _COMMANDS & {*tokens} else None
 
 
-def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Meaning | None:
+def _read_by_unit(unit: NamedUnit) -> Meaning | None:
     """Read a name in which only the unit says the quantity; None for other names.
 
-    Such names are a joint, or the letter of a quantity, and its unit, "J1 [deg]" and
-    "M1 [Nm]", or a counter and a unit of time, "Tick (ms)". They rank behind all names
-    with a word of the quantity.
+    Such names are a joint, or the letter of a quantity, and a unit that says enough,
+    "J1 [deg]", "elbow [Nm]" and "M1 [Nm]", or a counter and a unit of time, "Tick (ms)".
+    They rank behind all names with a word of the quantity.
     """
-    joint, others = None, split_tokens(unit.remainder)
-    if joints is not None and (match := joints.find(others)):
-        joint, others = match
-    words = {token for token in others if token.isalpha()}
-    numbers = [token for token in others if token.isdigit()]
-    letters = {*INITIALS.get(unit.quantity, "").split()}
-    axis = {*others} if len(others) == 1 and {*others} <= {*AXIS_LETTERS} else set()
-    if joint is not None or axis or (words & (_JOINTS | letters) and numbers):
-        is_read = words <= _FILLERS | letters | axis
-        is_read &= unit.text in telling_units(unit.quantity)
+    tokens = split_tokens(unit.remainder)
+    words = {token for token in tokens if token.isalpha()}
+    numbers = [token for token in tokens if token.isdigit()]
+    if unit.quantity == "t":
+        is_read = bool(words & _COUNTERS) and not numbers
     else:
-        is_read = unit.quantity == "t" and bool(words & _COUNTERS) and not numbers
+        is_read = bool(words) and unit.text in telling_units(unit.quantity)
+        # A letter alone names a joint, or is a symbol.
+        is_read &= all(len(x) == 1 for x in words) or _quantity(list(words)) is None
     if not is_read or words & _OTHERS:
         return None
+    letters = {*INITIALS.get(unit.quantity, "").split()} if numbers else set()
+    others = [x for x in _further(tokens) if x not in letters]
     return Meaning(
         unit.quantity,
         rank=len(WORDS[unit.quantity]),
-        joint=joint,
         number=int(numbers[-1]) if numbers else None,
-        other_words=(*axis, *numbers[:-1]),
+        other_words=(*others, *numbers[:-1]),
         unit=unit.text,
         factor=unit.factor,
         words=("current",) if unit.text in AMPERES else (),
@@ -234,7 +225,7 @@ def read_time_by_unit(name: str) -> Meaning | None:
         # "q_min" is a limit of positions, "error_min" an error.
         if is_clock and _quantity(tokens) in (None, "t") and _OTHERS.isdisjoint(tokens):
             rank = len(WORDS["t"]) + 1
-            return Meaning("t", rank, None, None, tuple(tokens), unit.text, unit.factor)
+            return Meaning("t", rank, None, tuple(tokens), unit.text, unit.factor)
     return None
 
 
@@ -248,20 +239,9 @@ def read_bare_joint(name: str) -> Meaning | None:
     return Meaning("q", len(WORDS["q"]) + 1, number=int(numbers[0]))
 
 
-def _read_tokens(tokens: list[str], joints: JointNames | None) -> Meaning | None:
-    """Read the quantity that the tokens of a name say, "q" for "elbow", "position".
-
-    The robot's joint name is taken out first. If the other tokens say no quantity, all
-    tokens are read: the joint's name may have the word that says it ("torque_motor").
-    """
-    match = joints.find(tokens) if joints is not None else None
-    said = None if match is None else _read_words(match[1], match[0])
-    return _read_words(tokens, None) if said is None else said
-
-
-def _read_words(tokens: list[str], joint: int | None) -> Meaning | None:
-    """Read the quantity that tokens say, with their last number and their further words;
-    ``joint`` is the place of the robot's joint that was in the name."""
+def _read_words(tokens: list[str]) -> Meaning | None:
+    """Read the quantity that the tokens of a name say, with their last number and their
+    further words, "elbow" for "elbow_position"."""
     tokens = _without_port(_join_compounds(tokens))
     words = [token for token in tokens if token.isalpha()]
     numbers = [token for token in tokens if token.isdigit()]
@@ -270,16 +250,23 @@ def _read_words(tokens: list[str], joint: int | None) -> Meaning | None:
         return None
     known = WORDS[quantity]
     its_words = tuple(word for word in words if word in known)
-    says_nothing = {*known, *_FILLERS, "q"}
-    others = [word for word in words if word not in says_nothing]
+    others = [word for word in _further(tokens) if word not in (*known, "q")]
     return Meaning(
         quantity,
         rank=min(known.index(word) for word in its_words),
-        joint=joint,
         number=int(numbers[-1]) if numbers else None,
         other_words=(*others, *numbers[:-1]),
         words=its_words,
     )
+
+
+def _further(tokens: Sequence[str]) -> list[str]:
+    """Return the words that say more than nothing: a letter does, as a joint's name,
+    where no number does it."""
+    has_number = any(map(str.isdigit, tokens))
+    words = [token for token in tokens if token.isalpha()]
+    is_joint = not has_number
+    return [x for x in words if x not in _FILLERS or (is_joint and len(x) == 1)]
 
 
 def _without_port(tokens: list[str]) -> list[str]:

@@ -93,6 +93,8 @@ def units_of_name(name: str) -> list[NamedUnit]:
     folded = text.casefold()
     candidates = list[NamedUnit]()
     for small, unit, quantity, factor in _units_in_small_letters():
+        if len(small) == 1 and quantity == "tau" and text.replace("_", "").isalpha():
+            continue  # trq_a is the torque of joint a
         if small not in folded:
             continue  # two thousand patterns take longer to compile than to read a run
         match = _pattern(unit).search(text)
