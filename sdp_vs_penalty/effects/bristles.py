@@ -85,7 +85,7 @@ class Bristles:
         if self.law is stop:
             return np.clip(z + step, -1.0, 1.0)
         direction = np.sign(step)
-        return np.asarray(direction + (z - direction) * np.exp(-np.abs(step)))
+        return direction + (z - direction) * np.exp(-np.abs(step))
 
 
 class StatefulEffect(Effect):

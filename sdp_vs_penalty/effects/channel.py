@@ -287,7 +287,7 @@ class TorqueFilter(DelayedTorque):
         if self.needs_links:
             backwards = passed[::-1]
             passed = first_order_lag(backwards, motion.t, T)[::-1]
-        return np.asarray((passed - torque) / T)[:, :, None]
+        return ((passed - torque) / T)[:, :, None]
 
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
         """Give a reason to doubt a zero-phase filter if the joints stand still at
@@ -329,8 +329,6 @@ def first_order_lag(x: Array, t: Array, T: float) -> Array:
     # The matrix has ones on its diagonal and -decay below it.
     bands = np.stack([np.ones(len(t)), np.full(len(t), -decay)])
     lower_and_upper = (1, 0)
-    return np.asarray(
-        scipy.linalg.solve_banded(
-            lower_and_upper, bands, right_side, check_finite=False
-        )
+    return scipy.linalg.solve_banded(
+        lower_and_upper, bands, right_side, check_finite=False
     )

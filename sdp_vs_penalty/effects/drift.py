@@ -229,4 +229,4 @@ class WarmingFriction(Rubbing):
             x = np.abs(motion.t - self.shape["t0"]) / self.shape["T"]  # as of Drift
         else:
             x = (motion.joint_temperature[:, joint] - _ROOM) / self.shape["warm"]
-        return np.asarray(np.exp(-x) * self.rubbing(motion, joint))
+        return np.exp(-x) * self.rubbing(motion, joint)

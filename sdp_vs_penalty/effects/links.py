@@ -249,7 +249,7 @@ def across_gravity(robot: Robot) -> Array:
     axes = np.delete(np.eye(3), int(np.argmax(np.abs(down))), axis=0)
     flat = axes - np.outer(axes @ down, down)
     u, _, vt = np.linalg.svd(flat, full_matrices=False)
-    return np.asarray(u @ vt)  # the orthonormal pair nearest to the projected axes
+    return u @ vt  # the orthonormal pair nearest to the projected axes
 
 
 class BaseTilt(Effect):
@@ -762,7 +762,7 @@ class JointResonance(LinkDeviation):
         right_side[:2] = torque[0] / stiffness[0]
         right_side[2:] = (torque[:-2] + 2.0 * torque[1:-1] + torque[2:]) / 4.0
         bands[1, 0] = 0.0  # the first two instants are at rest
-        return np.asarray(scipy.linalg.solve_banded((2, 0), bands, right_side))
+        return scipy.linalg.solve_banded((2, 0), bands, right_side)
 
 
 def _moved(motion: Motion, x: Array, slopes: Sequence[Array]) -> Array:
@@ -777,7 +777,7 @@ def _moved(motion: Motion, x: Array, slopes: Sequence[Array]) -> Array:
     change = by_q * x[:, None]
     change += by_dq * rate[:, None]
     change += by_ddq * acceleration[:, None]
-    return np.asarray(change)
+    return change
 
 
 #: What may be expected of an arm that nobody has calibrated: displacements [m] and
@@ -897,7 +897,7 @@ def _interpolated(motion: Motion, instants: NDArray[np.intp], values: Array) -> 
     if len(instants) == len(motion.t):
         return values
     spline = scipy.interpolate.CubicSpline(motion.t[instants], values)
-    return np.asarray(spline(motion.t))
+    return spline(motion.t)
 
 
 def _thinned(motion: Motion) -> NDArray[np.intp]:

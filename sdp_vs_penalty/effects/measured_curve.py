@@ -63,9 +63,7 @@ class Variable:
         # A joint's q, dq or ddq, or a combination x_j + ratio x_other (other = -1:
         # none).
         x = {"q": motion.q, "dq": motion.dq, "ddq": motion.ddq}[self.word]
-        return np.asarray(
-            x[:, j] if self.other < 0 else x[:, j] + self.ratio * x[:, self.other]
-        )
+        return x[:, j] if self.other < 0 else x[:, j] + self.ratio * x[:, self.other]
 
     @property
     def name(self) -> str:
@@ -415,9 +413,7 @@ class MeasuredCurve(JointEffect):
             high = self.shape[axis + "high"]
             count = self.shape[axis + "n"]
             place[:] = (over.along(motion) - low) / (high - low) * (count - 1)
-        return np.asarray(
-            scipy.ndimage.map_coordinates(table, places, order=1, mode="nearest")
-        )
+        return scipy.ndimage.map_coordinates(table, places, order=1, mode="nearest")
 
     def outside(self, motion: Motion) -> NDArray[np.bool_]:
         """Tell where a motion leaves the table of any joint, or the measured part of

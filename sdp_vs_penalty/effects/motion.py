@@ -100,7 +100,7 @@ class Command:
             (N, n) positions [rad, m].
         """
         k, h = self._nearest_sample(t)
-        return np.asarray(self.q[k] + h * self.dq[k] + 0.5 * h * h * self.ddq[k])
+        return self.q[k] + h * self.dq[k] + 0.5 * h * h * self.ddq[k]
 
     def velocity(self, t: Array) -> Array:
         """Return the commanded velocity.
@@ -119,7 +119,7 @@ class Command:
             (N, n) velocities [rad/s, m/s].
         """
         k, h = self._nearest_sample(t)
-        return np.asarray(self.dq[k] + h * self.ddq[k])
+        return self.dq[k] + h * self.ddq[k]
 
     def integral(self, t: Array) -> Array:
         """Return the integral (N, n) of the commanded position over time [rad s, m s]
@@ -132,7 +132,7 @@ class Command:
         k, h = self._nearest_sample(t)
         # Time beyond the ends of the command, where h is 0; 0 between the ends.
         beyond = (t - np.clip(t, self.t[0], self.t[-1]))[:, None]
-        return np.asarray(
+        return (
             self.position_integral[k]
             + (h + beyond) * self.q[k]
             + 0.5 * h * h * self.dq[k]
@@ -347,7 +347,7 @@ class Motion:
             (N,) values in [-1, 1].
         """
         if width is None:
-            return np.asarray(self._signs[joint])
+            return self._signs[joint]
         return smooth_sign(self.dq[:, joint], width, self.ddq[:, joint], self.within)
 
     def sign_ahead(self, joint: int, lead: float) -> Array:
@@ -614,7 +614,7 @@ def smooth_sign(
         # tanh(x) = 1 - 2 / (exp(2 x) + 1): the exponential is ten times as fast in
         # NumPy as tanh. Beyond x = 20 tanh is 1 to the last bit.
         exp_of_twice = np.exp(2.0 * np.clip(velocity / width, -20.0, 20.0))
-        return np.asarray(1.0 - 2.0 / (exp_of_twice + 1.0))
+        return 1.0 - 2.0 / (exp_of_twice + 1.0)
     out = np.sign(velocity)
     # The mean is computed only where the velocity comes near zero within the samples;
     # elsewhere tanh is +-1 to the last bit.

@@ -313,13 +313,13 @@ class TransmissionFriction(StatefulEffect):
         if self.law == "hysteresis":
             return z[:, 0]
         if self.law == "inertia":
-            return np.asarray(motion.ddq @ self.ratios)
+            return motion.ddq @ self.ratios
         ds = motion.dq @ self.ratios
         if self.law == "viscous":
-            return np.asarray(ds)
+            return ds
         sign = motion.sign_along(self.ratios)
         if self.law == "stribeck":
-            return np.asarray(sign * np.exp(-((ds / self.shape["vs"]) ** 2)))
+            return sign * np.exp(-((ds / self.shape["vs"]) ** 2))
         return sign
 
     @classmethod

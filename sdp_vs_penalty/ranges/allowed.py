@@ -176,7 +176,7 @@ class AllowedSet:
         # |at_fit + t step|^2 = |at_fit|^2 + c, without cancellation.
         slope, square = float(at_fit @ step), float(step @ step)
         t = c / max(slope + float(np.sqrt(slope**2 + c * square)), 1e-300)
-        return np.asarray(self.fit + min(t, 1.0) * (theta - self.fit))
+        return self.fit + min(t, 1.0) * (theta - self.fit)
 
     def best_fit(self, accuracy: float) -> Array:
         """Return a central theta (p,) whose loss is within ``accuracy`` of the least."""

@@ -54,7 +54,7 @@ class Band(Record, JsonRecord):
         times its noise."""
         half = self.half_width_with_error if with_error else self.half_width
         reach = half + 1.96 * self.noise
-        return np.asarray(np.mean(np.abs(self.measured - self.centre) <= reach, axis=0))
+        return np.mean(np.abs(self.measured - self.centre) <= reach, axis=0)
 
     def _summary(self) -> Summary:
         """Return the title and the (label, text) lines of the printed summary."""

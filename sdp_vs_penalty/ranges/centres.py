@@ -22,11 +22,11 @@ and 0 <= I_aa, |I_ab| <= I_cc / 2 hold for every consistent link.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.ranges.ends import End, EndSearch
+from sdp_vs_penalty.ranges.ends import End, EndSearch, RangeEnd
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
@@ -37,25 +37,7 @@ _NO_MASS = 1e-6
 _MOMENTS = (4, 6, 9)
 
 
-@dataclass(frozen=True)
-class NonlinearEnd:
-    """An end of a function that is not linear."""
-
-    #: Certified: no allowed theta has a value beyond it.
-    value: float
-    #: What decides it, in the words of :attr:`End.decided_by`.
-    decided_by: str
-    #: Names of the bounds that it follows.
-    limited_by: tuple[str, ...] = ()
-    #: Value of a witness, NaN where the bound is an outer one.
-    attained: float = np.nan
-    #: (p,) the witness, None where there is none.
-    witness: Array | None = None
-    #: Whether the true end may lie inside.
-    is_outer: bool = False
-
-
-OPEN = {sign: NonlinearEnd(-sign * np.inf, "open") for sign in (1.0, -1.0)}
+OPEN = {sign: RangeEnd(-sign * np.inf, "open") for sign in (1.0, -1.0)}
 
 
 def ratios(
@@ -63,7 +45,7 @@ def ratios(
     numerators: Sequence[Array],
     masses: Sequence[tuple[End, End]],
     denominators: Sequence[Array],
-) -> list[tuple[NonlinearEnd, NonlinearEnd]]:
+) -> list[tuple[RangeEnd, RangeEnd]]:
     """Return the least and the greatest value of h^T theta / m^T theta.
 
     Parameters
@@ -91,17 +73,16 @@ def ratios(
     return out
 
 
-def _ratio(end: End, h: Array, m: Array, least_mass: float) -> NonlinearEnd:
+def _ratio(end: End, h: Array, m: Array, least_mass: float) -> RangeEnd:
     """Return the least value of h^T theta / m^T theta by the end of g = h - v m, where
     the mass is at least ``least_mass`` > 0."""
     v = float((h - end.g) @ m) / float(m @ m)
     # h - v m >= lowest, hence the ratio is at least v + lowest / m.
-    return NonlinearEnd(
+    return RangeEnd(
         v + min(end.lowest, 0.0) / least_mass,
         end.decided_by,
         end.limited_by,
-        float(h @ end.witness) / float(m @ end.witness),
-        end.witness,
+        attained=float(h @ end.witness) / float(m @ end.witness),
     )
 
 
@@ -109,8 +90,8 @@ def inertias(
     search: EndSearch,
     link: Array,
     entries: Sequence[int],
-    centre: Sequence[tuple[NonlinearEnd, NonlinearEnd]],
-) -> list[tuple[NonlinearEnd, NonlinearEnd]]:
+    centre: Sequence[tuple[RangeEnd, RangeEnd]],
+) -> list[tuple[RangeEnd, RangeEnd]]:
     """Return the range of inertias I_e about a link's centre of mass.
 
     Parameters
@@ -119,7 +100,7 @@ def inertias(
         Places of the link's parameters in theta.
     entries : sequence of int
         e, from 4 to 9: Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
-    centre : sequence of 3 (NonlinearEnd, NonlinearEnd)
+    centre : sequence of 3 (RangeEnd, RangeEnd)
         Ranges of the three coordinates of the centre of mass.
     """
     greatest = {e: greatest_moment(search, link, e) for e in _MOMENTS}
@@ -127,20 +108,19 @@ def inertias(
     for e in entries:
         low, high = _outer(search, link, e, centre)
         if e in _MOMENTS:
-            zero = NonlinearEnd(0.0, "consistency", is_outer=True)
+            zero = RangeEnd(0.0, "consistency", is_outer=True)
             out.append((max(low, zero, key=_value), greatest[e]))
             continue
         # |I_ab| <= I_cc / 2, c the axis across both.
         row, column = inertia._ROWS[e - 4], inertia._COLUMNS[e - 4]
         across = greatest[_MOMENTS[3 - row - column]]
-        half = replace(across, value=0.5 * across.value, attained=np.nan, witness=None)
-        half = replace(half, is_outer=True)
+        half = RangeEnd(0.5 * across.value, across.decided_by, across.limited_by, True)
         minus = replace(half, value=-half.value)
         out.append((max(low, minus, key=_value), min(high, half, key=_value)))
     return out
 
 
-def _value(end: NonlinearEnd) -> float:
+def _value(end: RangeEnd) -> float:
     """Return the value of an end, by which ends are compared."""
     return end.value
 
@@ -149,8 +129,8 @@ def _outer(
     search: EndSearch,
     link: Array,
     entry: int,
-    centre: Sequence[tuple[NonlinearEnd, NonlinearEnd]],
-) -> tuple[NonlinearEnd, NonlinearEnd]:
+    centre: Sequence[tuple[RangeEnd, RangeEnd]],
+) -> tuple[RangeEnd, RangeEnd]:
     """Return outer bounds of I_e: least (L_u - q m) and greatest (L_u + q m)."""
     ends = np.array([[low.value, high.value] for low, high in centre])
     if not np.all(np.isfinite(ends)):
@@ -166,13 +146,13 @@ def _outer(
     mass = np.zeros_like(g)
     mass[link[0]] = q
     low, high = (
-        NonlinearEnd(end.lowest, end.decided_by, end.limited_by, is_outer=True)
+        RangeEnd(end.lowest, end.decided_by, end.limited_by, is_outer=True)
         for end in search.least([g - mass, -g - mass])
     )
     return low, replace(high, value=-high.value)
 
 
-def greatest_moment(search: EndSearch, link: Array, entry: int) -> NonlinearEnd:
+def greatest_moment(search: EndSearch, link: Array, entry: int) -> RangeEnd:
     """Return the greatest moment of inertia I_aa about a link's centre of mass.
 
     Parameters
@@ -219,10 +199,5 @@ def greatest_moment(search: EndSearch, link: Array, entry: int) -> NonlinearEnd:
         fit=with_moment(allowed.fit),
     )
     (end,) = EndSearch(wide, search.more).least([-np.eye(p + 1)[p]])
-    return NonlinearEnd(
-        -end.lowest,
-        end.decided_by,
-        end.limited_by,
-        float(end.witness[p]),
-        end.witness[:p],
-    )
+    attained = float(end.witness[p])
+    return RangeEnd(-end.lowest, end.decided_by, end.limited_by, attained=attained)

@@ -11,8 +11,8 @@ model that fits and has nearly that value. The greatest value is minus the least
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,6 +21,7 @@ from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.ranges.allowed import FAR, AllowedSet, kind_of
 from sdp_vs_penalty.ranges.interior_point import Points
 from sdp_vs_penalty.ranges.rays import certified_ray
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.arrays import Array
@@ -44,6 +45,48 @@ _FIRST, _OTHER_STARTS = 0.7, (0.2, 2.0, 0.05)
 #: Share of an end's size by which a proof's claim lies beyond it: what is proved to be
 #: empty must be so strictly.
 _CLEARANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class RangeEnd(JsonRecord):
+    """One end of a range."""
+
+    #: Certified: nothing allowed lies beyond it; infinite where the end is open.
+    value: float
+    #: "data", "consistency", "data and consistency", "bound" or "open".
+    decided_by: str
+    #: Names of the bounds that it follows, the strongest first; "far limit" where links
+    #: of the far limits' mass and distance are among them.
+    limited_by: tuple[str, ...] = ()
+    #: Whether the true end may lie inside: a relaxation's bound.
+    is_outer: bool = False
+    #: Value of a consistent model that fits, on the inner side.
+    attained: float = np.nan
+    #: Of an open end a change of parameters, by name: any multiple of it leaves models
+    #: consistent and shows no torque, and the function goes on by 1 each time.
+    ray: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def reason(self) -> str:
+        """What decides the end; a bound by the name of the first one."""
+        if self.decided_by != "bound":
+            return self.decided_by
+        first, *others = self.limited_by
+        more = f" and {len(others)} more" if others else ""
+        return first.replace(" of link", ", link") + more
+
+    @classmethod
+    def from_end(cls, end: End) -> RangeEnd:
+        """Return what a file holds of a linear function's end."""
+        value, ray = end.value, {}
+        if end.ray is not None:
+            value = -np.inf if end.sign > 0.0 else np.inf
+            parameters = end.allowed.task.model.parameters
+            change = zip(parameters, end.ray.tolist(), strict=True)
+            ray = {parameter.name: x for parameter, x in change if x}
+        return cls(
+            value, end.decided_by, end.limited_by, attained=end.attained, ray=ray
+        )
 
 
 @dataclass(frozen=True)
@@ -96,7 +139,7 @@ class End:
     def rests_on(self) -> Array:
         """(p,) w: the data limit the end through w^T theta alone; zero if not at all."""
         ball = self.allowed.ball
-        return np.asarray(2.0 * self.ball * (ball.A @ self.witness - ball.a) @ ball.A)
+        return 2.0 * self.ball * (ball.A @ self.witness - ball.a) @ ball.A
 
     @cached_property
     def bounds(self) -> dict[str, float]:

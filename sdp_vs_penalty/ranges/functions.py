@@ -75,6 +75,21 @@ def functions_by_name(
     return list(out.values())
 
 
+def coefficients(problem: Problem, model: Model, name: str) -> Array:
+    """Return the coefficients g (p,) of a linear function.
+
+    Raises
+    ------
+    InputError
+        For another function, and for a name that the model does not have.
+    """
+    (chosen,) = functions_by_name(problem, model, [name])
+    if chosen.g is None:
+        what = f"{name} is not linear in the parameters"
+        raise InputError(what, "name a standard parameter, such as m4 or mx4")
+    return chosen.g
+
+
 def all_functions(problem: Problem, model: Model) -> list[Function]:
     """Return every function of a model that has a name."""
     unit = np.eye(len(model.parameters))

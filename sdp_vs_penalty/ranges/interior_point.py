@@ -162,7 +162,7 @@ def _factor(
         H.T.ravel()[:: len(H) + 1] *= 1.0 + ridge
         factor, failed = scipy.linalg.lapack.dpotrf(H, lower=1, overwrite_a=1, clean=0)
         if not failed:
-            return np.asarray(factor)
+            return factor
     return None
 
 
@@ -190,7 +190,7 @@ def _inverse_roots(mats: Array) -> Array:
     """Return L^-1 of S = L L^T (k, blocks, 4, 4); NaN for all blocks of a point of
     which one is not positive definite."""
     try:
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(mats)))
+        return np.linalg.inv(np.linalg.cholesky(mats))
     except np.linalg.LinAlgError:
         out = np.full_like(mats, np.nan)
         for k, blocks in enumerate(mats):
@@ -210,7 +210,7 @@ def _solve(factors: Sequence[Array | None], right: Array) -> Array:
 
 def _dot(a: Array, b: Array) -> Array:
     """Return the products (k,) of rows (k, p)."""
-    return np.asarray(np.einsum("kp,kp->k", a, b))
+    return np.einsum("kp,kp->k", a, b)
 
 
 @dataclass(frozen=True)
@@ -257,7 +257,7 @@ class _Newton:
         along = ball / state.ball_slack * _dot(state.ball_gradient, step)
         by_ball = (2.0 * ball)[:, None] * ((step @ self.A.T) @ self.A)
         by_ball += along[:, None] * state.ball_gradient
-        return np.asarray((self.cones.adjoint @ moved.T).T + by_ball)
+        return (self.cones.adjoint @ moved.T).T + by_ball
 
     def direction(
         self,

@@ -37,7 +37,7 @@ def certified_ray(allowed: AllowedSet, g: Array, c: float) -> Array | None:
     where none was found."""
     for d in _candidates(allowed, g):
         if is_ray(allowed, g, d, c):
-            return np.asarray(d / -float(g @ d))
+            return d / -float(g @ d)
     return None
 
 
@@ -101,7 +101,7 @@ def _matrix(row: Array) -> Array:
     """Return G (4, 4) with row^T theta = tr(G P(theta)) for a link's ten parameters."""
     basis = inertia.PSEUDO_INERTIA_BASIS.reshape(10, 16)
     G = (np.linalg.pinv(basis) @ row).reshape(4, 4)
-    return np.asarray(0.5 * (G + G.T))
+    return 0.5 * (G + G.T)
 
 
 def still_points(robot: Robot) -> list[Array]:

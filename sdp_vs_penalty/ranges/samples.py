@@ -259,7 +259,7 @@ def dispersed_starts(allowed: AllowedSet, rng: np.random.Generator) -> Array:
     torque = d @ ball.A.T
     b, square = torque @ residual, np.sum(torque**2, axis=1)
     to_ball = room / np.maximum(b + np.sqrt(b**2 + square * room), 1e-300)
-    return np.asarray(centre + _DISPERSION * np.minimum(to_cones, to_ball)[:, None] * d)
+    return centre + _DISPERSION * np.minimum(to_cones, to_ball)[:, None] * d
 
 
 def _divergence(task: Task) -> Penalty:
@@ -269,9 +269,7 @@ def _divergence(task: Task) -> Penalty:
     def penalty(theta: Array) -> Array:
         P = inertia.pseudo_inertia(theta[:, task.links])
         trace = np.sum(inverse_nominal * P, axis=(1, 2, 3))
-        return np.asarray(
-            LmiSdp.entropy * (trace - np.linalg.slogdet(P)[1].sum(axis=1))
-        )
+        return LmiSdp.entropy * (trace - np.linalg.slogdet(P)[1].sum(axis=1))
 
     return penalty
 
@@ -442,7 +440,7 @@ def _along(
     x = scipy.special.ndtri_exp(log_right + np.log(np.maximum(quantile, 1e-300)))
     t = mean + std * sign * np.clip(x, left, right)
     flat = low + np.where(sign > 0.0, u, 1.0 - u) * (high - low)
-    return np.asarray(np.clip(np.where(is_flat, flat, t), low, high))
+    return np.clip(np.where(is_flat, flat, t), low, high)
 
 
 def diagnose_chains(drawn: Array) -> tuple[Array, Array]:

@@ -18,14 +18,13 @@ import numpy as np
 
 from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.build_problem import EstimationProblem
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.excitation import Limits, shrunk
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.ranges.allowed import AllowedSet, allowed_set
 from sdp_vs_penalty.ranges.ends import EndSearch
-from sdp_vs_penalty.ranges.functions import functions_by_name
+from sdp_vs_penalty.ranges.functions import coefficients
 from sdp_vs_penalty.ranges.table import training_of
 from sdp_vs_penalty.regression.instruments import free_rows
 from sdp_vs_penalty.regression.linalg import column_space
@@ -93,15 +92,12 @@ def shortening_runs(
     """
     estimate = as_estimate(model, "shortening_runs(model=...)")
     posed, floor = training_of(estimate, data)
-    (chosen,) = functions_by_name(posed.problem, posed.task.model, [function])
-    if chosen.g is None:
-        what = f"{function} is not linear in the parameters"
-        raise InputError(what, "name a standard parameter, such as m4 or mx4")
+    g = coefficients(posed.problem, posed.task.model, function)
     motions = [
         random_trajectory(estimate.robot, seed + k, duration) for k in range(candidates)
     ]
     allowed = allowed_set(posed, estimate.theta, floor)
-    return compare_motions(allowed, posed, chosen.g, motions, progress)
+    return compare_motions(allowed, posed, g, motions, progress)
 
 
 def compare_motions(

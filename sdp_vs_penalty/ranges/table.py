@@ -21,9 +21,14 @@ from sdp_vs_penalty.estimation.proofs import posed_again
 from sdp_vs_penalty.estimation.verdict import noise_level
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.ranges.allowed import FAR, KINDS, AllowedSet, allowed_set
-from sdp_vs_penalty.ranges.centres import NonlinearEnd, inertias, ratios
-from sdp_vs_penalty.ranges.ends import End, EndSearch
-from sdp_vs_penalty.ranges.functions import TOTAL, Function, functions_by_name
+from sdp_vs_penalty.ranges.centres import inertias, ratios
+from sdp_vs_penalty.ranges.ends import End, EndSearch, RangeEnd
+from sdp_vs_penalty.ranges.functions import (
+    TOTAL,
+    Function,
+    coefficients,
+    functions_by_name,
+)
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
@@ -34,49 +39,6 @@ if TYPE_CHECKING:
 
 #: What a range is of by default.
 DEFAULT = ("masses",)
-
-
-@dataclass(frozen=True)
-class RangeEnd(JsonRecord):
-    """One end of a range."""
-
-    #: Certified: nothing allowed lies beyond it; infinite where the end is open.
-    value: float
-    #: "data", "consistency", "data and consistency", "bound" or "open".
-    decided_by: str
-    #: Names of the bounds that it follows, the strongest first; "far limit" where links
-    #: of the far limits' mass and distance are among them.
-    limited_by: tuple[str, ...] = ()
-    #: Whether the true end may lie inside: a relaxation's bound.
-    is_outer: bool = False
-    #: Value of a consistent model that fits, on the inner side.
-    attained: float = np.nan
-    #: Of an open end a change of parameters, by name: any multiple of it leaves models
-    #: consistent and shows no torque, and the function goes on by 1 each time.
-    ray: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def reason(self) -> str:
-        """What decides the end; a bound by the name of the first one."""
-        if self.decided_by != "bound":
-            return self.decided_by
-        first, *others = self.limited_by
-        more = f" and {len(others)} more" if others else ""
-        return first.replace(" of link", ", link") + more
-
-    @classmethod
-    def from_end(cls, end: End | NonlinearEnd) -> RangeEnd:
-        """Return what a file holds of an end."""
-        value = end.value
-        if end.decided_by == "open" and isinstance(end, End):
-            value = -np.inf if end.sign > 0.0 else np.inf
-        is_outer = getattr(end, "is_outer", False)
-        ray = {}
-        if isinstance(end, End) and end.ray is not None:
-            parameters = end.allowed.task.model.parameters
-            change = zip(parameters, end.ray.tolist(), strict=True)
-            ray = {parameter.name: x for parameter, x in change if x}
-        return cls(value, end.decided_by, end.limited_by, is_outer, end.attained, ray)
 
 
 @dataclass(frozen=True)
@@ -180,8 +142,8 @@ class Ranges(Record, JsonRecord):
         lines = [(r.name, f"{r.text} {r.unit}") for r in self.ranges]
         return f"Ranges: {self.problem}, {100 * self.level:g} %", lines
 
-    def _table(self) -> Table:
-        """Return the table that terminal, page and report show."""
+    def table(self) -> Table:
+        """Return one row a function: the model's value, the range, what decides it."""
         has_error = any(r.with_model_error for r in self.ranges)
         kinds = [k for k in KINDS if any(k in r.under for r in self.ranges)]
         headings = ["", "unit", "model", "nominal", "least", "greatest"]
@@ -205,9 +167,7 @@ class Ranges(Record, JsonRecord):
             notes=self.notes(),
         )
 
-    def table(self) -> Table:
-        """Return one row a function: the model's value, the range, what decides it."""
-        return self._table()
+    _table = table  # as notebooks show it
 
     def notes(self) -> list[str]:
         """Return what the table rests on, a sentence each."""
@@ -404,12 +364,9 @@ def find_end(
     require_known("end", side, ("least", "greatest"))
     estimate = as_estimate(model, "find_end(model=...)")
     posed, floor = training_of(estimate, data)
-    (chosen,) = functions_by_name(posed.problem, posed.task.model, [function])
-    if chosen.g is None:
-        what = f"{function} is not linear in the parameters"
-        raise InputError(what, "name a standard parameter, such as m4 or mx4")
+    g = coefficients(posed.problem, posed.task.model, function)
     allowed = allowed_set(posed, estimate.theta, floor, level)
-    ((least, greatest),) = EndSearch(allowed).both([chosen.g])
+    ((least, greatest),) = EndSearch(allowed).both([g])
     return least if side == "least" else greatest
 
 
@@ -490,7 +447,7 @@ def ranges_of(
     main = _ends(allowed, chosen)
     progress("with the model's error, and under fewer constraints")
     structure = allowed.ball.structure
-    narrowest = [_values(ends) for ends in main]
+    narrowest = [(low.value, high.value) for low, high in main]
     with_error = None
     if structure > 0.0:
         with_error = _holding(narrowest, _ends(allowed, chosen, structure))
@@ -509,8 +466,8 @@ def ranges_of(
             Range(
                 name=f.name,
                 unit=f.unit,
-                least=RangeEnd.from_end(main[k][0]),
-                greatest=RangeEnd.from_end(main[k][1]),
+                least=main[k][0],
+                greatest=main[k][1],
                 value=f.value(theta, task.links),
                 nominal=f.value(nominal, task.links),
                 with_model_error=None if with_error is None else with_error[k],
@@ -525,29 +482,20 @@ def ranges_of(
     )
 
 
-def _values(ends: tuple[End | NonlinearEnd, End | NonlinearEnd]) -> tuple[float, float]:
-    """Return least and greatest value, infinite where open."""
-    low, high = (RangeEnd.from_end(end).value for end in ends)
-    return low, high
-
-
 def _holding(
-    inner: Sequence[tuple[float, float]],
-    ends: Sequence[tuple[End | NonlinearEnd, End | NonlinearEnd]],
+    inner: Sequence[tuple[float, float]], ends: Sequence[tuple[RangeEnd, RangeEnd]]
 ) -> list[tuple[float, float]]:
     """Return least and greatest values over a set that holds another one, whose values
     are ``inner``: what is allowed there is allowed here, however near each search came."""
     return [
-        (min(low, inner_low), max(high, inner_high))
-        for (low, high), (inner_low, inner_high) in zip(
-            map(_values, ends), inner, strict=True
-        )
+        (min(low.value, inner_low), max(high.value, inner_high))
+        for (low, high), (inner_low, inner_high) in zip(ends, inner, strict=True)
     ]
 
 
 def _ends(
     allowed: AllowedSet, chosen: Sequence[Function], more: float = 0.0
-) -> list[tuple[End | NonlinearEnd, End | NonlinearEnd]]:
+) -> list[tuple[RangeEnd, RangeEnd]]:
     """Return least and greatest end of each function over a set.
 
     Functions about a link's centre of mass need the range of its mass, too.
@@ -563,19 +511,20 @@ def _ends(
         mass_names[link] = model.parameters[mass].name
         linear.setdefault(mass_names[link], unit[mass])
     ends_by_name = dict(zip(linear, search.both(list(linear.values())), strict=True))
+    told = {
+        name: (RangeEnd.from_end(low), RangeEnd.from_end(high))
+        for name, (low, high) in ends_by_name.items()
+    }
     masses = {link: ends_by_name[name] for link, name in mass_names.items()}
     ends_by_place = _ends_about_centres(search, places, masses)
-    return [
-        ends_by_name[f.name] if f.place is None else ends_by_place[f.place]
-        for f in chosen
-    ]
+    return [told[f.name] if f.place is None else ends_by_place[f.place] for f in chosen]
 
 
 def _ends_about_centres(
     search: EndSearch,
     places: Sequence[tuple[int, int]],
     masses: Mapping[int, tuple[End, End]],
-) -> dict[tuple[int, int], tuple[NonlinearEnd, NonlinearEnd]]:
+) -> dict[tuple[int, int], tuple[RangeEnd, RangeEnd]]:
     """Return least and greatest end of coordinates of centres of mass (entries 1 to 3 of
     a link) and of inertias about them (entries from 4), by link and entry.
 

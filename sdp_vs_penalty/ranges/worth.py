@@ -15,13 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sdp_vs_penalty.data.files import Source
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.build_problem import EstimationProblem
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.ranges.allowed import AllowedSet, allowed_set, spread_of
 from sdp_vs_penalty.ranges.ends import EndSearch
-from sdp_vs_penalty.ranges.functions import TOTAL, functions_by_name
+from sdp_vs_penalty.ranges.functions import TOTAL, coefficients, functions_by_name
 from sdp_vs_penalty.ranges.table import training_of
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.results.table import Table
@@ -69,11 +68,8 @@ def what_to_measure(
     estimate = as_estimate(model, "what_to_measure(model=...)")
     posed, floor = training_of(estimate, data)
     allowed = allowed_set(posed, estimate.theta, floor, level)
-    (chosen,) = functions_by_name(posed.problem, posed.task.model, [function])
-    if chosen.g is None:
-        what = f"{function} is not linear in the parameters"
-        raise InputError(what, "name a standard parameter, such as m4 or mx4")
-    before = _ends(allowed, chosen.g)
+    g = coefficients(posed.problem, posed.task.model, function)
+    before = _ends(allowed, g)
     middle = allowed.optimiser(allowed.first_c).centre
     after = {
         _ANY_MOTION: _moved(allowed, middle),
@@ -86,7 +82,7 @@ def what_to_measure(
     out = []
     for measurement, smaller in after.items():
         # What is known already stays known.
-        low, high = _ends(smaller, chosen.g)
+        low, high = _ends(smaller, g)
         low, high = max(low, before[0]), min(high, before[1])
         length = (high - low) / (before[1] - before[0])
         out.append(Worth(measurement, low, high, length))

@@ -63,7 +63,7 @@ def cone_depths(cone: str, values: Array, terms: Array) -> Array:
     if cone == "psd":
         size = np.sqrt(nonzero_or_one(np.diagonal(terms, axis1=1, axis2=2)))
         scaled = values / (size[:, :, None] * size[:, None, :])  # D F D
-        return np.asarray(np.linalg.eigvalsh(scaled)[:, 0])
+        return np.linalg.eigvalsh(scaled)[:, 0]
     if cone == "soc":
         return cone_margin(cone, values) / nonzero_or_one(terms.sum(axis=1))
     return cone_margin(cone, values / nonzero_or_one(terms))
@@ -96,9 +96,7 @@ def smallest_eigenvalue(values: Array) -> Array:
     # Ostrowski: the eigenvalue is that of T F T times a factor between the extremes of
     # T^-2.
     smallest = sign * np.min(t**-2, axis=-1)
-    return np.asarray(
-        np.where(sign >= 0.0, np.maximum(raw, 0.0), np.minimum(raw, smallest))
-    )
+    return np.where(sign >= 0.0, np.maximum(raw, 0.0), np.minimum(raw, smallest))
 
 
 def project(cone: str, value: Array) -> Array:

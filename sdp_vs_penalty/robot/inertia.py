@@ -431,4 +431,4 @@ def nearest_inertia(
         has_zero_moment = second.sum() - second.max() <= _ZERO_MOMENT
         thinnest = _THINNEST if has_zero_moment else 0.0
     second = np.maximum(second, mass * thinnest**2)
-    return np.asarray((axes * (second.sum() - second)) @ axes.T, float)
+    return (axes * (second.sum() - second)) @ axes.T

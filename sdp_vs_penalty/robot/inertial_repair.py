@@ -265,9 +265,7 @@ def find_exchanges(written: WrittenInertial) -> list[Repair]:
 def _second(barycentric: Array) -> Array:
     """Return the second moment (3, 3) about the centre over the mass [m^2]."""
     tensor = inertia.inertia_matrix(barycentric[4:])
-    return np.asarray(
-        (0.5 * np.trace(tensor) * np.eye(3) - tensor) / max(barycentric[0], 1e-300)
-    )
+    return (0.5 * np.trace(tensor) * np.eye(3) - tensor) / max(barycentric[0], 1e-300)
 
 
 def _hypotheses(written: WrittenInertial) -> Iterator[tuple[str, dict[str, str], int]]:

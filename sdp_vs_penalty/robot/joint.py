@@ -437,7 +437,7 @@ class Transmission(JsonRecord):
         at_motor = np.array(self.positions) == "motor"
         offset = np.where(at_motor & (not rates), self.offset, 0.0)
         S = self._channel_matrices.from_joint_positions
-        return np.asarray(np.linalg.solve(S, (np.asarray(channels) - offset).T).T)
+        return np.linalg.solve(S, (np.asarray(channels) - offset).T).T
 
     def joint_torques(self, channels: ArrayLike) -> Array:
         """Return joint torques from logged motor or joint torques.
@@ -458,7 +458,7 @@ class Transmission(JsonRecord):
         """
         T = self._channel_matrices.from_motor_torques
         motor_torques = np.linalg.solve(T, np.asarray(channels, float).T)  # (n, N)
-        return np.asarray((self.matrix.T @ motor_torques).T)
+        return (self.matrix.T @ motor_torques).T
 
 
 def parse_transmission(

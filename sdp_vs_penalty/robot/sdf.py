@@ -217,7 +217,7 @@ class _Model:
             what = f"the axis of joint {joint!r} is expressed in {frame!r}"
             raise InputError(what, "name a frame of the model")
         direction = self.poses[frame][:3, :3] @ numbers_of(text, 3)
-        return np.asarray(self.poses[joint][:3, :3].T @ direction)
+        return self.poses[joint][:3, :3].T @ direction
 
 
 def _unresolved(frames: Mapping[str, str]) -> InputError:

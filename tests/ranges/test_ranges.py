@@ -16,9 +16,9 @@ from sdp_vs_penalty.data import save
 from sdp_vs_penalty.estimation.proofs import verify_proof_file
 from sdp_vs_penalty.ranges import EndSearch, Ranges, allowed_set, find_end
 from sdp_vs_penalty.ranges.allowed import FAR, KINDS, kind_of
+from sdp_vs_penalty.ranges.ends import RangeEnd
 from sdp_vs_penalty.ranges.functions import functions_by_name
 from sdp_vs_penalty.ranges.rays import is_ray
-from sdp_vs_penalty.ranges.table import RangeEnd
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation.experiments import experiment
 from sdp_vs_penalty.solvers.proof import write_proof

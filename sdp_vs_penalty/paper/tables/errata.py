@@ -55,7 +55,7 @@ def pi_p_hat(problem: Problem, corrected: bool) -> np.ndarray:
     """Return the base parameters (43,) [kg m^2, kg m] of the published links p_hat, as
     printed or with the errata corrected."""
     base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
-    return np.asarray(base @ published_links(problem, "p_hat", corrected).ravel())
+    return base @ published_links(problem, "p_hat", corrected).ravel()
 
 
 def _panda(problem: Problem) -> dict[int, str]:

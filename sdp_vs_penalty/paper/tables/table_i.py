@@ -262,7 +262,7 @@ def residual_rms(problem: Problem, parts: Sequence[RowsOf], fit: SigmoidFit) -> 
         data = _Data(problem, rows_of)
         friction = data.sigmoid(tuple(y))[:, :, 0] * fit.phi[:, 0]
         residuals.append(data.torque - data.rigid @ fit.pi - friction)
-    return np.asarray(np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0)))
+    return np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0))
 
 
 @register_table("I", "panda")
@@ -412,7 +412,7 @@ def _on_other_rows(study: Study, data: Data) -> list[tuple[str, Array]]:
 
     def test_rmse(modelled: Data) -> Array:
         """RMS error (n,) of ordinary least squares on the test rows."""
-        return np.asarray(np.sqrt(modelled.errors(ordinary(modelled)[1])[0]))
+        return np.sqrt(modelled.errors(ordinary(modelled)[1])[0])
 
     fit = _fit(study, data, data.train)
     bristles = {

@@ -119,7 +119,7 @@ class Commanded:
     def q(self) -> Array:
         """(N + 1, n) positions at the ends of the steps [rad, m]."""
         ends = np.arange(round(self.duration / self.step) + 1)
-        return np.asarray(self.motion(ends * self.step)[0])
+        return self.motion(ends * self.step)[0]
 
     @cached_property
     def t(self) -> Array:

@@ -173,7 +173,7 @@ def unfeasible_retrievals(
 
     def residual(p: Array) -> Array:
         """Return the errors (b,) of the base parameters, relative to the largest one."""
-        return np.asarray((base @ _links(p).ravel() - pi) / size)
+        return (base @ _links(p).ravel() - pi) / size
 
     n_yielded = 0
     for seed in range(20 * count):
@@ -403,4 +403,4 @@ def _columns(w: WrenchStudy) -> dict[str, Array]:
 
 def _largest_error(wrenches: Array, true: Array) -> Array:
     """Return the largest deviation over the instants, (n, 6), of wrenches (M, n, 6)."""
-    return np.asarray(np.abs(wrenches - true).max(axis=0))
+    return np.abs(wrenches - true).max(axis=0)
