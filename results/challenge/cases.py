@@ -197,7 +197,7 @@ def truth_of(case: Case, built: BuiltCase) -> Record:
         "class": case.kind,
         "nuisance": case.nuisance,
         "conditions": asdict(built.conditions) | {"dry": world.dry.to_dict()},
-        "truth": [h.truth.to_dict() for h in built.hidden],
+        "truth": [h.truth for h in built.hidden],
         "deviation": [deviation(h, world, built.motions[0]) for h in built.hidden],
         "fair": sorted(allowed),
         "abstains": abstains,

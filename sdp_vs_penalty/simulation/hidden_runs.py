@@ -389,9 +389,7 @@ def _plan(
         "robot": _hash_of_robot(problem, setup),
         "seed": seed,
         "level": level,
-        "effects": [
-            {**h.truth.to_dict(), "size": (h.number or 1.0) * h.size} for h in hidden
-        ],
+        "effects": [h.truth | {"size": (h.number or 1.0) * h.size} for h in hidden],
         "model_effects": [e for e in setup.problem.default_effects if e not in without],
         "links": {
             name: float(value)

@@ -19,7 +19,6 @@ import scipy
 from numpy.random import Generator
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.records import WritesJson
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation.worlds.world import (
     Array,
@@ -35,22 +34,6 @@ Maker = Callable[[World, int, np.random.Generator], "Hidden"]
 #: Root mean square of the hidden torque over the raw noise of the joint that it moves
 #: most.
 LEVELS = {"strong": 2.0, "medium": 0.5, "weak": 0.125}
-
-
-@dataclass(frozen=True)
-class TrueEffect(WritesJson):
-    """An entry of truth.json: an effect that is hidden in the runs."""
-
-    #: The library's name of the effect.
-    effect: str
-    #: Numbers of its joints, from 1; none for the whole robot.
-    joints: tuple[int, ...]
-    #: Its parameter, in the unit of the library's; None if it has several.
-    size: float | None
-    #: Constants of the law's shape by name.
-    shape: Mapping[str, float]
-    #: What else describes it, such as a load's centre of mass "com" (3,) [m].
-    details: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -130,15 +113,17 @@ class Hidden:
         return out
 
     @property
-    def truth(self) -> TrueEffect:
-        """What truth.json says of the effect."""
-        return TrueEffect(
-            effect=self.effect,
-            joints=tuple(joint + 1 for joint in self.joints),
-            size=None if self.number is None else self.number * self.size,
-            shape=self.shape,
-            details=self.details,
-        )
+    def truth(self) -> dict[str, Any]:
+        """Entry of truth.json: the library's name, joints from 1 (none for the whole
+        robot), the size in the unit of the library's parameter (None if it has several),
+        constants of the shape, and details such as a load's centre of mass (3,) [m]."""
+        return {
+            "effect": self.effect,
+            "joints": [joint + 1 for joint in self.joints],
+            "size": None if self.number is None else self.number * self.size,
+            "shape": dict(self.shape),
+            "details": dict(self.details),
+        }
 
 
 def make_hidden(name: str, world: World, joint: int, rng: Generator) -> Hidden:
@@ -219,20 +204,12 @@ def at_joint(
     Hidden
         The effect, of size 1.
     """
-    return Hidden((joint,), partial(_change_of_joint, joint, law), number, shape)
 
+    def change(world: World, motion: TrueMotion, size: float) -> Array:
+        """Return the torque (N, n), zero on other joints."""
+        return np.outer(size * law(world, motion), np.eye(world.arm.n)[joint])
 
-def _change_of_joint(
-    joint: int,
-    law: Callable[[World, TrueMotion], Array],
-    world: World,
-    motion: TrueMotion,
-    size: float,
-) -> Array:
-    """Return the torque (N, n): size times the law on one joint (from 0), zero on the
-    others."""
-    unit = np.eye(world.arm.n)[joint]
-    return np.outer(size * law(world, motion), unit)
+    return Hidden((joint,), change, number, shape)
 
 
 def plain(
@@ -382,12 +359,14 @@ def _stribeck(world: World, joint: int, rng: Generator) -> Hidden:
     """
     vs = _unit(world, joint) * log_uniform(rng, 0.04, 0.3)
 
-    def law(world: World, motion: TrueMotion) -> Array:
-        """Return the torque (N,) [N m, N] at size 1."""
-        speed = motion.dq[:, joint] / vs
-        return sign(world, joint, motion) * np.exp(-(speed**2))
-
-    return at_joint(joint, law, vs=vs, delta=2.0)
+    return at_joint(
+        joint,
+        lambda world, motion: (
+            sign(world, joint, motion) * np.exp(-((motion.dq[:, joint] / vs) ** 2))
+        ),
+        vs=vs,
+        delta=2.0,
+    )
 
 
 def _presliding(
@@ -403,12 +382,14 @@ def _presliding(
     """
     d = _unit(world, joint) * log_uniform(rng, low, high)
 
-    def law(world: World, motion: TrueMotion) -> Array:
-        """Return the torque (N,) [N m, N] at size 1."""
-        dahl = _behind(motion.t, motion.dq[:, joint], d)
-        return dahl - world.dry.jumps * sign(world, joint, motion)
-
-    return at_joint(joint, law, d=d)
+    return at_joint(
+        joint,
+        lambda world, motion: (
+            _behind(motion.t, motion.dq[:, joint], d)
+            - world.dry.jumps * sign(world, joint, motion)
+        ),
+        d=d,
+    )
 
 
 def _behind(t: Array, speed: Array, d: float) -> Array:
@@ -428,12 +409,13 @@ def _sigmoid(world: World, joint: int, rng: Generator) -> Hidden:
     """
     v0 = _unit(world, joint) * log_uniform(rng, 0.05, 0.3)
 
-    def law(world: World, motion: TrueMotion) -> Array:
-        """Return the torque (N,) [N m, N] at size 1."""
-        slow = np.tanh(motion.dq[:, joint] / v0)
-        return slow - sign(world, joint, motion)
-
-    return at_joint(joint, law, v0=v0)
+    return at_joint(
+        joint,
+        lambda world, motion: (
+            np.tanh(motion.dq[:, joint] / v0) - sign(world, joint, motion)
+        ),
+        v0=v0,
+    )
 
 
 def _power(world: World, joint: int, rng: Generator) -> Hidden:
@@ -589,12 +571,14 @@ def _load_hysteresis(world: World, joint: int, rng: Generator) -> Hidden:
     over a travel d: tau = size |tau_rigid| z, with the state z of Dahl's model."""
     d = _unit(world, joint) * log_uniform(rng, 0.002, 0.01)
 
-    def law(world: World, motion: TrueMotion) -> Array:
-        """Return the torque (N,) [N m, N] at size 1."""
-        load = np.abs(world.rigid(motion)[:, joint])
-        return load * _behind(motion.t, motion.dq[:, joint], d)
-
-    return at_joint(joint, law, d=d)
+    return at_joint(
+        joint,
+        lambda world, motion: (
+            np.abs(world.rigid(motion)[:, joint])
+            * _behind(motion.t, motion.dq[:, joint], d)
+        ),
+        d=d,
+    )
 
 
 def _slip(world: World, joint: int, rng: Generator) -> Hidden:
@@ -634,12 +618,14 @@ def _position(world: World, joint: int, rng: Generator) -> Hidden:
     else:
         k = 2.0 * np.pi / float(rng.uniform(0.05, 0.15))
 
-    def law(world: World, motion: TrueMotion) -> Array:
-        """Return the torque (N,) [N m, N] at size 1."""
-        wave = np.cos(k * motion.q[:, joint] + phase)
-        return wave * sign(world, joint, motion)
-
-    return at_joint(joint, law, None, k=k)
+    return at_joint(
+        joint,
+        lambda world, motion: (
+            np.cos(k * motion.q[:, joint] + phase) * sign(world, joint, motion)
+        ),
+        None,
+        k=k,
+    )
 
 
 #: By the library's name of each.
@@ -699,12 +685,9 @@ def _ripple(world: World, joint: int, rng: Generator) -> Hidden:
     """
     phase, k = _waves(world, joint, rng, most=40)
 
-    def law(world: World, motion: TrueMotion) -> Array:
-        """Return the torque (N,) [N m, N] at size 1."""
-        angle = k * motion.q[:, joint] + phase
-        return np.cos(angle)
-
-    return at_joint(joint, law, k=k)
+    return at_joint(
+        joint, lambda _, motion: np.cos(k * motion.q[:, joint] + phase), k=k
+    )
 
 
 def _end_stop(world: World, joint: int, rng: Generator) -> Hidden:
@@ -734,12 +717,9 @@ def _end_stop(world: World, joint: int, rng: Generator) -> Hidden:
 def _gain(world: World, joint: int, rng: Generator) -> Hidden:
     """Make a wrong gain of the torque channel of a joint (from 0): it adds +-size times
     the torque."""
-
-    def law(world: World, joint: int, motion: TrueMotion) -> Array:
-        """Return the torque (N,) [N m, N] at size 1."""
-        return world.torque(motion)[:, joint]
-
-    make = plain(law, signed=True)
+    make = plain(
+        lambda world, joint, motion: world.torque(motion)[:, joint], signed=True
+    )
     return replace(make(world, joint, rng), channel=True)
 
 
@@ -752,11 +732,12 @@ def _crosstalk(world: World, joint: int, rng: Generator) -> Hidden:
 
     side = float(rng.choice([-1.0, 1.0]))
 
-    def law(world: World, motion: TrueMotion) -> Array:
-        """Return the torque (N,) [N m, N] at size 1."""
-        return side * world.torque(motion)[:, partner]
-
-    crosstalk = at_joint(joint, law, side, i=float(partner + 1))
+    crosstalk = at_joint(
+        joint,
+        lambda world, motion: side * world.torque(motion)[:, partner],
+        side,
+        i=float(partner + 1),
+    )
     return replace(crosstalk, channel=True, size=0.05)
 
 
