@@ -158,7 +158,8 @@ def classes(runs: pandas.DataFrame, accuracy: float) -> pandas.Series:
     """Return the class of each run at an accuracy, from its "outcome", its "error", its
     DIMACS errors and the "accuracy" that was asked for."""
     error = runs["error"]
-    beyond = beyond_asked(runs)
+    # NaN where a run has no DIMACS error.
+    beyond = runs[OF_THE_RULE].abs().max(axis=1) / runs["accuracy"]
     is_class = {
         "right": error <= SLACK * accuracy,
         "inaccurate": error <= FAR,
@@ -167,12 +168,6 @@ def classes(runs: pandas.DataFrame, accuracy: float) -> pandas.Series:
     }
     of_claims = np.select(list(is_class.values()), list(is_class), "far_unchecked")
     return runs["outcome"].where(runs["outcome"] != "claim", of_claims)
-
-
-def beyond_asked(runs: pandas.DataFrame) -> pandas.Series:
-    """Return the largest DIMACS error of each run over the accuracy that was asked for;
-    NaN where it has none."""
-    return runs[OF_THE_RULE].abs().max(axis=1) / runs["accuracy"]
 
 
 def no_answer(instance: Instance, error: InputError | str) -> Answer:
@@ -256,18 +251,14 @@ def _violation(cones: Sequence[Cone], value: Array, is_dual: bool = False) -> fl
     """Return how far the worst part of a vector lies outside of its cone, or of the dual
     cone: all cones here are their own duals but "zero", whose dual is everything."""
     worst = 0.0
-    for cone, part in zip(cones, _by_cone(cones, value), strict=True):
+    parts = np.split(value, np.cumsum([cone.rows for cone in cones])[:-1])
+    for cone, part in zip(cones, parts, strict=True):
         if cone.kind != "zero":
             member = unsvec(part, cone.size) if cone.kind == "psd" else part
             worst = max(worst, -_margin(cone.kind, member))
         elif not is_dual:
             worst = max(worst, float(np.abs(part).max(initial=0.0)))
     return worst
-
-
-def _by_cone(cones: Sequence[Cone], value: Array) -> list[Array]:
-    """Cut a vector into the parts of its cones."""
-    return np.split(value, np.cumsum([cone.rows for cone in cones])[:-1])
 
 
 def _margin(kind: str, value: Array) -> float:

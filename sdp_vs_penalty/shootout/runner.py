@@ -20,14 +20,14 @@ import resource
 import signal
 import time
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 from itertools import product
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import pandas
@@ -73,10 +73,9 @@ class Results:
         Raises InputError if the folder holds other files but no runs.csv.
         """
         self.path = folder / "runs.csv"
-        self._runs: list[_WrittenRun] = []
+        self._runs: list[Row] = []
         if self.path.exists():
-            rows = _read(self.path).to_dict("records")
-            self._runs = sorted(_WrittenRun.from_row(row) for row in rows)
+            self._runs = sorted(_read(self.path).to_dict("records"), key=_order)
             return
         harmless = (".", "references.json")
         if any(not path.name.startswith(harmless) for path in folder.glob("*")):
@@ -86,52 +85,34 @@ class Results:
     @property
     def runs(self) -> pandas.DataFrame:
         """All runs, with the columns of runs.csv."""
-        rows = [run.row for run in self._runs]
-        return pandas.DataFrame(rows, columns=list(COLUMNS)).astype(COLUMNS)
+        return pandas.DataFrame(self._runs, columns=list(COLUMNS)).astype(COLUMNS)
 
     def add(self, rows: list[Row]) -> None:
         """Add runs, and write them to the disk at once."""
         for row in rows:
-            bisect.insort(self._runs, _WrittenRun.from_row(row))
+            cells = {name: kind(row[name]) for name, kind in COLUMNS.items()}
+            bisect.insort(self._runs, cells, key=_order)
         self._write()
 
     def drop_outdated(self, is_current: Callable[[Row], bool]) -> int:
         """Drop the runs that would be other runs now; return how many."""
         before = len(self._runs)
-        self._runs = [run for run in self._runs if is_current(run.row)]
+        self._runs = [run for run in self._runs if is_current(run)]
         self._write()
         return before - len(self._runs)
 
     def _write(self) -> None:
         """Rewrite runs.csv atomically: a crash leaves the old file whole."""
-        head = _line(COLUMNS)
-        write_text(self.path, head + "".join(run.line for run in self._runs))
+        text = io.StringIO()
+        lines = [COLUMNS, *(run.values() for run in self._runs)]
+        csv.writer(text, lineterminator="\n").writerows(lines)
+        write_text(self.path, text.getvalue())
 
 
-@dataclass(frozen=True, order=True)
-class _WrittenRun:
-    """A run, and its line of runs.csv; runs are in the order of the file."""
-
-    #: Set, problem, solver and negative accuracy, by which runs are sorted.
-    order: tuple[str, str, str, float]
-    #: Line of runs.csv.
-    line: str
-    #: Cells of the line by the names of the columns.
-    row: Row = field(compare=False)
-
-    @classmethod
-    def from_row(cls, row: Row) -> Self:
-        """Return the run of a row that has the cells of all columns."""
-        cells = {name: kind(row[name]) for name, kind in COLUMNS.items()}
-        order = (cells["set"], cells["problem"], cells["solver"], -cells["accuracy"])
-        return cls(order, _line(cells.values()), cells)
-
-
-def _line(cells: Iterable[object]) -> str:
-    """Return cells as a line of a CSV file."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(cells)
-    return text.getvalue()
+def _order(run: Row) -> tuple[str, str, str, float]:
+    """Return the set, problem, solver and negative accuracy of a run, by which runs are
+    sorted."""
+    return run["set"], run["problem"], run["solver"], -run["accuracy"]
 
 
 def _read(path: Path) -> pandas.DataFrame:
@@ -207,7 +188,12 @@ def perform(task: Assignment) -> list[Any]:
         problem_instance.task.ols,
     )
     if not task.solver:
-        return [_prove_interval(task, problem_instance)]
+        kind, outcome, _ = in_child(
+            lambda: reference(problem_instance), task.time_limit, task.memory
+        )
+        if kind == "ended":
+            return [Proved(task.hash, outcome)]
+        return [Proved(task.hash, Reference("unknown"), f"{kind} {outcome}".strip())]
     _ = problem_instance.sdp
     # Runs share the machine; and a thread of the first call would be none of a child's.
     os.environ["RAYON_NUM_THREADS"] = "1"
@@ -246,17 +232,6 @@ class Proved(JsonRecord):
     reference: Reference
     #: Why the proof failed; "" where it did not.
     remark: str = ""
-
-
-def _prove_interval(task: Assignment, problem_instance: Instance) -> Proved:
-    """Prove the interval of an instance's optimum in a child process, within limits."""
-    kind, outcome, _ = in_child(
-        lambda: reference(problem_instance), task.time_limit, task.memory
-    )
-    if kind == "ended":
-        return Proved(problem_instance.hash, outcome)
-    remark = f"{kind} {outcome}".strip()
-    return Proved(problem_instance.hash, Reference("unknown"), remark)
 
 
 def run_one(
@@ -519,14 +494,12 @@ def _is_current(
                 setup.time_limit,
             )
             is_same = now == (row["version"], row["settings"], row["time_limit"])
-            return is_same and _is_repeated_enough(row, setup.repeats)
+            return is_same and (
+                row["repeats"] >= setup.repeats
+                or row["seconds"] * row["repeats"] >= REPEAT_SECONDS
+                or row["outcome"] != "claim"
+            )
     return True
-
-
-def _is_repeated_enough(row: Row, repeats: int) -> bool:
-    """Return whether a run has as many repetitions as are asked for, or needs no more."""
-    is_long = row["seconds"] * row["repeats"] >= REPEAT_SECONDS
-    return row["repeats"] >= repeats or is_long or row["outcome"] != "claim"
 
 
 def _perform_all(
