@@ -426,21 +426,11 @@ class ConstraintSet:
         constraint, at parameters theta (p,); nonnegative if all hold."""
         return float(self.entries.margins(theta)[0].min(initial=np.inf))
 
-    def depths(self, theta: ArrayLike) -> list[float]:
-        """Return the smallest depth of :func:`cone_depths` in each group of constraints
-        at parameters theta (p,), free of units; at most about one."""
-        return list(self._depths_in_turn(theta))
-
-    def _depths_in_turn(self, theta: ArrayLike) -> Iterator[float]:
-        """Yield the depth of theta (p,) in each group, computed when it is taken."""
-        all_values, all_terms = self.entries.at(np.asarray(theta, float))
-        parts = zip(
-            self.groups,
-            self.entries.split(all_values),
-            self.entries.split(all_terms),
-            strict=True,
-        )
-        for group, values, terms in parts:
+    def depths(self, theta: ArrayLike) -> Iterator[float]:
+        """Yield the smallest depth of :func:`cone_depths` in each group of constraints
+        at parameters theta (p,), free of units, computed when it is taken; at most
+        about one."""
+        for group, values, terms in self.entries.parts(theta):
             yield float(cone_depths(group.cone, values, terms).min())
 
     def is_safely_inside(self, theta: ArrayLike) -> bool:
@@ -457,10 +447,9 @@ class ConstraintSet:
             Every group is at least as deep as its :func:`safe_depth`. The first group
             that is not ends the computation.
         """
-        depths = self._depths_in_turn(theta)
         return all(
             depth >= safe_depth(group.constant.shape[1])
-            for depth, group in zip(depths, self.groups, strict=True)
+            for depth, group in zip(self.depths(theta), self.groups, strict=True)
         )
 
     def depth(self, theta: ArrayLike) -> float:
@@ -677,6 +666,12 @@ class StackedCones:
         size = np.abs(self.constant) + np.bincount(self.row, np.abs(terms), count)
         return np.asarray(values), np.asarray(size)
 
+    def parts(self, theta: ArrayLike) -> Iterator[tuple[ConeGroup, Array, Array]]:
+        """Return each group with its points F(theta) (g, ...) and the size of their
+        terms."""
+        values, terms = map(self.split, self.at(np.asarray(theta, float)))
+        return zip(self.groups, values, terms, strict=True)
+
     def margins(self, theta: ArrayLike) -> tuple[Array, Array]:
         """Return the margins of all constraints at a point.
 
@@ -693,11 +688,7 @@ class StackedCones:
             Size of its largest summed term, with which rounding is compared.
         """
         margin, size = np.zeros((2, sum(len(group.places) for group in self.groups)))
-        all_values, all_terms = self.at(np.asarray(theta, float))
-        parts = zip(
-            self.groups, self.split(all_values), self.split(all_terms), strict=True
-        )
-        for group, values, terms in parts:
+        for group, values, terms in self.parts(theta):
             margin[group.places] = cone_margin(group.cone, values)
             size[group.places] = terms.reshape(len(values), -1).max(axis=1)
         return margin, size

@@ -42,25 +42,14 @@ Arrays = Mapping[str, NDArray[np.float64]]
 _Messages = Generator[tuple[dict[str, Any], Arrays], None, None]
 
 
-@dataclass(frozen=True)
-class _Limits:
-    """Limits of what a parser takes."""
-
-    #: Silence [s].
-    silence: float = 20.0
-    #: CPU time of a file of no size [s].
-    cpu: float = 2.0
-    #: CPU time more for a MiB of the file [s].
-    cpu_by_mib: float = 2.0
-    #: Number of open files.
-    open_files: int = 64
-    #: Size of the head of one message [bytes].
-    head: int = 2**20
-    #: Size of one array [bytes].
-    array: int = 2**34
-
-
-_LIMITS = _Limits()
+#: Longest silence of a parser [s].
+_SILENCE = 20.0
+#: CPU time of a file of no size [s], and more for a MiB of the file [s].
+_CPU, _CPU_BY_MIB = 2.0, 2.0
+#: Number of open files.
+_OPEN_FILES = 64
+#: Size of the head of one message, and of one array [bytes].
+_HEAD, _ARRAY = 2**20, 2**34
 
 
 @dataclass(frozen=True)
@@ -92,7 +81,7 @@ def parse_isolated(
     path: str | Path,
     *arguments: Any,
     prepare: Callable[[], object] = dict,
-    seconds: float = _LIMITS.silence,
+    seconds: float = _SILENCE,
     n_bytes: int | None = None,
 ) -> Iterator[dict[str, NDArray[np.float64]]]:
     """Yield what ``parser(path, *arguments)`` yields, from a child process with limits.
@@ -132,7 +121,7 @@ def parse_isolated(
         prepare=(prepare.__module__, prepare.__qualname__),
         room=room,
         seconds=seconds,
-        cpu=int(_LIMITS.cpu + _LIMITS.cpu_by_mib * size / 2**20),
+        cpu=int(_CPU + _CPU_BY_MIB * size / 2**20),
         folder=os.getcwd(),
     )
     if _is_single_threaded():
@@ -318,7 +307,7 @@ def _limit(cpu_seconds: int) -> None:
         import resource
 
         resource.setrlimit(resource.RLIMIT_CPU, (cpu_seconds, cpu_seconds + 1))
-        resource.setrlimit(resource.RLIMIT_NOFILE, (_LIMITS.open_files,) * 2)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (_OPEN_FILES,) * 2)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     _forbid_sockets_and_programs()
 
@@ -436,7 +425,7 @@ def _receive(source: _Timed) -> tuple[dict[str, Any], Arrays] | None:
     if source.read_into(memoryview(start)) < len(start):
         return None
     (length,) = struct.unpack("<Q", start)
-    if length > _LIMITS.head:
+    if length > _HEAD:
         raise ParserEndedError("its parser sent no message")
     text = bytearray(length)
     if source.read_into(memoryview(text)) < length:
@@ -450,7 +439,7 @@ def _receive(source: _Timed) -> tuple[dict[str, Any], Arrays] | None:
     # Sizes are checked before memory is taken.
     for name, shape in shapes:
         n_bytes = 8 * int(np.prod([float(n) for n in shape]))
-        if len(shape) > 3 or min(shape, default=0) < 0 or n_bytes > _LIMITS.array:
+        if len(shape) > 3 or min(shape, default=0) < 0 or n_bytes > _ARRAY:
             raise ParserEndedError("its parser sent no array")
         block = np.empty(shape, "<f8")
         if block.size and source.read_into(block.data.cast("B")) < block.nbytes:

@@ -452,7 +452,8 @@ def _tree(
         carrier = bodies[parent].carrier
         pose = bodies[parent].pose @ pose_in_parent
         names = list[str]()
-        for j in _joints_of_body(model, body):
+        first = model.integer("body_jntadr", body)
+        for j in range(first, first + model.integer("body_jntnum", body)):
             names.append(model.joint_names[j])
             kind = _kind_of(model, j)
             anchor, from_anchor = _to_anchor(model, j)
@@ -473,12 +474,6 @@ def _tree(
         what = "no moving joint, so nothing to identify"
         raise InputError(what, "name another file", model.path)
     return joints, bodies[1:]
-
-
-def _joints_of_body(model: MujocoModel, body: int) -> range:
-    """Return the numbers of a body's joints."""
-    first = model.integer("body_jntadr", body)
-    return range(first, first + model.integer("body_jntnum", body))
 
 
 def _kind_of(model: MujocoModel, j: int) -> str:

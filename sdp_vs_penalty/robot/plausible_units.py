@@ -100,7 +100,10 @@ def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
         how = f"joints are {longest:.4g} m apart"
         yield _odd("lengths", links=(), how=how, units=units)
     size = max(longest * scale, 0.05)
-    are_all_in_grams = _looks_like_grams(known)
+    masses = [x.mass for x in known]
+    total = sum(masses)
+    # Then the inertias are a thousand times too large as well.
+    are_all_in_grams = min(masses, default=0.0) > 100.0 and total > 3000.0
     # Where lengths are in another unit, masses may be too: no metal is so dense.
     heaviest = _HEAVIEST if scale == 1.0 else min(_HEAVIEST, DENSEST * size**3)
     in_grams = [
@@ -116,7 +119,11 @@ def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
     if centres and centres[0].factor is not None:
         lengths = lengths or [centres[0].factor]
     yield from _odd_inertias(known, size, bool(in_grams), lengths)
-    yield from _odd_total(known)
+    if known and total < _LIGHTEST:
+        how = f"all links together weigh {total:.3g} kg: no drive shows such masses."
+        remedy = "check the unit of the masses (kg)"
+        names = _names(known)
+        yield OddUnit("masses", factor=total, links=names, what=how, remedy=remedy)
 
 
 def limits_in_degrees(joints: Sequence[Joint]) -> str:
@@ -226,27 +233,6 @@ def _inertia_units(excess: float, are_masses_in_grams: bool) -> dict[float, str]
             if abs(np.log(excess / factor)) <= np.log(_INERTIA_ERROR):
                 fits[factor] = units[factor]
     return fits
-
-
-def _odd_total(links: Sequence[LinkSizes]) -> Iterator[OddUnit]:
-    """Yield one remark if all links together weigh less than _LIGHTEST [kg], which no
-    drive's torque could show; its factor is the sum of the masses [kg]."""
-    total = sum(x.mass for x in links)
-    if links and total < _LIGHTEST:
-        how = f"all links together weigh {total:.3g} kg: no drive shows such masses."
-        remedy = "check the unit of the masses (kg)"
-        yield OddUnit(
-            "masses", factor=total, links=_names(links), what=how, remedy=remedy
-        )
-
-
-def _looks_like_grams(links: Sequence[LinkSizes]) -> bool:
-    """Return whether all links weigh more than 100 kg, and together more than 3 t.
-
-    Then the inertias are a thousand times too large as well.
-    """
-    masses = [x.mass for x in links]
-    return bool(masses) and min(masses) > 100.0 and sum(masses) > 3000.0
 
 
 def _outweighs(link: LinkSizes, links: Sequence[LinkSizes]) -> bool:

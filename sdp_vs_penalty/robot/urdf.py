@@ -533,7 +533,8 @@ def _transmission(root: Any, names: Sequence[str]) -> Transmission | None:
             continue  # of a fixed or following joint, or of no motor
         of_joints = np.array([_reduction(part) for part in joints])
         of_actuators = np.array([_reduction(part) for part in actuators])
-        block = _motors_by_joints(_transmission_kind(element), of_joints)
+        kind = str(element.findtext("type") or element.get("type") or "")
+        block = _motors_by_joints(kind.rpartition("/")[2], of_joints)
         matrix[np.ix_(places, places)] = of_actuators[:, None] * block
         has_transmission = True
     if not has_transmission:
@@ -542,12 +543,6 @@ def _transmission(root: Any, names: Sequence[str]) -> Transmission | None:
     return Transmission(
         matrix, offset=np.zeros(len(names)), positions=sides, torques=sides
     )
-
-
-def _transmission_kind(element: Any) -> str:
-    """Return the class name of a transmission without its package."""
-    kind = element.findtext("type") or element.get("type") or ""
-    return str(kind).rpartition("/")[2]
 
 
 def _reduction(part: Any) -> float:
