@@ -257,7 +257,11 @@ class Model:
         """
         if motion.sign_width != self.sign_width:
             motion = motion.with_sign_width(self.sign_width)
-        blocks = self._independent_blocks(motion, known, smooth)
+        blocks = {
+            k: _blocks_of(e, smooth if smooth is not None and e.smooth else motion)
+            for k, e in enumerate(self.effects)
+            if not depends(e) and k not in known
+        }
         dependent = {k: e for k, e in enumerate(self.effects) if depends(e)}
         needs_current_model = bool(dependent) and motion.current is None
         if needs_current_model:
@@ -276,22 +280,6 @@ class Model:
             if effect.needs_torque:
                 blocks[k] = _blocks_of(effect, motion)
         return {k: columns for k, columns in blocks.items() if k not in known}
-
-    def _independent_blocks(
-        self, motion: Motion, left_out: Collection[int], smooth: Motion | None
-    ) -> dict[int, list[Block]]:
-        """Compute the columns of the effects that need no current model, by their place.
-
-        ``smooth`` is another motion for smooth effects, ``left_out`` are places of
-        effects to skip.
-        """
-        return {
-            k: _blocks_of(
-                effect, smooth if smooth is not None and effect.smooth else motion
-            )
-            for k, effect in enumerate(self.effects)
-            if not depends(effect) and k not in left_out
-        }
 
     def joined(
         self, blocks: Mapping[int, list[Block]], count: int

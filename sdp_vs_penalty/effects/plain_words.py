@@ -174,7 +174,9 @@ def _fields(fitted: FittedEffect) -> dict[str, object]:
     size = abs(fitted.size)
     unit = formatting.plain_unit(fitted.unit)
     text = f"{formatting.number(size, fitted.digits)} {unit}".rstrip()
-    is_slide = _is_slide(fitted.unit)
+    # Whether the joint is prismatic.
+    is_slide = fitted.unit in ("N", "m", "kg", "m/N")
+    is_slide |= fitted.unit.startswith(("N/", "N*s", "N*("))
     # The joint (from 1) whose motion acts on this one; 0 for the neighbour.
     source = fitted.shape.get("i", 0.0)
     return {
@@ -191,17 +193,14 @@ def _fields(fitted: FittedEffect) -> dict[str, object]:
         "travel": length_or_angle(fitted.shape.get("d", 0.0), is_slide),
         "place": _place(fitted.shape, is_slide),
         "alpha": formatting.number(fitted.shape.get("alpha", 1.0), 2),
-        "per_degree": _per_degree(size, is_slide),
+        "per_degree": ""
+        if is_slide
+        else f" ({formatting.number(radians(size), 2)} N m for each degree)",
         "waves": _waves(fitted.shape.get("k", 0.0), is_slide),
         "tilt": _tilt(fitted.parameters),
         "towards": _direction(fitted.parameters),
         "slip": _largest_slip(fitted.parameters),
     }
-
-
-def _is_slide(unit: str) -> bool:
-    """Tell from a parameter's unit whether its joint is prismatic."""
-    return unit in ("N", "m", "kg", "m/N") or unit.startswith(("N/", "N*s", "N*("))
 
 
 def length_or_angle(value: float, is_slide: bool) -> str:
@@ -223,14 +222,6 @@ def _place(shape: Mapping[str, float], is_slide: bool) -> str:
     side (1 above q0, 2 below it)."""
     side = "below" if shape.get("side") == 2.0 else "above"
     return f"{side} {length_or_angle(shape.get('q0', 0.0), is_slide)}"
-
-
-def _per_degree(stiffness: float, is_slide: bool) -> str:
-    """Format a spring's torque for each degree of turn, from its stiffness [N m/rad];
-    nothing for a prismatic joint."""
-    if is_slide:
-        return ""
-    return f" ({formatting.number(radians(stiffness), 2)} N m for each degree)"
 
 
 def _waves(k: float, is_slide: bool) -> str:

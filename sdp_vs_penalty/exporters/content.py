@@ -122,9 +122,12 @@ class Content:
                 " export",
                 "write .json instead",
             )
-        links = about_joints(robot, _with_payload(estimate))
+        links = np.array(estimate.links)
+        load = payload_parameters(estimate)
+        if load is not None:  # as part of the last link
+            links[-1] += load[1]
         return cls(
-            links,
+            about_joints(robot, links),
             gains=model.gains or (),
             servo=servo_gains(estimate)[0],
             **_joint_values(estimate),
@@ -176,17 +179,6 @@ def servo_gains(estimate: Estimate) -> tuple[Array | None, float]:
     delay = max(effect.shape["T"] for effect in drives)
     gains[1] += delay * gains[0]
     return gains, delay
-
-
-def _with_payload(estimate: Estimate) -> Array:
-    """Return the links (links, 10) with a payload, if there is one, as part of the
-    last.
-    """
-    links = np.array(estimate.links)
-    load = payload_parameters(estimate)
-    if load is not None:
-        links[-1] += load[1]
-    return links
 
 
 def verdict_line(estimate: Estimate) -> str:

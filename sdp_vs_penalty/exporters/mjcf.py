@@ -114,11 +114,21 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
             element(
                 equality, "joint", joint1=joint.name, joint2=leader, polycoef=course
             )
-        # A capsule from this body's origin to each joint that it carries shows its
-        # shape.
+        # A thin capsule from this body's origin to each joint that it carries shows the
+        # link: it collides with nothing.
         for child in robot.tree:
-            if child.parent == i:
-                _draw_capsule(body, child.placement[:3, 3])
+            end = child.placement[:3, 3]
+            if child.parent == i and end.any():
+                element(
+                    body,
+                    "geom",
+                    type="capsule",
+                    fromto=np.concatenate([np.zeros(3), end]),
+                    size=0.08 * float(np.linalg.norm(end)),
+                    contype="0",
+                    conaffinity="0",
+                    rgba="0.6 0.65 0.7 0.5",
+                )
     if len(equality):
         root.append(equality)
     root.append(actuators)
@@ -295,26 +305,6 @@ def _inertial_attributes(solid: Inertial, name: str) -> dict[str, Any]:
         )
     full = solid.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     return {"pos": solid.com, "mass": solid.mass, "fullinertia": full}
-
-
-def _draw_capsule(body: Any, end: Array) -> None:
-    """Append a thin capsule from a body's origin to ``end`` (3,) [m].
-
-    It only shows the link: it collides with nothing. A length of zero shows nothing.
-    """
-    length = float(np.linalg.norm(end))
-    if length == 0.0:
-        return
-    element(
-        body,
-        "geom",
-        type="capsule",
-        fromto=np.concatenate([np.zeros(3), end]),
-        size=0.08 * length,
-        contype="0",
-        conaffinity="0",
-        rgba="0.6 0.65 0.7 0.5",
-    )
 
 
 #: Of a spring that stands for an offset alone: its torque changes by this share of the

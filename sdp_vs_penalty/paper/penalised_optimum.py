@@ -150,7 +150,11 @@ class PenalisedProblem:
         self.hard = [
             c for c in convex if c.family not in (*self.soft_families, "trace")
         ]
-        self.hard += self._moment_limits
+        # Without these the set would be unbounded where the data do not see a moment.
+        self.hard += [
+            linear("moments", f"link {k}", indices, -np.eye(3), self.bound[indices])
+            for k, indices in enumerate(task.links[:, list(self.moments)], start=1)
+        ]
         self.demands = [c for c in convex if c.family in self.soft_families[1:]]
         # A point strictly inside all of them, from which solvers start.
         self.interior = interior_point(
@@ -172,19 +176,6 @@ class PenalisedProblem:
         bound = self.task.bound.copy()
         bound[self.task.links[:, 4:]] *= self.moment_margin
         return bound
-
-    @property
-    def _moment_limits(self) -> list[Constraint]:
-        """Constraints that the links' moments of inertia stay below their bounds.
-
-        Without them the feasible set would be unbounded where the data do not see a
-        moment.
-        """
-        moments = self.task.links[:, list(self.moments)]
-        return [
-            linear("moments", f"link {k}", indices, -np.eye(3), self.bound[indices])
-            for k, indices in enumerate(moments, start=1)
-        ]
 
     @cached_property
     def links_slack(self) -> Array:

@@ -173,17 +173,16 @@ class Table(JsonRecord):
             used += needed
         if not groups:
             return [self]
-        blocks = [self._with_columns(columns) for columns in groups]
+        blocks = [
+            replace(
+                self,
+                headings=[self.headings[k] for k in columns],
+                rows=[[row[k] for k in columns] for row in self.rows],
+                words=[place for place, k in enumerate(columns) if k in self.words],
+            )
+            for columns in groups
+        ]
         return [blocks[0], *(replace(block, title="") for block in blocks[1:])]
-
-    def _with_columns(self, columns: Sequence[int]) -> Table:
-        """Return the table with some of its columns (from 0), in this order."""
-        return replace(
-            self,
-            headings=[self.headings[k] for k in columns],
-            rows=[[row[k] for k in columns] for row in self.rows],
-            words=[place for place, k in enumerate(columns) if k in self.words],
-        )
 
     def text(self, width: int = 100) -> str:
         """Return the table as it is printed in a terminal of this width
@@ -269,7 +268,13 @@ class Table(JsonRecord):
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(self.headings)
-        writer.writerows([exact_text(cell) for cell in row] for row in self.rows)
+        for row in self.rows:
+            writer.writerow(
+                repr(float(cell))
+                if isinstance(cell, float) and math.isfinite(cell)
+                else cell_text(cell)
+                for cell in row
+            )
         return out.getvalue()
 
     def to_frame(self) -> pandas.DataFrame:
@@ -306,13 +311,6 @@ def cell_text(cell: Cell, digits: int = 4) -> str:
     if math.isinf(cell):
         return "inf" if cell > 0 else "-inf"
     return "0" if abs(cell) < ROUNDING else f"{cell:.{digits}g}"
-
-
-def exact_text(cell: Cell) -> str:
-    """Return a cell as text; a number has as many digits as restore the same float."""
-    if isinstance(cell, float) and math.isfinite(cell):
-        return repr(float(cell))
-    return cell_text(cell)
 
 
 def is_numeric(cells: Sequence[str]) -> bool:

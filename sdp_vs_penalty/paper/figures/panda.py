@@ -1,11 +1,10 @@
 """Figures 1 to 3, of the Panda: its motions, torques and their errors."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.paper.figures import style
@@ -19,7 +18,6 @@ from sdp_vs_penalty.paper.figures.style import (
 from sdp_vs_penalty.paper.tables.routes import routes_of
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.signals.filtered import FilteredRun
 
 PROBLEM = "panda"
@@ -179,55 +177,41 @@ def figure_2(study: Study) -> Any:
     columns = len(runs_by_source)
     figure, axes = new_figure(n, columns, 1.15 * n + 0.6, sharex="col", sharey="row")
     for column, (source, runs) in zip(axes.T, runs_by_source.items(), strict=True):
-        _draw_positions(column, runs)
-        _draw_limits(column, study.problem.robot.joints)
+        width = 1.0 if len(runs) == 1 else 0.6
+        for j, (axis, joint) in enumerate(
+            zip(column, study.problem.robot.joints, strict=True)
+        ):
+            for number, run in enumerate(runs):
+                label = "position" if number == 0 else "_"
+                axis.plot(
+                    run.t - run.t[0],
+                    run.q[:, j],
+                    color=style.BLUE,
+                    linewidth=width,
+                    label=label,
+                )
+            for limit in (joint.lower, joint.upper):
+                axis.axhline(
+                    limit,
+                    color=style.ORANGE,
+                    linestyle="--",
+                    linewidth=0.8,
+                    label="joint limit",
+                )
         about = f"all {len(runs)} runs" if source == "simulated" else "one motion"
         column[0].set_title(f"{source}, unseen: {about}")
-    _mark_folds(axes[:, -1], [fold.start for fold in folds])
-    label_joints(axes, study.problem.robot.position_units, "position")
-    legend_below(figure, axes[0, -1])
-    figure.suptitle("Validation motions (the paper's own are not public)")
-    return figure
-
-
-def _draw_positions(axes: Any, runs: Sequence[Measurements]) -> None:
-    """Draw each joint's position over time, all runs on the same axes (n,)."""
-    width = 1.0 if len(runs) == 1 else 0.6
-    for number, run in enumerate(runs):
-        label = "position" if number == 0 else "_"
-        for axis, position in zip(axes, run.q.T, strict=True):
-            axis.plot(
-                run.t - run.t[0],
-                position,
-                color=style.BLUE,
-                linewidth=width,
-                label=label,
-            )
-
-
-def _draw_limits(axes: Any, joints: Sequence[Joint]) -> None:
-    """Draw both ends of each joint's range as dashed lines."""
-    for axis, joint in zip(axes, joints, strict=True):
-        for limit in (joint.lower, joint.upper):
-            axis.axhline(
-                limit,
-                color=style.ORANGE,
-                linestyle="--",
-                linewidth=0.8,
-                label="joint limit",
-            )
-
-
-def _mark_folds(axes: Any, starts: Sequence[float]) -> None:
-    """Draw a line where each fold but the first begins [s]."""
-    for start in starts[1:]:
-        for axis in axes:
+    for fold in folds[1:]:
+        for axis in axes[:, -1]:
             axis.axvline(
-                start,
+                fold.start,
                 color=style.GREY,
                 linewidth=0.6,
                 label="next fold, estimated without it",
             )
+    label_joints(axes, study.problem.robot.position_units, "position")
+    legend_below(figure, axes[0, -1])
+    figure.suptitle("Validation motions (the paper's own are not public)")
+    return figure
 
 
 def figure_3(study: Study) -> Any:

@@ -2,7 +2,6 @@
 that also differ in pattern, so that they survive a black-and-white printer."""
 
 from collections.abc import Mapping, Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -41,16 +40,6 @@ LOOKS: dict[str, dict[str, Any]] = {
 }
 
 
-@cache
-def _settings() -> Any:
-    """Read the paper's style, once: matplotlib takes 30 ms to parse it."""
-    import matplotlib
-
-    return matplotlib.rc_params_from_file(
-        Path(__file__).with_name("paper.mplstyle"), use_default_template=False
-    )
-
-
 def new_figure(
     rows: int, columns: int, height: float, width: float = PAGE_WIDTH, **options: Any
 ) -> tuple[Any, Any]:
@@ -68,7 +57,7 @@ def new_figure(
     """
     import matplotlib.pyplot as plt
 
-    plt.rcParams.update(_settings())
+    plt.style.use(Path(__file__).with_name("paper.mplstyle"))
     size = (width, height)
     return plt.subplots(
         rows, columns, figsize=size, layout="constrained", squeeze=False, **options

@@ -113,7 +113,11 @@ def _robot(axis: Any, problem: Problem) -> None:
         surface = _surface(problem, link, frame)
         axis.plot_surface(*surface, color="#cccccc", alpha=0.5, linewidth=0)
     for number, frame in enumerate(frames):
-        _draw_frame(axis, frame, number)
+        origin = frame[:3, 3]
+        for k, (letter, color) in enumerate(_AXIS_COLORS.items()):
+            end = origin + _AXIS_LENGTH * frame[:3, k]
+            axis.plot(*np.column_stack([origin, end]), color=color, linewidth=1.2)
+            axis.text(*end, f"${letter}_{number}$", fontsize=7, color=color)
     axis.set_box_aspect((1, 1, 1.6))
     axis.set(xlim=(-0.6, 0.6), ylim=(-0.6, 0.6), zlim=(0.0, 1.92))
     across = [-0.5, 0.0, 0.5]
@@ -137,15 +141,6 @@ def _surface(problem: Problem, link: int, frame: Array) -> Array:
     points[:, :, across] = radius[:, None, None] * circle
     moved = points @ frame[:3, :3].T + frame[:3, 3]
     return np.moveaxis(moved, 2, 0)
-
-
-def _draw_frame(axis: Any, frame: Array, number: int) -> None:
-    """Draw the axes of a frame (4, 4) with their labels, such as x_1."""
-    origin = frame[:3, 3]
-    for k, (letter, color) in enumerate(_AXIS_COLORS.items()):
-        end = origin + _AXIS_LENGTH * frame[:3, k]
-        axis.plot(*np.column_stack([origin, end]), color=color, linewidth=1.2)
-        axis.text(*end, f"${letter}_{number}$", fontsize=7, color=color)
 
 
 def _section(axis: Any, problem: Problem, link: int, plane: tuple[int, int]) -> None:
@@ -282,7 +277,10 @@ def figure_10(study: Study) -> Any:
         for wrenches, look in lines:
             for values in wrenches:
                 axis.plot(w.t, values[:, j, k], **look)
-        _limit_to_interval(axis, bounds.lower[:, j, k], bounds.upper[:, j, k])
+        # Unfeasible wrenches may leave the interval by orders of magnitude.
+        low, high = bounds.lower[:, j, k].min(), bounds.upper[:, j, k].max()
+        room = 0.3 * (high - low)
+        axis.set_ylim(low - room, high + room)
         component, unit = [*COMPONENTS.items()][k]
         symbol = f"${component[0]}_{component[1]}$"
         if component == "nz":
@@ -320,14 +318,3 @@ _UNFEASIBLE: dict[str, Any] = {
     "label": "unfeasible",
 }
 _TRUE: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.4, "label": "p_real"}
-
-
-def _limit_to_interval(axis: Any, lower: Array, upper: Array) -> None:
-    """Set the vertical range to an interval with 30 % of room.
-
-    Unfeasible wrenches may leave it by orders of magnitude.
-    """
-    low = lower.min()
-    high = upper.max()
-    room = 0.3 * (high - low)
-    axis.set_ylim(low - room, high + room)

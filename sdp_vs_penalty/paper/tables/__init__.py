@@ -72,10 +72,6 @@ def _chosen(names: Sequence[str] | None) -> list[TableSpec]:
     return list(dict.fromkeys(chosen))
 
 
-def _written_nowhere(_: StudyTable, __: list[Path]) -> None:
-    """Ignore a table that was written; this is the default of ``report``."""
-
-
 def make_tables(
     names: Sequence[str] | None = None,
     problem: str | Path | Problem | None = None,
@@ -83,7 +79,7 @@ def make_tables(
     out: str | Path = "results",
     progress: Progress = no_progress,
     workers: Workers = ALONE,
-    report: Callable[[StudyTable, list[Path]], None] = _written_nowhere,
+    report: Callable[[StudyTable, list[Path]], None] = lambda *_: None,
 ) -> list[tuple[StudyTable, list[Path]]]:
     """Build tables and write each, as soon as it is made, as CSV, Markdown and LaTeX.
 

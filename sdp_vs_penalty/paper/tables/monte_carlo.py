@@ -38,7 +38,6 @@ from sdp_vs_penalty.paper.tables.folds import interval_of
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Row, StudyTable, notes, register_table
 from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.evidence import relative_error
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
 from sdp_vs_penalty.robot import inertia
@@ -330,17 +329,24 @@ def monte_carlo(study: Study) -> StudyTable:
         for setting in SETTINGS
         for row in _rows(study, setting, found[setting.name])
     ]
+    as_published = {method.name for method in AS_PUBLISHED}
+    draws = [row["draws"] for row in rows if row["method"] in as_published]
+    published = "the published method is not drawn"
+    if draws:
+        published = f"{max(draws)} of the published method, in our implementation"
+    true_masses = experiment(study.problem).links[:, 0]
+    off = 100.0 * np.abs(study.problem.nominal_links[:, 0] / true_masses - 1.0)
     return StudyTable(
         f"Methods by Monte Carlo, {study.problem.title}",
         rows,
         notes(
             "monte_carlo",
             draws=count,
-            published=_drawn_as_published(rows),
+            published=published,
             default=DEFAULT,
             unseen=len(UNSEEN),
             prior=PRIOR,
-            masses=prior_masses(study.problem),
+            masses=f"{off.min():.0f} to {off.max():.0f} %",
         ),
         digits=3,
         caption=(
@@ -349,15 +355,6 @@ def monte_carlo(study: Study) -> StudyTable:
             " size and colour."
         ),
     )
-
-
-def _drawn_as_published(rows: Sequence[Row]) -> str:
-    """Return in words how often the authors' method was drawn, if it was."""
-    names = {method.name for method in AS_PUBLISHED}
-    draws = [row["draws"] for row in rows if row["method"] in names]
-    if not draws:
-        return "the published method is not drawn"
-    return f"{max(draws)} of the published method, in our implementation"
 
 
 def _all_draws(
@@ -448,13 +445,6 @@ def _prior_alone(study: Study, setting: Setting) -> Row:
         "error_percent": _error(unseen, theta),
         "data": "simulated",
     }
-
-
-def prior_masses(problem: Problem) -> str:
-    """Return how far the prior's masses are from the true ones, in words."""
-    true = experiment(problem).links[:, 0]
-    off = 100.0 * np.abs(problem.nominal_links[:, 0] / true - 1.0)
-    return f"{off.min():.0f} to {off.max():.0f} %"
 
 
 def _errors(unseen: LeastSquares, draws: Draws) -> Array:

@@ -201,7 +201,11 @@ def _rows(item: tuple[str, Task, bool]) -> list[Row]:
     label, task, two_step = item
     problem = PenalisedProblem(task, two_step)
     box = BoxedProblem(problem)
-    weights = weights_of(problem)
+    exact = problem.exact_weight_by_theory
+    # And those about the least exact one where it is more than rounding.
+    shares = NEAR_EXACT if exact > 1e-3 else ()
+    near = {float(f"{share * exact:.3g}") for share in shares}
+    weights = sorted({*WEIGHTS, *near})
     inside = problem.solve_all(
         weights, lambda weight: box.branch_and_bound(weight, GAP, MOST_CELLS)
     )
@@ -231,21 +235,12 @@ def _rows(item: tuple[str, Task, bool]) -> list[Row]:
             "free_links_violated": free.n_links_violated,
             "free_worst_violation": free.worst,
             "feasible_loss": best,
-            "exact_weight": problem.exact_weight_by_theory,
+            "exact_weight": exact,
         }
         for weight, boxed, free in zip(
             weights, inside, problem.solve_all(weights), strict=True
         )
     ]
-
-
-def weights_of(problem: PenalisedProblem) -> tuple[float, ...]:
-    """Return the weights of the table, and those about the least exact one, to three
-    digits, where it is more than rounding."""
-    exact = problem.exact_weight_by_theory
-    shares = NEAR_EXACT if exact > 1e-3 else ()
-    near = {float(f"{share * exact:.3g}") for share in shares}
-    return tuple(sorted({*WEIGHTS, *near}))
 
 
 def search_table(study: Study, optima: pandas.DataFrame) -> pandas.DataFrame:
@@ -323,8 +318,18 @@ def _row_of_sum(study: Study, data: Data, weighting: str, samples: bool) -> Row:
         study.problem, data.model, data.regression, weighting, seed=study.seed
     )
     if samples:
+        few = task.data
         rows = len(data.train.t) * data.regression.joints
-        task = replace(task, data=_repeated(task.data, rows))
+        factor = np.sqrt(rows / few.rows)
+        counted = replace(
+            few,
+            R=factor * few.R,
+            rho=factor * few.rho,
+            residual_norm=factor * few.residual_norm,
+            tau_squared=factor**2 * few.tau_squared,
+            rows=rows,
+        )
+        task = replace(task, data=counted)
     problem = PenalisedProblem(task, two_step=False)
     weight = max(PenaltyPaper.weights)
     boxed = BoxedProblem(problem).branch_and_bound(weight, GAP, MOST_CELLS)
@@ -342,19 +347,6 @@ def _row_of_sum(study: Study, data: Data, weighting: str, samples: bool) -> Row:
         "free_links_violated": free.n_links_violated,
         "free_gap": free.gap,
     }
-
-
-def _repeated(data: LeastSquares, rows: int) -> LeastSquares:
-    """Return a sum of squares that counts as so many rows."""
-    factor = np.sqrt(rows / data.rows)
-    return replace(
-        data,
-        R=factor * data.R,
-        rho=factor * data.rho,
-        residual_norm=factor * data.residual_norm,
-        tau_squared=factor**2 * data.tau_squared,
-        rows=rows,
-    )
 
 
 #: The authors' program has this bound on c5z where their Table VIII has -.05 (erratum 7).

@@ -110,7 +110,7 @@ def routes(study: Study) -> StudyTable:
             "routes",
             judged=_JUDGED_BY_FOLDS if judged else _JUDGED_BY_RUNS,
             trained_on=", on the first 14 s" if judged else "",
-            budget=budget_in_words(study.effort.evaluations),
+            budget=study.effort.evaluations or _THEIR_BUDGET,
             runs=study.effort.annealing_runs,
             repeats=REPEATS,
         ),
@@ -161,13 +161,10 @@ def row_of(
     }
 
 
-def budget_in_words(evaluations: int | None) -> str:
-    """Return how many evaluations of the loss a run of annealing has, as text."""
-    if evaluations is None:
-        return "at most 3000 a parameter and weight, half for annealing (their program's limit)"
-    return str(evaluations)
-
-
+#: Evaluations of the loss that a run of annealing has where none are stated.
+_THEIR_BUDGET = (
+    "at most 3000 a parameter and weight, half for annealing (their program's limit)"
+)
 #: The public runs of each arm that are taken; empty: all.
 RUNS = {
     "ur10e": (

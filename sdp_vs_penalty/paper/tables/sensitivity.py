@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.resampling import FoldData
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpPlain
 from sdp_vs_penalty.paper.tables.folds import error_interval, fold_errors
@@ -81,11 +80,16 @@ def _row(study: Study, case: Case) -> Row:
         effects = (*study.problem.default_effects, *case.added.split(", "))
         settings = replace(settings, effects=effects)
     judged = {name: study.unseen(method, settings) for name, method in METHODS.items()}
+    # The least loss of any consistent parameters, in units of the unconstrained one.
+    optimal_losses = [
+        LmiSdpPlain().fit(task).lower / task.data.loss(task.ols)
+        for _, _, task, _ in study.folds(settings)[1]
+    ]
     row: Row = {
         "data": "measured",
         "choice": case.choice,
         "folds": settings.folds,
-        "optimal_loss": _optimal_loss(study.folds(settings)[1]),
+        "optimal_loss": float(np.mean(optimal_losses)),
     }
     for name, result in judged.items():
         row[f"{name}_error_percent"] = result.relative_error_percent
@@ -96,13 +100,3 @@ def _row(study: Study, case: Case) -> Row:
         won = fold_errors(judged["sdp"]) < fold_errors(judged[name])
         row[f"{name}_lost_folds"] = int(won.sum())
     return row
-
-
-def _optimal_loss(folds: list[FoldData]) -> float:
-    """Return the mean over the folds of the least loss of any consistent parameters,
-    certified, in units of the unconstrained one."""
-    ratios = []
-    for _, _, task, _ in folds:
-        fit = LmiSdpPlain().fit(task)
-        ratios.append(fit.lower / task.data.loss(task.ols))
-    return float(np.mean(ratios))

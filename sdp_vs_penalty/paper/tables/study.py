@@ -307,12 +307,8 @@ class Study:
         self.progress("simulating")
         x = self.experiment
         train = x.training_run(self.seed)
-        return self._data("simulated", train, lambda: self._validation, x.effects)
-
-    @cached_property
-    def _validation(self) -> Measurements:
-        """The random trajectories that estimates from simulated data are judged on."""
-        return concatenate(self.experiment.validation_runs(self.seed, self.workers))
+        test = lambda: concatenate(x.validation_runs(self.seed, self.workers))  # noqa: E731
+        return self._data("simulated", train, test, x.effects)
 
     @cached_property
     def run(self) -> Measurements | None:

@@ -280,7 +280,15 @@ def sigmoid_friction(study: Study) -> StudyTable:
     ]
     exact = _fit_without_noise(study)
     rows += _rows_of("simulated, without noise", exact, ends=False)
-    fits = _fits_with_noise(study)
+    # Runs that differ in their noise show how often the intervals hold the truth.
+    fits = []
+    count = study.effort.replicates
+    for k in range(count):
+        study.progress(f"sigmoid friction: simulated run {k + 1} of {count}")
+        run = study.simulated.train
+        if k > 0:
+            run = study.experiment.training_run(study.seed + k)
+        fits.append(_fit(study, study.simulated, run))
     holds = [(f.lower <= truth) & (truth <= f.upper) for f in fits]
     # Of the intervals of phi_1, phi_2, phi_3, over joints and fits.
     share = np.mean(holds, axis=(0, 1))
@@ -315,22 +323,6 @@ def _fit_without_noise(study: Study) -> SigmoidFit:
     t = np.arange(0.0, x.trajectory.duration, 0.05)
     motion = Motion(t, *x.trajectory.states(t))
     return fit_sigmoid(study.problem, exact_rows(motion, x.torque(motion)))
-
-
-def _fits_with_noise(study: Study) -> list[SigmoidFit]:
-    """Fit the sigmoid to simulated runs that differ in their noise.
-
-    They show how often the intervals hold the truth.
-    """
-    fits = []
-    count = study.effort.replicates
-    for k in range(count):
-        study.progress(f"sigmoid friction: simulated run {k + 1} of {count}")
-        run = study.simulated.train
-        if k > 0:
-            run = study.experiment.training_run(study.seed + k)
-        fits.append(_fit(study, study.simulated, run))
-    return fits
 
 
 def _row(

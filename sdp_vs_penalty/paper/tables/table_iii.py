@@ -130,7 +130,12 @@ def base_parameter_table(study: Study) -> StudyTable:
         name: dict(zip(base, study.base @ links.ravel(), strict=True))
         for name, links in known.items()
     }
-    our_values["re_simulated"] = _retrieved(study, base)
+    # From the black box: torques of the true links at chosen states.
+    retrieved = study.reverse_engineered
+    our_values["re_simulated"] = {
+        **dict(zip(base, study.base @ retrieved.theta, strict=True)),
+        **{key: retrieved.details[name] for key, name in _DETAILS.items()},
+    }
     study.estimate(study.methods.values(), study.whole)
     for data in study.whole:
         our_values |= _estimates(study, data, base)
@@ -155,15 +160,6 @@ def _numbered(study: Study, keys: list[str], n_base: int) -> pandas.DataFrame:
     return pandas.DataFrame(
         {"row": numbers, "coefficient": symbols}, keys, dtype=object
     )
-
-
-def _retrieved(study: Study, base: tuple[str, ...]) -> dict[str, float]:
-    """Return the column of reverse engineering: the base parameters from the black box
-    (torques of the true links at chosen states) by their names ``base``, with the
-    condition number and the relative error [%]."""
-    retrieved = study.reverse_engineered
-    values = dict(zip(base, study.base @ retrieved.theta, strict=True))
-    return values | {key: retrieved.details[name] for key, name in _DETAILS.items()}
 
 
 def _notes(study: Study, printed: Sequence[Mapping[str, str]] | None) -> list[str]:

@@ -38,14 +38,19 @@ _SHOWN = ("p_hat", "delta", "ols")
 def unseen_torque(study: Study) -> StudyTable:
     """Table IV: torque error of each joint on unseen and on repeated motion."""
     study.estimate(study.methods.values(), study.judged)
-    rows = _published_rows(study)
+    joints = [f"joint_{j + 1}" for j in range(study.problem.robot.n)]
+    rows = [
+        _row(row["estimate"], [row[joint] for joint in joints], "published")
+        for row in study.problem.published.get("table_IV", [])
+    ]
     for data in study.judged:
         if data is study.repeated:
             rows += _unseen_rows(study)
         rows += _judged_rows(study, data)
-    units = " and ".join(_squared_units(study))
+    units = {unit.replace("*", " ") for unit in study.problem.robot.torque_units}
+    squared = " and ".join(sorted(f"({unit})^2" for unit in units))
     table = StudyTable(
-        f"Table IV: torque MSE [{units}] per joint of {study.problem.title} on other"
+        f"Table IV: torque MSE [{squared}] per joint of {study.problem.title} on other"
         " motion",
         rows,
         _notes(study, rows),
@@ -53,17 +58,12 @@ def unseen_torque(study: Study) -> StudyTable:
     )
     columns = [name for name in table.frame if name != "worst_fold_percent"]
     shown = ("p_hat", "p_real", "delta", "ols", "penalty", "lmi_sdp")
-    as_printed = [name in shown for name in _bare_names(rows)]
-    return table.shortened(columns, as_printed)
-
-
-def _published_rows(study: Study) -> list[Row]:
-    """Return the paper's rows as printed."""
-    joints = [f"joint_{j + 1}" for j in range(study.problem.robot.n)]
-    return [
-        _row(row["estimate"], [row[joint] for joint in joints], "published")
-        for row in study.problem.published.get("table_IV", [])
+    # Without the ending that names the data set.
+    as_printed = [
+        re.sub("_(simulated|measured|repeatability)$", "", row["estimate"]) in shown
+        for row in rows
     ]
+    return table.shortened(columns, as_printed)
 
 
 def _unseen_rows(study: Study) -> list[Row]:
@@ -102,20 +102,6 @@ def _judged_rows(study: Study, data: Data) -> list[Row]:
         interval = None if is_repeated else _over_runs(judged, theta)
         rows.append(_row(f"{name}_{ending}", mse.tolist(), label, relative, interval))
     return rows
-
-
-def _squared_units(study: Study) -> list[str]:
-    """Return the units of the joints' mean squared errors, such as "(N m)^2"."""
-    units = {unit.replace("*", " ") for unit in study.problem.robot.torque_units}
-    return sorted(f"({unit})^2" for unit in units)
-
-
-def _bare_names(rows: Sequence[Row]) -> list[str]:
-    """Return the rows' estimates without the ending that names the data set."""
-    return [
-        re.sub("_(simulated|measured|repeatability)$", "", row["estimate"])
-        for row in rows
-    ]
 
 
 def _over_runs(data: Data, theta: Array) -> str | None:

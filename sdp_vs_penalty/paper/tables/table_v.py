@@ -264,22 +264,16 @@ def measured_runs(study: Study) -> Played:
     friction_only[data.model.rigid_indices] = 0.0
     reference = rows.torque - predicted(rows, friction_only)
     t = rows.motion.t - rows.motion.t[0]
-
-    def less_measured(run: EngineRun) -> EngineRun:
-        """Return a run whose error is relative to the measured torque less identified
-        friction."""
-        at = interpolated(run.t, t, reference)
-        # From rest to the run's velocity, within the first 0.1 s, is no motion of the
-        # robot's.
-        return replace(run, error=(run.torque - at)[run.t > 0.1])
-
     spline = scipy.interpolate.CubicSpline(t, rows.motion.q)
     motion = lambda at: (spline(at), spline(at, 1), spline(at, 2))  # noqa: E731
     played = _played(study, data, motion, float(t[-1]), MEASURED_STEP)
-    return {
-        kind: x if isinstance(x, str) else less_measured(x)
-        for kind, x in played.items()
-    }
+    for kind, x in played.items():
+        if not isinstance(x, str):
+            # From rest to the run's velocity, within the first 0.1 s, is no motion of
+            # the robot's.
+            error = x.torque - interpolated(x.t, t, reference)
+            played[kind] = replace(x, error=error[x.t > 0.1])
+    return played
 
 
 def _played(

@@ -184,10 +184,14 @@ class Ode(Engine):
         for k, frame in enumerate(frames):
             self.bodies.append(self._new_body(k, frame))
             self.motors.append(self._new_joint(k, frame))
+        as_array = np.ctypeslib.as_array
         # Views of ODE's own memory, which stays where it is while the world lives.
-        self.rotations = [self._rotation(body) for body in self.bodies]
+        self.rotations = [
+            as_array(ode.dBodyGetRotation(body), (12,)).reshape(3, 4)[:, :3]
+            for body in self.bodies
+        ]
         last = self.bodies[-1]
-        self.last_position = np.ctypeslib.as_array(ode.dBodyGetPosition(last), (3,))
+        self.last_position = as_array(ode.dBodyGetPosition(last), (3,))
         # Constraint forces f1 and moments t1 of all joints, one row for each joint.
         n_numbers = ctypes.sizeof(_Feedback) // ctypes.sizeof(c_double)
         numbers = np.frombuffer(memoryview(self.feedback)).reshape(
@@ -245,8 +249,3 @@ class Ode(Engine):
         torque += (by_wrench[:, :, 1] * self.moments).sum(axis=1)
         rotation = self.rotations[-1].copy()
         return torque, rotation, self.last_position - rotation @ self.centres[-1]
-
-    def _rotation(self, body: c_void_p) -> Array:
-        """Return a view (3, 3) of a body's rotation matrix in ODE's memory."""
-        rows = np.ctypeslib.as_array(self.ode.dBodyGetRotation(body), (12,))
-        return rows.reshape(3, 4)[:, :3]
