@@ -409,13 +409,11 @@ def test_files_are_written_where_asked(studies, tmp_path, monkeypatch):
 
 
 def test_figures_of_one_problem_share_a_study(tmp_path, monkeypatch):
-    import matplotlib.pyplot as plt
-
     studies = []
 
     def draw(study):
         studies.append(study)
-        return plt.subplots()[0]
+        return new_figure(1, 1, 2.0)[0]
 
     one, other = (SimpleNamespace(PROBLEM=name) for name in ("two_link", "panda"))
     known = {1: (one, draw), 2: (other, draw), 3: (one, draw)}
