@@ -91,6 +91,33 @@ def diagnose(
     >>> [finding.effect for finding in found.effects][:1]
     ['joint_spring']
     """
+    return diagnose_and_add(
+        estimate,
+        measurements,
+        test,
+        frozen=frozen,
+        seed=seed,
+        progress=progress,
+        noise_from=noise_from,
+        check=check,
+        judged_recordings=judged_recordings,
+    )[0]
+
+
+def diagnose_and_add(
+    estimate: Estimate | str | Path,
+    measurements: Source,
+    test: Source,
+    *,
+    frozen: bool,
+    seed: int = 0,
+    progress: Progress,
+    noise_from: Source,
+    check: bool | Gate,
+    judged_recordings: Source,
+) -> tuple[Diagnosis, Estimate | None]:
+    """Return what :func:`diagnose` does, and the model with all that is sure; None if
+    nothing is, or if it cannot be added."""
     model = as_estimate(estimate, "diagnose(estimate=...)")
     recording = as_measurements(
         training_runs(measurements),
@@ -105,7 +132,7 @@ def diagnose(
             model.problem,
             recording,
             "diagnose",
-            gate_of(check, model.problem, measurements, stacklevel=4),
+            gate_of(check, model.problem, measurements, stacklevel=5),
         )
         give_back_memory(recording.samples)
     test_run = _read_runs(model, test, "test")
@@ -128,7 +155,7 @@ def diagnose(
         left_out_of_test=spans_of_test,
     )
     diagnosis = _beside_check(diagnosis, issues)
-    diagnosis, _ = add_certain_findings(
+    return add_certain_findings(
         diagnosis,
         model,
         recording,
@@ -138,7 +165,6 @@ def diagnose(
         seed=seed,
         progress=progress,
     )
-    return diagnosis
 
 
 def _spans_named(

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.api.diagnosis import add_certain_findings
+from sdp_vs_penalty.api.diagnosis import diagnose_and_add
 from sdp_vs_penalty.api.exporting import judge_as_exported
 from sdp_vs_penalty.api.identification import identify_and_judge
 from sdp_vs_penalty.api.remedies import (
@@ -48,7 +48,6 @@ from sdp_vs_penalty.diagnosis.comparison import (
     compare_filtered,
     predicted,
 )
-from sdp_vs_penalty.diagnosis.diagnose import diagnose as find_missing_effects
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
@@ -814,17 +813,14 @@ def find(job: JobRequest) -> Answer:
     runs = job.runs
     model = job.model
     how: dict[str, Any] = {"frozen": job["frozen"], "progress": job.progress}
-    # The stage Check has judged these runs.
-    result = find_missing_effects(
+    result, better = diagnose_and_add(
         model,
         runs.train,
         runs.test,
         noise_from=runs.all_runs,
+        check=Gate(no_progress),
         judged_recordings=runs.judged_recordings,
         **how,
-    )
-    result, better = add_certain_findings(
-        result, model, runs.train, runs.test, runs.judged_recordings, **how
     )
     save_arrays(job.folder / job["pictures"], _card_arrays(model, better, runs.judge))
     result = _confirmed_on_other_splits(job, result)
