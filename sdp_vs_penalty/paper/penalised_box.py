@@ -37,8 +37,6 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, linear
 from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
 
-#: Rows and columns of a symmetric 3x3 matrix's entries, in the order of an inertia.
-_ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 #: (6, 3, 3) the symmetric matrices with ones at an entry.
 _UNITS = inertia.inertia_matrix(np.eye(6))
 
@@ -393,7 +391,7 @@ def _cell_rows(low: Array, high: Array) -> Array:
     rows = list[Array]()
     for a in range(3):
         rows += [h[a] - low[a] * m, high[a] * m - h[a]]
-    for Q_ab, (a, b) in zip(Q, _ENTRIES, strict=True):
+    for Q_ab, (a, b) in zip(Q, inertia._ENTRIES, strict=True):
 
         def corner(
             x: float, y: float, entry: Array = Q_ab, a: int = a, b: int = b

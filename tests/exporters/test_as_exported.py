@@ -119,7 +119,6 @@ def ending_of(out):
 @pytest.mark.parametrize("ending", EXPORTS.all())
 def test_a_format_offers_what_the_interface_describes(ending):
     home = EXPORTS.all()[ending]
-    assert all(isinstance(getattr(home, name), str) for name in ("FILE", "ABOUT"))
     described = list(inspect.signature(ExportFormat.write).parameters)[1:]
     assert list(inspect.signature(home.write).parameters)[: len(described)] == described
 

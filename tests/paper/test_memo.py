@@ -28,15 +28,11 @@ def never():
 
 
 def test_what_was_computed_is_read(folder):
-    assert memo.remembered("x", (1,), lambda: {"a": [0.1, np.float64(0.2)]}) == {
-        "a": [0.1, 0.2]
-    }
-    assert memo.remembered("x", (1,), never) == {"a": [0.1, 0.2]}
-
-
-def test_other_content_is_computed(folder):
-    memo.remembered("x", (np.zeros(2),), lambda: 1)
-    assert memo.remembered("x", (np.zeros((2, 1)),), lambda: 2) == 2
+    computed = {"a": [0.1, np.float64(0.2)], "b": np.array([[np.nan, 1.0]])}
+    memo.remembered("x", (1,), lambda: computed)
+    held = memo.remembered("x", (1,), never)
+    for name, values in computed.items():
+        np.testing.assert_array_equal(held[name], values)
 
 
 def test_a_damaged_file_is_computed_again(folder):
@@ -60,6 +56,7 @@ def test_an_empty_variable_keeps_nothing(monkeypatch):
         ("1", 1),
         (("a", "b"), ("ab", "")),
         (np.array([0.0]), np.array([-0.0])),
+        (np.zeros(2), np.zeros((2, 1))),
         ({"a": 1}, {"a": 2}),
         (LmiSdp(), LmiSdp(entropy=2.0)),
         (None, "None"),
@@ -98,11 +95,3 @@ def test_kept_steps_of_annealing_end_where_the_method_does(folder, task, monkeyp
     read = method.fit_with(task, memo.anneal_once)
     np.testing.assert_array_equal(kept.theta, fit.theta)
     np.testing.assert_array_equal(read.theta, fit.theta)
-
-
-def test_arrays_that_were_computed_are_read(folder):
-    computed = {"a": np.arange(6.0).reshape(2, 3), "b": np.array([np.nan])}
-    memo.remembered("x", (1,), lambda: computed)
-    held = memo.remembered("x", (1,), never)
-    for name, values in computed.items():
-        np.testing.assert_array_equal(held[name], values)

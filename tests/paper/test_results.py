@@ -27,20 +27,12 @@ def test_nothing_lies_loose():
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda path: path.name)
-def test_a_result_lies_beside_its_script(folder):
+def test_a_result_is_listed_and_lies_beside_its_script_which_says_its_command(folder):
     names = {path.name for path in folder.iterdir()}
     assert {"make.py", "README.md"} <= names
     is_made = "Not made yet" not in (folder / "README.md").read_text("utf-8")
     assert (provenance.NOTE in names) == is_made
-
-
-@pytest.mark.parametrize("folder", FOLDERS, ids=lambda path: path.name)
-def test_the_list_of_results_names_it(folder):
     assert f"({folder.name}/README.md)" in (RESULTS / "README.md").read_text()
-
-
-@pytest.mark.parametrize("folder", FOLDERS, ids=lambda path: path.name)
-def test_a_script_says_its_own_command(folder):
     text = ast.get_docstring(ast.parse((folder / "make.py").read_text()))
     assert f"python results/{folder.name}/make.py" in (text or "")
 

@@ -401,13 +401,6 @@ def test_a_slice_without_interior_is_refused(two_link):
         links_slice(two_link, impossible)
 
 
-def test_files_are_written_where_asked(studies, tmp_path, monkeypatch):
-    monkeypatch.setattr(figures, "Study", lambda problem, *_: studies[problem.name])
-    paths = make_figures([9], out=tmp_path)
-    assert [p.name for p in paths] == ["figure_9.png", "figure_9.pdf"]
-    assert all(p.is_file() for p in paths)
-
-
 def test_figures_of_one_problem_share_a_study(tmp_path, monkeypatch):
     studies = []
 
