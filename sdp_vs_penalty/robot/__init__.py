@@ -10,7 +10,7 @@ __getattr__ = lazy_exports(
         "cone_depths cone_margin Constraint ConstraintSet project projected_rows "
         "safe_depth smallest_eigenvalue"
     ),
-    trajectory="FourierTrajectory joint_trajectory random_trajectory",
+    trajectory="FourierTrajectory random_trajectory",
     joint="Joint SIDES Transmission parse_transmission",
     robot="joint_limits Robot",
     urdf="load_urdf",

@@ -17,8 +17,6 @@ first three derivatives vanish at both ends. For a move by d in T its extremes a
 |d| / T (velocity), 7.5132 |d| / T^2 (acceleration) and 52.5 |d| / T^3 (jerk).
 """
 
-import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -231,19 +229,3 @@ def shortest_moves(
     ]
     shortest_s = 1e-2  # of a move over no distance
     return np.maximum(np.max(durations, axis=(0, 2)), shortest_s)
-
-
-def joint_trajectory(names: Sequence[str], trajectory: PointTrajectory) -> str:
-    """Return the ROS message trajectory_msgs/JointTrajectory as JSON, which is YAML
-    too."""
-    rate = 50.0  # Hz
-    t = np.arange(int(np.floor(trajectory.duration * rate + 1e-9)) + 1) / rate
-    fields = ("positions", "velocities", "accelerations")
-    points = []
-    for s, rows in zip(t.tolist(), np.stack(trajectory.states(t), axis=1), strict=True):
-        numbers = [[float(f"{x:.9g}") for x in row] for row in rows]
-        clock = {"sec": int(s), "nanosec": round(1e9 * (s - int(s)))}
-        point = dict(zip(fields, numbers, strict=True)) | {"time_from_start": clock}
-        points.append(f"  {json.dumps(point)}")
-    lines = ",\n".join(points)
-    return f'{{"joint_names": {json.dumps(list(names))},\n "points": [\n{lines}\n ]}}\n'

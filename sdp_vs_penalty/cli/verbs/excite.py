@@ -153,8 +153,7 @@ def _shorten(
 def _separate(
     model: Path, effects: str, out: Path, urdf: Path | None, **settings: Any
 ) -> None:
-    """Design the motion that distinguishes two effects, and write it as CSV and ROS
-    text.
+    """Design the motion that distinguishes two effects, and write it as CSV.
 
     effects : both, as `add` takes them; urdf : shapes for the check of self-collision.
     """
@@ -162,9 +161,7 @@ def _separate(
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.estimation.excitation import save_trajectory
     from sdp_vs_penalty.estimation.separation import separate
-    from sdp_vs_penalty.files import write_text
     from sdp_vs_penalty.robot.geometry import self_collision
-    from sdp_vs_penalty.robot.trajectory import joint_trajectory
 
     estimate = load_estimate(model)
     shapes = None if urdf is None else self_collision(urdf, estimate.robot.n)
@@ -172,9 +169,7 @@ def _separate(
         separation = separate(
             estimate, effects, free=shapes, progress=progress, **settings
         )
-    ros = out.with_suffix(".yaml")
     save_trajectory(separation.trajectory, out)
-    write_text(ros, joint_trajectory(estimate.robot.joint_names, separation.trajectory))
     console.say(
         f"right decision after {settings['duration']:g} s:"
         f" {100 * separation.default_right:.0f} % on the default excitation,"
@@ -204,5 +199,4 @@ def _separate(
             else f"{urdf.name} has no collision shapes"
         )
         console.paragraph(f"Self-collision is not checked ({why}): {_LOOK}")
-    for path in (out, ros):
-        console.written(path)
+    console.written(out)
