@@ -128,12 +128,6 @@ SPOILED = {
         "microseconds",
         "error",
     ),
-    "nanoseconds": (
-        lambda run: replace(run, t=1e9 * run.t),
-        "time unit",
-        "nanoseconds",
-        "error",
-    ),
     "days, as spreadsheets count them": (
         lambda run: replace(run, t=46_000.0 + run.t / 86_400.0),
         "time unit",

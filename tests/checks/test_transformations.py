@@ -17,7 +17,6 @@ from sdp_vs_penalty import (
     load_problem,
 )
 from sdp_vs_penalty.checks.explain import keep_only
-from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects.bristles import dahl
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.fault import Fault
@@ -84,28 +83,6 @@ def test_an_amplifiers_limit_has_the_unit_of_the_torque(factor):
     (fault,) = saturation.list_faults(log, repair)
     unit = PROBLEM.robot.torque_units[1]
     assert f"limit of {60.0 * abs(factor):.3g} {unit}" in fault.what
-
-
-def test_a_gain_in_one_of_two_runs_is_named_with_the_run():
-    first = small_run(PROBLEM, seconds=8.0)
-    noise = 1e-6 * np.random.default_rng(0).normal(size=first.q.shape)
-    second = replace(first, q=first.q + noise)
-    clean = check(
-        PROBLEM, concatenate([first, replace(second, names=("b",))]), thorough=False
-    )
-    assert not [f for r in clean for f in r.errors_and_warnings]
-    strong = replace(second, tau=second.tau * np.array([1.0, 1.3]), names=("b",))
-    (found,) = (
-        f
-        for r in check(PROBLEM, concatenate([first, strong]), thorough=False)
-        for f in r.errors_and_warnings
-    )
-    assert (found.kind, found.where, found.figures["run"]) == (
-        "torque gain",
-        "joint 2",
-        "b",
-    )
-    assert found.figures["size"] == pytest.approx(0.3, rel=0.1)
 
 
 @pytest.mark.long
