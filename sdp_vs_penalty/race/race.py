@@ -14,7 +14,7 @@ from scipy.special import log_ndtr
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
-from sdp_vs_penalty.race.kinds import KINDS, list_faults, position_unit, propose_all
+from sdp_vs_penalty.race.kinds import KINDS, list_faults, propose_all
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Further, Hypothesis, LogView
 from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
@@ -31,10 +31,6 @@ _ROUNDS_OF_A_LOOK = 2
 _MORE_ODDS = 100.0
 #: Fits after which columns that depend on their size are those of it.
 _ROUNDS_OF_COLUMNS = 3
-#: Positions that reach so many times a joint's range are in another unit.
-_BEYOND_RANGE = 2.0
-#: Units from which the race begins again.
-_UNITS_BEGUN_FROM = 3
 #: Units of positions that differ by less are one (natural logarithm).
 _NEAR_UNIT = 0.1
 #: A step that looks for a size far off is not held back by its prior.
@@ -154,26 +150,9 @@ class Race:
         self.looked_at: dict[object, float] = {}
 
     def run(self) -> RaceOutcome:
-        """Take the best hypothesis until none is likely.
-
-        Where positions then lie beyond a joint's range, the race begins again from each
-        unit that brings them back: a sign beside it may hide the unit.
-        """
-        verdict = self._taken([])
-        if not self._is_beyond_range(verdict.view.chain):
-            return verdict
-        logged = self._incumbent(LogView(self.all.log.as_logged))
-        units = [*position_unit.propose(self.all, logged)]
-        values = self.all.values([h.seen(logged.view) for h in units], logged.v)
-        likeliest = np.argsort(-values)[:_UNITS_BEGUN_FROM]
-        begun = [self._begun_from(units[k], logged) for k in likeliest]
-        found = [x for x in begun if x is not None]
-        return max(found, key=lambda x: x.claims[0].log_odds, default=verdict)
-
-    def _taken(self, claims: Sequence[Claim]) -> RaceOutcome:
-        """Take the best hypothesis beside some claims until none is likely."""
-        taken = list(claims)
-        view = taken[-1].fit.view if taken else LogView(self.all.log.as_logged)
+        """Take the best hypothesis until none is likely."""
+        taken: list[Claim] = []
+        view = LogView(self.all.log.as_logged)
         fit = self._incumbent(view)
         while len(taken) < c.MAX_FAULTS:
             last = taken[-1].log_odds if taken else np.inf
@@ -184,37 +163,6 @@ class Race:
             view = claim.fit.view
             fit = self._incumbent(view)
         return RaceOutcome(tuple(taken), view, fit)
-
-    def _is_beyond_range(self, chain: LogTransform) -> bool:
-        """Whether a transform leaves positions far beyond a revolute joint's range."""
-        log = self.all.log
-        limits = [(joint.lower, joint.upper) for joint in log.problem.robot.joints]
-        reach = np.abs(np.array(limits, float)).max(axis=1)  # (n,) [rad, m]
-        largest = np.abs(chain.positions(log.data.motion.q)).max(axis=0)
-        beyond = (largest > _BEYOND_RANGE * reach)[log.revolute]
-        return position_unit in self.kinds and bool(beyond.any())
-
-    def _begun_from(self, h: Hypothesis, logged: ViewFit) -> RaceOutcome | None:
-        """Return the verdict of the race that begins from a unit of positions, beside the
-        fit as logged; None where beside all else that is taken the unit is not likely."""
-        seen = self._incumbent(h.seen(logged.view))
-        first = Claim(h, np.inf, seen, logged)
-        verdict = self._taken([first])
-        chain = verdict.view.chain
-        scale, zero = np.array(chain.scale), np.array(chain.zero)
-        joints = list(h.joints)
-        as_logged = self.all.log.as_logged
-        scale[joints] = np.sign(scale[joints]) * np.abs(as_logged.scale)[joints]
-        zero[joints] = np.array(as_logged.zero)[joints]
-        undone = replace(chain, scale=tuple(scale.tolist()), zero=tuple(zero.tolist()))
-        before = self.all.fit(
-            replace(h, chain=undone).seen(verdict.view), verdict.fit.v
-        )
-        claim = first.beside(before, verdict.fit)
-        is_likely = claim.log_odds > c.LOG_ODDS_OF_A_CLAIM
-        if not is_likely or not self._is_confirmed(claim, before):
-            return None
-        return replace(verdict, claims=(claim, *verdict.claims[1:]))
 
     def _incumbent(self, view: LogView) -> ViewFit:
         """ViewFit the rows as they are seen, with as many rows worth one as its residual

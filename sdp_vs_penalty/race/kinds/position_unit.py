@@ -166,6 +166,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     if not beyond_a_turn and not fit.is_poorly_explained.any():
         return
     is_in_radians = all(abs(now.scale[j]) == 1.0 for j in log.revolute)
+    found: list[Hypothesis] = []
     for unit in UNITS if is_in_radians else ():
         is_tried = (
             unit.is_small if beyond_a_turn else not unit.is_small or unit is _DEGREES
@@ -173,17 +174,21 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         numbers = unit.of_joints(log) if is_tried else None
         if not numbers:
             continue
-        is_counted = unit.kind == COUNTS and not unit.middle
-        yield Hypothesis(
-            unit.kind,
-            tuple(numbers),
-            prior_of_one_of(1),
-            _in_radians(now, numbers),
-            counts_a_turn(log) if is_counted else None,
-        )
+        number = counts_a_turn(log) if unit.kind == COUNTS and not unit.middle else None
+        chain = _in_radians(now, numbers)
+        prior = prior_of_one_of(1)
+        found.append(Hypothesis(unit.kind, tuple(numbers), prior, chain, number))
     for j in beyond_a_turn if log.n > 1 else ():  # else the only joint is all joints
         chain = now.with_multiplied("scale", (j,), _DEGREES.scale)
-        yield Hypothesis("position unit", (j,), prior_of_one_of(log.n), chain)
+        found.append(Hypothesis("position unit", (j,), prior_of_one_of(log.n), chain))
+    yield from found
+    # Positions far beyond a range have a unit, which a sign beside it may hide.
+    is_beyond_range = any(largest[j] > _farthest(log, j) for j in log.revolute)
+    for h in found if is_beyond_range else ():
+        for j in log.joints if log.n > 1 else ():
+            chain = h.chain.with_multiplied("scale", (j,), -1.0)
+            odds = h.log_prior + prior_of_one_of(log.n)
+            yield replace(h, log_prior=odds, chain=chain)
 
 
 def _prismatic(log: Likelihood) -> list[int]:
@@ -192,7 +197,7 @@ def _prismatic(log: Likelihood) -> list[int]:
 
 
 def _farthest(log: Likelihood, j: int) -> float:
-    """Return twice the farthest that a joint can be from its zero [m]."""
+    """Return twice the farthest that a joint can be from its zero [rad, m]."""
     joint = log.problem.robot.joints[j]
     return 2.0 * max(abs(joint.lower), abs(joint.upper))
 
