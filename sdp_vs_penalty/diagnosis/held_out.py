@@ -844,14 +844,13 @@ def fitted_parameters(
         return [np.zeros(0) for _ in data]
     effects = (*own_effects, *new)
     model = replace(estimate.model, effects=effects, reference=None)
-    tasks = list[Task]()
+    method = estimator_beside(estimate) if frozen else estimate.estimator
+    weighting = estimate.weighting
+    out = list[Array]()
     for rows in data:
         if frozen:
-            tasks.append(task_beside(estimate, model, rows))
-            continue
-        first = tasks[0] if tasks else None
-        weighting = estimate.weighting
-        tasks.append(make_task(estimate.problem, model, rows, weighting, like=first))
-    method = estimator_beside(estimate) if frozen else estimate.estimator
-    fits = [method.fit(task) for task in tasks] if frozen else method.fit_each(tasks)
-    return [model.with_known(fit.theta) for fit in fits]
+            task = task_beside(estimate, model, rows)
+        else:
+            task = make_task(estimate.problem, model, rows, weighting)
+        out.append(model.with_known(method.fit(task).theta))
+    return out

@@ -6,7 +6,7 @@ neither files nor robots.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar
@@ -215,21 +215,6 @@ class Estimator(ABC):
             Where the constraints admit no parameters.
         """
 
-    def fit_each(self, tasks: Sequence[Task]) -> list[Fit]:
-        """Estimate the parameters of several tasks that share all but their data.
-
-        Parameters
-        ----------
-        tasks : sequence of Task
-            The tasks, whose data are similar.
-
-        Returns
-        -------
-        list of Fit
-            The results of :meth:`fit`, within its accuracy.
-        """
-        return [self.fit(task) for task in tasks]
-
 
 def make_task(
     problem: Problem,
@@ -238,7 +223,6 @@ def make_task(
     weighting: str = "noise",
     seed: int = 0,
     progress: Progress = no_progress,
-    like: Task | None = None,
 ) -> Task:
     """Build the input of an estimator from a problem and compressed measurements.
 
@@ -252,9 +236,6 @@ def make_task(
         "noise": weight joints by the residuals of a first least-squares fit; "none".
     progress : callable
         Receives a line of text at each stage.
-    like : Task, optional
-        Task of the same problem and model on other data; what does not depend on the
-        data is taken from it.
 
     Returns
     -------
@@ -262,18 +243,12 @@ def make_task(
         Data, constraints and prior as arrays.
     """
     links = model.rigid_indices.reshape(-1, 10)
-    if like is None:
-        nominal = problem.nominal(model)
-        nominal[links] = _prior_links(problem, model)
-        nominal = model.with_known(nominal)
-        bound = problem.parameter_bound(model)
-        for k, value in model.known_values.items():
-            bound[k] = max(bound[k], abs(value)) or 1.0
-        constraints = problem.constraints(model).with_known(model.known_values)
-    else:
-        nominal = like.nominal
-        bound = like.bound
-        constraints = like.constraints
+    nominal = problem.nominal(model)
+    nominal[links] = _prior_links(problem, model)
+    nominal = model.with_known(nominal)
+    bound = problem.parameter_bound(model)
+    for k, value in model.known_values.items():
+        bound[k] = max(bound[k], abs(value)) or 1.0
     require_known("weighting", weighting, ("noise", "none"))
 
     def observed(weights: Array) -> LeastSquares:
@@ -292,7 +267,7 @@ def make_task(
     return Task(
         model=model,
         data=data,
-        constraints=constraints,
+        constraints=problem.constraints(model).with_known(model.known_values),
         bound=bound,
         nominal=nominal,
         box=problem.box,

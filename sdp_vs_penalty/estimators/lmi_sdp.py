@@ -94,23 +94,6 @@ class LmiSdp(Estimator):
         """Solve the torque SDP of a task."""
         return PosedSdp(task, self.posed(task), self.solver).fit(self.accuracy)
 
-    def fit_each(self, tasks: Sequence[Task]) -> list[Fit]:
-        """Solve the torque SDPs of tasks that share all but their data.
-
-        Cones are built once, and each fit starts from the one before: it takes half of
-        the steps.
-        """
-        fits = list[Fit]()
-        posed = None
-        for task in tasks:
-            if posed is None:
-                posed = PosedSdp(task, self.posed(task), self.solver)
-            else:
-                posed = posed.with_problem(self._with_data(posed.problem, task))
-            near = fits[-1] if fits else None
-            fits.append(posed.fit(self.accuracy, near))
-        return fits
-
     @property
     def undetermined_by(self) -> str:
         """What decides parameters that the data do not: "prior" with an entropic pull,
@@ -119,19 +102,15 @@ class LmiSdp(Estimator):
         return "prior" if self.entropy > 0.0 else "bounds"
 
     def posed(self, task: Task) -> ConvexProblem:
-        """Return the SDP: loss and priors, bounds, thickness, bodies."""
-        constraints = task.constraints.plus(task.minimum_thickness(self.thickness))
-        if self.body:
-            constraints = constraints.plus(task.bodies)
-        return self._with_data(replace(task.problem, constraints=constraints), task)
-
-    def _with_data(self, problem: ConvexProblem, task: Task) -> ConvexProblem:
-        """Return the problem with a task's loss, and with the priors: of joint
-        parameters, total mass, entropic pull.
+        """Return the SDP: loss and priors (of joint parameters, total mass, entropic
+        pull), bounds, thickness, bodies.
 
         The total mass is observed with the relative standard deviation
         ``total_spread``, with the weight of ``entropy`` rows.
         """
+        constraints = task.constraints.plus(task.minimum_thickness(self.thickness))
+        if self.body:
+            constraints = constraints.plus(task.bodies)
         data = with_joint_prior(task, self.joint_prior).data
         if self.total_spread > 0.0 and self.entropy > 0.0 and task.total:
             # (sum of masses - total) / (spread total) has the variance one.
@@ -151,7 +130,9 @@ class LmiSdp(Estimator):
                 links=task.pseudo_inertias,
                 nominal=task.prior_inertias,
             )
-        return replace(problem, least_squares=data, entropy=prior)
+        return replace(
+            task.problem, constraints=constraints, least_squares=data, entropy=prior
+        )
 
 
 @dataclass(frozen=True)

@@ -30,13 +30,10 @@ from sdp_vs_penalty.estimators import (
     PosedSdp,
     interior_point,
     make_estimator,
-    make_task,
 )
 from sdp_vs_penalty.problem import published_links
-from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.shootout import Instance, in_units
-from sdp_vs_penalty.signals import FilteredRuns
 from sdp_vs_penalty.solvers import Clarabel
 
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-thickness", "lmi-sdp-entropic")
@@ -342,29 +339,3 @@ def test_no_method_gives_up_on_a_random_arm(seed, method, tmp_path):
     _, certificate = certify(made.task, fit)
     assert certificate.worst == 0.0
     assert certificate.gap < 1e-6
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_fits_that_share_their_constraints_are_the_single_ones(two_link, method):
-    """Within their certified gap, on other data of the same model: each starts from the
-    one before."""
-    truth = with_friction(two_link, published_links(two_link, "p_real").ravel())
-    model = two_link.model()
-    regressions = [
-        compress(
-            FilteredRuns.filtering(
-                simulated(model, truth, noise=noise, seconds=6.0),
-                two_link.preprocessing,
-            ),
-            model,
-        )
-        for noise in (5.0, 1.0, 0.2)
-    ]
-    estimator = make_estimator(method)
-    single = [estimator.fit(make_task(two_link, model, x)) for x in regressions]
-    first = make_task(two_link, model, regressions[0])
-    others = [make_task(two_link, model, x, like=first) for x in regressions[1:]]
-    shared = estimator.fit_each([first, *others])
-    for one, other in zip(single, shared, strict=True):
-        assert other.upper == pytest.approx(one.upper, rel=1e-8)
-        assert other.gap < 1e-6
