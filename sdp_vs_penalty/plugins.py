@@ -20,21 +20,6 @@ def modules(package: str) -> Iterator[ModuleType]:
         yield import_module(f"{package}.{module.name}")
 
 
-def classes(package: str, base: type) -> dict[str, Any]:
-    """Return the public subclasses of ``base`` with a ``name`` in a package's modules, by
-    name; InputError if two classes have the same name."""
-    values: Iterator[Any] = (
-        v for home in modules(package) for v in vars(home).values()
-    )
-    return by_word((v.name, v) for v in values if is_named_subclass(v, base))
-
-
-def is_named_subclass(value: Any, base: type) -> bool:
-    """Tell whether a value is a public subclass of the base with a ``name``."""
-    is_subclass = inspect.isclass(value) and issubclass(value, base)
-    return is_subclass and hasattr(value, "name") and not value.__name__.startswith("_")
-
-
 class Registry(Generic[P]):
     """The plug-ins of one kind, by name: classes with a base, or modules with a mark.
 
@@ -62,10 +47,13 @@ class Registry(Generic[P]):
         self._registered: list[P] = []
 
     def accepts(self, value: Any) -> bool:
-        """Tell whether a value is a plug-in of this kind."""
+        """Tell whether a value is a plug-in of this kind: of classes, a public one with
+        a ``name``."""
+        is_class = inspect.isclass(value)
         if isinstance(self.base, str):
-            return not inspect.isclass(value) and hasattr(value, self.base)
-        return is_named_subclass(value, self.base)
+            return not is_class and hasattr(value, self.base)
+        is_ours = is_class and issubclass(value, self.base) and hasattr(value, "name")
+        return is_ours and not value.__name__.startswith("_")
 
     def name_of(self, plugin: P) -> str:
         """Return the name by which users choose a plug-in."""
@@ -111,13 +99,10 @@ class Registry(Generic[P]):
     @cached_property
     def of_folder(self) -> dict[str, P]:
         """The plug-ins of our folder, by name."""
+        found: Iterable[Any] = modules(self.package)
         if isinstance(self.base, type):
-            return classes(self.package, self.base)
-        return by_word(
-            (self.name_of(home), home)  # type: ignore[arg-type]
-            for home in modules(self.package)
-            if self.accepts(home)
-        )
+            found = (value for home in found for value in vars(home).values())
+        return by_word((self.name_of(x), x) for x in found if self.accepts(x))
 
     def _of_packages(self) -> Iterator[P]:
         """Import the plug-ins that other packages name as entry points."""

@@ -199,17 +199,13 @@ class Estimate(Record):
         uncertainty = replace(
             old,
             standard=_given_intervals(old.standard, values.tolist()),
-            base=_given_intervals(old.base, base_values) if old.base else (),
+            base=_given_intervals(old.base, base_values),
         )
         listed = self.details.get("base_parameters") or []
-        entries = (
-            [
-                {**entry, "value": value, "source": "given"}
-                for entry, value in zip(listed, base_values, strict=True)
-            ]
-            if listed
-            else []
-        )
+        entries = [
+            {**entry, "value": value, "source": "given"}
+            for entry, value in zip(listed, base_values if listed else (), strict=True)
+        ]
         details = {
             **self.details,
             "undetermined": {q.name: "given" for q in self.model.parameters},
@@ -801,30 +797,13 @@ class Estimate(Record):
 
     def _table(self) -> Table:
         """Return the printed table: one row a parameter with its 95 % interval."""
-        rows: list[tuple[str, ...]] = []
-        for parameter, interval, value, std, nominal, source in zip(
-            self.model.parameters,
-            self.uncertainty.standard,
-            self.theta,
-            self.uncertainty.std,
-            self.nominal,
-            self.sources,
-            strict=True,
-        ):
+        rows = []
+        for x in self.entries:
             # NaN marks an unknown interval and a parameter without a nominal value.
-            half_width = NORMAL_95 * std
-            half_text = "" if np.isnan(half_width) else f" ± {half_width:.2g}"
-            nominal_text = "" if np.isnan(nominal) else f"{nominal:.4g}"
-            rows.append(
-                (
-                    parameter.name,
-                    f"{value:.4g}{half_text}",
-                    nominal_text,
-                    source,
-                    interval.unit,
-                    parameter.effect,
-                )
-            )
+            half = "" if np.isnan(x.std) else f" ± {NORMAL_95 * x.std:.2g}"
+            nominal = "" if np.isnan(x.nominal) else f"{x.nominal:.4g}"
+            value = f"{x.value:.4g}{half}"
+            rows.append((x.name, value, nominal, x.source, x.unit, x.effect))
         headings = ("parameter", "value ± 95 %", "nominal", "from", "unit", "effect")
         # Columns of words (by number) are aligned to the left.
         return Table(headings, rows, words=(0, 3, 4, 5))
@@ -949,8 +928,9 @@ class Estimate(Record):
 def _given_intervals(
     intervals: Sequence[Interval], values: Sequence[float]
 ) -> tuple[Interval, ...]:
-    """Return the intervals of values that no data gave: they are not known."""
-    pairs = zip(intervals, values, strict=True)
+    """Return the intervals of values that no data gave: they are not known, and none
+    where there were none."""
+    pairs = zip(intervals, values if intervals else (), strict=True)
     return tuple(Interval(old.name, old.unit, value) for old, value in pairs)
 
 

@@ -276,28 +276,23 @@ class ModelFile(JsonRecord):
         n = self.robot.n
         provenance = from_json(ProvenanceFields, self.provenance)
         details = from_json(DetailsFields, self.details)
-        floor = None if provenance.noise is None else provenance.noise.floor
-        motion = self.training_motion
-        verdict = provenance.verdict
-        sizes = {
-            "uncertainty.torque_noise": len(self.uncertainty.torque_noise),
-            "provenance.noise.floor": None if floor is None else floor.size,
-            "training_motion.centre": None
-            if motion is None
-            else motion.centre.size / 2,
-            "provenance.verdict.error_over_noise": verdict
-            and verdict.error_over_noise
-            and len(verdict.error_over_noise),
+        noise, verdict = provenance.noise, provenance.verdict
+        servo, loop, gains = details.servo, details.loop, details.gains
+        lists: dict[str, Any] = {
+            "uncertainty.torque_noise": self.uncertainty.torque_noise,
+            "provenance.noise.floor": noise and noise.floor,
+            "provenance.verdict.error_over_noise": verdict and verdict.error_over_noise,
+            "details.servo.motion": servo and (servo.motion or None),
+            "details.loop.share": loop and loop.share,
+            "details.gains.gain": gains and gains.gain,
+            "details.gains.std": gains and gains.std,
         }
-        if details.servo is not None and details.servo.motion:
-            sizes["details.servo.motion"] = len(details.servo.motion)
-        if details.loop is not None:
-            sizes["details.loop.share"] = len(details.loop.share)
-        if details.gains is not None:
-            sizes["details.gains.gain"] = len(details.gains.gain)
-            sizes["details.gains.std"] = len(details.gains.std)
+        sizes = {name: np.size(x) for name, x in lists.items() if x is not None}
+        if self.training_motion is not None:
+            # Of positions and velocities: 2 n.
+            sizes["training_motion.centre"] = self.training_motion.centre.size - n
         for name, size in sizes.items():
-            if size is not None and size != n:
+            if size != n:
                 raise InputError(
                     f"not as many numbers as the robot has joints, {n}",
                     "write the file anew",

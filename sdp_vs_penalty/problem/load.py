@@ -10,7 +10,7 @@ import re
 import tomllib
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,6 @@ from sdp_vs_penalty.problem.bodies import link_bodies, plausible_links
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, entries, open_box
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.geometry import Geometry
 from sdp_vs_penalty.robot.inertia import why_impossible
 from sdp_vs_penalty.robot.joint import parse_held, parse_mechanism, parse_transmission
 from sdp_vs_penalty.robot.model_files import described_robot
@@ -114,27 +113,12 @@ def _check(
         if type(entry) not in kinds:
             where = f"{label}: entry {k}" if is_list else label
             raise InputError(f"{where} is {_shown(entry)}, not a {word}", hint)
-    if is_list:
-        _check_length(label, value, key, like, part)
-
-
-def _check_length(
-    label: str, value: Sequence[Any], key: str, like: Any, part: Mapping[str, Any]
-) -> None:
-    """Raise InputError for a list of another length than needed.
-
-    gravity and total_mass are as long as their examples; others have one entry a joint
-    if the section has a DH table (field "a").
-    """
-    has_fixed_length = key in ("gravity", "total_mass")
-    needed = like if has_fixed_length else part.get("a")
-    if not isinstance(needed, list) or len(value) == len(needed):
-        return
-    remedy = "one per joint, as in a"
-    if has_fixed_length:
-        remedy = f"write {key} = {json.dumps(like)}"
-    what = f"{label} has {len(value)} entries, {len(needed)} are needed"
-    raise InputError(what, remedy)
+    # gravity and total_mass are as long as their examples; other lists have one entry a
+    # joint if the section has a DH table (field "a").
+    needed = like if key in ("gravity", "total_mass") else part.get("a")
+    if is_list and isinstance(needed, list) and len(value) != len(needed):
+        what = f"{label} has {len(value)} entries, {len(needed)} are needed"
+        raise InputError(what, hint if needed is like else "one per joint, as in a")
 
 
 def _shown(value: Any) -> str:
@@ -169,40 +153,26 @@ def _from_toml(
         what = f"links = {data['links']}, the kinematics have {robot.links}"
         raise InputError(what, "correct links, or leave it out")
     problem = _with_bounds_of(folder, data, robot)
-    problem = _with_nominal_links(problem, replace(parts, robot=robot))
+    problem = _with_nominal_links(problem, parts, "urdf" in data["kinematics"])
     # Links that no file states are within their bounds.
     stated = np.array([x == "inertial" for x in problem.nominal_from or ()] or [True])
     links = np.where(stated[:, None], problem.nominal_links, problem.prior_links)
     return replace(problem, nominal_links=links)
 
 
-@dataclass(frozen=True)
-class _RobotParts:
-    """A robot, and what its file has of its links."""
-
-    #: Joints and gravity.
-    robot: Robot
-    #: (links, 10) standard parameters in the file; None without a file.
-    links: Array | None = None
-    #: Shapes of the links in the file; None without a file.
-    geometry: Sequence[Geometry | None] | None = None
-
-
 def _robot_of(
     folder: Path, kinematics: Mapping[str, Any], held: Mapping[str, float]
-) -> _RobotParts:
+) -> RobotFile:
     """Build the robot of the section [kinematics] of a problem.toml.
 
     The section names a URDF file in ``folder``, or holds a DH table (a, alpha, d, one
     entry a joint). ``held`` are positions [rad, m] at which joints are fixed. A DH
-    table has no links or shapes: those fields stay None.
+    table has no links or shapes: those are zeros, and None.
     """
     x, y, z = map(float, kinematics.get("gravity", STANDARD_GRAVITY))
     gravity = (x, y, z)
     if "urdf" in kinematics:
-        file = folder / kinematics["urdf"]
-        parts = load_robot(file, gravity, held)
-        return _RobotParts(parts.robot, parts.links, parts.geometry)
+        return load_robot(folder / kinematics["urdf"], gravity, held)
     fields = [k for k in ("lower", "upper", "velocity", "effort") if k in kinematics]
     limits = [
         {field: float(kinematics[field][joint]) for field in fields}
@@ -217,10 +187,10 @@ def _robot_of(
         gravity=gravity,
         limits=limits,
     )
-    return _RobotParts(robot)
+    return RobotFile(robot, np.zeros((robot.links, 10)))
 
 
-def _with_mechanism(parts: _RobotParts, mechanism: Mapping[str, Any]) -> _RobotParts:
+def _with_mechanism(parts: RobotFile, mechanism: Mapping[str, Any]) -> RobotFile:
     """Return the robot with dependent joints, as the section [mechanism] says.
 
     A dependent joint follows others linearly, such as in a parallelogram. Massless
@@ -233,13 +203,8 @@ def _with_mechanism(parts: _RobotParts, mechanism: Mapping[str, Any]) -> _RobotP
     massless = [int(k) for k in mechanism.get("massless", ())]
     joints, followers = parse_mechanism(robot.tree, mechanism["joints"], massless)
     robot = replace(robot, joints=joints, mechanism=followers, transmission=None)
-    if parts.links is None or parts.geometry is None:
-        return _RobotParts(robot, parts.links, parts.geometry)
-    return _RobotParts(
-        robot,
-        parts.links[list(robot.link_joints)],
-        [parts.geometry[k] for k in robot.link_joints],
-    )
+    shapes = parts.geometry and [parts.geometry[k] for k in robot.link_joints]
+    return RobotFile(robot, parts.links[list(robot.link_joints)], shapes)
 
 
 def _with_bounds_of(folder: Path, data: Mapping[str, Any], robot: Robot) -> Problem:
@@ -272,16 +237,14 @@ def _with_bounds_of(folder: Path, data: Mapping[str, Any], robot: Robot) -> Prob
     )
 
 
-def _with_nominal_links(problem: Problem, parts: _RobotParts) -> Problem:
+def _with_nominal_links(problem: Problem, parts: RobotFile, has_file: bool) -> Problem:
     """Return the problem with bodies and plausible nominal links.
 
     Links come from the robot's file, or else are ellipsoids that fill the bounds.
     """
     robot = problem.robot
-    has_file = parts.links is not None
-    known = np.zeros((robot.links, 10)) if parts.links is None else parts.links
-    bodies = link_bodies(robot, problem.centre_boxes, known, parts.geometry)
-    drawn = known if has_file else _ellipsoids_in_the_box(problem)
+    bodies = link_bodies(robot, problem.centre_boxes, parts.links, parts.geometry)
+    drawn = parts.links if has_file else _ellipsoids_in_the_box(problem)
     nominal, sources = plausible_links(robot, drawn, bodies)
     if not has_file:
         sources = tuple("bounds" if x == "inertial" else x for x in sources)
