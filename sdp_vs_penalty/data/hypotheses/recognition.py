@@ -370,8 +370,7 @@ def _joints_of_words(
         # Numbers in the robot's names need not rise along the arm.
         keys = _in_order_of_numbers(joints or (), keys)
     if positions.style == "name":
-        parts = [key if isinstance(key, tuple) else (key,) for key in keys]
-        in_file = [" ".join(x for x in map(str, part) if x != "None") for part in parts]
+        in_file = [" ".join(part) for part in keys if isinstance(part, tuple)]
     else:
         named = [x for name in positions.columns.values() for x in columns[name].joints]
         in_file = named or joints_in_cells(columns)

@@ -79,9 +79,7 @@ def column_sets(
     """
     groups = dict[tuple[str, int, tuple[str, ...], int], list[str]]()
     of_quantity = {x: y for x, y in said.items() if y.quantity == quantity}
-    said = {**said, **_by_number_that_differs(of_quantity)}
-    for name in of_quantity:
-        meaning = said[name]
+    for name, meaning in of_quantity.items():
         for style, others in _styles_of(meaning):
             key = style, meaning.rank, others, len(meaning.words)
             groups.setdefault(key, []).append(name)
@@ -100,31 +98,11 @@ def column_sets(
                 parts = _split(names, starred)
         for part in parts:
             if columns := _columns_by_joint(style, part, said, n_joints):
-                sets.append(ColumnSet(quantity, rank, style, others, columns, n_words))
+                kind = "number" if all(isinstance(x, int) for x in columns) else style
+                found = ColumnSet(quantity, rank, kind, others, columns, n_words)
+                sets.append(found)
     sets = [replace(x, is_qualified=any(map(x.qualifies, sets))) for x in sets]
     return sorted(sets, key=lambda column_set: column_set.preference)
-
-
-def _by_number_that_differs(said: Mapping[str, Meaning]) -> dict[str, Meaning]:
-    """Return what names say whose last number is that of a signal, "A1.r2521": there an
-    earlier one, the only one that differs, is the joint's."""
-    families = dict[Hashable, list[str]]()
-    for name, meaning in said.items():
-        words = tuple("*" if x.isdigit() else x for x in meaning.other_words)
-        if "*" in words:
-            families.setdefault((meaning.words, words, meaning.number), []).append(name)
-    out = dict[str, Meaning]()
-    for names in families.values():
-        columns = [*zip(*(said[x].other_words for x in names), strict=True)]
-        places = [k for k, column in enumerate(columns) if len({*column}) > 1]
-        if len(places) != 1 or len({*columns[places[0]]}) < len(names):
-            continue
-        (k,) = places
-        for name in names:
-            words = said[name].other_words
-            others = (*words[:k], *words[k + 1 :])
-            out[name] = replace(said[name], number=int(words[k]), other_words=others)
-    return out
 
 
 _SIDES = {*_MOTOR_WORDS, *_LINK_WORDS, *_MOTOR_SYMBOLS}
@@ -146,6 +124,19 @@ def _styles_of(meaning: Meaning) -> list[tuple[str, tuple[str, ...]]]:
     return [("name", ()), (style, meaning.other_words)]
 
 
+def _words_of(meaning: Meaning) -> tuple[str, ...]:
+    """Return the further words of a name, its last number behind them."""
+    number = () if meaning.number is None else (str(meaning.number),)
+    return (*meaning.other_words, *number)
+
+
+def _n_common(rows: Sequence[Sequence[str]]) -> int:
+    """Count the words with which all rows begin."""
+    columns = enumerate(zip(*rows, strict=False))
+    shortest = min(map(len, rows))
+    return next((k for k, column in columns if len({*column}) > 1), shortest)
+
+
 def _columns_by_joint(
     style: str,
     names: Sequence[str],
@@ -161,15 +152,23 @@ def _columns_by_joint(
     """
     if style == "block":
         return {"": names[0]} if len(names) == 1 else {}
+    numbers = {x: said[x].number or 0 for x in names}
     if style == "name":
-        columns: dict[Hashable, str] = {
-            (*said[x].other_words, str(said[x].number)): x for x in names
-        }
-        numbers = {said[x].number for x in names}
-        is_numbered = None not in numbers and len(numbers) > 1
-        is_set = len(columns) == len(names) > 1 and not is_numbered
-        return columns if is_set else {}
-    places = {said[x].number or 0: x for x in names}
+        if len({*numbers.values()}) > 1 and all(
+            said[x].number is not None for x in names
+        ):
+            return {}
+        words = [_words_of(said[x]) for x in names]
+        before = _n_common(words)
+        behind = _n_common([x[before:][::-1] for x in words])
+        keys = [x[before : len(x) - behind] for x in words]
+        if len({*keys}) < len(names) or len(names) < 2:
+            return {}
+        if not all(len(x) == 1 and x[0].isdigit() for x in keys):
+            return dict(zip(keys, names, strict=True))
+        # The last number is that of a signal, "A1.r2521".
+        numbers = {name: int(x[0]) for name, x in zip(names, keys, strict=True)}
+    places = {number: name for name, number in numbers.items()}
     in_order = {key: places[key] for key in sorted(places)}
     if len(in_order) != len(names):
         return {}
