@@ -34,8 +34,6 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: What research code writes of each joint, the commonest first.
 _GROUPS = (("q", "dq", "tau"), ("q", "tau"))
-#: Fewest numbers by which columns are told apart.
-_FEWEST = 10
 _HEADER = (
     "t,q1..qn,dq1..dqn,tau1..taun (dq optional; temp1..tempn, degrees Celsius, too, and"
     " qmot1..qmotn, motors' positions where q are the links'; without tau:"
@@ -140,21 +138,13 @@ def _in_order(names: Sequence[str], n_joints: int | None) -> dict[str, str]:
     blocks = [x for x in families(names).values() if len(x) > 1]
     in_blocks = {name for columns in blocks for name in columns}
     single = [name for name in names if name not in in_blocks]
-    if len(single) > 1 or not blocks:
+    sizes = {*map(len, blocks)} if len(blocks) > 1 else {n_joints}
+    if len(single) > 1 or not blocks or len(sizes) > 1:
         return {}
-    if len(blocks) == 1:
-        clock, *channels = [*single, *blocks[0]]
-        layout = layout_of(len(channels), n_joints, has_clock=False)
-        n_groups = len({*map(group_of, layout)})
-        fits = layout and n_joints in (None, len(channels) // n_groups)
-        return {"t": clock, **dict(zip(layout, channels, strict=True))} if fits else {}
-    groups = {len(x): x for x in _GROUPS}.get(len(blocks), ())
-    if not groups or not single or len({*map(len, blocks)}) > 1:
-        return {}
-    pairs = {"t": single[0]}
-    for group, columns in zip(groups, blocks, strict=True):
-        pairs |= {f"{group}{k}": name for k, name in enumerate(columns, 1)}
-    return pairs
+    ordered = [*single, *(name for columns in blocks for name in columns)]
+    layout = layout_of(len(names), sizes.pop(), has_clock=True)
+    is_of_robot = n_joints in (None, sum(group_of(x) == "q" for x in layout))
+    return dict(zip(layout, ordered, strict=True)) if layout and is_of_robot else {}
 
 
 def layout_of(
@@ -184,9 +174,8 @@ def layout_of(
 def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
     """Propose columns by the words in their names, "NAME" where none fits.
 
-    Families and blocks without such words are proposed by their first letter, and where
-    exactly as many are left as groups: the smoothest for positions, else the first, as
-    most files have them.
+    Families and blocks without such words are proposed by their first letter, and by
+    their order where exactly as many are left as groups.
     """
     alike = [x for x in families(log.names).values() if len(x) > 1]
     alike += [[name] for name, x in log.columns.items() if x.kind == "list"]
@@ -207,11 +196,6 @@ def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
     unknown = [k for k in unknown if quantities[k] in (None, "t")]
     n_open = len({*missing} - {"t", *quantities})
     if len(unknown) == n_open and len(alike) > 1 and len({*map(len, alike)}) == 1:
-        rough = {
-            k: np.mean([_roughness(log.columns[x].head) for x in alike[k]])
-            for k in unknown
-        }
-        unknown = sorted(unknown, key=rough.__getitem__)
         for k, group in zip(
             unknown, [x for x in missing if x not in ("t", *quantities)], strict=True
         ):
@@ -238,13 +222,6 @@ def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
             named = columns or named
             pairs[group] = named[0] if len(named) == 1 else "NAME"
     return pairs
-
-
-def _roughness(head: Array) -> float:
-    """Return the share of noise in a column's first numbers, by second differences; 0 of
-    few numbers, or of numbers that stay."""
-    scatter = float(np.std(head)) if len(head) > _FEWEST else 0.0
-    return float(np.std(np.diff(head, 2))) / scatter if scatter > 0.0 else 0.0
 
 
 def layout_of_table(
