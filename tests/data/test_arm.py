@@ -8,7 +8,6 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from arms import ELBOW, SHOULDER, TURN, write_urdf
 from commands import run_cli
@@ -148,32 +147,6 @@ def test_velocities_in_another_unit_tell_nothing_of_the_clock(run, tmp_path):
     degrees = np.degrees(run.dq)
     path = table(tmp_path / "run.csv", time=run.t, pos=run.q, vel=degrees, trq=run.tau)
     np.testing.assert_allclose(read(path)[0].t, run.t)
-
-
-@pytest.mark.parametrize("form", ["jsonl", "json", "parquet"])
-def test_texts_of_times_and_empty_cells_are_read_alike_in_every_form(
-    form, run, tmp_path
-):
-    """As in a CSV: the clock goes on past midnight; rows without a torque are left out."""
-    stamps = pd.Timestamp("2026-01-01T23:59:58") + pd.to_timedelta(run.t, unit="s")
-    columns = {"time": [str(x) for x in stamps]}
-    columns |= {f"pos_{k + 1}": x for k, x in enumerate(run.q.T)}
-    columns |= {f"trq_{k + 1}": x for k, x in enumerate(run.tau.T)}
-    frame = pd.DataFrame(columns)
-    path = tmp_path / f"run.{form}"
-    n_lost = 0
-    if form == "parquet":
-        frame.loc[[7, 30], "trq_2"] = np.nan
-        n_lost = 2
-        frame.to_parquet(path)
-    else:
-        lines = {"orient": "records", "lines": True} if form == "jsonl" else {}
-        frame.to_json(path, double_precision=12, **lines)
-    with warnings.catch_warnings(action="ignore"):
-        got = read_run(path, 2)
-    keep = np.delete(np.arange(run.samples), [7, 30][:n_lost])
-    np.testing.assert_allclose(got.t - got.t[0], run.t[keep] - run.t[0], atol=1e-5)
-    np.testing.assert_allclose(got.tau, run.tau[keep], atol=1e-9)
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])

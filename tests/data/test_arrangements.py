@@ -25,6 +25,7 @@ from written_logs import (
     T,
     cells_of,
     log,
+    names_and_columns,
     read,
     same,
     write,
@@ -219,6 +220,28 @@ LISTS = {
     "NumPy, wrapped": lambda row: f'"[{row[0]} {row[1]}\n {row[2]}]"',
     "array": lambda row: f"\"array('d', {list(map(float, row))})\"",
     "tuple": lambda row: '"(' + ", ".join(map(str, row)) + ')"',
+}
+
+
+def stamped(form):
+    """What writes a frame whose clock is texts that pass midnight, and the frame."""
+    names, columns = names_and_columns(
+        "@%Y-%m-%d %H:%M:%S.%f=time; q=pos_{}; tau=trq_{}"
+    )
+    frame = pd.DataFrame(dict(zip(names, columns, strict=True)))
+    if form == "parquet":
+        return (lambda path: frame.to_parquet(path),)
+    lines = {"orient": "records", "lines": True} if form == "jsonl" else {}
+    return (lambda path: frame.to_json(path, double_precision=12, **lines),)
+
+
+UNITS = {
+    "units": {"angle": "deg", "torque": "mNm", "time": "ms"},
+    "data": {
+        "time": (1e3 * T).tolist(),
+        "angle": np.degrees(Q).tolist(),
+        "torque": (1e3 * TAU).tolist(),
+    },
 }
 
 
@@ -444,6 +467,19 @@ FORMS = {
     "a row a channel with its unit": tidy,
     "a row a channel of InfluxDB": influx,
     "units in cells": units_in_cells,
+    **{
+        f"texts of times in {form}": lambda x, form=form: saved(
+            *stamped(form), x / f"run.{form}"
+        )
+        for form in ("jsonl", "json", "parquet")
+    },
+    "an object of units": lambda x: write(x / "run.json", [json.dumps(UNITS)]),
+    **{
+        f"a model's {word} beside": lambda x, word=word: saved(
+            np.savez, x / "run.npz", **{"time": T, "pos": Q, word: TAU, "tau_model": Q}
+        )
+        for word in ("tau", "torque")
+    },
     "LeRobot": lerobot,
     "a file a quantity": lambda x: several(
         x,
@@ -609,6 +645,24 @@ def test_joints_may_change_their_order_from_row_to_row(layout, tmp_path):
         lines[40] = lines[40].replace(JOINTS[1], "finger_joint")
         path.write_text("\n".join(lines))
         refusal(lambda: read(path), " 41 names other joints than the first")
+
+
+def test_what_is_as_written_is_not_told_by_velocities(tmp_path):
+    """The command quotes what a shell would read."""
+    path = log(tmp_path / "my $(run).csv", "q=q{}; dq=dq{}; tau=tau{}")
+    said = refusal(lambda: read(path, as_written=True), "no column t", "--rate 100")
+    (command,) = re.findall("`sdp-vs-penalty (.*?)` \\(", said)
+    assert shlex.split(command)[1] == str(path)
+
+
+def test_columns_are_chosen_by_their_numbers_without_a_header(tmp_path):
+    path = log(tmp_path / "run.csv", "t=; q={}; tau={}", head=[])
+    refusal(lambda: read(path), "row 1 holds numbers instead of a header")
+    same(
+        convert(
+            path, rename=dict(zip(HEAD, (f"#{k}" for k in range(1, 8)), strict=True))
+        )
+    )
 
 
 def test_without_a_robot_the_file_s_order_stays(tmp_path):

@@ -12,6 +12,8 @@ from commands import python, run_cli
 from recorded import refusal
 from scipy.io import savemat
 from small_runs import small_run, write_bag, write_run
+from written_logs import log
+from written_logs import same as same_motion
 
 from sdp_vs_penalty import (
     Measurements,
@@ -283,23 +285,11 @@ def test_what_is_no_log_is_not_recognised():
     )  # three joints are missing
 
 
-def test_a_log_is_read_and_converted(tmp_path):
-    path = tmp_path / "ur.csv"
-    t = 8.0 * np.arange(20)
-    x = np.random.default_rng(0).normal(size=(20, 4))
-    head = "timestamp_ms,actual_q_0,actual_q_1,actual_current_0,actual_current_1"
-    rows = np.column_stack([t, x]).tolist()
-    path.write_text(
-        head + "\n" + "\n".join(",".join(map(repr, r)) for r in rows) + "\n"
-    )
-    with pytest.warns(UserWarning, match="columns recognised"):
-        run = load_measurements(path)
-    np.testing.assert_allclose(run.t, 1e-3 * t)
-    np.testing.assert_array_equal(run.q, x[:, :2])
-    rename = {"t": "timestamp_ms", "q*": "actual_q_*", "tau*": "actual_current_*"}
-    run = convert(path, rename=rename, scale={"t": "ms", "tau": "10:8.5", "q": "deg"})
-    np.testing.assert_allclose(run.tau, x[:, 2:] * [10.0, 8.5])
-    np.testing.assert_allclose(run.q, np.radians(x[:, :2]))
+def test_columns_are_chosen_by_patterns_and_converted(tmp_path):
+    path = log(tmp_path / "run.csv", "ms=a; deg=b_{}; tau/2=c_{}")
+    rename = {"t": "a", "q*": "b_*", "tau*": "c_*"}
+    scale = {"t": "ms", "q": "deg", "tau": "2:2:2"}
+    same_motion(convert(path, rename=rename, scale=scale))
 
 
 def test_runs_stay_apart_and_in_order(tmp_path):

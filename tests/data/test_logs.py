@@ -15,7 +15,7 @@ from small_runs import write_bag
 
 from sdp_vs_penalty import convert, load_measurements
 from sdp_vs_penalty.data import LOGGERS, read_run, recognise
-from sdp_vs_penalty.errors import ColumnsRemark, Remark
+from sdp_vs_penalty.errors import Remark
 
 JOINTS = ("joint1", "joint2")
 RUN = sample_run()
@@ -105,24 +105,6 @@ BARE = np.column_stack([RUN.q, RUN.dq, RUN.tau])
 HEAD = "q1,q2,dq1,dq2,tau1,tau2"
 
 
-def test_without_a_clock_velocities_tell_a_usual_rate(tmp_path):
-    """As a run of another program says with its command; what is as written is refused."""
-    path = table(tmp_path / "bare.csv", HEAD, BARE)
-    with pytest.warns(ColumnsRemark, match="t = rows at 50 Hz") as heard:
-        run = load_measurements(path)
-    np.testing.assert_allclose(run.t, RUN.t, atol=1e-9)
-    assert "--rate 50 " in str(heard[0].message)
-    refusal(lambda: read_run(path, as_written=True), "no column t", "--rate 50")
-
-
-@pytest.mark.parametrize("factor", [57.3, 0.73])
-def test_a_rate_at_which_nobody_logs_is_asked_for(factor, tmp_path):
-    """Velocities in another unit than the positions make it."""
-    rows = np.column_stack([RUN.q, factor * RUN.dq, RUN.tau])
-    path = table(tmp_path / "bare.csv", HEAD, rows)
-    refusal(lambda: load_measurements(path), "no column t", "--rate")
-
-
 def test_a_rate_stands_for_the_clock_in_every_format(tmp_path):
     import pyarrow as arrow
     from pyarrow import parquet
@@ -140,78 +122,6 @@ def test_a_rate_stands_for_the_clock_in_every_format(tmp_path):
         np.testing.assert_allclose(run.t, RUN.t, atol=1e-9, err_msg=path.name)
         np.testing.assert_allclose(run.q, RUN.q, err_msg=path.name)
     refusal(lambda: convert(tmp_path / "a.csv", rate=-1.0), "not a frequency")
-
-
-def test_columns_that_nobody_chose_may_hold_anything(tmp_path):
-    path = tmp_path / "run.csv"
-    rows = [
-        ",".join([f"{t:.10g}", "ok", "", f"{q:.10g}", f"{tau:.10g}", "{1;2}"])
-        for t, q, tau in zip(RUN.t, RUN.q[:, 0], RUN.tau[:, 0], strict=True)
-    ]
-    path.write_text("\n".join(["t,mode,note,q1,tau1,extra", *rows]))
-    with pytest.warns(Remark, match="not used: mode, note, extra"):
-        run = load_measurements(path)
-    np.testing.assert_allclose(run.q[:, 0], RUN.q[:, 0])
-
-
-def test_a_chosen_column_of_words_is_named_once(tmp_path):
-    path = tmp_path / "run.csv"
-    path.write_text("t,q1,tau1\n" + "".join(f"0.{k},0.1,off\n" for k in range(1, 9)))
-    refusal(lambda: load_measurements(path), "column tau1 is never a number", "'off'")
-
-
-def test_a_channel_that_is_never_a_number_is_named_once(tmp_path):
-    rows = np.column_stack([RUN.t, RUN.q, RUN.tau])
-    rows[:, 4] = np.nan
-    path = table(tmp_path / "run.csv", "t,q1,q2,tau1,tau2", rows)
-    refusal(
-        lambda: read_run(path), "column tau2 is never a number", "nothing to repair"
-    )
-
-
-def test_velocities_that_are_never_numbers_are_left_out(tmp_path):
-    rows = np.column_stack([RUN.t, RUN.q, np.full_like(RUN.q, np.nan), RUN.tau])
-    path = table(tmp_path / "run.csv", "t,q1,q2,dq1,dq2,tau1,tau2", rows)
-    with pytest.warns(Remark, match="dq is left out"):
-        assert load_measurements(path).dq is None
-
-
-def test_topics_with_stamps_of_their_own_come_together(tmp_path):
-    """Efforts a fifth of a period after the positions."""
-    rows = ["t,q1,q2,tau1,tau2"]
-    for t, q, tau in zip(RUN.t, RUN.q, RUN.tau, strict=True):
-        rows += [f"{t:.6f},{q[0]},{q[1]},,", f"{t + 0.004:.6f},,,{tau[0]},{tau[1]}"]
-    path = tmp_path / "run.csv"
-    path.write_text("\n".join(rows))
-    with pytest.warns(Remark, match="400 rows without all channels"):
-        run = load_measurements(path)
-    np.testing.assert_allclose(run.tau, RUN.tau)
-
-
-def test_joints_of_the_robot_that_a_log_lacks_do_not_change_the_order():
-    columns = [
-        "time",
-        *(f"{j}_position" for j in "bca"),
-        *(f"{j}_effort" for j in "bca"),
-    ]
-    found = recognise(columns, ["a", "b", "c", "finger"])
-    assert [found.rename[f"q{k}"][0] for k in (1, 2, 3)] == ["a", "b", "c"]
-
-
-def test_commands_quote_what_a_shell_would_read(tmp_path):
-    path = table(tmp_path / "my $(run).csv", HEAD, BARE)
-    said = refusal(lambda: read_run(path, as_written=True), "--rate 50")
-    (command,) = re.findall("`sdp-vs-penalty (.*?)` \\(", said)
-    assert shlex.split(command)[1] == str(path)
-
-
-def test_columns_are_chosen_by_their_numbers_without_a_header(tmp_path):
-    rows = np.column_stack([RUN.t, RUN.q, RUN.tau])
-    path = tmp_path / "run.csv"
-    path.write_text("\n".join(",".join(map(str, row)) for row in rows.tolist()))
-    refusal(lambda: load_measurements(path), "row 1 holds numbers instead of a header")
-    pairs = {"t": "#1", "q1": "#2", "q2": "#3", "tau1": "#4", "tau2": "#5"}
-    np.testing.assert_array_equal(convert(path, rename=pairs).tau, RUN.tau)
 
 
 @pytest.mark.parametrize("clock", [0, 1])
@@ -273,48 +183,6 @@ def test_of_several_torques_one_is_taken_and_the_others_are_named(words, taken, 
     assert found.rename["tau3"] == f"{taken}3"
     labels = [f"{words[k]}1 to {words[k]}3" for k in rivals]
     assert sorted(found.torques) == sorted(labels)
-
-
-@pytest.mark.parametrize("torques", ["tau", "torque"])
-def test_a_block_of_torques_is_not_lost_beside_another_one(torques, tmp_path):
-    """A block that is called as we call it stayed out: "no torque was logged"."""
-    path = tmp_path / "run.npz"
-    np.savez(path, time=RUN.t, pos=RUN.q, **{torques: RUN.tau, "tau_model": RUN.q})
-    with pytest.warns(ColumnsRemark):
-        run = load_measurements(path)
-    assert run.torque_logged
-    np.testing.assert_allclose(run.tau, RUN.tau)
-
-
-def test_an_object_of_units_says_those_of_a_json_file(tmp_path):
-    path = tmp_path / "run.json"
-    units = {"angle": "deg", "torque": "mNm", "time": "ms"}
-    data = {
-        "time": (1e3 * RUN.t).tolist(),
-        "angle": np.degrees(RUN.q).tolist(),
-        "torque": (1e3 * RUN.tau).tolist(),
-    }
-    path.write_text(json.dumps({"units": units, "data": data}))
-    with pytest.warns(ColumnsRemark):
-        run = load_measurements(path)
-    for group in ("t", "q", "tau"):
-        np.testing.assert_allclose(getattr(run, group), getattr(RUN, group), atol=1e-12)
-
-
-def test_the_command_that_gives_the_rate_keeps_the_robot_s_joints(tmp_path):
-    """The file's order is another one: a copy in it was another arm's."""
-    path = tmp_path / "run.csv"
-    names = [
-        f"{joint}_{x}" for x in ("position", "effort") for joint in ("elbow", "base")
-    ]
-    rows = np.column_stack([RUN.q[:, ::-1], RUN.tau[:, ::-1]]).tolist()
-    lines = [",".join(names), *(",".join(map(repr, row)) for row in rows)]
-    path.write_text("\n".join(lines))
-    joints = ("base", "elbow")
-    said = refusal(lambda: read_run(path, 2, joints), "--rate HZ --joints base,elbow")
-    assert "no column t" in said
-    run = convert(path, rate=200.0, joints=joints)
-    np.testing.assert_allclose(run.q, RUN.q)
 
 
 @pytest.mark.parametrize("unit", [None, "degrees", "radians"])

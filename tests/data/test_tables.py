@@ -311,6 +311,10 @@ t=time; deg=j{}; tau=trq{} -> q in deg, it reaches
 t=time; q=j{}; tau=trq{} -> q in rad, it reaches
 t=time; deg=AxisAct_A{}; tau=TorqueAct_A{} -> q in deg, it reaches
 t=time; deg=robax_{}; tau=torque_{} -> q in deg, it reaches
+q=q{}; dq=dq{}; tau=tau{} -> t = rows at 100 Hz, at which dq is the derivative of q
+q=q{}; dq=dq{}; tau=tau{} -> --rate 100 --out
+t=t; text=mode; q=q{}; tau=tau{}; text=extra -> not used: mode, extra
+t=t; q=q{}; nan=dq{}; tau=tau{} -> dq is left out
 hour=hour; minute=min; second=sec; q=pos{}; tau=trq{} -> the date is not read
 day=date; hour=hour; minute=minute; second=second; q=pos{}; dq=vel{}; tau=trq{} -> the date is not read
 0=YYYY; month=MM; day=DD; hour=hh; minute=mm; second=ss; q=pos{}; tau=trq{} -> the date is not read
@@ -372,6 +376,10 @@ t=time; deg=P{} in deg; tau=M{} -> --scale q=deg
 unix=time; q=P{}; tau=M{} -> --scale t=ms
 k=; q=q{}; tau=tau{} -> no column t
 q=q{}; tau=tau{} -> --rate HZ
+q=q{}; deg/s=dq{}; tau=tau{} -> --rate HZ
+q={s}_position; tau={s}_effort -> --rate HZ --joints turn,shoulder,elbow
+t=t; q=q{}; texts=tau{} -> column tau1 is never a number: 'off'
+t=t; q=q{}; nan=tau{} -> column tau1 is never a number, in none of 150 rows: log it anew
 t=t; q=q{} -> no column tau
 t=t; q=q{} -> +TORQUES.csv
 """

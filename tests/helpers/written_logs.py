@@ -62,6 +62,7 @@ HELD = {
         "ns": np.round(1e9 * (T - np.floor(T + 1e-9))),
         "text": np.array(["ok"] * len(T)),
     },
+    **{"nan": np.nan * Q, "texts": np.full(Q.shape, "off")},
     "day's second": np.array([f"12:00:{58 + int(t + 1e-9)}" for t in T]),
 }
 HELD |= {"us of ns": HELD["ns"] / 1e3, "ms of ns": HELD["ns"] / 1e6}

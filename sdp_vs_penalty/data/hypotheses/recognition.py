@@ -190,7 +190,8 @@ def recognise(
         said=tuple(said_of),
     )
     if not logger and clock in usable and clock not in said:
-        said |= {clock: x} if (x := read_time_by_unit(clock)) else {}
+        of_unit = read_time_by_unit(clock)
+        said |= {} if of_unit is None else {clock: of_unit}
     found = with_units(found, said, columns, logger, heading)
     found = replace(found, unsaid=_without_unit(found, said))
     return with_unit_of_clock(found, columns)
