@@ -741,12 +741,14 @@ def least_squares_parameters(
     In two rounds, the second with each joint weighted by its residual in the first.
     """
     effects = (*own_effects, *new)
+    if not effects:
+        return [np.zeros(0) for _ in data]
     model = replace(estimate.model, effects=effects, reference=None)
     out = []
     for rows in data:
         weights: Array = np.ones(estimate.robot.n)
         theta: Array = np.zeros(0)
-        for _ in range(2 if effects else 0):
+        for _ in range(2):
             squares = given_known(rows.least_squares(weights), model)
             # |R theta - rho|^2, with rows for the priors.
             problem = with_plausible(squares, model, rows.oversampling)

@@ -120,9 +120,12 @@ def test_every_fact_of_a_comparison_is_the_same_on_the_page(modelled):
 
 
 def test_every_fact_of_a_diagnosis_is_the_same_on_the_page(diagnosed):
-    shown = diagnosed.session.findings.facts()
-    written = diagnosed.json("findings.json")["facts"]
-    assert {name: fact.texts for name, fact in shown.items()} == texts(written)
+    shown = diagnosed.session.findings
+    written = diagnosed.json("findings.json")
+    facts = {name: fact.texts for name, fact in shown.facts().items()}
+    assert facts == texts(written["facts"])
+    ratings = [finding.rating for finding in shown.effects]
+    assert ratings == [finding["rating"] for finding in written["effects"]]
 
 
 def test_a_new_fact_is_one_method_and_stands_everywhere(modelled):
@@ -148,24 +151,18 @@ def test_a_new_fact_is_one_method_and_stands_everywhere(modelled):
     assert [number(x, 5) for x in column] == new["texts"]
 
 
-def test_the_terminal_prints_the_error_of_each_joint(modelled):
+#: Facts of the row of a model.
+ROW = ("relative_error", "largest_error_over_noise", "thinnest_link")
+
+
+@pytest.mark.parametrize(
+    ("place", "names"), [("compare", ["joint_error"]), ("html", ROW), ("page", ROW)]
+)
+def test_every_place_prints_the_facts_of_the_first_model(modelled, place, names):
+    said = modelled.said | {"page": modelled.screen.text("identify")}
     facts = modelled.compared["facts"]
-    for text in facts["joint_error"]["texts"]:
-        assert text in modelled.said["compare"]
-
-
-def test_the_report_prints_the_row_of_the_first_model(modelled):
-    facts = modelled.compared["facts"]
-    shown = ("relative_error", "largest_error_over_noise", "thinnest_link")
-    for name in shown:
-        assert facts[name]["texts"][0] in modelled.said["html"]
-
-
-def test_the_page_prints_the_row_of_the_first_model(modelled):
-    facts = modelled.compared["facts"]
-    page = modelled.screen.text("identify")
-    for name in ("relative_error", "largest_error_over_noise", "thinnest_link"):
-        assert facts[name]["texts"][0] in page
+    for text in (text for name in names for text in facts[name]["texts"]):
+        assert text in said[place]
 
 
 def test_the_grade_is_the_same_everywhere(modelled):
@@ -208,27 +205,13 @@ def test_add_and_compare_print_the_same_before_and_after(extended):
     assert sentence[1:] in extended.said["html"]
 
 
-def test_a_model_alone_has_the_errors_that_it_has_beside_another(extended):
-    """The floor does not depend on which model is named first."""
-    test = load_measurements(extended.folder / extended.test)
-    better = load_estimate(extended.folder / "better.json")
-    model = load_estimate(extended.folder / "model.json")
-    alone, (_, beside) = compare(better, test), compare([model, better], test)
-    np.testing.assert_array_equal(alone[0].noise_floor, beside.noise_floor)
-
-
-def test_terminal_and_report_say_the_same_of_what_is_left(diagnosed):
-    """The page has it in its bars."""
-    sentence = diagnosed.diagnosis.left_sentence
-    assert sentence in diagnosed.said["diagnose"]
-    assert sentence in diagnosed.said["html"]
-
-
-def test_terminal_page_and_report_say_the_same_is_missing(diagnosed):
-    headline = diagnosed.diagnosis.headline
-    assert headline in diagnosed.said["diagnose"]
-    assert headline in diagnosed.said["html"].replace("`", "")
-    assert diagnosed.diagnosis.cause in diagnosed.screen.text("next")
+def test_terminal_report_and_page_say_what_is_missing_and_left(diagnosed):
+    """The page has in its bars what is left."""
+    found, said = diagnosed.diagnosis, diagnosed.said
+    for sentence in (found.left_sentence, found.headline):
+        assert sentence in said["diagnose"]
+        assert sentence in said["html"].replace("`", "")
+    assert found.cause in diagnosed.screen.text("next")
 
 
 def test_each_finding_has_one_title_size_and_gain_everywhere(diagnosed):
@@ -262,9 +245,11 @@ def test_a_finding_has_the_size_and_interval_of_the_model_after_add(extended):
 
 
 def test_add_prints_the_size_and_interval_of_the_diagnosis(extended):
-    sure = [f for f in extended.diagnosis.effects if f.rating == "confident"]
-    for finding in sure:
-        assert finding.size_text in extended.said["add"]
+    for finding in extended.diagnosis.effects:
+        assert finding.size_text.endswith("(95 %)")
+        assert (
+            finding.rating != "confident" or finding.size_text in extended.said["add"]
+        )
 
 
 def test_the_page_adds_a_finding_with_what_the_search_says_of_it(extended):
@@ -289,17 +274,6 @@ def test_a_model_has_one_interval_of_a_parameter(extended):
     names = sorted(added & {*base.index})
     standard = model.to_frame().loc[names, "std"]
     np.testing.assert_allclose(base.loc[names, "std"], standard, rtol=1e-9)
-
-
-def test_every_size_is_labelled_as_95_per_cent(diagnosed):
-    for finding in diagnosed.diagnosis.effects:
-        assert finding.size_text.endswith("(95 %)")
-
-
-def test_ratings_are_the_same_everywhere(diagnosed):
-    written = diagnosed.json("findings.json")["effects"]
-    shown = diagnosed.session.findings.effects
-    assert [f["rating"] for f in written] == [f.rating for f in shown]
 
 
 def test_identify_says_what_diagnose_has_found(diagnosed):

@@ -11,12 +11,11 @@ import numpy as np
 import page_driver as driver
 import pytest
 from commands import run_cli
-from page_driver import act, expect, go, idle, key, open_page, pick
+from page_driver import act, expect, go, idle, key, open_page
 from spoiled_logs import write_logs
 
 from sdp_vs_penalty import compare, load_estimate, load_measurements
 from sdp_vs_penalty.data import save
-from sdp_vs_penalty.page.sessions import SILENCE
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.robot import load_urdf
 
@@ -98,15 +97,6 @@ def story(browser, server, files, tmp_path_factory):
             idle(page)
         seen["folder"] = folder
         yield seen
-
-
-@pytest.mark.long
-def test_files_are_chosen_checked_and_identified(context, server, files):
-    """The way to a model, drawn; the long story goes on from there."""
-    page = open_page(context, server)
-    driver.choose(page, "two_link", files[:1])
-    act(page, "identify", "[data-part=fit] .js-line")
-    assert page.locator("[data-part=fit] .js-line").count() >= 2
 
 
 @pytest.mark.long
@@ -245,42 +235,6 @@ def test_with_the_keyboard_alone(context, server, files):
     assert heading == "Identify"  # what is new stands first there
     press("joint-2")
     expect(page.locator(key("joint-2"))).to_have_attribute("aria-pressed", "true")
-
-
-@pytest.mark.slow
-def test_the_job_of_a_closed_tab_goes_on_and_is_found_again(context, server):
-    page = open_page(context, server)
-    address = page.url
-    pick(page, "panda")
-    page.wait_for_selector(key("simulate"))
-    idle(page)
-    act(page, "simulate", "table.runs")
-    go(page, "identify")
-    act(page, "identify", "[data-part=fit] .js-line")
-    for name in ("lmi-sdp", "ols", "penalty"):
-        page.uncheck(key(f"method-{name}"))
-    page.click(key("more-methods"))
-    for name in (
-        "penalty-paper",
-        "penalty-paper-two-step",
-        "penalty-two-step",
-        "lmi-sdp-entropic",
-    ):
-        page.check(
-            key(f"method-{name}")
-        )  # simulated annealing: together they take a minute
-    page.click(key("compare"))
-    page.wait_for_selector(".working .status:has-text('penalty-paper')")
-    working = server.workers()
-    assert working
-    page.close()
-    _, alive = driver.psutil.wait_procs(working, SILENCE + 8.0)
-    assert alive
-    again = open_page(context, server, "")
-    assert again.url == address
-    again.click(key("cancel"))
-    _, alive = driver.psutil.wait_procs(working, 8.0)
-    assert not alive
 
 
 @pytest.mark.long

@@ -11,7 +11,7 @@ two sets of positions are as good, nobody guesses.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
@@ -375,6 +375,8 @@ def _joints_of_words(
     else:
         named = [x for name in positions.columns.values() for x in columns[name].joints]
         in_file = named or joints_in_cells(columns)
+    if positions.style == "number" and not in_file:
+        in_file = _with_numbers(joints or (), positions.columns.values())
     in_order, is_known = in_order_of(joints, in_file)
     if in_file and positions.style == "block":
         order = tuple(in_file.index(x) for x in in_order.values())
@@ -383,6 +385,19 @@ def _joints_of_words(
         return (), keys, None, True
     key_by_name = dict(zip(in_file, keys, strict=True))
     return tuple(in_order), [key_by_name[x] for x in in_order.values()], None, is_known
+
+
+def _with_numbers(joints: Sequence[str], names: Collection[str]) -> list[str]:
+    """Name numbered columns, in the order of their numbers, by the robot's joints that
+    have these numbers, where all others have none: a gripper that was not logged. None
+    named otherwise."""
+    by_number = {x[-1]: name for name in joints if (x := re.findall("[0-9]+", name))}
+    numbers = sorted(by_number, key=int)
+    if not len(numbers) == len(names) < len(joints):
+        return []
+    pairs = zip(numbers, names, strict=True)
+    is_clear = all(number in re.findall("[0-9]+", name) for number, name in pairs)
+    return [by_number[number] for number in numbers] if is_clear else []
 
 
 def _in_order_of_numbers(joints: Sequence[str], keys: list[Hashable]) -> list[Hashable]:
