@@ -840,30 +840,6 @@ class Diagnosis(Record, JsonRecord):
         is_judged = self.judged_rmse_with_sure is not None
         return is_judged and finding.torque_is_certain and len(on_joint) > 1
 
-    @fact("", digits=9)
-    def n_confident(self) -> int:
-        """Findings whose effect and size are sure."""
-        return self._count("confident")
-
-    @fact("", digits=9, name="n certain effects")
-    def n_certain_effects(self) -> int:
-        """Findings whose effect is sure: confident, or near-ties of laws of one effect."""
-        return sum(f.effect_is_certain for f in self.effects)
-
-    @fact("", digits=9, name="n near-tie")
-    def n_near_tie(self) -> int:
-        """Findings whose torque is there, while another effect fits as well."""
-        return self._count("near-tie")
-
-    @fact("", digits=9)
-    def n_weak(self) -> int:
-        """Findings that are not sure."""
-        return self._count("weak")
-
-    def _count(self, rating: Rating) -> int:
-        """Count the findings of one rating: "confident", "near-tie" or "weak"."""
-        return sum(f.rating == rating for f in self.effects)
-
     @fact("times the noise", name="error on data left out")
     def left_over_noise(self) -> Array | None:
         """(n,) error of each joint on data left out, with all that was found, over its

@@ -186,14 +186,6 @@ def test_only_what_no_sure_finding_states_is_a_rival(kind, certainty, doubts, ra
     assert beside.effects[0].rating == rating
 
 
-def test_effects_that_are_certain_are_counted():
-    found = diagnosis(
-        finding("presliding_hysteresis", 7, "maxwell_slip"),
-        finding("joint_spring", 2, "base_tilt"),
-    )
-    assert found.n_certain_effects == 1
-
-
 def test_adding_what_is_sure_takes_effects_whose_law_is_open():
     found = diagnosis(finding("presliding_hysteresis", 7, "maxwell_slip"))
     assert len(found.selected(confident=True).effects) == 1
