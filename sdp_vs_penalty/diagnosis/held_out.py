@@ -342,11 +342,11 @@ class HeldOut:
         left out.
 
         Two that help together alone, and two that cancel, are measured as one candidate.
-        It is taken if it lowers the sum of the joints' log errors by the least help of
-        its effects, in the rows that tell of them, lowers that sum on the second data,
-        folds of the training motion, too, and raises no joint's error on a recording
-        left out, or on the rows fitted to, by more than 5 % (MAX_JOINT_HARM). The best
-        by least squares is judged first.
+        It is taken if it lowers the sum of the joints' log errors, in the rows that tell
+        of them, on these data and on the second ones, folds of the training motion, on
+        one of them by the least help of its effects, and raises no joint's error on a
+        recording left out, or on the rows fitted to, by more than 5 % (MAX_JOINT_HARM).
+        The best by least squares is judged first.
 
         Parameters
         ----------
@@ -362,14 +362,12 @@ class HeldOut:
         """
         accepted = list(accepted)
 
-        def fall(of: HeldOut, errors: _Errors, added: Sequence[int]) -> float:
-            """Return by how much effects lower the sum of log errors, above their least
-            help on these data and above zero on second ones."""
+        def fall(errors: _Errors, added: Sequence[int]) -> float:
+            """Return by how much effects lower the sum of log errors."""
             by_all_rows = (k for k in added if not self._is_told_by_sliding(k))
             judged = next(by_all_rows, added[0])
             before = errors(accepted, judged)
-            least = sum(in_doubt[k] for k in added) if of is self else 0.0
-            return -harm(before, errors([*accepted, *added], judged)) - least
+            return -harm(before, errors([*accepted, *added], judged))
 
         def helps(added: Sequence[int]) -> bool:
             """Return whether effects help under all constraints, and harm no joint."""
@@ -380,12 +378,13 @@ class HeldOut:
             if error_ratios(before, after).max() > 1.0 + MAX_JOINT_HARM:
                 return False
             judges = [judge for judge in (self, self.second) if judge is not None]
-            return all(fall(x, x.errors, added) > 0.0 for x in judges)
+            falls = [fall(judge.errors, added) for judge in judges]
+            return min(falls) > 0.0 and max(falls) >= sum(in_doubt[k] for k in added)
 
         while True:
             rest = [k for k in in_doubt if k not in accepted]
             candidates = [*combinations(rest, 1), *combinations(rest, 2)]
-            falls = {x: fall(self, self.least_squares_errors, x) for x in candidates}
+            falls = {x: fall(self.least_squares_errors, x) for x in candidates}
             promising = [x for x in candidates if falls[x] > 0.0]
             promising.sort(key=lambda x: -falls[x])
             added = next(filter(helps, promising), None)

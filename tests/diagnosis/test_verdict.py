@@ -196,7 +196,8 @@ def test_what_raises_one_joints_error_by_a_twentieth_goes(rule, floor, kept):
     ("rule", "elsewhere", "added"),
     [
         (lambda c: [1.0 - 0.3 * (0 in c), 1.0], 0.9, [0]),
-        pytest.param(lambda c: [1.0 - 0.04 * (0 in c), 1.0], 0.9, [], id="too little"),
+        pytest.param(lambda c: [1.0 - 0.04 * (0 in c), 1.0], 0.97, [], id="too little"),
+        pytest.param(lambda c: [1.0 - 0.04 * (0 in c), 1.0], 0.9, [0], id="elsewhere"),
         pytest.param(
             lambda c: [1.0 - 0.3 * (0 in c), 1.0], 1.01, [], id="nothing elsewhere"
         ),
@@ -214,7 +215,7 @@ def test_what_raises_one_joints_error_by_a_twentieth_goes(rule, floor, kept):
         ),
         pytest.param(
             lambda c: [0.96 if len(c) == 2 else 1.0 + len(c)],
-            0.9,
+            0.97,
             [],
             id="two that cancel, and help by less than one should",
         ),
