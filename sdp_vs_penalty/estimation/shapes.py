@@ -27,7 +27,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-from scipy.interpolate import CubicSpline
 
 from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
@@ -292,7 +291,9 @@ def _with_banks(
         columns = first + np.arange(len(grid))
         first += len(grid)
         if grid not in splines:  # through the unit vectors: it returns weights
-            splines[grid] = CubicSpline(np.log(grid), np.eye(len(grid)))
+            splines[grid] = scipy.interpolate.CubicSpline(
+                np.log(grid), np.eye(len(grid))
+            )
         banks.append(
             _Bank(
                 effect.with_shape([joint]),

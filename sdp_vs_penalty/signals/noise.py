@@ -19,7 +19,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.robot.arrays import Array, Mask, nonzero_or_one
@@ -443,7 +443,9 @@ def differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> Array:
     """
 
     residuals = [
-        CubicSpline(s.t_dense, s.torque_dense - s.dense @ s.motion.modelled)
+        scipy.interpolate.CubicSpline(
+            s.t_dense, s.torque_dense - s.dense @ s.motion.modelled
+        )
         for s in runs.segments
     ]
     parts = [runs.residual[r.rows] - residuals[r.other](r.later) for r in repeats]

@@ -10,7 +10,6 @@ from typing import TypeAlias
 
 import numpy as np
 import scipy
-from scipy.interpolate import CubicSpline
 
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.coloured_noise import ORDER
@@ -277,7 +276,7 @@ def is_part(window: Filtered, longer: Filtered) -> bool:
     if not inside.any() or scale is None:
         return False
 
-    there = CubicSpline(span, longer.q_dense)(t[inside])
+    there = scipy.interpolate.CubicSpline(span, longer.q_dense)(t[inside])
     return _difference(window.q_dense[inside], there, scale) < 0.1 * ALIKE
 
 
@@ -336,8 +335,8 @@ def _same_positions(a: Filtered, b: Filtered, shift: float) -> tuple[Indices, Ar
     if scale is None or len(rows) < _FEWEST_ROWS:
         return rows[:0], later[:0]
     later = later[rows]
-    here = CubicSpline(a.t_dense, a.q_dense)(a.t[rows])
-    there = CubicSpline(b.t_dense, b.q_dense)(later)
+    here = scipy.interpolate.CubicSpline(a.t_dense, a.q_dense)(a.t[rows])
+    there = scipy.interpolate.CubicSpline(b.t_dense, b.q_dense)(later)
     is_same = np.all(np.abs(here - there) < ALIKE * scale, axis=1)
     return rows[is_same], later[is_same]
 
