@@ -18,7 +18,6 @@ from sdp_vs_penalty.race.kinds import KINDS, list_faults, propose_all
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Further, Hypothesis, LogView
 from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
-from sdp_vs_penalty.robot.arrays import Array
 
 #: Steps of Newton by which a size is found on few rows, and share of its standard
 #: deviation below which a step ends it.
@@ -394,14 +393,4 @@ def _of_all(fit: ViewFit) -> float:
 
 def _thinned(further: Further) -> Further:
     """Return further columns at the rows that are looked at first."""
-    under = further.columns_under
-
-    def columns_under(chain: LogTransform) -> Array:
-        assert under is not None
-        return under(chain)[:, :: c.THIN]
-
-    return replace(
-        further,
-        columns=further.columns[:, :: c.THIN],
-        columns_under=under and columns_under,
-    )
+    return replace(further, columns=further.columns[:, :: c.THIN])

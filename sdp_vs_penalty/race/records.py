@@ -111,14 +111,6 @@ class Further:
     is_positive: bool = False
     #: Span of time outside of which they are zero; None where it is all.
     span: Part | None = None
-    #: The columns under another transform, where they hold channels of the log.
-    columns_under: Callable[[LogTransform], Array] | None = None
-
-    def under(self, chain: LogTransform) -> Further:
-        """Return it as it is under another transform of all rows."""
-        if self.columns_under is None:
-            return self
-        return replace(self, columns=self.columns_under(chain))
 
 
 @dataclass(frozen=True)
@@ -217,10 +209,7 @@ class Hypothesis:
             return replace(view, further=(*view.further, self.further))
         if self.part is not None:
             return view.with_part(self.part, chain)
-        further = view.further
-        if chain != view.chain:
-            further = tuple(x.under(chain) for x in further)
-        return replace(view, chain=chain, further=further)
+        return replace(view, chain=chain)
 
 
 def at_sizes(

@@ -19,7 +19,6 @@ from sdp_vs_penalty.race.fault import prior_of_one_of
 from sdp_vs_penalty.race.kinds.of_one_part import load_on_last_link
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Further, Hypothesis, Part
-from sdp_vs_penalty.robot.arrays import Array
 
 #: Standard deviation beforehand of a force [N] and of its moment [N m].
 _FORCE, _MOMENT = 30.0, 6.0
@@ -129,8 +128,4 @@ def _coupling(
     load = np.repeat(of_joints[[a, b]], [len(of_a), len(of_b)])
     sd = _SHARE * load / np.maximum(size, 1e-12)
     sd[0] = _RATIO
-
-    def columns_under(chain: LogTransform) -> Array:
-        return _coupling(log, chain, a, b, ratio).columns
-
-    return Further(columns, np.maximum(sd, 1e-12), columns_under=columns_under)
+    return Further(columns, np.maximum(sd, 1e-12))
