@@ -268,16 +268,11 @@ def issue_of_difference(log: Likelihood, claim: Claim, name: str) -> Issue:
         (fault,) = list_faults(log, repair)
         what = f"in {name} only: {fault.what}"
         remedy, apply = f"{fault.remedy} in this run", fault.apply
-    effects = []
-    for rival in claim.rivals:
-        other = rival.hypothesis
-        if other.kind in NOT_REPAIRED and h.kind not in NOT_REPAIRED:
-            effects.append(_RIVALS[other.kind])
-        elif other.effect:
-            effects.append(other.effect)
+    others = {} if h.kind in NOT_REPAIRED else _RIVALS
+    effects = (others.get(x.hypothesis.kind, x.hypothesis.effect) for x in claim.rivals)
     return _of_claim(
         claim,
-        effects,
+        [effect for effect in effects if effect],
         "one arm for all leaves of a joint's torque {times}",
         kind=h.kind,
         where=joints_text(h.joints) if h.joints else "the run",

@@ -73,12 +73,6 @@ class RepairedRows:
         left = self.raw - self.basis @ self.in_basis
         return np.asarray(left * self.is_shared[..., None, :])
 
-    def split(self) -> list[RepairedRows]:
-        """List the rows of each of several repairs, which are stacked along the first
-        axis."""
-        fields = self.basis, self.raw, self.in_basis, self.is_shared, self.gram
-        return [RepairedRows(*of_one) for of_one in zip(*fields, strict=True)]
-
     def products_with(self, torques: Array) -> Array:
         """Return the products (n, K, s) of K torques (n, M, K), own columns projected
         out, with what is left of the shared columns."""

@@ -15,7 +15,7 @@ It is free of units and gains of the channels.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
@@ -26,12 +26,7 @@ from scipy.special import log_ndtr
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.arm_fit import RepairedRows, orthonormal
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.likelihood import (
-    ROWS_AT_A_TIME,
-    Likelihood,
-    recent,
-    without_inertial_power,
-)
+from sdp_vs_penalty.race.likelihood import ROWS_AT_A_TIME, Likelihood, recent
 from sdp_vs_penalty.race.records import Hypothesis, LogView, Number, Part
 from sdp_vs_penalty.regression.evidence import independent_rows, jackknifed
 from sdp_vs_penalty.regression.normal_equations import NormalEquations
@@ -203,25 +198,6 @@ class Evidence:
     @recent(8)
     def _columns(self, motion: LogView) -> _Columns:
         """Make what all fits to one motion share."""
-        return self._make_columns([motion])[0]
-
-    def _make_columns(self, motions: Sequence[LogView]) -> list[_Columns]:
-        """Make what all fits to each of several motions share."""
-        self.log.prepare_columns([motion.chain for motion in motions])
-        seen = zip(*map(self._columns_of, motions), strict=True)
-        basis, raw, mask, states = map(_stacked, seen)
-        states = states - states.mean(axis=-1, keepdims=True)
-        velocity = without_inertial_power((states * mask[:, None]).swapaxes(0, 1))[0]
-        size = np.linalg.norm(velocity, axis=-1, keepdims=True)
-        probe = velocity / nonzero_or_one(size)
-        power = (probe[..., None, :] @ raw)[..., 0, :]
-        rows = RepairedRows.from_basis(basis, raw).split()
-        return [*map(_Columns, rows, probe, power, mask.sum(axis=-1))]
-
-    def _columns_of(self, motion: LogView) -> tuple[Array, Array, Array, Array]:
-        """Return a basis (n, M, k) of each joint's own columns, the columns (n, M, s) of
-        links and further ones, which rows count (n, M), and velocities and accelerations
-        (2, n, M) of a motion."""
         log, chain = self.log, motion.chain
         basis, raw, mask = log.basis(chain), log.raw(chain), log.torque_mask(chain)
         states = np.stack(self._states(chain))
@@ -242,7 +218,13 @@ class Evidence:
         if motion.further:
             further = [x.columns * mask[:, :, None] for x in motion.further]
             raw = np.concatenate([raw, *further], axis=2)
-        return basis, raw, mask, states
+        states = states - states.mean(axis=2, keepdims=True)
+        velocity = without_inertial_power(*(states * mask))
+        size = np.linalg.norm(velocity, axis=1, keepdims=True)
+        probe = velocity / nonzero_or_one(size)
+        power = (probe[:, None] @ raw)[:, 0]
+        rows = RepairedRows.from_basis(basis, raw)
+        return _Columns(rows, probe, power, mask.sum(axis=1))
 
     def _states(self, chain: LogTransform) -> tuple[Array, Array]:
         """Return velocity and acceleration (n, M) of the motors under a transform."""
@@ -317,27 +299,18 @@ class Evidence:
         for k, view in enumerate(views):
             by_motion.setdefault(view.motion, []).append(k)
         values = np.empty(len(views))
-        for motions in self._stackable(by_motion):
+        motions = [*by_motion]
+        at_a_time = max(1, ROWS_AT_A_TIME // self.log.data.count)
+        for first in range(0, len(motions), at_a_time):
+            some = motions[first : first + at_a_time]
+            self.log.prepare_columns([motion.chain for motion in some])
+            places = [k for motion in some for k in by_motion[motion]]
             products: list[ViewFit] = []
-            for motion, columns in zip(
-                motions, self._make_columns(motions), strict=True
-            ):
+            for motion in some:
                 of_motion = [views[k] for k in by_motion[motion]]
-                products += self._products(columns, of_motion)
-            places = [k for motion in motions for k in by_motion[motion]]
+                products += self._products(self._columns(motion), of_motion)
             values[places] = [x.value for x in self.fitted(products, v, rounds)]
         return values
-
-    def _stackable(self, motions: Iterable[LogView]) -> Iterator[list[LogView]]:
-        """Yield motions in lists: those of one list have the same number of columns, and
-        no more rows than are computed at a time."""
-        at_a_time = max(1, ROWS_AT_A_TIME // self.log.data.count)
-        by_width: dict[int, list[LogView]] = {}
-        for motion in motions:
-            by_width.setdefault(len(motion.chain.events), []).append(motion)
-        for alike in by_width.values():
-            for first in range(0, len(alike), at_a_time):
-                yield alike[first : first + at_a_time]
 
     def fitted(
         self, products: Sequence[ViewFit], v: float, rounds: int = _ROUNDS
@@ -672,6 +645,12 @@ class Evidence:
         return float(jackknifed(arms[:, -1:] / size)[1][0])
 
 
-def _stacked(arrays: Sequence[Array]) -> Array:
-    """Stack arrays of one shape along a new first axis; one alone is not copied."""
-    return arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
+def without_inertial_power(velocity: Array, acceleration: Array) -> Array:
+    """Return velocities (n, M) of n joints without their part in proportion to the
+    acceleration.
+
+    The mean product of such a velocity with the torque of an inertia is zero.
+    """
+    energy = np.sum(acceleration**2, axis=1, keepdims=True)
+    common = np.sum(velocity * acceleration, axis=1, keepdims=True)
+    return velocity - common / nonzero_or_one(energy) * acceleration

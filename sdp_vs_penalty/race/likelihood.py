@@ -499,16 +499,3 @@ def _straighten(value: Array, limit: float) -> Array:
     limit = max(limit, _TINY)  # a dead channel has no limit
     share = np.clip(value / limit, -_LARGEST_SHARE_OF_LIMIT, _LARGEST_SHARE_OF_LIMIT)
     return np.asarray(limit * np.arctanh(share))
-
-
-def without_inertial_power(states: Array) -> Array:
-    """Return velocities and accelerations (2, ..., n, M) of n joints, the velocities
-    without their part in proportion to the acceleration.
-
-    The mean product of such a velocity with the torque of an inertia is zero.
-    """
-    velocity, acceleration = states
-    energy = np.sum(acceleration**2, axis=-1, keepdims=True)
-    common = np.sum(velocity * acceleration, axis=-1, keepdims=True)
-    share = common / nonzero_or_one(energy)
-    return np.stack([velocity - share * acceleration, acceleration])

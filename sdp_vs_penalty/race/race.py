@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain as chained
 from types import ModuleType
 
 import numpy as np
@@ -14,7 +15,7 @@ from scipy.special import log_ndtr
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
-from sdp_vs_penalty.race.kinds import KINDS, list_faults, propose_all
+from sdp_vs_penalty.race.kinds import KINDS, list_faults
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Further, Hypothesis, LogView
 from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
@@ -219,7 +220,7 @@ class Race:
         columns: list[Hypothesis] = []
         changed: dict[object, Hypothesis] = {}
         count: Counter[object] = Counter()
-        for h in propose_all(self.kinds, self.all, fit):
+        for h in chained.from_iterable(x.propose(self.all, fit) for x in self.kinds):
             if h.further is not None:
                 columns.append(h)
             elif not h.is_friction_real:

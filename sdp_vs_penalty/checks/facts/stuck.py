@@ -175,10 +175,8 @@ def _stuck(glance: RunSummary, j: int, x: Array, is_position: bool) -> Rows:
             is_frozen = False
         elif is_position:
             is_frozen = steps[last] >= 4.0 * float(np.median(steps[steps > 0.0]))
-        elif _arm_rests(glance, first, last):
-            is_frozen = False
         else:
-            is_frozen = not _is_constant_friction(position, steps, level, last)
+            is_frozen = not _arm_rests(glance, first, last)
         if is_frozen:
             frozen_parts.append((first, last + 1))
     return mask_of(len(x), frozen_parts)
@@ -253,19 +251,6 @@ def _long_pauses(glance: RunSummary, x: Array) -> list[list[int]]:
     seconds = np.diff(glance.run.t[parts])[:, 0]
     pauses: list[list[int]] = parts[seconds >= 2.0 * STUCK_SECONDS].tolist()
     return pauses
-
-
-def _is_constant_friction(q: Array, steps: Array, level: float, b: int) -> bool:
-    """Whether dry friction explains that a torque is constant up to row b.
-
-    It does if the channel is coarse (``steps`` (N - 1,), its absolute changes, are
-    usually below ``level``), and the joint at q (N,) turns round at b.
-    """
-    usual = float(np.median(steps[steps > 0.0]))
-    before = q[b] - q[max(b - STUCK, 0)]
-    after = q[min(b + STUCK, len(q) - 1)] - q[b]
-    turns_round = after * before <= 0.0
-    return bool(usual < level and turns_round)
 
 
 def find_bad_torque_channels(glance: RunSummary) -> Iterator[Issue]:

@@ -4,11 +4,9 @@
 ``list_faults(log, chain)`` the faults that a transform corrects, in words.
 """
 
-from collections.abc import Iterator
 from types import ModuleType
 
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault
 from sdp_vs_penalty.race.kinds import (
     carried,
@@ -31,7 +29,6 @@ from sdp_vs_penalty.race.kinds import (
     zero,
 )
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Hypothesis
 
 #: What is tried, in the order of the words.
 KINDS: tuple[ModuleType, ...] = (
@@ -56,14 +53,6 @@ KINDS: tuple[ModuleType, ...] = (
 )
 #: What a motion shows whose directions are half as many as its joints.
 SHOWN_BY_A_POOR_MOTION = position_unit, sign, mounting, events
-
-
-def propose_all(
-    kinds: tuple[ModuleType, ...], evidence: Evidence, fit: ViewFit
-) -> Iterator[Hypothesis]:
-    """Yield the hypotheses of some kinds beside what a fit has."""
-    for kind in kinds:
-        yield from kind.propose(evidence, fit)
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> list[Fault]:

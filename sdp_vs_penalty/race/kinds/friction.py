@@ -6,9 +6,6 @@ from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import prior_of_one_of
 from sdp_vs_penalty.race.records import Hypothesis
 
-#: In words.
-COMPENSATED = "friction that the controller compensated, by more than there is"
-
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield friction of either sign, which is little."""
@@ -19,7 +16,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         chain=fit.chain,
         is_friction_real=False,
         tells_by_friction=True,
-        effect=COMPENSATED,
+        effect="friction that the controller compensated, by more than there is",
         by_controller="friction drives the joints a little: the controller subtracted"
         " more friction than there is (friction compensated)",
     )
