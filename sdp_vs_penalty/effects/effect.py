@@ -21,7 +21,6 @@ from itertools import product
 from typing import ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.motion import SIGN_WIDTH as SIGN_WIDTH
 from sdp_vs_penalty.effects.motion import CurrentModel as CurrentModel
@@ -32,7 +31,7 @@ from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.robot import constraint as build
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.robot.constraint import Constraint
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -60,7 +59,7 @@ class Block:
     #: Number of the joint, from 0.
     joint: int
     #: (k,) places of the columns' parameters among those of the effect.
-    parameters: NDArray[np.intp]
+    parameters: Indices
     #: (N, k) torque [N m, N] from one unit of each parameter.
     columns: Array
 
@@ -524,7 +523,7 @@ class Effect(ABC):
     # What is known of the parameters before anything is measured.
 
     def constraints(
-        self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
+        self, indices: Indices, parameters: Sequence[Parameter] = ()
     ) -> list[Constraint]:
         """State what is demanded of the parameters: the sign and the range of each.
 
@@ -727,7 +726,7 @@ class Effect(ABC):
 
     # What a reader is told.
 
-    def outside(self, motion: Motion) -> NDArray[np.bool_]:
+    def outside(self, motion: Motion) -> Mask:
         """Tell where a motion leaves the range in which the effect is known.
 
         Parameters

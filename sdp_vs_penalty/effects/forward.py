@@ -17,13 +17,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.bristles import StatefulEffect
 from sdp_vs_penalty.effects.effect import Array, CurrentModel, Effect, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.arrays import Indices
 
 #: Change of velocity [rad/s, m/s] by which slopes of the force are taken, and the
 #: damping of drives, whose laws are linear in it.
@@ -56,7 +56,7 @@ class PlantState(NamedTuple):
     #: (W, n) integrals of the positions over time [rad s, m s]; NaN where unknown.
     position_integral: Array
 
-    def rows(self, which: slice | NDArray[np.intp]) -> PlantState:
+    def rows(self, which: slice | Indices) -> PlantState:
         """Return the states of some simulations, chosen by a slice or indices."""
         return PlantState(*(x[which] for x in self))
 
@@ -290,7 +290,7 @@ class Plant:
 
     def _sum(
         self,
-        effects: Sequence[tuple[Effect, NDArray[np.intp]]],
+        effects: Sequence[tuple[Effect, Indices]],
         motion: Motion,
         z: Array,
         theta: Array,

@@ -8,7 +8,6 @@ from typing import Self
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import (
     Array,
@@ -23,7 +22,7 @@ from sdp_vs_penalty.effects.shape import ShapeConstant, choice
 from sdp_vs_penalty.effects.wave import Wave
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import as_slice
+from sdp_vs_penalty.robot.arrays import Indices, as_slice
 from sdp_vs_penalty.robot.constraint import Constraint
 from sdp_vs_penalty.robot.robot import ROUNDED_ANGLE, Robot
 
@@ -57,7 +56,7 @@ class RigidBody(Effect):
         )
 
     def constraints(
-        self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
+        self, indices: Indices, parameters: Sequence[Parameter] = ()
     ) -> list[Constraint]:
         """Return no constraints: the bounds of the links' parameters are stated by the
         problem."""
@@ -119,7 +118,7 @@ class Payload(Effect):
         )
 
     def constraints(
-        self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
+        self, indices: Indices, parameters: Sequence[Parameter] = ()
     ) -> list[Constraint]:
         """Demand that the payload is a body: a positive semidefinite pseudo-inertia,
         besides bounds."""
@@ -877,7 +876,7 @@ class KinematicError(Effect):
         torque = self._torques_at(motion, thinned) @ theta
         return _interpolated(motion, thinned, torque)
 
-    def _torques_at(self, motion: Motion, instants: NDArray[np.intp]) -> Array:
+    def _torques_at(self, motion: Motion, instants: Indices) -> Array:
         """Compute the torque (K, n, k) per unit of each displacement and rotation at K
         instants of a motion, given by their numbers."""
         derivatives = self.robot.placement_derivatives(
@@ -891,7 +890,7 @@ class KinematicError(Effect):
         )
 
 
-def _interpolated(motion: Motion, instants: NDArray[np.intp], values: Array) -> Array:
+def _interpolated(motion: Motion, instants: Indices, values: Array) -> Array:
     """Interpolate values (K, ...) at K instants of a motion, given by their numbers, at
     all its N instants by cubic splines; return (N, ...)."""
     if len(instants) == len(motion.t):
@@ -900,7 +899,7 @@ def _interpolated(motion: Motion, instants: NDArray[np.intp], values: Array) -> 
     return spline(motion.t)
 
 
-def _thinned(motion: Motion) -> NDArray[np.intp]:
+def _thinned(motion: Motion) -> Indices:
     """Choose instants from which cubic splines restore the motion to 2 % of its
     acceleration.
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Array, Effect, JointEffect, Motion
 from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.arrays import Indices, Mask
 from sdp_vs_penalty.robot.robot import Robot
 
 #: What a curve can run over, in the order of the numbers that saved models have for it;
@@ -201,7 +201,7 @@ def _variable(constants: Mapping[str, float], axis: str, joint: int) -> Variable
 
 
 def _filled_table(
-    size: tuple[int, int], known_places: NDArray[np.intp], known_values: Sequence[float]
+    size: tuple[int, int], known_places: Indices, known_values: Sequence[float]
 ) -> Array:
     """Build a table of this size from some of its values; elsewhere it has the nearest
     known one.
@@ -415,7 +415,7 @@ class MeasuredCurve(JointEffect):
             place[:] = (over.along(motion) - low) / (high - low) * (count - 1)
         return scipy.ndimage.map_coordinates(table, places, order=1, mode="nearest")
 
-    def outside(self, motion: Motion) -> NDArray[np.bool_]:
+    def outside(self, motion: Motion) -> Mask:
         """Tell where a motion leaves the table of any joint, or the measured part of
         it: (N,) flags.
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import (
     SIGN_WIDTH,
@@ -18,7 +17,7 @@ from sdp_vs_penalty.effects.effect import (
     Parameter,
 )
 from sdp_vs_penalty.errors import InputError, require_known
-from sdp_vs_penalty.robot.arrays import Array, as_slice
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, as_slice
 from sdp_vs_penalty.robot.robot import Robot
 
 #: Instants whose torque is worked out at a time: columns are many times as large as it.
@@ -30,7 +29,7 @@ class JointColumns:
     """The regressor of one joint's torque."""
 
     #: (k,) indices into theta of the columns' parameters.
-    indices: NDArray[np.intp]
+    indices: Indices
     #: (N, k) torque [N m, N] from one unit of each parameter.
     columns: Array
 
@@ -124,7 +123,7 @@ class Model:
             return part
         return replace(part, reference=self.reference[self.places(part)])
 
-    def places(self, part: Model) -> NDArray[np.intp]:
+    def places(self, part: Model) -> Indices:
         """Find where the parameters of a smaller model stand in this model's theta.
 
         Parameters
@@ -147,19 +146,19 @@ class Model:
         return replace(self, effects=others)
 
     @cached_property
-    def indices(self) -> tuple[NDArray[np.intp], ...]:
+    def indices(self) -> tuple[Indices, ...]:
         """Indices into theta of each effect's parameters, in the order of the
         effects."""
         ends = np.cumsum([len(effect.parameters) for effect in self.effects])
         return tuple(np.split(np.arange(ends[-1]), ends[:-1]))
 
     @property
-    def parts(self) -> list[tuple[Effect, NDArray[np.intp]]]:
+    def parts(self) -> list[tuple[Effect, Indices]]:
         """Pairs of each effect and the indices of its parameters in theta."""
         return list(zip(self.effects, self.indices, strict=True))
 
     @cached_property
-    def rigid_indices(self) -> NDArray[np.intp]:
+    def rigid_indices(self) -> Indices:
         """(10 n,) indices in theta of the links' ten standard parameters; empty without
         a rigid body."""
         for effect, indices in self.parts:
@@ -168,7 +167,7 @@ class Model:
         return np.arange(0)
 
     @cached_property
-    def drives(self) -> NDArray[np.bool_]:
+    def drives(self) -> Mask:
         """(p,) flags of the parameters that belong to the drives' control laws."""
         flags = [np.full(len(e.parameters), e.forward == "drive") for e in self.effects]
         return np.concatenate(flags)

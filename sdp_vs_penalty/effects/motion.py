@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.store import AppendableArray, drop_pages
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.robot.robot import Robot
 
 #: Velocity [rad/s, m/s] over which the sign of a velocity is smoothed.
@@ -163,7 +163,7 @@ class Legs:
     #: (L,) 1 forwards, -1 backwards, 0 where the path never moves.
     direction: Array
     #: (N - 1,) leg of each step; a step without motion belongs to the leg before it.
-    leg: NDArray[np.intp]
+    leg: Indices
     #: (N - 1,) signed distance from the leg's beginning to the step's end [rad, m].
     travel: Array
 

@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import (
     Array,
@@ -15,6 +14,7 @@ from sdp_vs_penalty.effects.effect import (
 from sdp_vs_penalty.effects.shape import POSITION, ShapeConstant, choice
 from sdp_vs_penalty.effects.wave import WAVES_TO_REPEAT, Wave, wave_numbers
 from sdp_vs_penalty.robot import constraint as build
+from sdp_vs_penalty.robot.arrays import Indices
 from sdp_vs_penalty.robot.constraint import Constraint
 from sdp_vs_penalty.robot.robot import Robot, joint_limits
 
@@ -259,7 +259,7 @@ class PositionDependentFriction(JointEffect):
         return [wave(i * phase) for i in orders for wave in (np.cos, np.sin)]
 
     def constraints(
-        self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
+        self, indices: Indices, parameters: Sequence[Parameter] = ()
     ) -> list[Constraint]:
         """Demand that Coulomb friction plus its variation stays at least zero at every
         position.

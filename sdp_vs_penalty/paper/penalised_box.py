@@ -23,7 +23,6 @@ from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.paper.penalised_optimum import (
@@ -33,7 +32,7 @@ from sdp_vs_penalty.paper.penalised_optimum import (
 )
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, linear
 from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
 
@@ -134,7 +133,7 @@ class BoxedProblem:
         found = problem.optimum(theta, weight, max(fit.lower, 0.0))
         return SolvedCell(low, high, found, excess)
 
-    def _q(self, k: int) -> NDArray[np.intp]:
+    def _q(self, k: int) -> Indices:
         """Return the places (6,) of the entries of Q of link k among all variables."""
         return self.first_q + 6 * k + np.arange(6)
 

@@ -11,7 +11,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
@@ -19,7 +18,7 @@ from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.problem.problem import Problem, entries
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 
 TOTAL = "total mass"
 #: Words for sets of functions.
@@ -41,7 +40,7 @@ class Function:
     #: of an entry about the centre of mass.
     place: tuple[int, int] | None = None
 
-    def value(self, theta: Array, links: NDArray[np.intp]) -> float:
+    def value(self, theta: Array, links: Indices) -> float:
         """Return the value at theta (p,), with the links' places (n, 10) in it; NaN for
         the centre of a link without mass."""
         if self.g is not None:

@@ -28,13 +28,13 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.files import memory_for
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Arrays by their names.
-Arrays = Mapping[str, NDArray[np.float64]]
+Arrays = Mapping[str, Array]
 #: What a child sends: heads, each with arrays. A head is empty where the parser has
 #: yielded its arrays; else it says one thing: "remark" (a warning), "what" with "remedy",
 #: "where" and "is_path" (an InputError), "not_installed" (an ImportError), "memory" (a
@@ -83,7 +83,7 @@ def parse_isolated(
     prepare: Callable[[], object] = dict,
     seconds: float = _SILENCE,
     n_bytes: int | None = None,
-) -> Iterator[dict[str, NDArray[np.float64]]]:
+) -> Iterator[dict[str, Array]]:
     """Yield what ``parser(path, *arguments)`` yields, from a child process with limits.
 
     A broken or hostile file can then end the child only. An InputError of the parser is
@@ -147,9 +147,7 @@ def _is_single_threaded() -> bool:
     return False
 
 
-def _answers(
-    messages: _Messages, room: int
-) -> Iterator[dict[str, NDArray[np.float64]]]:
+def _answers(messages: _Messages, room: int) -> Iterator[dict[str, Array]]:
     """Yield the arrays of a child's messages, of ``room`` bytes together at most; raise
     its errors and repeat its warnings.
 
@@ -430,7 +428,7 @@ def _receive(source: _Timed) -> tuple[dict[str, Any], Arrays] | None:
     text = bytearray(length)
     if source.read_into(memoryview(text)) < length:
         return None
-    arrays: dict[str, NDArray[np.float64]] = {}
+    arrays: dict[str, Array] = {}
     try:
         head = dict(json.loads(text))
         shapes = [(str(name), tuple(map(int, shape))) for name, shape in head["arrays"]]

@@ -14,7 +14,6 @@ from functools import lru_cache, partial
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.bristles import PreslidingHysteresis
@@ -31,7 +30,7 @@ from sdp_vs_penalty.paper.tables.table import (
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.evidence import student_95
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
 
@@ -98,7 +97,7 @@ class SigmoidFit:
     upper: Array
     #: (n,) whether phi_2 ran into the end of its range, a step, whose interval means
     #: nothing.
-    at_bound: NDArray[np.bool_]
+    at_bound: Mask
 
 
 def exact_rows(motion: Motion, torque: Array) -> RowsOf:

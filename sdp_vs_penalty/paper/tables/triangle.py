@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpPlain
@@ -21,6 +20,7 @@ from sdp_vs_penalty.paper.penalised_optimum import PenalisedOptimum, PenalisedPr
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import Row, StudyTable, notes, register_table
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Indices
 from sdp_vs_penalty.robot.constraint import Constraint, linear
 from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
 
@@ -47,7 +47,7 @@ class WithoutTriangle(LmiSdpPlain):
         return replace(problem, constraints=others.plus(weaker))
 
 
-def positive_inertia(name: str, link: NDArray[np.intp]) -> Constraint:
+def positive_inertia(name: str, link: Indices) -> Constraint:
     """Return the constraint [[J, S(h)^T], [S(h), m 1]] >= 0 of a link.
 
     link : (10,) indices of its standard parameters.

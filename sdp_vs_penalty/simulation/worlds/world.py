@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot._pinocchio import pin
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.robot.arrays import Array, Mask
 
 
 @dataclass(frozen=True)
@@ -25,7 +23,7 @@ class Arm:
     #: Pinocchio's model.
     model: Any
     #: (n,) whether each joint turns.
-    rotary: NDArray[np.bool_]
+    rotary: Mask
     #: The model's joint that bears the last link.
     last: int
     #: (L, n) motion of the model's joints per motion of those that move by themselves.
