@@ -107,6 +107,7 @@ class Geodesic(Estimator):
         others = np.setdiff1d(np.arange(len(task.bound)), task.links)
         pull = np.sqrt(0.5 * self.entropy * sample_variance(task))
         n = len(task.links)
+        weights = pull * np.tile(_SIZES, n)
 
         def point(x: Array) -> tuple[Array, Array]:
             """Return theta (p,) and its derivatives (p, 10 n + k) by x."""
@@ -120,12 +121,12 @@ class Geodesic(Estimator):
             return theta, slope
 
         def residual(x: Array) -> Array:
-            pulled = pull * _sizes_of_links(n) * x[: 10 * n]
+            pulled = weights * x[: 10 * n]
             return np.concatenate([data.R @ point(x)[0] - data.rho, pulled])
 
         def jacobian(x: Array) -> Array:
             below = np.zeros((10 * n, len(x)))
-            np.fill_diagonal(below, pull * _sizes_of_links(n))
+            np.fill_diagonal(below, weights)
             return np.vstack([data.R @ point(x)[1], below])
 
         start = np.append(np.zeros(10 * n), task.nominal[others])
@@ -148,11 +149,6 @@ _SIZES = np.where(_ROWS == _COLUMNS, 1.0, np.sqrt(2.0))
 _UNITS = np.zeros((10, 4, 4))
 _UNITS[np.arange(10), _ROWS, _COLUMNS] = 1.0
 _UNITS[np.arange(10), _COLUMNS, _ROWS] = 1.0
-
-
-def _sizes_of_links(n: int) -> Array:
-    """Return the sizes (10 n,) of the entries of n symmetric matrices."""
-    return np.tile(_SIZES, n)
 
 
 def _link(root: Array, s: Array) -> tuple[Array, Array]:

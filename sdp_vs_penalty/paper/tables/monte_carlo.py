@@ -35,7 +35,7 @@ from sdp_vs_penalty.paper.classical import Geodesic, Ridge, TotalLeastSquares
 from sdp_vs_penalty.paper.closed_loop import STEP, Loop, simulated_rows
 from sdp_vs_penalty.paper.memo import remembered, source_version, timed
 from sdp_vs_penalty.paper.tables.folds import interval_of
-from sdp_vs_penalty.paper.tables.study import Study
+from sdp_vs_penalty.paper.tables.study import Study, refitted
 from sdp_vs_penalty.paper.tables.table import Row, StudyTable, notes, register_table
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.regression.evidence import relative_error
@@ -433,16 +433,12 @@ def _prior_alone(study: Study, setting: Setting) -> Row:
     unseen motion: what the default's prior would predict without data."""
     truth = truth_of(study.problem.name, setting)
     unseen = truth.unseen.least_squares()
-    rigid = truth.model.rigid_indices
-    others = np.setdiff1d(np.arange(unseen.R.shape[1]), rigid)
-    theta = np.zeros(unseen.R.shape[1])
-    theta[rigid] = study.problem.nominal_links.ravel()
-    left = unseen.rho - unseen.R @ theta
-    theta[others] = np.linalg.lstsq(unseen.R[:, others], left, rcond=None)[0]
+    prior = np.full(unseen.R.shape[1], np.nan)
+    prior[truth.model.rigid_indices] = study.problem.nominal_links.ravel()
     return {
         "setting": setting.name,
         "method": PRIOR,
-        "error_percent": _error(unseen, theta),
+        "error_percent": _error(unseen, refitted(unseen, prior)),
         "data": "simulated",
     }
 

@@ -53,23 +53,12 @@ class SearchPlan:
     #: When a local search without annealing ends.
     stopping: Stopping = AS_PUBLISHED
 
-    def budget(self, n_parameters: int) -> int:
-        """Return the evaluations at a weight of a search over so many parameters."""
-        if self.evaluations is None:
-            return EVALUATIONS_A_PARAMETER * n_parameters
-        return self.evaluations
-
-    @property
-    def name(self) -> str:
-        """The search as tables call it."""
-        return "annealing" if self.annealing else "local search"
-
 
 @dataclass(frozen=True)
 class SearchedPoint:
     """Where a run stands after a weight."""
 
-    #: Name of the search plan.
+    #: "annealing" or "local search".
     search: str
     #: Number of the run, from 1.
     run: int
@@ -111,38 +100,24 @@ def search_runs(
     for number in range(plan.runs):
         u = start_of_run(seed, number, len(loss.free))
         for step, weight in enumerate(weights):
-            u, n_evaluations = _search(loss, weight, u, plan, (seed, number, step))
+            budget = plan.evaluations or EVALUATIONS_A_PARAMETER * len(u)
+            if plan.annealing:
+                rng = random_numbers_of_step(seed, number, step)
+                u, spent = anneal_once(loss, weight, u, budget, rng)
+            else:
+                u, spent = search_locally_once(loss, weight, u, budget, plan.stopping)
             points.append(
                 SearchedPoint(
-                    search=plan.name,
+                    search="annealing" if plan.annealing else "local search",
                     run=number + 1,
                     xi=weight,
-                    evaluations=n_evaluations,
+                    evaluations=spent,
                     objective=loss.value(u, weight),
                     loss=loss.value(u, 0.0),
                     worst_violation=max(loss.violations(loss.p(u)).values()),
                 )
             )
     return points
-
-
-def _search(
-    loss: PenalisedLoss,
-    weight: float,
-    u: Array,
-    plan: SearchPlan,
-    seeds: tuple[int, int, int],
-) -> tuple[Array, int]:
-    """Search at one weight from u; return the best point and the number of evaluations.
-
-    seeds : seed, number of the run and of the step.
-    """
-    budget = plan.budget(len(u))
-    if not plan.annealing:
-        return search_locally_once(loss, weight, u, budget, plan.stopping)
-    seed, number, step = seeds
-    rng = random_numbers_of_step(seed, number, step)
-    return anneal_once(loss, weight, u, budget, rng)
 
 
 #: The paper's weights, smaller ones, and larger ones until every penalty is exact.
@@ -382,12 +357,6 @@ class Retrieval:
         """Return pi(theta) - target (k,) of the kept coefficients."""
         return self.distance.R @ theta - self.distance.rho
 
-    def rms_torque(self, theta: Array) -> float:
-        """Return the torque that the coefficients' errors make along the run, RMS over
-        samples and joints [N m]."""
-        made = self.torque @ self.residual(theta)
-        return float(np.linalg.norm(made) / np.sqrt(self.n_samples))
-
 
 @register_table("p_hat", "panda")
 def retrieved(study: Study) -> StudyTable:
@@ -477,12 +446,14 @@ def _row_of_links(found: Retrieval, name: str, theta: Array, task: Task) -> Row:
     demands of a task."""
     residual = found.residual(theta)
     phi = float(residual @ residual)
+    # Torque that the coefficients' errors make, RMS over samples and joints [N m].
+    torque = np.linalg.norm(found.torque @ residual) / np.sqrt(found.n_samples)
     return {
         "links": name,
         "phi": phi,
         "above_optimum_percent": 100.0 * (phi / found.best.value - 1.0),
         "rms_coefficient": float(np.sqrt(np.mean(residual**2))),
-        "rms_torque": found.rms_torque(theta),
+        "rms_torque": float(torque),
         "worst_violation": worst_violations(task, theta)[0],
         "lower_bound": None,
         "gap": None,

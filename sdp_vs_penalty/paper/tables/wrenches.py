@@ -13,8 +13,8 @@ every torque can bear impossible loads. They come from the relaxed retrieval: to
 and no physics.
 """
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 
 import numpy as np
@@ -56,7 +56,7 @@ def wrench_regressor(
     (N, n, 6, 10 n) array
         w_j = Y[:, j] theta: force [N], then moment [N m].
     """
-    q, dq, ddq = map(_states, (q, dq, ddq))
+    q, dq, ddq = robot.tree_state(q, dq, ddq)
     n = robot.n
     model = robot._model
     data = model.createData()
@@ -75,11 +75,6 @@ def wrench_regressor(
                 to_joint = data.liMi[joint + 1].toDualActionMatrix() @ to_joint
                 joint = robot.joints[joint].parent
     return regressor.reshape(len(q), n, 6, 10 * n)
-
-
-def _states(values: ArrayLike) -> Array:
-    """Return states as an (N, n) array, also if there is a single one."""
-    return np.ascontiguousarray(np.atleast_2d(values), float)
 
 
 @dataclass(frozen=True)
@@ -262,21 +257,16 @@ def wrench_study(study: Study) -> WrenchStudy:
     n_retrievals = study.effort.retrievals
     content = (program_version(), *task_content(task), x.links, Y, n_retrievals)
     held = remembered("wrenches", content, partial(_computed, study, Y))
-    intervals = WrenchIntervals(*(np.array(held[name]) for name in _ENDS))
-    named = dict(zip(estimates, _wrenches(Y, estimates.values()), strict=True))
+    ends = (np.array(held[end.name]) for end in fields(WrenchIntervals))
     return WrenchStudy(
         t=t,
         true=Y @ x.links.ravel(),
-        feasible=named,
+        feasible={name: Y @ links.ravel() for name, links in estimates.items()},
         penalty_runs=[*map(np.array, held["penalty_runs"])],
         boxed=[*map(np.array, held["boxed"])],
         unbounded=[*map(np.array, held["unbounded"])],
-        intervals=intervals,
+        intervals=WrenchIntervals(*ends),
     )
-
-
-#: The fields of :class:`WrenchIntervals`.
-_ENDS = ("lower", "upper", "lower_bound", "upper_bound")
 
 
 def _computed(study: Study, Y: Array) -> dict[str, Array]:
@@ -300,15 +290,10 @@ def _computed(study: Study, Y: Array) -> dict[str, Array]:
         "unbounded": unfeasible_retrievals(problem, pi, count, boxed=False),
         "penalty_runs": penalty_links(study),
     }
-    wrenches = {
-        name: np.array(_wrenches(Y, retrieved)) for name, retrieved in searches.items()
+    return asdict(intervals) | {
+        name: np.array([Y @ links.ravel() for links in retrieved])
+        for name, retrieved in searches.items()
     }
-    return {**{name: getattr(intervals, name) for name in _ENDS}, **wrenches}
-
-
-def _wrenches(regressor: Array, retrievals: Iterable[Array]) -> list[Array]:
-    """Return the wrenches (M, n, 6) that each set of links (n, 10) bears."""
-    return [regressor @ links.ravel() for links in retrievals]
 
 
 def penalty_links(study: Study) -> list[Array]:
