@@ -10,6 +10,7 @@ import pytest
 from arms import ELBOW, SHOULDER, TURN, write_urdf
 from commands import run_cli
 from corruptions.bench import contradicts
+from judged import report_of_run
 from small_runs import small_run
 
 from sdp_vs_penalty import (
@@ -186,7 +187,7 @@ def test_torques_tell_per_cent_of_the_ranges_from_degrees(simulated):
     middles = np.array([0.5 * (x.upper + x.lower) for x in joints])
     radians_per_cent = np.array([x.upper - x.lower for x in joints]) / 200.0
     logged = replace(run, q=(run.q - middles) / radians_per_cent, dq=None)
-    (report,) = check(problem, logged, thorough=False)
+    report = report_of_run(problem, logged)
     (issue,) = [f for f in report.issues if f.kind == "positions in per cent"]
     assert (issue.severity, issue.certainty.grade) == ("error", "likely")
     assert not issue.can_fix
@@ -211,7 +212,7 @@ def test_torques_tell_the_unit_of_positions(word, scale, middle, three_joints):
     would be possible as radians."""
     problem, run = three_joints
     logged = replace(run, q=(run.q - middle) / scale, dq=None)
-    (report,) = check(problem, logged, thorough=False)
+    report = report_of_run(problem, logged)
     (issue,) = [f for f in report.issues if f.severity == "error"]
     assert issue.kind == f"positions in {word}"
     if "interval" in issue.figures:  # of counts that are no power of two
@@ -250,7 +251,7 @@ def test_where_torques_do_not_tell_degrees_from_per_cent_both_are_named(
 ):
     problem, run = three_joints
     logged = replace(run, q=run.q / (0.025 if per_cent else np.radians(1.0)), dq=None)
-    (report,) = check(problem, logged, thorough=False)
+    report = report_of_run(problem, logged)
     (issue,) = [f for f in report.issues if f.kind.startswith("positions in")]
     said = f"{issue.what} {issue.certainty} {issue.remedy}"
     assert issue.severity == "error"
@@ -290,7 +291,7 @@ def test_what_is_certain_is_fixed_whatever_tells_it(spoil, kind, three_joints):
     problem, run = three_joints
     # The first axis is upright; its angle is beyond 100 degrees, which are no per cent.
     run = replace(run, q=run.q + np.array([2.3 - run.q[:, 0].max(), 0.0, 0.0]))
-    (report,) = check(problem, spoil(run), thorough=False)
+    report = report_of_run(problem, spoil(run))
     (issue,) = report.errors_and_warnings
     assert (issue.kind, issue.can_fix) == (kind, True)
     (fixed,) = fix_runs(problem, [spoil(run)], [report]).runs
@@ -303,7 +304,7 @@ def test_a_sign_beside_degrees_hides_neither(three_joints):
     """Neither alone explains much: the race begins again from what the range demands."""
     problem, run = three_joints
     turned = replace(run, q=run.q * np.array([1.0, -1.0, 1.0]))
-    (report,) = check(problem, _degrees(turned, [0]), thorough=False)
+    report = report_of_run(problem, _degrees(turned, [0]))
     issues = report.errors_and_warnings
     assert [issue.kind for issue in issues] == ["position unit", "position sign"]
     assert [issue.figures["joints"] for issue in issues] == [[1], [2]]
@@ -326,7 +327,7 @@ def test_a_motor_on_the_base_is_named_and_mended(turn, three_joints):
     of_links = (run.tau - rubs(joints)) @ np.linalg.inv(motors)
     angles = [x @ motors.T for x in joints]
     logged = replace(run, q=angles[0], tau=of_links + rubs(angles), dq=None)
-    (report,) = check(problem, logged, thorough=False)
+    report = report_of_run(problem, logged)
     (issue,) = report.errors_and_warnings
     assert (issue.kind, issue.certainty.grade) == ("motor on the base", "likely")
     assert issue.apply == "motor:joint3"
@@ -484,8 +485,8 @@ def test_the_verb(tmp_path, two_link, capsys, run):
 
 def test_the_verdict_says_what_is_corrected_before_the_share_is_taken(two_link, run):
     """A sign that is turned leaves much as logged, and little when it is turned back."""
-    (good,) = check(two_link, run, thorough=False)
-    (bad,) = check(two_link, FLIPPED(run), thorough=False)
+    good = report_of_run(two_link, run)
+    bad = report_of_run(two_link, FLIPPED(run))
     assert "corrected" not in good.verdict
     assert ": 1 problem; with torque sign corrected, the arm's dynamics leave" in (
         bad.verdict
@@ -495,7 +496,7 @@ def test_the_verdict_says_what_is_corrected_before_the_share_is_taken(two_link, 
 
 
 def test_the_verdict_names_facts_that_are_corrected(two_link, run):
-    (report,) = check(two_link, spiked(run), thorough=False)
+    report = report_of_run(two_link, spiked(run))
     assert "; with spikes corrected, the arm's" in report.verdict
 
 
@@ -707,7 +708,7 @@ def test_a_wrong_problem_is_named_rather_than_the_data(name, simulated):
         if field == "gravity"
         else replace(wrong, total_mass=value)
     )
-    report = check(wrong, run, thorough=False)[0]
+    report = report_of_run(wrong, run)
     (finding,) = report.errors_and_warnings
     assert finding.kind == kind
     assert words in finding.what
@@ -732,5 +733,5 @@ def test_a_slow_log_keeps_its_seconds(simulated):
     problem, run = simulated
     slow = replace(run, t=run.t[0] + 50.0 * (run.t - run.t[0]))
     for changed in (sparse(run), slow):
-        kinds = {f.kind for f in check(problem, changed, thorough=False)[0].issues}
+        kinds = {f.kind for f in report_of_run(problem, changed).issues}
         assert "time unit" not in kinds

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from judged import report_of_run
 from small_runs import small_run
 
 from sdp_vs_penalty import InputError, Measurements, check, load_problem
@@ -229,10 +230,14 @@ def flipped(run):
     return replace(run, tau=run.tau * np.array([1.0, -1.0]))
 
 
+def fixed(log, *words):
+    """What `--fix` makes of a log, with repairs that are named."""
+    return fix_runs(PROBLEM, [log], check(PROBLEM, log, thorough=False), words)
+
+
 def test_a_named_explanation_is_applied_where_it_lowers_the_error():
     log = flipped(RUN)
-    reports = check(PROBLEM, log, thorough=False)
-    repaired = fix_runs(PROBLEM, [log], reports, ["sign:tau2"])
+    repaired = fixed(log, "sign:tau2")
     np.testing.assert_array_equal(repaired.runs[0].tau, RUN.tau)
     assert repaired.left_out.before is not None
     assert repaired.left_out.after is not None
@@ -240,7 +245,7 @@ def test_a_named_explanation_is_applied_where_it_lowers_the_error():
 
 
 def test_a_repair_that_raises_the_error_is_not_written():
-    (report,) = check(PROBLEM, RUN, thorough=False)
+    report = report_of_run(PROBLEM, RUN)
     wrong = Issue(
         kind="torque sign",
         nature="explanation",
@@ -258,7 +263,7 @@ def test_a_repair_that_raises_the_error_is_not_written():
 
 def test_a_log_that_is_refused_is_repaired_although_its_error_stays():
     """Refused as it is, and refused a repair, it would have no way out."""
-    (report,) = check(PROBLEM, RUN, thorough=False)
+    report = report_of_run(PROBLEM, RUN)
     clock = Issue(
         kind="time unit",
         severity="error",
@@ -287,7 +292,7 @@ def test_a_repair_after_which_the_check_finds_the_same_is_refused(monkeypatch):
     tau = RUN.tau.copy()
     tau[300, 1] += 1e3
     log = replace(RUN, tau=tau)
-    (report,) = check(PROBLEM, log, thorough=False)
+    report = report_of_run(PROBLEM, log)
     unchanged = replace(report, repaired_certain=log)
     with pytest.raises(InputError, match=r"spikes .* could not be mended"):
         fix_runs(PROBLEM, [log], [unchanged])
@@ -298,8 +303,8 @@ def test_a_fault_that_hides_smaller_ones_is_repaired_with_them():
     for row, size in ((300, 1e9), (500, 1e5), (700, 1e3)):
         tau[row, 1] += size
     log = replace(RUN, tau=tau)
-    repaired = fix_runs(PROBLEM, [log], check(PROBLEM, log, thorough=False))
-    (again,) = check(PROBLEM, repaired.runs[0], thorough=False)
+    repaired = fixed(log)
+    again = report_of_run(PROBLEM, repaired.runs[0])
     assert "spikes" not in [f.kind for f in again.errors_and_warnings]
 
 
@@ -309,7 +314,7 @@ def test_a_short_freeze_is_repaired():
     is_frozen = (RUN.t > 4.0) & (RUN.t < 4.7)
     tau[is_frozen, 1] = tau[np.argmax(is_frozen), 1]
     log = replace(RUN, tau=tau)
-    repaired = fix_runs(PROBLEM, [log], check(PROBLEM, log, thorough=False))
+    repaired = fixed(log)
     assert [f.kind for f in repaired.issues[0]] == ["frozen torque"]
     assert len(repaired.runs[0].t) == pytest.approx(len(RUN.t) - is_frozen.sum(), abs=2)
 
@@ -320,14 +325,12 @@ def test_a_repair_drops_no_more_than_a_tenth():
     q[some], tau[some] = q[300], tau[300]
     log = replace(RUN, q=q, tau=tau, dq=None)
     with pytest.raises(InputError, match="drop"):
-        fix_runs(PROBLEM, [log], check(PROBLEM, log, thorough=False))
+        fixed(log)
 
 
 def test_a_word_that_no_report_has_is_refused_with_those_it_has():
-    log = flipped(RUN)
-    reports = check(PROBLEM, log, thorough=False)
     with pytest.raises(InputError, match="sign:tau2"):
-        fix_runs(PROBLEM, [log], reports, ["gain:tau1"])
+        fixed(flipped(RUN), "gain:tau1")
 
 
 def test_a_sign_of_the_logger_is_said_of_all_runs():
@@ -345,7 +348,7 @@ def test_the_weight_alone_is_a_model_and_no_torque():
     links = PROBLEM.nominal_links.ravel()
     zero = np.zeros_like(RUN.q)
     log = replace(RUN, tau=robot.inverse_dynamics(links, RUN.q, zero, zero), dq=None)
-    (report,) = check(PROBLEM, log, thorough=False)
+    report = report_of_run(PROBLEM, log)
     assert "gravity model" in [f.kind for f in report.errors_and_warnings]
 
 
@@ -354,7 +357,7 @@ def test_an_instant_over_the_effort_limit_is_no_other_unit():
     run = small_run(panda, seconds=8.0)
     tau = run.tau.copy()
     tau[500:502, 6] += 5.0 * panda.robot.joints[6].effort  # where a move begins
-    (report,) = check(panda, replace(run, tau=tau, dq=None), thorough=False)
+    report = report_of_run(panda, replace(run, tau=tau, dq=None))
     assert "torque unit" not in [f.kind for f in report.issues]
 
 
@@ -365,7 +368,7 @@ def test_a_motion_that_needs_more_than_a_limit_is_no_other_unit():
     joints = list(panda.robot.joints)
     joints[1] = replace(joints[1], effort=np.abs(run.tau[:, 1]).max() / 20.0)
     limited = replace(panda, robot=replace(panda.robot, joints=tuple(joints)))
-    (report,) = check(limited, replace(run, dq=None), thorough=False)
+    report = report_of_run(limited, replace(run, dq=None))
     assert "torque unit" not in [f.kind for f in report.issues]
 
 
@@ -374,7 +377,7 @@ def test_torques_in_whole_numbers_are_counts(largest):
     """Permil of the rated torque, or counts of an encoder of current."""
     scale = largest / np.abs(RUN.tau).max(axis=0)
     log = replace(RUN, tau=np.round(RUN.tau * scale), dq=None)
-    (report,) = check(PROBLEM, log, thorough=False)
+    report = report_of_run(PROBLEM, log)
     (issue,) = [f for f in report.errors_and_warnings if f.kind == "torque in counts"]
     assert ("permil" in issue.what) == (largest <= 4000.0)
     assert "torque unit" not in [f.kind for f in report.issues]
@@ -386,7 +389,7 @@ def test_what_a_subtracted_model_leaves_is_external_torque():
     error = np.cumsum(rng.normal(size=RUN.tau.shape), axis=0)
     error = 0.01 * error / np.abs(error).max(axis=0)
     log = replace(RUN, tau=error, dq=None)
-    (report,) = check(PROBLEM, log, thorough=False)
+    report = report_of_run(PROBLEM, log)
     assert "external torque" in [f.kind for f in report.errors_and_warnings]
 
 
@@ -403,7 +406,7 @@ def test_what_is_left_of_a_model_that_fits_nearly_is_external_torque(gravity, sh
     drift = np.cumsum(np.random.default_rng(3).normal(size=left.shape), axis=0)
     error = 0.4 * left.std() * drift / drift.std(axis=0)
     log = replace(run, tau=left + error - 0.005 * np.sign(run.dq), dq=None)
-    (report,) = check(problem, log, thorough=False)
+    report = report_of_run(problem, log)
     explanations = [f.kind for f in report.issues if f.nature == "explanation"]
     assert explanations == ["external torque"]
 
@@ -415,7 +418,7 @@ def test_positions_out_of_reach_end_the_judging_of_torques():
     q = RUN.q.copy()
     q[:, 1] += 40.0
     log = replace(RUN, q=q, dq=None)
-    (report,) = check(replace(PROBLEM, robot=robot), log, thorough=False)
+    report = report_of_run(replace(PROBLEM, robot=robot), log)
     assert "position range" in [f.kind for f in report.issues]
     assert {f.nature for f in report.issues} == {"fact"}
 
@@ -470,7 +473,7 @@ def test_an_order_that_makes_positions_possible_is_said_beside_their_range():
     ddq = np.gradient(RUN.dq, RUN.t, axis=0)
     tau = model.torque(theta, Motion(RUN.t, q, RUN.dq, ddq))
     log = Measurements(RUN.t, q[:, ::-1].copy(), tau)
-    (report,) = check(problem, log, thorough=False)
+    report = report_of_run(problem, log)
     kinds_said = [f.kind for f in report.issues]
     assert kinds_said[:2] == ["position range", "position order"]
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from commands import run_cli
+from judged import report_of_run
 from page_sessions import Here, opened
 from small_runs import small_run
 
@@ -33,12 +34,12 @@ def flipped(long_run):
 @pytest.fixture(scope="module")
 def flipped_report(two_link, flipped):
     """What the check says of both wrong signs."""
-    (report,) = check(two_link, flipped, thorough=False)
+    report = report_of_run(two_link, flipped)
     return report
 
 
 def test_a_long_run_has_one_report(two_link, long_run):
-    (report,) = check(two_link, long_run, thorough=False)
+    report = report_of_run(two_link, long_run)
     assert report.run == "long"
     assert report.errors_and_warnings == ()
     assert report.repaired_all.samples == long_run.samples
@@ -66,7 +67,7 @@ def test_a_long_run_offers_no_repair(flipped_report):
 def test_unusable_rows_of_a_long_run_are_one_error(two_link, long_run):
     q = long_run.q.copy()
     q[LONG + 100, 0] = float("nan")
-    (report,) = check(two_link, replace(long_run, q=q), thorough=False)
+    report = report_of_run(two_link, replace(long_run, q=q))
     assert [i.severity for i in report.issues] == ["error"]
     assert report.is_long
 

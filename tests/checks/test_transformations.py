@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from judged import report_of_run
 from small_runs import hostile_log, small_run
 
 from sdp_vs_penalty import (
@@ -42,10 +43,10 @@ def test_two_mistakes_are_never_told_against_each_other(seed):
     rng = np.random.default_rng(seed)
     tau = RUN.tau * np.array([1.0, rng.choice([-1.0, 2.5])])
     q = RUN.q + np.array([0.0, rng.choice([0.5 * np.pi, -0.4])])
-    (report,) = check(PROBLEM, replace(RUN, q=q, tau=tau), thorough=False)
+    report = report_of_run(PROBLEM, replace(RUN, q=q, tau=tau))
     told = [(f.kind, f.where) for f in report.errors_and_warnings]
     assert len(told) == len(set(told))
-    (again,) = check(PROBLEM, report.repaired_all, thorough=False)
+    again = report_of_run(PROBLEM, report.repaired_all)
     assert not [f for f in again.errors_and_warnings if f.severity == "error"]
 
 
@@ -93,7 +94,7 @@ def test_two_joints_some_quarter_turns_off_are_both_named(second, fourth, panda)
     """Also where neither joint's own torque shows it."""
     run = replace(small_run(panda, seconds=8.0), dq=None)
     turned = np.pi * np.array([0.0, second, 0.0, fourth, 0.0, 0.0, 0.0])
-    (report,) = check(panda, replace(run, q=run.q + turned), thorough=False)
+    report = report_of_run(panda, replace(run, q=run.q + turned))
     told = {
         f.where: f.figures["shifts"]
         for f in report.errors_and_warnings
@@ -115,9 +116,7 @@ def test_a_quarter_turn_in_a_noisy_log_is_exactly_one(level):
     run = replace(small_run(problem, seconds=8.0), dq=None)
     noise = level * run.tau.std(axis=0) * rng.normal(size=run.tau.shape)
     turned = run.q - 0.5 * np.pi * np.eye(problem.robot.n)[3]
-    (report,) = check(
-        problem, replace(run, q=turned, tau=run.tau + noise), thorough=False
-    )
+    report = report_of_run(problem, replace(run, q=turned, tau=run.tau + noise))
     (told,) = (f for f in report.errors_and_warnings if f.kind == "encoder offset")
     assert (told.where, told.figures["shifts"]) == ("joint 4", [0.5 * np.pi])
     assert "-90 degrees away" in told.what
@@ -133,9 +132,7 @@ def test_friction_that_is_larger_than_all_inertia_is_no_other_unit(tmp_path):
         tmp_path / "upright.urdf", "upright", (light, replace(light, origin="0.3 0 0"))
     )
     problem = load_problem(urdf)
-    (report,) = check(
-        problem, replace(small_run(problem, seconds=8.0), dq=None), thorough=False
-    )
+    report = report_of_run(problem, replace(small_run(problem, seconds=8.0), dq=None))
     assert not report.errors_and_warnings
 
 
@@ -146,7 +143,7 @@ def test_upright_axes_say_nothing_about_which_way_is_down(tmp_path):
     )
     urdf = write_urdf(tmp_path / "upright.urdf", "upright", (TURN, tilted))
     problem = load_problem(urdf)
-    (report,) = check(problem, small_run(problem, seconds=8.0), thorough=False)
+    report = report_of_run(problem, small_run(problem, seconds=8.0))
     assert "time reversed" not in [issue.kind for issue in report.issues]
 
 
@@ -177,8 +174,8 @@ def test_a_strong_law_that_the_model_lacks_is_no_fault_of_the_log(
     dq = np.gradient(q, run.t)
     more = np.zeros_like(run.tau)
     more[:, joint - 1] = size * STRONG[law](q, dq)
-    clean = check(panda, run, thorough=False)[0]
-    spoiled = check(panda, replace(run, tau=run.tau + more), thorough=False)[0]
+    clean = report_of_run(panda, run)
+    spoiled = report_of_run(panda, replace(run, tau=run.tau + more))
     assert [f.kind for f in spoiled.errors_and_warnings] == [
         f.kind for f in clean.errors_and_warnings
     ]
@@ -242,7 +239,7 @@ def test_beside_joints_that_stick_what_was_done_is_named_and_nothing_else(
         run.tau * [1.0, gain, 1.0]
         + np.array([0.0, 0.0, drift]) * (run.t / run.t[-1])[:, None]
     )
-    (report,) = check(problem, replace(run, tau=tau), thorough=False)
+    report = report_of_run(problem, replace(run, tau=tau))
     told = {(f.kind, f.where): f.figures for f in report.errors_and_warnings}
     expected = [("torque gain", "joint 2")] * (gain != 1.0) + [
         ("torque drift", "joint 3")
