@@ -220,18 +220,20 @@ class ArmScene:
         """Draw a tube of radius ``thin`` [m] from a joint to the next one at ``end``
         [m].
         """
-        middle = [0.5 * x for x in end]
-        tube = self.scene.quadratic_bezier_tube([0.0] * 3, middle, end, 1, thin)
-        tube.material(_BONES)
+        self._draw_tube(np.zeros(3), np.array(end), thin, _BONES)
 
     def _draw_axis(self, axis: list[float], thin: float) -> None:
         """Draw a joint's axis as a thin stick, from -4 to 6 joint radii ``thin``
         [m].
         """
-        start, end = (np.outer([-4.0, 6.0], axis) * thin).tolist()
-        middle = [0.5 * (a + b) for a, b in zip(start, end, strict=True)]
-        stick = self.scene.quadratic_bezier_tube(start, middle, end, 1, 0.2 * thin)
-        stick.material(_AXES)
+        start, end = np.outer([-4.0, 6.0], axis) * thin
+        self._draw_tube(start, end, 0.2 * thin, _AXES)
+
+    def _draw_tube(self, start: Array, end: Array, thin: float, colour: str) -> None:
+        """Draw a straight tube of radius ``thin`` [m] between two points (3,) [m]."""
+        begin, middle, stop = np.array([start, 0.5 * (start + end), end]).tolist()
+        tube = self.scene.quadratic_bezier_tube(begin, middle, stop, 1, thin)
+        tube.material(colour)
 
     def _draw_link(self, body: Mapping[str, Any], look: _Look) -> None:
         """Draw a link as the ellipsoid of uniform density with the same mass and
@@ -301,11 +303,5 @@ def camera_place(poses: Array, about: Mapping[str, Any]) -> dict[str, float]:
     radius = distances.max() + 0.1 * reach(about)  # room for the links' thickness
     distance = radius / np.sin(0.5 * np.deg2rad(_ANGLE))  # _ANGLE: height of the view
     eye = centre + distance * _VIEW / np.linalg.norm(_VIEW)
-    return {
-        "x": float(eye[0]),
-        "y": float(eye[1]),
-        "z": float(eye[2]),
-        "look_at_x": float(centre[0]),
-        "look_at_y": float(centre[1]),
-        "look_at_z": float(centre[2]),
-    }
+    names = [f"{of}{axis}" for of in ("", "look_at_") for axis in "xyz"]
+    return dict(zip(names, [*eye.tolist(), *centre.tolist()], strict=True))

@@ -10,7 +10,6 @@ from sdp_vs_penalty.colours import PALETTE
 from sdp_vs_penalty.diagnosis.comparison import Signals
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.findings import Finding, Retune
-from sdp_vs_penalty.diagnosis.where_it_fails import Failures
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.session import Session
@@ -208,7 +207,7 @@ def finding_chart(session: Session, found: Finding | Retune) -> dict[str, Any] |
         reads.append({**reads[0], "modelled": read["after"]})
     finding = found if isinstance(found, Finding) else None
     joint = found.joints[0] if finding is None else finding.main_joint
-    failures = Failures.from_dict({"units": (), "joints": step.failures})
+    failures = step.where_it_fails
     cause = shown_cause(finding, failures, joint)
     waves = shown_waves(failures[joint - 1], finding)
     return cause_chart(session, step, reads, joint - 1, cause, waves, 270)

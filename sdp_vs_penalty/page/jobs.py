@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -158,10 +158,6 @@ class JobRequest(dict[str, Any]):
     def model(self) -> Estimate:
         """The session's current model, loaded from its model.json."""
         return load_estimate(self["model"])
-
-    def progress_of(self, name: str, text: str) -> None:
-        """Report the progress of one of several named tasks."""
-        self.progress(f"{name}: {text}")
 
     def number(self, name: str, default: float) -> float:
         """Return a numeric option by its name, or the default where its field is empty.
@@ -897,8 +893,8 @@ def methods(job: JobRequest) -> Answer:
     reasons = dict[str, str]()
     for name in job["methods"]:
         effects = current.model.effects
-        progress = partial(job.progress_of, name)
-        options = PoseOptions(effects=effects, progress=progress)
+        options = PoseOptions(effects=effects, progress=job.progress)
+        job.progress(f"by {name}")
         try:
             estimates_made = estimate_parameters(
                 current.problem, filtered, name, options
@@ -926,7 +922,8 @@ def take(job: JobRequest) -> Answer:
     out = job.folder / name
     job.progress(f"writing {name}")
     if name.startswith("run-"):
-        _write_run(job, out, number=int(name[4:-4]))
+        run = job["runs"][int(name[4:-4]) - 1]
+        save(load_measurements(job.folder / run["file"]), out)
     elif name == "findings.json":
         write_text(out, json.dumps(job["findings"], indent=1, allow_nan=False) + "\n")
     elif name == "model.json":
@@ -936,12 +933,6 @@ def take(job: JobRequest) -> Answer:
     else:
         return {"notice": _write_export(job, out)}
     return {"notice": []}
-
-
-def _write_run(job: JobRequest, out: Path, number: int) -> None:
-    """Write the run with this number on the page (from 1) as a log."""
-    run = job["runs"][number - 1]
-    save(load_measurements(job.folder / run["file"]), out)
 
 
 def _write_report(job: JobRequest, out: Path) -> None:

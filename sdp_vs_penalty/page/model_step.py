@@ -11,6 +11,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.where_it_fails import Failures
 from sdp_vs_penalty.page.spoken import shown_name
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.render.tables import facts_from_json
@@ -75,6 +76,11 @@ class ModelStep(JsonRecord):
     def facts(self) -> dict[str, Fact]:
         """The facts of the comparison with the judging runs."""
         return facts_from_json(self.comparison)
+
+    @property
+    def where_it_fails(self) -> Failures:
+        """Where and why the model fails, joint by joint."""
+        return Failures.from_dict({"units": (), "joints": self.failures})
 
     @property
     def changed_runs(self) -> dict[str, int]:

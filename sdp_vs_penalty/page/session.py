@@ -22,7 +22,7 @@ from sdp_vs_penalty.data.formats import suffixes
 from sdp_vs_penalty.data.parsing import numbers
 from sdp_vs_penalty.diagnosis.causes import TIME, VELOCITY
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, is_law_of
-from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES, Failures
+from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES
 from sdp_vs_penalty.effects import (
     DEFAULT_EFFECTS,
     effect_in_words,
@@ -350,9 +350,8 @@ class Session:
         finding, or else the one that the error depends on most; TIME without any."""
         if not self.current.failures:
             return VELOCITY
-        joints = {"units": (), "joints": self.current.failures}
         finding = shown_finding(self.findings_of_current, joint)
-        cause = shown_cause(finding, Failures.from_dict(joints), joint)
+        cause = shown_cause(finding, self.current.where_it_fails, joint)
         return cause if cause in CAUSES else TIME
 
     def answer(self, job: str) -> dict[str, Any] | None:
@@ -633,8 +632,6 @@ class Session:
                 robot["source"] = here(robot["source"])
             for mapping in kept["mappings"]:
                 mapping["path"] = here(mapping["path"])
-                mapping.setdefault("run", "")  # of an older version
-                mapping.setdefault("torques", {})
             return {**kept, "history": [steps[k] for k in kept["history"]]}
 
         for name in {*CHOSEN} & content.keys():  # an older version has fewer

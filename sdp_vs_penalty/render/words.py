@@ -47,7 +47,6 @@ from sdp_vs_penalty.diagnosis.where_it_fails import (
     sentences,
 )
 from sdp_vs_penalty.effects import effect_name, effects_in_words
-from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -504,17 +503,6 @@ def describe_worst(compared: Comparison, cause: str, is_past: bool = False) -> s
         size = f"Joint {joint} {errs} by {error}"
     when = _WHEN.get(cause)
     return f"{size}, {when}." if when else f"{size}."
-
-
-def effect_on_joints(effect: Effect) -> str:
-    """Write an effect in words, such as "joint spring on joint 4".
-
-    The joints are named only if the person named them.
-    """
-    name = effect_name(effect.name)
-    if effect.asked_joints is None:
-        return name
-    return f"{name} on {formatting.place([j + 1 for j in effect.asked_joints])}"
 
 
 def describe_addition(before: Comparison, after: Comparison) -> str:

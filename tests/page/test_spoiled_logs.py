@@ -99,16 +99,18 @@ def test_no_work_is_lost(browser, tmp_path):
     with driver.a_context(browser) as context:
         page = open_page(context, first)
         drop(page, urdf, runs)
+        page.click(key("columns-0"))  # the arm has told them: the form is folded
         for name, column in (("q1", "#3"), ("q2", "#2"), ("q1", "#2"), ("q2", "#3")):
             page.select_option(
                 f'[data-key="map-0-{name}"]', column
             )  # as fast as it goes
         page.reload()
+        page.click(key("columns-0"))
         for name, column in (("q1", "#2"), ("q2", "#3")):
             box = page.locator(f'[data-key="map-0-{name}"]')
             expect(box).to_have_value(column)
-        page.click(key("next"))
-        page.wait_for_selector("table.runs", state="attached")
+        page.click(key("read-mapped-0"))
+        page.wait_for_timeout(200)
         idle(page)
         page.click(key("next"))  # identify
         page.wait_for_selector(".working:not(.hidden)")

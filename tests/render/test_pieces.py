@@ -52,15 +52,6 @@ def test_rows_are_spread_from_the_first_to_the_last():
     assert (rows[0], rows[-1], len(rows)) == (0, 9_999, 100)
 
 
-def test_an_addition_is_said_in_words(two_link):
-    from sdp_vs_penalty.effects import parse_effects
-    from sdp_vs_penalty.render.words import effect_on_joints
-
-    texts = "presliding_hysteresis:2,viscous_friction"
-    spoken = [effect_on_joints(e) for e in parse_effects(texts, two_link.robot)]
-    assert spoken == ["pre-sliding hysteresis on joint 2", "viscous friction"]
-
-
 def test_a_drawn_arm_has_the_axes_of_its_joints(two_link):
     from sdp_vs_penalty.render.arms import drawn_arm
 

@@ -221,8 +221,7 @@ class _Fit:
             shown = joint_table({"error": self.model.facts}, units)
             draw.table(shown, "Facts of each joint")
         if self.model.failures:
-            joints = self.model.failures
-            failures = Failures.from_dict({"units": (), "joints": joints})
+            failures = self.model.where_it_fails
             _heat(view, failures, view.session.findings_of_current)
         with draw.tag("div", style="pick"):
             look = lambda name: view.select(cause=name)  # noqa: E731
