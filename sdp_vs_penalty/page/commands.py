@@ -6,18 +6,27 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.page.session import Session
+    from sdp_vs_penalty.page.model_step import ModelStep
 
 
-def commands_of(session: Session) -> list[list[str]]:
+def commands_of(
+    robot: Mapping[str, Any],
+    runs: Sequence[Mapping[str, Any]],
+    history: Sequence[ModelStep],
+    prepared: Sequence[Sequence[str]],
+    options: Mapping[str, str],
+    has_check: bool,
+) -> list[list[str]]:
     """Return the words of the command lines that repeat a session's work, one a step.
 
     They are what made the runs, `identify` unless the first model was opened from a
     file, and for each further model the `diagnose` that names its effects and `add`;
     `compare` judges the models on the run that is kept for testing.
+
+    prepared : words of the commands that simulated, converted and repaired the runs;
+    has_check : whether the data check came before identification.
     """
-    robot, runs, history = session.robot, session.runs, session.history
-    commands = [[*words] for words in session.prepared]
+    commands = [[*words] for words in prepared]
     if not history:
         return commands
     first = history[0]
@@ -27,16 +36,18 @@ def commands_of(session: Session) -> list[list[str]]:
     names = [name]
     if not first.opened:
         words = ["--method", first.method, "--effects", ",".join(first.effects)]
-        if session.meaningless:
+        if not has_check:
             words.append("--no-check")
-        given = {"hold": robot["hold"], **session.options}
+        given = {"hold": robot["hold"], **options}
         if robot["gravity"] != robot["own_gravity"]:
             given["gravity"] = ",".join(f"{g:g}" for g in robot["gravity"])
         for option, value in given.items():
             words += option_words(option, value) if value else []
-        commands.append(["identify", session.robot_word, *data, *words, "--out", name])
+        commands.append(
+            ["identify", robot["file"] or robot["source"], *data, *words, "--out", name]
+        )
     # A model that was kept is the last of those that the commands before it made.
-    n_made = max(1, sum(words[0] in ("identify", "add") for words in session.prepared))
+    n_made = max(1, sum(words[0] in ("identify", "add") for words in prepared))
     for k, model in enumerate(history[1:], start=n_made + 1):
         frozen = ["--frozen"] if model.frozen else []
         how = [*data, *test, *frozen]

@@ -175,7 +175,12 @@ class JobRequest(dict[str, Any]):
 
     @cached_property
     def loaded(self) -> Measurements:
-        """All recordings of the session, uncut, read once."""
+        """All recordings of the session, uncut, read once.
+
+        Raises InputError if no run is used for training.
+        """
+        if not any(run["use"] in ("train", "split") for run in self["runs"]):
+            raise InputError("No run to identify from", "use at least one for it")
         return concatenate(self.stored_runs)
 
     @cached_property
@@ -184,10 +189,7 @@ class JobRequest(dict[str, Any]):
 
         A run of use "split" gives some of its time windows to each side. The models are
         judged on the test data; without any they are judged on the training data.
-        Raises InputError if no run is used for training.
         """
-        if not any(run["use"] in ("train", "split") for run in self["runs"]):
-            raise InputError("No run to identify from", "use at least one for it")
         sides: dict[str, list[Measurements]] = {"train": [], "test": []}
         for run, part in zip(self["runs"], self.loaded.runs(), strict=True):
             for side, stretch in _by_use(run, part):

@@ -398,7 +398,14 @@ class Session:
 
     def command_words(self) -> list[list[str]]:
         """Return the words of each of these commands."""
-        return commands_of(self)
+        return commands_of(
+            robot=self.robot,
+            runs=self.runs,
+            history=self.history,
+            prepared=self.prepared,
+            options=self.options,
+            has_check=not self.meaningless,
+        )
 
     def left(self, watcher: Any) -> None:
         """Unregister a tab that was closed. A running job goes on."""
