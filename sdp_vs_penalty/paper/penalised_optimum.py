@@ -427,9 +427,7 @@ def _links_distance(task: Task) -> LeastSquares:
     )
 
 
-def solve_certified(
-    problem: ConvexProblem, start: Array, accuracy: float = 1e-10
-) -> Fit:
+def solve_certified(problem: ConvexProblem, start: Array) -> Fit:
     """Solve a convex problem without an entropic prior, with a certificate.
 
     The solver is our own interior-point method. Its dual multipliers prove a lower
@@ -447,7 +445,7 @@ def solve_certified(
     """
     cones = SmallCones(None, problem.constraints, len(start))
     cones.linear = np.broadcast_to(problem.linear, start.shape)
-    fit = fit_by_small_cones(problem, cones, [start], start, accuracy)
+    fit = fit_by_small_cones(problem, cones, [start], start, 1e-10)
     if fit is None:
         raise _not_inside()
     return fit

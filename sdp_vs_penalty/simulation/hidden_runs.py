@@ -6,7 +6,7 @@ own arm as a world, with what worlds can hide.
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -150,32 +150,9 @@ def refuse_foreign(folder: Path, truth: Mapping[str, Any]) -> None:
     )
 
 
-@dataclass(frozen=True)
-class Plan:
-    """A simulation before its runs are made; making them takes most of the time."""
-
-    #: The robot as it is known.
-    problem: Problem
-    #: The robot as it is.
-    world: World
-    #: True links, friction and sensors.
-    setup: Experiment
-    #: Hidden effects with their sizes.
-    hidden: tuple[Hidden, ...]
-    #: Trajectory of each run.
-    trajectories: tuple[FourierTrajectory, ...]
-    #: Seed of the motions, the sensors' noise and what is hidden.
-    seed: int
-    #: Content of truth.json.
-    truth: dict[str, Any]
-
-    def simulated(self) -> HiddenRuns:
-        """Simulate the runs."""
-        runs = tuple(
-            _measure(trajectory, self.world, self.hidden, self.setup, self.seed, k)
-            for k, trajectory in enumerate(self.trajectories)
-        )
-        return HiddenRuns(self.problem, self.world, runs, self.hidden, self.truth)
+#: Content of truth.json, and a function that simulates the runs, which takes most of
+#: the time.
+Plan = tuple[dict[str, Any], Callable[[], HiddenRuns]]
 
 
 @checked_arguments
@@ -214,7 +191,8 @@ def simulate(
         For an effect that does not exist or makes no torque there, another level, or a
         link error outside of 0 to 1.
     """
-    return planned(problem, hide, level, seed, link_error).simulated()
+    _, simulated = planned(problem, hide, level, seed, link_error)
+    return simulated()
 
 
 def planned(
@@ -336,7 +314,8 @@ def hidden_runs(
         For an effect that cannot be simulated, or that makes no torque on a named joint
         (such as backlash about a vertical axis).
     """
-    return _plan(problem, effects, level, seed, count, world).simulated()
+    _, simulated = _plan(problem, effects, level, seed, count, world)
+    return simulated()
 
 
 def _plan(
@@ -397,7 +376,16 @@ def _plan(
             for name, value in zip(parameter_names(i), link, strict=True)
         },
     }
-    return Plan(problem, world, setup, tuple(hidden), tuple(trajectories), seed, truth)
+
+    def simulated() -> HiddenRuns:
+        """Simulate the runs."""
+        runs = tuple(
+            _measure(trajectory, world, hidden, setup, seed, k)
+            for k, trajectory in enumerate(trajectories)
+        )
+        return HiddenRuns(problem, world, runs, tuple(hidden), truth)
+
+    return truth, simulated
 
 
 def _hash_of_robot(problem: Problem, setup: Experiment) -> str:

@@ -45,10 +45,10 @@ def verb(
             "simulate: no folder to write to", "pass --out DIR, or --follow RUN.csv"
         )
     robot = problem_from_options(source, hold=hold) if hold else source
-    plan = planned(robot, hide or (), level, seed, link_error)
+    truth, simulated = planned(robot, hide or (), level, seed, link_error)
     # Before the minutes that the runs may take.
-    refuse_foreign(out, plan.truth)
-    hidden = plan.simulated()
+    refuse_foreign(out, truth)
+    hidden = simulated()
     hidden.save(out)
     effects = ",".join(hidden.truth["model_effects"])
     runs = [out / name for name in RUN_FILES[:-1]]

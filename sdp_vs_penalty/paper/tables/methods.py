@@ -1,7 +1,6 @@
 """Methods compared: all of them on every data set."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import pandas
 
@@ -9,14 +8,7 @@ from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.estimation.link_figures import link_figures
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.paper.tables.study import (
-    FOLDS,
-    WITH_PRIOR,
-    Data,
-    Frozen,
-    Result,
-    Study,
-)
+from sdp_vs_penalty.paper.tables.study import FOLDS, WITH_PRIOR, Data, Frozen, Study
 from sdp_vs_penalty.paper.tables.table import Row, StudyTable, notes, register_table
 from sdp_vs_penalty.robot import inertia
 
@@ -39,46 +31,25 @@ def methods(study: Study) -> StudyTable:
     )
 
 
-@dataclass(frozen=True)
-class JudgedMethod:
-    """A method on a data set: what it is, its estimate, and processor time [s]."""
-
-    estimator: str | Estimator
-    result: Result
-    seconds: float | None
-
-
-def _judged(study: Study, data: Data, method: str) -> JudgedMethod:
-    """Return a method's estimate from a data set, with its processor time.
-
-    Reverse engineering identifies a black box (torques of the true links at chosen
-    states) instead of a log. Its links are taken, and friction is fitted to the data
-    set.
-    """
-    needs_black_box = (
-        method not in WITH_PRIOR and estimator_types()[method].needs_black_box
-    )
-    if not needs_black_box:
-        result = study.estimated(method, data)
-        return JudgedMethod(method, result, study.seconds(method, data))
-    retrieved = study.reverse_engineered
-    links = Frozen(retrieved.theta.reshape(-1, 10))
-    theta = study.theta(links, data)
-    # Its fit is to a black box: no time beside those of fits to torque.
-    return JudgedMethod(links, Result(theta, retrieved.certificate, {}), None)
-
-
 def _row(study: Study, data: Data, method: str) -> Row:
     """Return the row of a method on a data set: loss, violation, links, errors and
     time.
 
     The loss is compared with a certified lower bound of the loss of all feasible
-    parameters.
+    parameters. Reverse engineering identifies a black box (torques of the true links at
+    chosen states) instead of a log: its links are taken, and friction is fitted to the
+    data set.
     """
     optimum = study.estimated("lmi-sdp-plain", data).certificate.lower
     assert optimum is not None
-    judged = _judged(study, data, method)
-    theta = judged.result.theta
+    of_black_box = (
+        method not in WITH_PRIOR and estimator_types()[method].needs_black_box
+    )
+    estimator: str | Estimator = method
+    if of_black_box:
+        estimator = Frozen(study.reverse_engineered.theta.reshape(-1, 10))
+    result = study.estimated(estimator, data)
+    theta = result.theta
     task = study.task(data)
     links = theta[task.links]
     violations = task.constraints.worst(theta)
@@ -86,7 +57,7 @@ def _row(study: Study, data: Data, method: str) -> Row:
     worst = violations[family]
     figures = link_figures(study.problem, links)
     # With a joint prior the losses of runs hold it too.
-    runs = [] if method in WITH_PRIOR else judged.result.details.get("runs") or []
+    runs = [] if method in WITH_PRIOR else result.details.get("runs") or []
     return {
         "data": data.label,
         "method": method,
@@ -95,25 +66,26 @@ def _row(study: Study, data: Data, method: str) -> Row:
         "violated_family": family if worst >= ROUNDING else None,
         "smallest_eigenvalue": float(inertia.consistency_margin(links).min()),
         "smallest_thickness_mm": 1e3 * figures["smallest_thickness"],
-        **_errors(study, data, judged),
+        **_errors(study, data, estimator),
         "positive_definite_percent": 100.0 * figures["positive_definite_share"],
-        "seconds": judged.seconds,
+        # No time of a black box beside those of fits to torque.
+        "seconds": None if of_black_box else study.seconds(method, data),
         **_independent_runs(runs, optimum),
     }
 
 
-def _errors(study: Study, data: Data, judged: JudgedMethod) -> Row:
+def _errors(study: Study, data: Data, estimator: str | Estimator) -> Row:
     """Return a method's errors on unseen motion, on the worst fold, and
     repeatability.
     """
-    error = data.errors(judged.result.theta)[1]
+    error = data.errors(study.theta(estimator, data))[1]
     if data is study.simulated:
         return {
             "unseen_error_percent": error,
             "worst_fold_error_percent": None,
             "repeatability_error_percent": None,
         }
-    unseen = study.unseen(judged.estimator)
+    unseen = study.unseen(estimator)
     worst = unseen.folds[unseen.worst_fold - 1]
     return {
         "unseen_error_percent": unseen.relative_error_percent,
