@@ -176,9 +176,8 @@ def _place(run: Measurements, k: int) -> str:
     """Name sample k (from 0) of a run as the user finds it: "run.csv: row 7" in a CSV
     file, whose header is row 1, else "run.npz: sample 6"."""
     name = run.names[0]
-    return (
-        f"{name}: row {k + 2}" if name.endswith(".csv") else f"{name}: sample {k + 1}"
-    )
+    row = f"row {run.rows_of_file(k)}" if name.endswith(".csv") else f"sample {k + 1}"
+    return f"{name}: {row}"
 
 
 def check_torque(run: Measurements) -> None:

@@ -166,6 +166,33 @@ def test_torques_of_lerobot_have_any_of_its_words(word):
     assert recognition.torque_unit == ("A" if word == "current" else "")
 
 
+SIDES = [f"{side}_joint_{k}" for side in ("left", "right") for k in (1, 2, 3)]
+PAIRS = ["shoulder_1", "shoulder_2", "elbow_1", "wrist_1"]
+#: Joints of a file, in its order, and those of the robot, which are called alike.
+CALLED = [
+    (SIDES, SIDES[3:]),
+    ([f"joint_{k}" for k in range(1, 8)], [f"joint_{k}" for k in range(2, 6)]),
+    (["a1", "a2", "b1", "b2"], ["b1", "b2", "a1", "a2"]),
+    (PAIRS[::-1], PAIRS),
+    (PAIRS[::-1], [f"arm_{x}_joint" for x in PAIRS]),
+    (["torque_motor", "speed_motor"], ["speed_motor", "torque_motor"]),
+    (["pan", "tilt", "gripper"], ["tilt", "pan"]),
+    (["j1", "j2", "finger_1", "finger_2"], ["j1", "j2"]),
+]
+
+
+@pytest.mark.parametrize(("in_file", "robot"), CALLED)
+def test_joints_called_as_the_robot_s_are_these(in_file, robot):
+    """Whatever else their names say, and whatever other joints are there."""
+    columns = [f"{j}_{x}" for j in in_file for x in ("position", "effort")]
+    found = recognise(["time", *columns], robot)
+    assert found.joints == tuple(robot)
+    for k, joint in enumerate(robot, start=1):
+        core = joint.removeprefix("arm_").removesuffix("_joint")
+        assert found.rename[f"q{k}"] == f"{core}_position"
+        assert found.rename[f"tau{k}"] == f"{core}_effort"
+
+
 #: Words of columns, that of the torque taken, and those of all that compete for it.
 TORQUES = [
     (["Velocity", "TorqueSm", "TorqueCur", "Torque", "Cur"], "Torque", [1, 2, 3, 4]),

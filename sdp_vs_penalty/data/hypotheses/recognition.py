@@ -30,7 +30,7 @@ from sdp_vs_penalty.data.hypotheses.weighing import (
     unit_of_dates,
 )
 from sdp_vs_penalty.data.log import Column
-from sdp_vs_penalty.data.words.joints import in_order_of
+from sdp_vs_penalty.data.words.joints import hide_joints, in_order_of
 from sdp_vs_penalty.data.words.loggers import clock_of, episode_of, find_logger
 from sdp_vs_penalty.data.words.names import (
     AMPERES,
@@ -132,17 +132,16 @@ def recognise(
             and any(_OUTPUT.sub(word, x) in usable for word in _FEEDBACK)
         ]
         usable = [x for x in usable if x not in outputs]
-        n_joints = len(joints) if joints else None
         chosen = {name: columns[name] for name in usable}
-        said, choice = _read_and_choose(chosen, n_joints)
+        said, choice = _read_and_choose(chosen, joints)
         if choice and all(map(is_current, _torques_of(choice))):
             # Letters may be the joints' torques, which the arm weighs against currents.
             letters = {x: y for x in usable if (y := read_letter(x))}
             letters = {x: y for x, y in letters.items() if _says_nothing(said.get(x))}
-            choice = choose_sets(said | letters, n_joints)
+            choice = choose_sets(said | letters, len(joints) if joints else None)
         if choice is None:
             read = _read_or_commanded
-            said, choice = _read_and_choose(chosen, n_joints, read)
+            said, choice = _read_and_choose(chosen, joints, read)
         clock = find_clock(chosen)
     if choice is None:
         return None
@@ -321,15 +320,18 @@ def _read_or_commanded(name: str) -> Meaning | None:
 
 def _read_and_choose(
     usable: Mapping[str, Column],
-    n_joints: int | None,
+    joints: Sequence[str] | None,
     read_name: Callable[[str], Meaning | None] = read_name,
 ) -> tuple[dict[str, Meaning], SetChoice | None]:
     """Read the columns' names, and choose the sets of columns that hold q, tau and so on.
 
-    Names that say nothing but a joint are positions where nothing else is.
+    What the robot's joints are called says nothing else. Names that say nothing but a
+    joint are positions where nothing else is.
     """
+    n_joints = len(joints) if joints else None
     single = [name for name, x in usable.items() if x.kind == "number"]
-    said = {name: x for name in usable if (x := read_name(name))}
+    hidden, _ = hide_joints(list(usable), joints or ())
+    said = {name: x for name in usable if (x := read_name(hidden.get(name, name)))}
     choice = choose_sets(said, n_joints, single)
     if choice is None:
         bare = said | {name: x for name in usable if (x := read_bare_joint(name))}
@@ -367,11 +369,10 @@ def _joints_of_words(
     """
     positions = choice.sets["q"]
     keys = list(positions.columns)
-    if positions.style == "number" and len(joints or ()) == len(keys):
-        # Numbers in the robot's names need not rise along the arm.
-        keys = _in_order_of_numbers(joints or (), keys)
     if positions.style == "name":
-        in_file = [" ".join(part) for part in keys if isinstance(part, tuple)]
+        _, joint_of = hide_joints((), joints or ())
+        words = (x for x in keys if isinstance(x, tuple))
+        in_file = [" ".join(joint_of.get(x, x) for x in part) for part in words]
     else:
         named = [x for name in positions.columns.values() for x in columns[name].joints]
         in_file = named or joints_in_cells(columns)
@@ -398,16 +399,6 @@ def _with_numbers(joints: Sequence[str], names: Collection[str]) -> list[str]:
     pairs = zip(numbers, names, strict=True)
     is_clear = all(number in re.findall("[0-9]+", name) for number, name in pairs)
     return [by_number[number] for number in numbers] if is_clear else []
-
-
-def _in_order_of_numbers(joints: Sequence[str], keys: list[Hashable]) -> list[Hashable]:
-    """Put keys of numbered columns, which rise, in the order of the joints' numbers, where
-    each joint's name ends with another one."""
-    numbers = [x[-1] if (x := re.findall("[0-9]+", joint)) else "" for joint in joints]
-    if "" in numbers or len({*numbers}) < len(joints):
-        return keys
-    places = sorted(range(len(joints)), key=lambda k: int(numbers[k]))
-    return [keys[places.index(k)] for k in range(len(joints))]
 
 
 def with_units(

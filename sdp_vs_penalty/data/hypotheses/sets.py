@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from sdp_vs_penalty.data.words.names import WORDS, Meaning
-from sdp_vs_penalty.data.words.tokens import split_tokens, starred
+from sdp_vs_penalty.data.words.tokens import n_common, split_tokens, starred
 
 #: How columns can be told apart, the surest first.
 _STYLES = ("number", "block", "name")
@@ -130,13 +130,6 @@ def _words_of(meaning: Meaning) -> tuple[str, ...]:
     return (*meaning.other_words, *number)
 
 
-def _n_common(rows: Sequence[Sequence[str]]) -> int:
-    """Count the words with which all rows begin."""
-    columns = enumerate(zip(*rows, strict=False))
-    shortest = min(map(len, rows))
-    return next((k for k, column in columns if len({*column}) > 1), shortest)
-
-
 def _columns_by_joint(
     style: str,
     names: Sequence[str],
@@ -159,8 +152,8 @@ def _columns_by_joint(
         ):
             return {}
         words = [_words_of(said[x]) for x in names]
-        before = _n_common(words)
-        behind = _n_common([x[before:][::-1] for x in words])
+        before = n_common(words)
+        behind = n_common([x[before:][::-1] for x in words])
         keys = [x[before : len(x) - behind] for x in words]
         if len({*keys}) < len(names) or len(names) < 2:
             return {}

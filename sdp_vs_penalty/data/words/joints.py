@@ -1,15 +1,50 @@
 """Which joint of a robot is which joint of a file, where both name them, perhaps with
 other words around the names."""
 
+import re
 from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
 from sdp_vs_penalty.data.words import table
-from sdp_vs_penalty.data.words.tokens import split_tokens
+from sdp_vs_penalty.data.words.tokens import n_common, split_tokens
 
 Tokens: TypeAlias = tuple[str, ...]
 #: What stands around a joint's name: before and behind it in the robot, then in the file.
 Frame: TypeAlias = tuple[Tokens, Tokens, Tokens, Tokens]
+
+
+#: How a robot's joint is called in a name, before letters that count it.
+_HIDDEN = "robotjoint"
+
+
+def hide_joints(
+    names: Sequence[str], joints: Sequence[str]
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Return names of columns in which the name of one of the robot's joints is a word
+    that says nothing else, "torque_motor" no torque; and the joints by these words.
+
+    What all joints begin or end with may be missing: "wrist_1" for "left_wrist_1_joint".
+    """
+    full = [split_tokens(joint) for joint in joints]
+    short = [x[min(n_common(full), len(x) - 1) :] for x in full]
+    turned = [x[::-1] for x in short]
+    core = [x[min(n_common(turned), len(x) - 1) :][::-1] for x in turned]
+    joint_of, forms = dict[str, str](), list[tuple[int, str, re.Pattern[str]]]()
+    for k, joint in enumerate(joints):
+        word = _HIDDEN + str(k).translate(str.maketrans("0123456789", "abcdefghij"))
+        joint_of[word] = joint
+        for form in (full, short, core):
+            if len(joints) > 1 and all(any(map(str.isalpha, x)) for x in form):
+                text = r"[\W_]*".join(map(re.escape, form[k]))
+                pattern = re.compile(rf"(?i)(?<![^\W_]){text}(?![^\W_])")
+                forms.append((-len(form[k]), word, pattern))
+    forms.sort(key=lambda x: x[0])
+    hidden = dict[str, str]()
+    for name in names:
+        found = ((x, word) for _, word, x in forms if x.search(name))
+        if match := next(found, None):
+            hidden[name] = match[0].sub(f" {match[1]} ", name, count=1)
+    return hidden, joint_of
 
 
 def match_joints(

@@ -23,6 +23,13 @@ def split_tokens(name: str) -> list[str]:
     return re.findall(r"[^\W\d_]+|[0-9]+", text)
 
 
+def n_common(rows: Sequence[Sequence[str]]) -> int:
+    """Count the words with which all rows begin."""
+    columns = enumerate(zip(*rows, strict=False))
+    shortest = min(map(len, rows), default=0)
+    return next((k for k, column in columns if len({*column}) > 1), shortest)
+
+
 def group_of(our_name: str) -> str:
     """Return the channel group of a name of RUN.csv: "tau" for "tau3"."""
     return our_name.rstrip("0123456789")
