@@ -182,7 +182,7 @@ def _of_fault(
         changes=() if is_known else _asked(fault),
         repair=keep_only(log, net, fault).apply if is_repaired else None,
         figures=figures,
-        gravity=net.gravity_left if fault.is_of_gravity else None,
+        gravity=net.gravity_left if fault.kind.startswith("gravity") else None,
         apply=fault.apply if is_repaired else "",
         equivalents=tuple(words),
     )

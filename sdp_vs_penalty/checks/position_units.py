@@ -27,28 +27,22 @@ def unit_as_fact(
         is_sure = issue.certainty.grade != "possible"
         nature, severity = (FACT, "error") if is_sure else (EXPLANATION, "warning")
         return replace(issue, nature=nature, severity=severity)
+    told, changes = issue.certainty, issue.changes
     is_percent = issue.kind == "positions in per cent"
-    is_degrees = issue.kind in ("positions in degrees", "position unit")
-    if not (is_percent or is_degrees):
-        return replace(issue, nature=FACT, severity="error")
-    unit = "per cent" if is_percent else "degrees"
-    why = f"outside what the joints can reach, and inside it as {unit}"
-    if percent is None:
-        certainty = certain(why)
-        return replace(issue, nature=FACT, severity="error", certainty=certainty)
-    factors = ":".join(f"{scale:.6g}" for scale, _ in percent.values())
-    other = "degrees" if is_percent else "per cent of each joint's range"
-    unit_of_q = "deg" if is_percent else factors
-    reading = Change("read", f"read q in {other}", {"scale": {"q": unit_of_q}})
-    told = likely(f"{why}; as {other} the torques are explained worse")
-    if issue.equivalents:
-        told = possible(f"{why}; as {other} the torques are explained as well")
+    if is_percent or issue.kind in ("positions in degrees", "position unit"):
+        unit = "per cent" if is_percent else "degrees"
+        why = f"outside what the joints can reach, and inside it as {unit}"
+        told = certain(why)
+        if percent is not None:
+            factors = ":".join(f"{scale:.6g}" for scale, _ in percent.values())
+            other = "degrees" if is_percent else "per cent of each joint's range"
+            reading = {"scale": {"q": "deg" if is_percent else factors}}
+            changes = (*changes, Change("read", f"read q in {other}", reading))
+            told = likely(f"{why}; as {other} the torques are explained worse")
+            if issue.equivalents:
+                told = possible(f"{why}; as {other} the torques are explained as well")
     return replace(
-        issue,
-        nature=FACT,
-        severity="error",
-        certainty=told,
-        changes=(*issue.changes, reading),
+        issue, nature=FACT, severity="error", certainty=told, changes=changes
     )
 
 

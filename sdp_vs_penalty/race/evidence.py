@@ -75,14 +75,10 @@ class ViewFit:
     total: Array
     #: (n,) product of the probe with the torque.
     probed: Array
-    #: -1 where time runs backwards.
-    direction: float = 1.0
     #: Rows that are worth one.
     v: float = 1.0
     #: (s,) parameters of the links, then sizes of further columns.
     theta: Array = None  # type: ignore[assignment]
-    #: Number of parameters of the links among them.
-    n_links: int = 0
     #: Size of the arm beside the nominal one [-].
     scale: float = 1.0
     #: (n,) squared residual.
@@ -104,7 +100,8 @@ class ViewFit:
     @property
     def links(self) -> Array:
         """(s,) parameters of the links."""
-        return self.theta[: self.n_links]
+        n_further = sum(len(further.sd) for further in self.view.further)
+        return self.theta[: len(self.theta) - n_further]
 
     @property
     def shares(self) -> Array:
@@ -272,7 +269,6 @@ class Evidence:
                 energy=energy[:, k],
                 total=self._total(view, total[:, k]),
                 probed=probed[:, k],
-                direction=-1.0 if view.chain.reversed else 1.0,
             )
             for k, view in enumerate(views)
         ]
@@ -370,7 +366,7 @@ class Evidence:
         known = np.concatenate([slopes, nominal[:, None]], axis=1).swapaxes(1, 2)
         spread = np.sum(known * np.linalg.solve(information, known), axis=1)
         variance = left / n_rows + spread[:, :-1]
-        directions = np.array([x.direction for x in products])
+        directions = np.where([x.chain.reversed for x in products], -1.0, 1.0)
         z = directions[:, None] * power / np.sqrt(np.maximum(variance, _TINY))
         signs = np.maximum(np.log(2.0) + log_ndtr(z), -c.MAX_PHYSICS_LOG_ODDS)
         physics = np.sum(signs, axis=1)
@@ -393,7 +389,6 @@ class Evidence:
                 of_view,
                 v=v,
                 theta=theta[k],
-                n_links=len(self._prior[0]),
                 scale=float(scale[k]),
                 left=of_all,
                 weights=of_rows,

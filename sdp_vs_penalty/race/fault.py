@@ -125,11 +125,6 @@ class Fault:
         return self.what.format(**self.figures)
 
     @property
-    def is_of_gravity(self) -> bool:
-        """Whether it is the direction, the size or the absence of gravity."""
-        return self.kind.startswith("gravity")
-
-    @property
     def apply(self) -> str:
         """The word by which `check --fix --apply` tries the repair, as "sign:tau3";
         empty where no log can be repaired."""
