@@ -67,6 +67,7 @@ class WhiteLog:
         self.as_logged = LogTransform.unchanged(self.n, self.problem.robot.gravity)
         still = np.zeros((count, self.n))
         self.data = SimpleNamespace(
+            count=count,
             shared=shared,
             dependence=dependence,
             independent=independent,

@@ -74,8 +74,9 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     if not _is_earths_gravity(size):
         kind = "gravity of the problem"
         remedy = f"{remedy}, or correct the problem's gravity"
-    measured = ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in g)
-    expected = ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in assumed)
+    measured, expected = (
+        ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in x) for x in (g, assumed)
+    )
     yield Fault(
         kind=kind,
         joints=(),
