@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -818,10 +818,10 @@ def find(job: JobRequest) -> Answer:
         noise_from=runs.all_runs,
         check=Gate(no_progress),
         judged_recordings=runs.judged_recordings,
+        confirmed=partial(_confirmed_on_other_splits, job),
         **how,
     )
     save_arrays(job.folder / job["pictures"], _card_arrays(model, better, runs.judge))
-    result = _confirmed_on_other_splits(job, result)
     curves = [curve.effect(model.robot).text for curve in result.curves]
     return {
         "diagnosis": result.to_dict(),

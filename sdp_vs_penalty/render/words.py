@@ -200,7 +200,8 @@ def _evidence_for(
     falls = bool(after[finding.main_joint - 1] < before[finding.main_joint - 1])
     evidence = [(finding.gain_sentence(diagnosis), falls)]
     if rising := _rising_joints(diagnosis, before, after):
-        evidence.append((f"{rising} with what is sure.", False))
+        beside = "what is sure" if finding.torque_is_certain else "it"
+        evidence.append((f"{rising} with {beside}.", False))
     power = min(int(finding.gain / 2.0 / np.log(10.0)), _MOST_ODDS)
     odds = f"{10**power:,}".replace(",", " ")
     searched = "Odds for it in the runs that were searched"
@@ -251,6 +252,8 @@ def doubt_of(rated: Finding | Retune, shared: Collection[Doubt] = ()) -> str:
     """
     is_named = isinstance(rated, Finding) and bool(rated.rivals_in_words)
     left_out = {*shared, *([Doubt("rivals")] if is_named else [])}
+    if isinstance(rated, Finding) and rated.splits_sentence:
+        left_out.add(Doubt("few_splits"))  # their number is said
     if rated.badge == "size uncertain":
         left_out.add(Doubt("uncertain"))
     return _in_words([doubt for doubt in rated.doubts if doubt not in left_out])

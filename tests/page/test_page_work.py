@@ -784,7 +784,7 @@ def test_a_project_has_a_name_runs_and_verdict_and_is_deleted(kept, hidden, tmp_
     assert (s.folder / "project.json").stat().st_mtime_ns == written  # no new work
     (project,) = kept.saved()
     assert project.name == "arm on the bench"
-    assert project.about.startswith("a.csv: no model yet, ")
+    assert project.about.startswith("a.csv: no model yet; ")
     s.watchers.append(SimpleNamespace(present=True))
     assert not kept.delete(s.token)
     s.watchers[0].present = False  # a tab that was closed
