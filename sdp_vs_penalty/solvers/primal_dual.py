@@ -95,7 +95,8 @@ def minimise(
 class _InteriorPoint:
     """The iterate on its way, and what one step needs of it. Array (2, rows + 16
     blocks) ``both``: slacks S and multipliers Z; ``mats`` (2, blocks, 4, 4) and
-    ``rows`` (2, rows) are views of it."""
+    ``rows`` (2, rows) are views of it. ``change`` is their change in a step, ``target``
+    where Z is to move."""
 
     def __init__(
         self, cones: SmallCones, data: LeastSquares, start: Array | Iterate
@@ -105,30 +106,19 @@ class _InteriorPoint:
 
         Cones are nonnegative rows and 4x4 blocks. ``both`` (2, rows + 16 blocks) holds
         S = constant + slack_map theta and Z, flat; ``rows`` (2, rows) and ``mats`` (2,
-        blocks, 4, 4) are views of it. ``change`` is their change in a step, ``target``
-        where Z is to move. A start without multipliers gets Z = mu / s for rows and
-        max(w, mu) S^-1 for blocks, on the central path (w is the weight of a block's
-        -log det in the objective). Raises LinAlgError unless the start is strictly
-        inside.
+        blocks, 4, 4) are views of it. A start without multipliers gets Z = mu / s for
+        rows and max(w, mu) S^-1 for blocks, on the central path (w is the weight of a
+        block's -log det in the objective). Raises LinAlgError unless the start is
+        strictly inside.
         """
         self.cones = cones
         self.data = data
-        # 1. Arrays that all steps share.
         self.both = np.empty((2, len(cones.constant)))
         self.rows, self.mats = self._views(self.both)
-        self.change = np.empty_like(self.both)
-        self.change_rows, self.change_mats = self._views(self.change)
-        self.target = np.empty(self.both.shape[1])
-        target_rows, target_mats = self._views(self.target[None])
-        self.target_rows = target_rows[0]
-        self.target_mats = target_mats[0]
         self.weight = cones.weight[:, None, None]
         self.degree = max(cones.rows + ORDER * len(cones.weight), 1)
         self.logs = float(cones.weight @ np.log(nonzero_or_one(cones.weight)))
-        # z / s of the rows, then a view of the blocks' Kronecker products.
-        self.products = np.empty(cones.curvature.shape[1])
-        self.kronecker = self.products[cones.rows :].reshape(-1, *(ORDER,) * 4)
-        # 2. Slacks and multipliers of the start.
+        # Slacks and multipliers of the start.
         self.theta = start.theta if isinstance(start, Iterate) else start
         self.both[0] = cones.constant + cones.slack_map @ self.theta
         np.linalg.cholesky(self.mats[0])  # raises unless positive definite
@@ -138,9 +128,8 @@ class _InteriorPoint:
             self.evaluate()
             # Complementarity of each cone: a small share of the objective.
             mu = _COLD * abs(self.value) / self.degree or 1.0
-            self.rows[1] = mu / self.rows[0]
-            inverse = np.linalg.inv(self.mats[0])
-            self.mats[1] = np.maximum(self.weight, mu) * inverse
+            self.inverse = np.linalg.inv(self.mats[0])
+            self.both[1] = self.central(mu)
         is_inside = bool(np.all(self.rows[0] > 0.0))
         if not is_inside or not np.all(np.isfinite(self.both)):
             raise np.linalg.LinAlgError
@@ -216,7 +205,7 @@ class _InteriorPoint:
         self._factorize_hessian()
         # Predictor and correction of the dual residual, by one pair of triangular solves.
         self.leftover = self.gradient - cones.adjoint @ self.both[1]
-        self.set_target(0.0)
+        self.target = self.central(0.0)
         towards_target = cones.adjoint @ self.target - self.gradient
         right_sides = np.array([towards_target, self.leftover])
         solutions, _ = scipy.linalg.lapack.dpotrs(self.cholesky, right_sides.T, lower=1)
@@ -233,14 +222,11 @@ class _InteriorPoint:
         products of S^-1 and Z of the blocks. Raises LinAlgError unless it is positive
         definite."""
         cones = self.cones
-        ratios = self.products[: cones.rows]
-        np.divide(self.rows[1], self.rows[0], out=ratios)
-        inverse = self.inverse[:, :, :, None, None]
-        Z = self.mats[1][:, None, None]
-        np.multiply(inverse, Z, out=self.kronecker)
+        kronecker = self.inverse[:, :, :, None, None] * self.mats[1][:, None, None]
+        products = np.concatenate([self.rows[1] / self.rows[0], kronecker.ravel()])
         H = self.data.curvature.copy()
         flat = H.ravel()
-        flat[cones.places] += cones.curvature @ self.products
+        flat[cones.places] += cones.curvature @ products
         flat[:: len(H) + 1] *= 1.0 + _RIDGE  # the diagonal
         self.cholesky, failed = scipy.linalg.lapack.dpotrf(
             H.T, lower=1, overwrite_a=1, clean=0
@@ -257,29 +243,25 @@ class _InteriorPoint:
         gap = products - ORDER * float(weight.sum())
         return gap - (2.0 * float(weight @ log_roots) - ORDER * self.logs)
 
-    def set_target(self, mu: float) -> None:
-        """Set ``target``, to which Z is to move for a complementarity mu.
+    def central(self, mu: float) -> Array:
+        """Return the Z, flat, of S for a complementarity mu.
 
         Rows: z = mu / s. Blocks: Z = max(w, mu) S^-1, with w the weight of -log det S
         in the objective, for which Z = w S^-1 is optimal.
         """
-        np.divide(mu, self.rows[0], out=self.target_rows)
-        weight = np.maximum(self.weight, mu)
-        np.multiply(weight, self.inverse, out=self.target_mats)
+        blocks = np.maximum(self.weight, mu) * self.inverse
+        return np.concatenate([mu / self.rows[0], blocks.ravel()])
 
-    def scaled(self, change: Array, by: Array, mats: Array, row: Array) -> Array:
-        """Return how Z changes when S does (or a second-order term of that), flat.
+    def scaled(self, dS: Array, Z: Array) -> Array:
+        """Return how multipliers Z change when S does, by dS; with the change of Z in
+        place of Z, the second-order term of that. All are flat.
 
-        Rows (rows,): change row / s. Blocks (blocks, 4, 4): the symmetric part of
-        S^-1 mats by. Called with (ds, Z, dS, z) for the first-order change.
+        Rows: ds z / s. Blocks: the symmetric part of S^-1 dS Z.
         """
-        out = np.empty_like(self.target)
-        rows, blocks = self._views(out[None])
-        np.divide(change * row, self.rows[0], out=rows[0])
-        product = self.inverse @ mats @ by
-        np.add(product, np.swapaxes(product, -1, -2), out=blocks[0])
-        blocks *= 0.5
-        return out
+        rows, mats = self._views(np.array([dS, Z]))
+        product = self.inverse @ mats[0] @ mats[1]
+        blocks = 0.5 * (product + np.swapaxes(product, -1, -2))
+        return np.concatenate([rows[0] * rows[1] / self.rows[0], blocks.ravel()])
 
     def direction(self, step: Array, second: Array | float) -> float:
         """Compute the changes of S and Z for a step (p,) of theta.
@@ -287,22 +269,18 @@ class _InteriorPoint:
         ``second`` is the second-order correction of Z. Sets ``change`` (2, rows + 16
         blocks) and returns the longest multiple of it that stays inside the cones.
         """
-        self.change[0] = self.cones.slack_map @ step
-        Z = self.mats[1]
-        dS = self.change_mats[0]
-        self.change[1] = self.target - self.both[1] - second
-        self.change[1] -= self.scaled(self.change_rows[0], Z, dS, self.rows[1])
+        dS = self.cones.slack_map @ step
+        Z = self.both[1]
+        dZ = self.target - Z - second - self.scaled(dS, Z)
+        self.change = np.array([dS, dZ])
+        rows, mats = self._views(self.change)
         # The most negative relative change; -1 / smallest is the way to the boundary.
-        smallest = float((self.change_rows / self.rows).min(initial=-1e-12))
-        relative = self.roots @ self.change_mats @ self.turned
-        # Eigenvalues are needed only where the norm, which bounds them, could matter: a
-        # relative change of less than _SHARE allows the whole step.
-        squares = np.einsum("kbij,kbij->kb", relative, relative)
-        could_matter = squares > max(-smallest, _SHARE) ** 2
-        if could_matter.any():
-            eigenvalues = np.linalg.eigvalsh(relative[could_matter])
-            smallest = min(smallest, float(eigenvalues[:, 0].min()))
-        return -1.0 / smallest
+        smallest = (rows / self.rows).min(initial=-1e-12)
+        relative = self.roots @ mats @ self.turned
+        # A norm, which bounds eigenvalues, of less than _SHARE allows the whole step.
+        could_matter = np.einsum("kbij,kbij->kb", relative, relative) > _SHARE**2
+        eigenvalues = np.linalg.eigvalsh(relative[could_matter])
+        return -1.0 / float(eigenvalues.min(initial=smallest))
 
     def complementarity(self, both: Array) -> float:
         """Return <S, Z> over all cones, less what the weights of log det ask for.
@@ -332,13 +310,8 @@ class _InteriorPoint:
         # Mehrotra's heuristic: the better the predictor, the less centring.
         centring = min(max(remaining ** max(1.0, 3.0 * reach**2), 1e-7), 1.0)
         # Corrector: the predictor's second-order term and the centred target.
-        second = self.scaled(
-            self.change_rows[0],
-            self.change_mats[1],
-            self.change_mats[0],
-            self.change_rows[1],
-        )
-        self.set_target(centring * before / self.degree)
+        second = self.scaled(*self.change)
+        self.target = self.central(centring * before / self.degree)
         right = cones.adjoint @ (self.target - second) - self.gradient
         step = scipy.linalg.lapack.dpotrs(self.cholesky, right, lower=1)[0]
         longest = self.direction(step, second)
@@ -358,10 +331,7 @@ class _InteriorPoint:
         iterate is returned.
         """
         change = self.cones.slack_map @ -self.correction
-        all_rows, all_mats = self._views(change[None])
-        rows = all_rows[0]
-        mats = all_mats[0]
-        multipliers = self.both[1] - self.scaled(rows, self.mats[1], mats, self.rows[1])
+        multipliers = self.both[1] - self.scaled(change, self.both[1])
         moved = np.array([self.both[0] + change, multipliers])
         with suppress(np.linalg.LinAlgError):
             np.linalg.cholesky(self._views(moved)[1])
