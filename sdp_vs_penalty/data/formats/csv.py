@@ -31,7 +31,6 @@ from sdp_vs_penalty.data.formats.text_table import (
 from sdp_vs_penalty.data.log import Column, Log, Values
 from sdp_vs_penalty.data.measurements import Measurements, columns_of
 from sdp_vs_penalty.data.store import AppendableArray
-from sdp_vs_penalty.data.words.names import rate_of_heading
 from sdp_vs_penalty.data.words.stamps import is_stamp, seconds_of
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.files import path_or_file, writing
@@ -90,11 +89,20 @@ def log_of_table(table: TextTable) -> Log:
         columns,
         read_columns,
         texts,
-        rate=table.rate or rate_of_heading(table.heading),
+        rate=table.rate or _rate_above(table),
         heading=table.heading,
         word="row",
         twice=frozenset(x for x, n in Counter(table.names).items() if n > 1 and x),
     )
+
+
+def _rate_above(table: TextTable) -> float | None:
+    """Return the sampling rate [Hz] that the lines above a table say; None without."""
+    if not table.heading:
+        return None
+    from sdp_vs_penalty.data.words.names import rate_of_heading
+
+    return rate_of_heading(table.heading)
 
 
 def _require_equal_clocks(table: TextTable) -> None:

@@ -372,7 +372,9 @@ def _joints_of_words(
     if positions.style == "name":
         _, joint_of = hide_joints((), joints or ())
         words = (x for x in keys if isinstance(x, tuple))
-        in_file = [" ".join(joint_of.get(x, x) for x in part) for part in words]
+        in_file = [
+            " ".join(joint_of.get(str(x), str(x)) for x in part) for part in words
+        ]
     else:
         named = [x for name in positions.columns.values() for x in columns[name].joints]
         in_file = named or joints_in_cells(columns)
