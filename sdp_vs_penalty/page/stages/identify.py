@@ -320,7 +320,8 @@ def _runs_apart(model: ModelStep) -> None:
             )
             for run, errors in model.errors_of_runs.items()
         ]
-        joints = (f"joint {j + 1}" for j in range(len(model.comparison["rmse"])))
+        errors_of_joints = enumerate(model.comparison["rmse"], start=1)
+        joints = (f"joint {j}" for j, _ in errors_of_joints)
         title = "Error (RMS) of each joint, in N m or N"
         draw.table(Table(("run", "use", *joints), rows, title=title))
 
