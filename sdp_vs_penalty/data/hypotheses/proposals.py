@@ -179,47 +179,45 @@ def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
     """
     alike = [x for x in families(log.names).values() if len(x) > 1]
     alike += [[name] for name, x in log.columns.items() if x.kind == "list"]
-    quantities = [quantity_of(x[0]) for x in alike]
-    tokens = [{*split_tokens(x[0])} for x in alike]
-    unknown = [
-        k
-        for k, quantity in enumerate(quantities)
-        if quantity in (None, "t")
-        and not is_no_measurement(alike[k][0])
-        and not any(x < tokens[k] for x in tokens)
-    ]
-    for k in unknown:
-        words = {*split_tokens(alike[k][0])}
-        first = [x for x, known in INITIALS.items() if words & {*known.split()}]
-        if first and first[0] not in quantities:
-            quantities[k] = first[0]
-    unknown = [k for k in unknown if quantities[k] in (None, "t")]
-    n_open = len({*missing} - {"t", *quantities})
-    if len(unknown) == n_open and len(alike) > 1 and len({*map(len, alike)}) == 1:
-        for k, group in zip(
-            unknown, [x for x in missing if x not in ("t", *quantities)], strict=True
-        ):
-            quantities[k] = group
-    sizes = {x: len(y) for x, y in zip(quantities, alike, strict=True)}
-    if "dq" not in sizes and sizes.get("q") == 2 * sizes.get("tau", 0) > 0:
-        k = quantities.index("q")  # a state: positions, then velocities
-        half = len(alike[k]) // 2
-        quantities.append("dq")
-        alike = [*alike[:k], alike[k][:half], *alike[k + 1 :], alike[k][half:]]
-    said = {x: read_name(x) for x in log.names}
+    of_group, unknown = dict[str, list[str]](), list[list[str]]()
+    for columns in alike:
+        quantity = quantity_of(columns[0])
+        if quantity in (None, "t"):
+            unknown.append(columns)
+        else:
+            of_group.setdefault(quantity or "", columns)
+    tokens, left = [{*split_tokens(x[0])} for x in alike], list[list[str]]()
+    for columns in unknown:
+        words = {*split_tokens(columns[0])}
+        letters = (x for x, known in INITIALS.items() if words & {*known.split()})
+        letter = next(letters, "")
+        if is_no_measurement(columns[0]) or any(x < words for x in tokens):
+            continue
+        if letter and letter not in of_group:
+            of_group[letter] = columns
+        else:
+            left.append(columns)
+    groups = [x for x in missing if x not in ("t", *of_group)]
+    if len(left) == len(groups) and len(alike) > 1 and len({*map(len, alike)}) == 1:
+        of_group |= dict(zip(groups, left, strict=True))
+    n_joints = len(of_group.get("tau", ()))
+    if "dq" not in of_group and len(of_group.get("q", ())) == 2 * n_joints > 0:
+        state = of_group["q"]  # positions, then velocities
+        of_group |= {"q": state[:n_joints], "dq": state[n_joints:]}
     pairs = dict[str, str]()
-    with_velocities = {"q": ["q", "dq"] if "dq" in quantities else ["q"]}
+    with_velocities = {"q": ["q", "dq"] if "dq" in of_group else ["q"]}
     for group in (y for x in missing for y in with_velocities.get(x, [x])):
-        columns = next((alike[k] for k, x in enumerate(quantities) if x == group), [])
-        named = [
-            x for x, m in said.items() if m and m.quantity == group and m.number is None
-        ]
+        columns = of_group.get(group, [])
         if group == "t":
             pairs["t"] = find_clock(log.columns) or "NAME"
         elif len(columns) > 1:
             pairs |= {f"{group}{k}": name for k, name in enumerate(columns, 1)}
         else:
-            named = columns or named
+            said = ((x, read_name(x)) for x in log.names)
+            of_name = (
+                x for x, m in said if m and m.quantity == group and m.number is None
+            )
+            named = columns or list(of_name)
             pairs[group] = named[0] if len(named) == 1 else "NAME"
     return pairs
 
