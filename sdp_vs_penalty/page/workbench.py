@@ -95,8 +95,9 @@ class Workbench:
         if self.client.is_deleted:
             self.session.left(self)
             return
-        step = next_step(self.view)
         with self.client:
+            self._redraw_dock()  # first: a job has ended, whatever else cannot be drawn
+            step = next_step(self.view)
             for stage in STAGES:
                 for part in stage.parts:
                     ready = part.ready(self.session)
@@ -107,7 +108,6 @@ class Workbench:
                 self._redraw_stage(stage, step)
             self._intro.set_visibility(not self.session.robot)
             self._redraw_next(step)
-            self._redraw_dock()
             self._scroll_to_news()
 
     def _scroll_to_news(self) -> None:
