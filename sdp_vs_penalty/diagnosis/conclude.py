@@ -137,9 +137,15 @@ class Conclusion:
         remaining = self.left
         noise = self.data.noise
         held_out = self.ladder.held_out
-        places = [k for k, f in enumerate(self.findings) if not f.is_refuted]
+        # A law of dry friction may show at reversals alone.
+        is_refuted = [
+            f.is_refuted and not term.form.effect.is_dry_friction
+            for term, f in zip(self.search.terms, self.findings, strict=True)
+        ]
+        places = np.flatnonzero(np.logical_not(is_refuted)).tolist()
         beside_told = all(
-            not f.is_refuted or CURVE in f.indistinguishable_from for f in self.findings
+            CURVE in self.findings[k].indistinguishable_from
+            for k in np.flatnonzero(is_refuted)
         )
         errors = [self.ladder.errors_with(places[:k]) for k in range(len(places) + 1)]
         findings = [
