@@ -163,6 +163,7 @@ def describe_finding(
     rivals = finding.rivals_in_words
     title, arm, size = finding.title, finding.on_the_arm, finding.size_text
     said_by = 0
+    doubt = doubt_of(finding, shared_doubts(diagnosis.effects))
     if together := diagnosis.only_in_sum(finding):
         title = formatting.sentence(named_on_joints(together))
         arm = f"{ON_THE_ARM}these act together, and the runs show their sum alone."
@@ -180,10 +181,15 @@ def describe_finding(
         physics=physics,
         rivals=f"Fits as well: {rivals}." if rivals else "",
         splits=finding.splits_sentence,
-        doubt=doubt_of(finding, shared_doubts(diagnosis.effects)),
+        doubt=doubt,
         test=finding.telling_run(model),
-        evidence=_evidence_for(finding, diagnosis, size),
+        evidence=(*_evidence_for(finding, diagnosis, size), *_against(doubt)),
     )
+
+
+def _against(doubt: str) -> tuple[tuple[str, bool], ...]:
+    """Return a doubt as evidence against a finding; nothing without one."""
+    return ((doubt, False),) if doubt else ()
 
 
 #: Power of ten of odds above which their number says no more.
@@ -291,12 +297,14 @@ def describe_constant(constant: Retune) -> FindingWords:
     """Return the sentences about a constant of the model that should be
     re-estimated.
     """
+    doubt = doubt_of(constant)
     return FindingWords(
         title=f"{plain_name(constant.effect)}, joint {constant.joint}",
         rating=constant.rating,
         badge=constant.badge,
         physics=f"Re-estimated constant: {constant.explanation}.",
-        doubt=doubt_of(constant),
+        doubt=doubt,
+        evidence=_against(doubt),
     )
 
 

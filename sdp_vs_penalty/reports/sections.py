@@ -474,6 +474,10 @@ def findings(data: ReportData) -> Context:
     is_certain = [finding.torque_is_certain for finding in diagnosis.effects]
     weak = [f for f in diagnosis.effects if not f.torque_is_certain]
     not_added = findings_not_added(replace(diagnosis, effects=tuple(weak)), data.last)
+    # All that is sure may be one finding, whose remedy is the same.
+    remedies = dict[str, Remedy]()
+    for remedy in diagnosis.remedies:
+        remedies.setdefault(remedy.change.words, remedy)
     return {
         "words": described,
         "cards": [
@@ -489,7 +493,7 @@ def findings(data: ReportData) -> Context:
         "name": data.name,
         "bars": bars,
         "curves": curves,
-        "remedies": list(map(words.describe_remedy, diagnosis.remedies)),
+        "remedies": [*map(words.describe_remedy, remedies.values())],
     }
 
 

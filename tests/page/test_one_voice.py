@@ -223,7 +223,9 @@ def test_each_finding_has_one_title_size_and_gain_everywhere(diagnosed):
     for finding in words.findings[:1]:
         for text in (finding.title, finding.size_and_constants, finding.gain):
             assert text in diagnosed.said["diagnose"]
+        for text, _ in finding.evidence:
             assert text in diagnosed.said["html"]
+            assert text in diagnosed.screen.text("findings")
         # The page folds the constants away.
         for text in (finding.title, finding.size, finding.constants, finding.gain):
             assert text in diagnosed.screen.text("findings")

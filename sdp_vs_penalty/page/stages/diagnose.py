@@ -160,8 +160,6 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
         with draw.tag("ul", style="evidence"):
             for sentence, speaks_for_it in words.evidence:
                 draw.tag("li", sentence, "for" if speaks_for_it else "against")
-            if words.doubt:
-                draw.tag("li", words.doubt, "against")
         if words.test and not done:
             _telling(view, finding, words.test, f"tell-{k}")
         if words.physics or words.constants:
