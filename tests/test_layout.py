@@ -26,6 +26,7 @@ ORDER = (
     "version",
     "errors",
     "arguments",
+    "threads",
     "formatting",
     "colours",
     "files",

@@ -14,8 +14,10 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.diagnosis.passing.cause import beside_spans
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.threads import on_one_thread
 
 
+@on_one_thread
 @checked_arguments
 def add(
     estimate: Estimate | str | Path,

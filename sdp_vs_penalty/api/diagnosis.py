@@ -28,8 +28,10 @@ from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.memory import give_back_memory
 from sdp_vs_penalty.results.remedy import Remedy
+from sdp_vs_penalty.threads import on_one_thread
 
 
+@on_one_thread
 @checked_arguments
 def diagnose(
     estimate: Estimate | str | Path,

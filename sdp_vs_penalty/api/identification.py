@@ -38,11 +38,13 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.constants import SAMPLES
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.threads import on_one_thread
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.checks.gate import Gate
 
 
+@on_one_thread
 @checked_arguments
 def identify(
     problem: str | Path | Problem,
@@ -329,6 +331,7 @@ def _identify(
     return estimate, runs
 
 
+@on_one_thread
 def _judge(
     estimate: Estimate, runs: FilteredRuns, noise_from: Measurements | None
 ) -> tuple[Comparison, dict[str, Any]]:

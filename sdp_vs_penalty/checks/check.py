@@ -44,8 +44,10 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.kinds.position_unit import KINDS_OF_UNITS
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, joined
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.threads import on_one_thread
 
 
+@on_one_thread
 @checked_arguments
 def check(
     problem: str | Path | Problem,

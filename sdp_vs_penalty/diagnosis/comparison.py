@@ -48,6 +48,7 @@ from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import subsample_sentence, window_subsample
 from sdp_vs_penalty.signals.standstill import slides_throughout
+from sdp_vs_penalty.threads import on_one_thread
 
 if TYPE_CHECKING:
     import pandas
@@ -583,6 +584,7 @@ class Comparisons(list[Comparison]):
         return paragraphs + self.to_frame().to_html()
 
 
+@on_one_thread
 @checked_arguments
 def compare(
     models: Models,

@@ -45,6 +45,7 @@ from sdp_vs_penalty.robot.trajectory import (
     PointTrajectory,
     random_trajectory,
 )
+from sdp_vs_penalty.threads import on_one_thread
 
 #: Rate at which motions are looked at [Hz].
 RATE = 20.0
@@ -256,6 +257,7 @@ class Excitation(Shown):
         save_trajectory(self.trajectory, path)
 
 
+@on_one_thread
 @checked_arguments
 def excite(
     problem: str | Path | Problem,

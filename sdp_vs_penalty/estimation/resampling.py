@@ -53,6 +53,7 @@ from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.threads import on_one_thread
 
 if TYPE_CHECKING:
     import pandas
@@ -229,6 +230,7 @@ class CrossValidation(Record):
         return pandas.DataFrame(rows).set_index(["fold", "joint"])
 
 
+@on_one_thread
 @checked_arguments
 def cross_validate(
     problem: str | Path | Problem,

@@ -33,6 +33,7 @@ from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.threads import on_one_thread
 
 if TYPE_CHECKING:
     import pandas
@@ -273,6 +274,7 @@ def _pair(ends: tuple[float, float] | None) -> str:
     return "" if ends is None else f"{_text(ends[0])} to {_text(ends[1])}"
 
 
+@on_one_thread
 @checked_arguments
 def find_ranges(
     model: Estimate | str | Path,
