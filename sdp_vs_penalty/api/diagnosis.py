@@ -138,7 +138,7 @@ def diagnose_and_add(
             model.problem,
             recording,
             "diagnose",
-            gate_of(check, model.problem, measurements, stacklevel=5),
+            gate_of(check, model.problem, measurements, stacklevel=6),
         )
         give_back_memory(recording.samples)
     test_run = _read_runs(model, test, "test")

@@ -317,7 +317,7 @@ def _identify(
             problem,
             data,
             "identify",
-            gate_of(check, problem, measurements, stacklevel=5),
+            gate_of(check, problem, measurements, stacklevel=6),
             gains=bool(options.known_loads),
             are_plausible=True,
         )

@@ -5,7 +5,7 @@ import glob
 import os
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -137,13 +137,28 @@ def as_measurements(
         sources += run_files(part) if is_path else [part]
     if not sources:
         raise InputError("no run is given", "pass at least one", what)
-    runs = [
-        _one(part, joints, names, what, number, usable, as_written)
-        for number, part in enumerate(sources, start=1)
-    ]
+
+    def read(place: int, unit: str) -> Measurements:
+        part, number = sources[place], place + 1
+        return _one(part, joints, names, what, number, usable, as_written, unit)
+
+    runs = read_in_one_unit(read, len(sources))
     if usable and len(runs) > 1:
         _refuse_repeated_runs(sources, runs)
     return concatenate(runs)
+
+
+def read_in_one_unit(
+    read: Callable[[int, str], Measurements], n_runs: int
+) -> list[Measurements]:
+    """Read runs by their place (from 0); those of whose positions the arm tells no unit
+    are read again by the unit that it tells of others, for one recorder wrote them."""
+    runs = [read(place, "") for place in range(n_runs)]
+    units = {run.unit_by_arm for run in runs} - {""}
+    if len(units) != 1:
+        return runs
+    (unit,) = units
+    return [run if run.unit_by_arm else read(k, unit) for k, run in enumerate(runs)]
 
 
 def _refuse_repeated_runs(sources: Sequence[Any], runs: Sequence[Measurements]) -> None:
@@ -167,6 +182,7 @@ def _one(
     number: int,
     usable: bool,
     as_written: bool,
+    unit_of_others: str,
 ) -> Measurements:
     """Make the measurements of one source: a path, Measurements, or a mapping or
     DataFrame of columns.
@@ -174,12 +190,15 @@ def _one(
     ``joints`` is the expected number of joints, ``names`` are the robot's joint names
     in order. Messages call the argument ``what``, and the source has its ``number``
     (from 1) among those that a caller passes for a name. ``usable`` refuses a run with
-    a clock that does not ascend, or numbers that are not finite.
+    a clock that does not ascend, or numbers that are not finite. ``unit_of_others`` is
+    the unit of positions that the arm has told of other runs.
     """
     if isinstance(part, Measurements):
         run_read = without_traces(without_held(part, names))
     elif isinstance(part, str | Path):
-        run_read = read_run(part, joints, names, as_written=as_written)
+        run_read = read_run(
+            part, joints, names, as_written=as_written, unit_of_others=unit_of_others
+        )
     else:
         from sdp_vs_penalty.data.formats.memory import log_in_memory
 
@@ -193,7 +212,8 @@ def _one(
                 "no measurements", remedy, what.replace("...", quote_value(part))
             )
         _refuse_transposed(part, log.names, what)
-        run_read = run_of(log, Choice(as_written=as_written))
+        choice = Choice(as_written=as_written, unit_of_others=unit_of_others)
+        run_read = run_of(log, choice)
         if not isinstance(part, Mapping):
             run_read = _without_silent_channels(run_read.names[0], run_read)
         run_read = without_traces(without_held(run_read, names))
@@ -374,6 +394,7 @@ def read_run(
     scale: Mapping[str, str] | None = None,
     options: Sequence[str] = (),
     as_written: bool = False,
+    unit_of_others: str = "",
 ) -> Measurements:
     """Read one run as it is in its file.
 
@@ -397,6 +418,8 @@ def read_run(
         running. They are not applied, but stand in the command that repeats it.
     as_written : bool
         Whether names mean what they say, and ours mean SI, whatever values and arm tell.
+    unit_of_others : str
+        Unit of positions that the arm has told of other runs of the same recorder.
 
     Returns
     -------
@@ -412,7 +435,9 @@ def read_run(
     if rate is not None and not 0.0 < rate < np.inf:
         what = f"rate {rate!r} is not a frequency above 0 Hz"
         raise InputError(what, "give the samples a second, like --rate 1000")
-    choice = Choice(names, topic, rename, rate, scale, options, as_written)
+    choice = Choice(
+        names, topic, rename, rate, scale, options, as_written, unit_of_others
+    )
     path = Path(path)
     if _is_joined(path):
         from sdp_vs_penalty.data.formats.joined import files_of_run, joined_log

@@ -91,6 +91,8 @@ class Measurements(Shown):
     unit_command : str
         The `convert` command that says the unit of q, with UNIT for it, of a log whose
         names do not; "" where they do.
+    unit_by_arm : str
+        Unit of q that the arm's torques have told, "" where they have told none.
     file_rows : (N,) array of int, optional
         Number in its file of each sample's row; default: sample k, from 0, is row k + 2.
     """
@@ -108,6 +110,7 @@ class Measurements(Shown):
     torque_unit: str = ""
     reading: str = ""
     unit_command: str = ""
+    unit_by_arm: str = ""
     file_rows: NDArray[np.int64] | None = None
     #: Recordings that these samples are windows of; none: they are a whole recording. A
     #: changed copy (``dataclasses.replace``) is a recording of its own.
@@ -213,6 +216,7 @@ class Measurements(Shown):
             joint_names=self.joint_names,
             reading=self.reading,
             unit_command=self.unit_command,
+            unit_by_arm=self.unit_by_arm,
             file_rows=self.file_rows,
         )
 

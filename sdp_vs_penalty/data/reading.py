@@ -81,6 +81,8 @@ class Choice:
     options: Sequence[str] = ()
     #: Whether names mean what they say, and ours mean SI, whatever values and arm tell.
     as_written: bool = False
+    #: Unit of positions that the arm has told of another run of the same recorder.
+    unit_of_others: str = ""
 
 
 def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
@@ -112,7 +114,9 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
     }
     remark = ColumnsRemark(said, _rows_shown(run, found.rename), found.rename, others)
     warnings.warn(remark, stacklevel=2)
-    run = replace(run, reading=f"{log.path.name}: {sentence}")
+    run = replace(
+        run, reading=f"{log.path.name}: {sentence}", unit_by_arm=found.unit_by_arm
+    )
     if "q" not in found.unsaid:
         return run
     asking = replace(choice, scale={**(choice.scale or {}), "q": "UNIT"})
@@ -686,7 +690,8 @@ def _as_the_arm_says(
         robot = None
     if robot is None and len(channels) < 2:
         return found, blocks
-    if robot and found.is_identity and not far_outside(robot, blocks["q"]):
+    is_open = not found.is_identity or bool(choice.unit_of_others)
+    if robot and not is_open and not far_outside(robot, blocks["q"]):
         return found, blocks
     from sdp_vs_penalty.data.hypotheses import by_arm
 
@@ -700,7 +705,9 @@ def _as_the_arm_says(
         links = getattr(choice.joints, "links", None)
         of_links = by_arm.fit_of(robot, clock_of_positions, links)
         before = found
-        found, blocks = by_arm.with_unit_of_positions(found, blocks, robot, of_links)
+        found, blocks = by_arm.with_unit_of_positions(
+            found, blocks, robot, of_links, choice.unit_of_others
+        )
         if found is not before:  # so fast joints move in that unit
             found = _with_unit_of_clock(found, t, blocks, choice.rate)
         found = by_arm.with_unit_of_velocities(found, t, blocks)

@@ -83,11 +83,17 @@ def fit_of(
 
 
 def with_unit_of_positions(
-    found: Recognition, blocks: dict[str, Array], robot: Robot, fit: Fit
+    found: Recognition,
+    blocks: dict[str, Array],
+    robot: Robot,
+    fit: Fit,
+    of_others: str = "",
 ) -> tuple[Recognition, dict[str, Array]]:
     """Decide the unit of positions that no name says and that may not be radians, or that
     are impossible as radians, if one unit is certain: by the joints' ranges, by what the arm
     leaves of the torques, and by how usual it is.
+
+    ``of_others`` : the unit that the arm has told of another run of the same recorder.
     """
     q, tau = blocks["q"], blocks["tau"]
     register, bit = signed_register(tau)
@@ -95,6 +101,7 @@ def with_unit_of_positions(
     is_impossible = bool(far_outside(robot, q))
     largest = np.abs(q[:, _revolute(robot)]).max(initial=0.0)
     is_open = "q" in found.unsaid and not _LITTLE < largest < _TURN
+    is_open |= bool(of_others)
     stated = found.units.get("q")
     is_said = stated is not None and stated.answer != DEGREES_OR_PERCENT
     is_said |= "q" in map(group_of, found.scale)
@@ -107,6 +114,7 @@ def with_unit_of_positions(
         if known := [x for x in fits if x]:
             is_usual = is_in_ranges(robot, in_si)
             prior = unit.prior * (1.0 if is_usual else _BESIDE_RANGE)
+            prior *= _CERTAIN if unit.words == of_others else 1.0
             best_fit = min(known, key=lambda x: x.share)
             fitted.append((best_fit, replace(unit, prior=prior)))
     if not fitted:
@@ -119,8 +127,10 @@ def with_unit_of_positions(
         return found, blocks
     if others and max(weights) < _CERTAIN * others[-1]:
         return found, blocks
-    if _may_be_behind_gears(best, share, q, torques, fit):
+    is_of_others = best.words == of_others
+    if not is_of_others and _may_be_behind_gears(best, share, q, torques, fit):
         return found, blocks
+    found = replace(found, unit_by_arm=best.words)
     why = f"the arm leaves {100.0 * share:.2g} % of the torques"
     if is_impossible:
         why = f"outside the joints' ranges as radians, and {why}"

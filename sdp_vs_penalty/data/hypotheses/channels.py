@@ -49,6 +49,8 @@ class Recognition:
     torque_unit: str = ""
     #: Whether the arm has told what no command says without it.
     is_of_arm: bool = False
+    #: Unit of positions that the arm has told; empty: it has told none.
+    unit_by_arm: str = ""
     #: Those of q and tau whose unit neither names, metadata nor the program that wrote the
     #: file say.
     unsaid: frozenset[str] = frozenset()
