@@ -29,15 +29,19 @@ from real_arms import joint_errors, read_options, ur10e_splits
 
 from sdp_vs_penalty import Estimate, Measurements, add, diagnose, export, identify
 from sdp_vs_penalty.estimation.nominal import nominal_model
+from sdp_vs_penalty.estimators import LmiSdp
 from sdp_vs_penalty.exporters.export import as_exported, effects_left_out
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.results.table import markdown_lines
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 Array = NDArray[np.float64]
 #: What an ordinary model has beside the links, in the order of the script's columns.
 TERMS = "viscous_friction,coulomb_friction,torque_offset,rotor_inertia"
+#: Of the script's samples at 1 kHz, those whose columns are filtered.
+EVERY = 4
 
 
 def by_hand(file: Estimate, run: Measurements, solve: Callable[..., Array]) -> Estimate:
@@ -50,6 +54,40 @@ def by_hand(file: Estimate, run: Measurements, solve: Callable[..., Array]) -> E
 def by_cvxpy(columns: Array, tau: Array) -> Array:
     """Least squares under positive semidefinite pseudo-inertias, friction >= 0."""
     return cvxpy_script.solve(columns, tau, inertia.PSEUDO_INERTIA_BASIS)
+
+
+def by_hand_weighed(
+    file: Estimate,
+    run: Measurements,
+    filters: Preprocessing | None = None,
+    links: Array | None = None,
+) -> Estimate:
+    """Return the script's model with what `identify` has more: joints weighed by their
+    errors in a first fit; its filters, behind which columns are as well; links (n, 10) of
+    its prior."""
+    script = cvxpy_script
+    arm = file.robot._model
+    if filters is None:
+        rows = script.filtered_rows(run.t, run.q, run.tau)
+        columns = script.columns(arm, *rows.states, with_rotors=True)
+        tau = rows.tau
+    else:
+        cutoffs = (filters.state_cutoff, filters.torque_cutoff)
+        rows = script.filtered_rows(run.t, run.q, run.tau, EVERY, cutoffs)
+        columns = script.columns(arm, *rows.states, with_rotors=True)
+        columns = script.low_pass(columns, EVERY * filters.torque_cutoff)
+        columns = columns[:: script.DECIMATION // EVERY]
+        tau = rows.tau[:: script.DECIMATION // EVERY]
+    first = base_script.solve(columns, tau)
+    weights = 1.0 / np.std(columns @ first - tau, axis=0)
+    theta = script.solve(
+        weights[:, None] * columns,
+        weights * tau,
+        inertia.PSEUDO_INERTIA_BASIS,
+        nominal=links,
+        weight=LmiSdp().entropy,  # the weighed rows' variance is one
+    )
+    return file.with_theta(theta)
 
 
 def ways(run: Measurements, file: Path) -> Mapping[str, Estimate]:
@@ -75,6 +113,16 @@ def ways(run: Measurements, file: Path) -> Mapping[str, Estimate]:
         ),
         "script, least squares": by_hand(with_terms, run, base_script.solve),
         "script, CVXPY, links can exist": by_hand(with_terms, run, by_cvxpy),
+        "script, CVXPY, joints weighed": by_hand_weighed(with_terms, run),
+        "script, CVXPY, joints weighed, filters of identify": by_hand_weighed(
+            with_terms, run, bare.preprocessing
+        ),
+        "script, CVXPY, joints weighed, filters and prior of identify": (
+            by_hand_weighed(with_terms, run, bare.preprocessing, with_terms.links)
+        ),
+        "identify without its prior": identify(
+            "ur10e", run, check=False, method=LmiSdp(entropy=0.0)
+        ),
         "identify": bare,
         "identify, as URDF": as_exported(bare, "arm.urdf"),
         "with effects whose name is sure": add(bare, named, run),

@@ -44,18 +44,24 @@ def read_rows(folder: Path, joints: int) -> Rows:
     return filtered_rows(t, *(channel.reshape(-1, joints) for channel in channels))
 
 
-def filtered_rows(t: Array, q: Array, tau: Array) -> Rows:
-    """Resample positions and torques (N, n), filter and decimate."""
+def filtered_rows(
+    t: Array,
+    q: Array,
+    tau: Array,
+    decimation: int = DECIMATION,
+    cutoffs: tuple[float, float] = (POSITION_CUTOFF_HZ, TORQUE_CUTOFF_HZ),
+) -> Rows:
+    """Resample positions and torques (N, n), filter at cutoffs [Hz] and decimate."""
     grid = np.arange(t[0], t[-1], 1.0 / RATE_HZ)
     q, tau = (
         np.column_stack([np.interp(grid, t, x) for x in channel.T])
         for channel in (q, tau)
     )
-    q = low_pass(q, POSITION_CUTOFF_HZ)
+    q = low_pass(q, cutoffs[0])
     dq = np.gradient(q, 1.0 / RATE_HZ, axis=0)
     ddq = np.gradient(dq, 1.0 / RATE_HZ, axis=0)
-    keep = slice(MARGIN, len(grid) - MARGIN, DECIMATION)
-    tau = low_pass(tau, TORQUE_CUTOFF_HZ)
+    keep = slice(MARGIN, len(grid) - MARGIN, decimation)
+    tau = low_pass(tau, cutoffs[1])
     return Rows(grid[keep], (q[keep], dq[keep], ddq[keep]), tau[keep])
 
 
@@ -80,13 +86,21 @@ def columns(
     return np.array(stack)
 
 
-def solve(y: Array, tau: Array, basis: Array, triangle: bool = True) -> Array:
+def solve(
+    y: Array,
+    tau: Array,
+    basis: Array,
+    triangle: bool = True,
+    nominal: Array | None = None,
+    weight: float = 0.0,
+) -> Array:
     """theta (p,) of least squares with positive semidefinite pseudo-inertias, friction
     and rotors >= 0.
 
     y (M, n, p) as of `columns`, tau (M, n); basis (10, 4, 4) : of the pseudo-inertia. Columns are
     scaled to unit length: without that Clarabel's answer is wrong. triangle : CVXPY gets
-    the rows' R factor, else the rows themselves.
+    the rows' R factor, else the rows themselves. nominal (links, 10) : links to which each
+    is pulled by weight times the divergence tr(P0^-1 P) - log det P.
     """
     import cvxpy as cp
 
@@ -99,10 +113,19 @@ def solve(y: Array, tau: Array, basis: Array, triangle: bool = True) -> Array:
     x = cp.Variable(y.shape[2])
     friction, rotors = slice(10 * links, 12 * links), slice(13 * links, None)
     demands: list[Any] = [x[friction] >= 0, x[rotors] >= 0]
+    loss = cp.sum_squares((rows[:, :-1] * scale) @ x - rows[:, -1])
     for k in range(links):
         link = slice(10 * k, 10 * k + 10)
-        matrix = (basis.reshape(10, 16) * scale[link, None]).T
-        demands.append(cp.reshape(matrix @ x[link], (4, 4), order="C") >> 0)
-    loss = cp.sum_squares((rows[:, :-1] * scale) @ x - rows[:, -1])
+        root = np.eye(4)
+        if nominal is not None:  # in units of the nominal link: P0 = 1
+            root = np.linalg.inv(
+                np.linalg.cholesky(np.tensordot(nominal[k], basis, axes=1))
+            )
+        moved = root @ basis @ root.T
+        matrix = (moved.reshape(10, 16) * scale[link, None]).T
+        pseudo_inertia = cp.reshape(matrix @ x[link], (4, 4), order="C")
+        demands.append(pseudo_inertia >> 0)
+        if nominal is not None:
+            loss += weight * (cp.trace(pseudo_inertia) - cp.log_det(pseudo_inertia))
     cp.Problem(cp.Minimize(loss), demands).solve(solver=cp.CLARABEL)
     return np.asarray(scale * x.value)
