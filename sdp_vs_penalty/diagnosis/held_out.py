@@ -99,6 +99,24 @@ class HeldOutSplit:
         is_kept = np.append(columns_stay, np.repeat(is_chosen, n_columns))
         return Columns(staying, new, is_kept.astype(bool))
 
+    def acts_in_slow_rows(self, k: int) -> bool:
+        """Return whether effect k is a law of dry friction that acts in slow rows.
+
+        It is one of friction at rest, or less than half of the squares of its torque
+        are in those rows fitted to in which the joints slide (a Stribeck dip's, say).
+        """
+        effect = self.effects[k]
+        if effect.at_rest or not effect.is_dry_friction:
+            return bool(effect.at_rest)
+        # The torque's column is the last one.
+        end = -1 - sum(len(other.parameters) for other in self.effects[k + 1 :])
+        own = slice(end - len(effect.parameters), end)
+        in_all, in_sliding = (
+            np.sum(rows.column_norms()[:, own] ** 2)
+            for rows in (self.train, self.sliding[-1])
+        )
+        return bool(in_sliding < 0.5 * in_all)
+
 
 class Columns(NamedTuple):
     """The effects of a fit, and their columns among those of a split."""
@@ -164,8 +182,16 @@ class HeldOut:
 
     def _is_told_by_sliding(self, judged: int | None) -> bool:
         """Return whether the rows in which the joints slide tell of an effect (its
-        number): friction that sticks holds any torque, and is told by all rows."""
-        return judged is not None and not self.splits[0].effects[judged].at_rest
+        number): friction that sticks holds any torque. Of a law of that friction they
+        tell only if it acts there."""
+        return judged is not None and not self._acts_in_slow_rows[judged]
+
+    @cached_property
+    def _acts_in_slow_rows(self) -> list[bool]:
+        """Which effects are laws of dry friction that act in slow rows."""
+        split = self.splits[0]
+        numbers = range(len(split.effects))
+        return [split.acts_in_slow_rows(k) for k in numbers]
 
     def _rms(self, squares: Array, sliding: bool) -> Array:
         """Return the root mean squares (n,) of errors, whose sums of squares are given,

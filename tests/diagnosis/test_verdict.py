@@ -250,14 +250,26 @@ def test_the_more_a_torque_is_in_doubt_the_more_it_has_to_help(reasons, least):
 
 
 def test_a_torque_of_sliding_is_judged_where_joints_slide(monkeypatch):
-    """Friction that sticks makes 5 N m of error in rows that say nothing of a spring."""
-    effects = [SimpleNamespace(at_rest=x) for x in ("", "turns")]
-    regressions = {"all": (25.0, "all"), "sliding": (1.0, "sliding")}
+    """Friction that sticks makes 5 N m of error in rows that say nothing of a spring,
+    nor of friction that rubs at speed; of a Stribeck dip (the last) they alone do."""
+    kinds = [("", False), ("turns", True), ("", True), ("", True)]
+    effects = [
+        SimpleNamespace(at_rest=at_rest, is_dry_friction=is_dry, parameters=[0])
+        for at_rest, is_dry in kinds
+    ]
+    #: Squared error of the rows, and norms of the effects' columns and the torque.
+    regressions = {
+        "all": (25.0, [1.0, 1.0, 1.0, 1.0, 9.0]),
+        "sliding": (1.0, [0.1, 0.9, 0.8, 0.1, 7.0]),
+    }
 
-    def of_rows(name):
-        squares, rows = regressions[name]
+    def of_rows(rows):
+        squares, norms = regressions[rows]
         return SimpleNamespace(
-            joint_rows=lambda: np.array([1]), squares=squares, rows=rows
+            joint_rows=lambda: np.array([1]),
+            column_norms=lambda: np.array([norms]),
+            squares=squares,
+            rows=rows,
         )
 
     split = HeldOutSplit(
@@ -275,8 +287,9 @@ def test_a_torque_of_sliding_is_judged_where_joints_slide(monkeypatch):
         return np.array([[[x.squares] for x in (*split.tests, *split.sliding)]])
 
     monkeypatch.setattr(HeldOut, "_squares", squares_of_fit)
-    assert [held_out.errors([0, 1], k)[0] for k in (0, 1)] == [1.0, 5.0]
-    assert fitted == ["sliding", "all"]
+    errors = [held_out.errors([0, 1, 2, 3], k)[0] for k in range(4)]
+    assert errors == [1.0, 5.0, 1.0, 5.0]
+    assert fitted == ["sliding", "all", "sliding", "all"]
 
 
 #: What is changed of a finding that nothing speaks against, and what then does.
