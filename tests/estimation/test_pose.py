@@ -160,3 +160,5 @@ def test_what_identify_minimised_is_posed_again_from_the_file(
     assert_allclose(posed.task.bound, before.task.bound)
     assert_allclose(posed.gain_errors, before.gain_errors)
     assert posed.task.model.known == before.task.model.known
+    convex, again = (kept.estimator.posed(x.task) for x in (before, posed))
+    assert again.entropy.weight == pytest.approx(convex.entropy.weight)

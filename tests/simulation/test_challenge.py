@@ -135,6 +135,7 @@ ALLOWED = {
     "sdp_vs_penalty.records",
     "sdp_vs_penalty.errors",
     "sdp_vs_penalty.robot._pinocchio",
+    "sdp_vs_penalty.robot.arrays",  # types of arrays
 }
 
 
