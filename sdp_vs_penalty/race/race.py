@@ -394,4 +394,6 @@ def _of_all(fit: ViewFit) -> float:
 
 def _thinned(further: Further) -> Further:
     """Return further columns at the rows that are looked at first."""
-    return replace(further, columns=further.columns[:, :: c.THIN])
+    columns, under = further.columns[:, :: c.THIN], further.under
+    thinned = under and (lambda chain: _thinned(under(chain)))
+    return replace(further, columns=columns, under=thinned)

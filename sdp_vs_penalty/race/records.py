@@ -111,6 +111,8 @@ class Further:
     is_positive: bool = False
     #: Span of time outside of which they are zero; None where it is all.
     span: Part | None = None
+    #: The same under another transform, where they hold channels of the log.
+    under: Callable[[LogTransform], Further] | None = None
 
 
 @dataclass(frozen=True)
@@ -209,7 +211,10 @@ class Hypothesis:
             return replace(view, further=(*view.further, self.further))
         if self.part is not None:
             return view.with_part(self.part, chain)
-        return replace(view, chain=chain)
+        if chain == view.chain:
+            return view
+        further = tuple(x.under(chain) if x.under else x for x in view.further)
+        return replace(view, chain=chain, further=further)
 
 
 def at_sizes(

@@ -69,7 +69,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         yield Hypothesis("passing force", (), odds, now, part=span, further=pushed)
     for pair in pairwise(range(log.n)):
         for a, b in (pair, pair[::-1]):
-            further_at = partial(_coupling, log, now, a, b)
+            further_at = partial(_coupling, log, a, b, now)
             what = f"gears that couple joints {pair[0] + 1} and {pair[1] + 1}"
             yield Hypothesis(
                 kind="coupling",
@@ -107,7 +107,7 @@ def _worst_spans(evidence: Evidence, fit: ViewFit) -> list[Part]:
 
 
 def _coupling(
-    log: Likelihood, now: LogTransform, a: int, b: int, ratio: float
+    log: Likelihood, a: int, b: int, now: LogTransform, ratio: float
 ) -> Further:
     """Return the torque of gears by which the motor of joint b turns with joint a as
     well: by dq_b + ratio dq_a.
@@ -128,4 +128,5 @@ def _coupling(
     load = np.repeat(of_joints[[a, b]], [len(of_a), len(of_b)])
     sd = _SHARE * load / np.maximum(size, 1e-12)
     sd[0] = _RATIO
-    return Further(columns, np.maximum(sd, 1e-12))
+    under = partial(_coupling, log, a, b, ratio=ratio)
+    return Further(columns, np.maximum(sd, 1e-12), under=under)
