@@ -14,6 +14,7 @@ from sdp_vs_penalty import check, load_problem
 from sdp_vs_penalty.race import Hypothesis, Likelihood, Number, Part, Race
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence
+from sdp_vs_penalty.race.kinds import effects
 from sdp_vs_penalty.race.records import Further, LogView
 from sdp_vs_penalty.race.rows import RegressionData
 
@@ -215,3 +216,20 @@ def test_the_zero_of_the_first_joint_is_the_mounting_about_its_axis():
     (issue,) = report.errors_and_warnings
     assert (issue.kind, issue.figures["joints"]) == ("encoder offset", [1])
     assert "or its base is turned as much about that axis" in issue.what
+
+
+def test_a_coupling_is_of_the_channels_of_another_order(evidence):
+    """TX40's coupled joints were swapped: the columns stayed those of the old order."""
+    swapped = NONE.with_swap(0, 1, "order", "tau_order")
+    before, after = (
+        next(
+            h
+            for h in effects.propose(evidence, evidence.fit(LogView(chain), 1.0))
+            if h.kind == "coupling"
+        )
+        for chain in (NONE, swapped)
+    )
+    swap = Hypothesis("joint order", (0, 1), -1.0, swapped)
+    seen = swap.seen(before.seen(LogView(NONE)))
+    assert np.array_equal(seen.further[0].columns, after.further.columns)
+    assert not np.array_equal(before.further.columns, after.further.columns)
