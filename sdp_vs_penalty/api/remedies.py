@@ -271,28 +271,28 @@ def _mount_words(arguments: Mapping[str, Any], files: Files) -> list[str]:
 
 
 def _add_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:
-    """Write `add`: of findings from their file where there is one, else by their texts.
+    """Write the command `add`, which names findings or effects; None without a model.
 
-    ``arguments["findings"]`` is "all", "confident", or the numbers of some findings;
-    without it the effects have no diagnosis. Curves have no text: None without a file.
+    ``arguments["findings"]`` says which findings are added: "all", "confident", or a list
+    of their numbers. The command takes them from the file of the diagnosis. Without that
+    argument, or without that file, it names the effects by their texts. A measured curve
+    has no text, so there is no command then.
     """
     if files.model is None:
         return None
-    which = arguments.get("findings")
-    what: list[Any]
-    if which is None or files.findings is None:
-        what = [",".join(arguments["effects"])]
-    elif isinstance(which, str):
-        what = [
-            "--from",
-            files.findings,
-            *(["--confident"] if which == "confident" else []),
-        ]
+    chosen = arguments.get("findings")
+    source: list[Any]
+    if chosen is None or files.findings is None:
+        source = [",".join(arguments["effects"])]
+    elif isinstance(chosen, str):
+        source = ["--from", files.findings]
+        source += ["--confident"] if chosen == "confident" else []
     else:
-        what = ["--from", files.findings, "--only", ",".join(map(str, which))]
-    out = ["--out", files.new["model"]]
-    words: list[Any] = ["add", files.model, *what, *files.data, *out]
-    return words if all(what) else None
+        source = ["--from", files.findings, "--only", ",".join(map(str, chosen))]
+    if not all(source):
+        return None
+    new_model = files.new["model"]
+    return ["add", files.model, *source, *files.data, "--out", new_model]
 
 
 def _record_words(arguments: Mapping[str, Any], files: Files) -> list[str]:

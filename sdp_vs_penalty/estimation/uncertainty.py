@@ -279,19 +279,27 @@ class Sandwich:
     def gain_response(self, theta: Array) -> Array:
         """Return the change of the estimate with the gains of the torque channels.
 
+        An error e of a joint's gain adds e times the modelled torque to its channel.
+
+        Parameters
+        ----------
+        theta : (q,) array
+            The estimate; q <= p.
+
         Returns
         -------
         (p, n) array
             Change of theta for a unit relative error of each joint's gain.
         """
-        theta = np.pad(theta, (0, len(self.norms) - len(theta)))
-        torque_by_joint = (
-            (f, f.triangle[:, :-1] @ theta[f.indices]) for f in self.regression.factors
-        )
+        # Columns beyond the estimate's are errors of shape constants, estimated as 0.
+        all_values = np.pad(theta, (0, len(self.norms) - len(theta)))
         identity = np.eye(self.regression.joints)
-        return self.response(
-            [np.outer(torque, identity[f.joint]) for f, torque in torque_by_joint]
-        )
+        added_torques = []
+        for f in self.regression.factors:
+            # A triangle is [Y tau]: its last column is the measured torque.
+            modelled = f.triangle[:, :-1] @ all_values[f.indices]  # (r,)
+            added_torques.append(np.outer(modelled, identity[f.joint]))  # (r, n)
+        return self.response(added_torques)
 
 
 def stretched(factor: Array, std: Array) -> Array:

@@ -329,20 +329,22 @@ class Session:
         diagnosis = self.findings
         if diagnosis is None or not self.hidden:
             return ""
-        effect, _, at = self.hidden.partition(":")
+        # "joint_coupling:2+3" is an effect on joints 2 and 3, "base_tilt" on the arm.
+        effect, _, joint_text = self.hidden.partition(":")
         if effect == "none":
             return "Nothing was hidden in these runs."
-        joints = {int(joint) for joint in at.split("+") if joint}
+        joints = {int(joint) for joint in joint_text.split("+") if joint}
         added = [text for step in self.history for text in step.added]
-        outcome = "not found by this name"
+        found = [finding.text for finding in diagnosis.effects]
+        absorbed = [x for x in diagnosis.invisible if x.effect == effect]
         if any(_acts_as(text, effect, joints) for text in added):
             outcome = "found, and in the model"
-        elif any(_acts_as(f.text, effect, joints) for f in diagnosis.effects):
+        elif any(_acts_as(text, effect, joints) for text in found):
             outcome = "found"
-        elif any(
-            x.effect == effect and joints <= {*x.joints} for x in diagnosis.invisible
-        ):
+        elif any(joints.issubset(x.joints) for x in absorbed):
             outcome = "not found: parameters of the model absorb it in these runs"
+        else:
+            outcome = "not found by this name"
         return f"You hid {effect_in_words(self.hidden)}: {outcome}."
 
     def cause_of(self, joint: int) -> str:

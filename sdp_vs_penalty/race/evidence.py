@@ -252,15 +252,15 @@ class Evidence:
 
     # -- fits
 
-    def _products(self, columns: _Columns, views: Sequence[LogView]) -> list[ViewFit]:
-        """Return the products of several views of one motion that fits need, not fitted
-        yet."""
+    def _unfitted(self, columns: _Columns, views: Sequence[LogView]) -> list[ViewFit]:
+        """Return the fits of K views of one motion before they are fitted: only with
+        the products of torque and columns, which :meth:`fitted` needs."""
         torques = np.stack([self._torque(view) for view in views], axis=-1)  # (n, M, K)
-        beside_own = columns.rows.project_out_own(torques)
-        energy = np.sum(beside_own**2, axis=1)
-        cross = columns.rows.products_with(beside_own)  # (n, K, s)
-        probed = (columns.probe[:, None, :] @ torques)[:, 0]
-        total = np.sum(torques**2, axis=1)
+        without_own = columns.rows.project_out_own(torques)  # (n, M, K)
+        cross = columns.rows.products_with(without_own)  # (n, K, s)
+        energy = np.sum(without_own**2, axis=1)  # (n, K)
+        total = np.sum(torques**2, axis=1)  # (n, K)
+        probed = (columns.probe[:, None, :] @ torques)[:, 0]  # (n, K)
         return [
             ViewFit(
                 view=view,
@@ -275,8 +275,8 @@ class Evidence:
 
     def fit(self, view: LogView, v: float) -> ViewFit:
         """Fit one arm to the rows of one view; v : rows that are worth one."""
-        products = self._products(self._columns(view.motion), [view])
-        return self.fitted(products, v)[0]
+        unfitted = self._unfitted(self._columns(view.motion), [view])
+        return self.fitted(unfitted, v)[0]
 
     def values(
         self, views: Sequence[LogView], v: float, rounds: int = _ROUNDS
@@ -301,11 +301,11 @@ class Evidence:
             some = motions[first : first + at_a_time]
             self.log.prepare_columns([motion.chain for motion in some])
             places = [k for motion in some for k in by_motion[motion]]
-            products: list[ViewFit] = []
+            unfitted: list[ViewFit] = []
             for motion in some:
                 of_motion = [views[k] for k in by_motion[motion]]
-                products += self._products(self._columns(motion), of_motion)
-            values[places] = [x.value for x in self.fitted(products, v, rounds)]
+                unfitted += self._unfitted(self._columns(motion), of_motion)
+            values[places] = [x.value for x in self.fitted(unfitted, v, rounds)]
         return values
 
     def fitted(

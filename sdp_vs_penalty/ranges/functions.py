@@ -115,19 +115,27 @@ def all_functions(problem: Problem, model: Model) -> list[Function]:
 
 
 def _group(word: str, known: dict[str, Function]) -> list[Function]:
-    """Return the functions that a word of GROUPS stands for; none for another word."""
+    """List the known functions that a word of GROUPS stands for; none for another word.
+
+    "inertias" are those about a link's frame (Ixx4), "moments" those about its centre of
+    mass (I4xx).
+    """
     functions = list(known.values())
+    # A standard parameter is a linear function with one coefficient.
     standard = [f for f in functions if f.g is not None and np.sum(f.g != 0) == 1]
     total = [known[TOTAL]] if TOTAL in known else []
-    # "m4" is a mass, "mx4" a first moment.
+    # A mass is "m4"; the rotor of a slide, "I_a4", has the unit kg as well.
     masses = [f for f in standard if f.unit == "kg" and f.name[1:].isdigit()]
     about_centre = [f for f in functions if f.place is not None]
+    # A link's parameters are m, m c (3), and six inertias.
+    inertia_names = inertia.PARAMETERS[4:]
     groups = {
         "masses": [*masses, *total],
         "centres": [f for f in about_centre if f.unit == "m"],
         "moments": [f for f in about_centre if f.unit == "kg m^2"],
-        "inertias": [f for f in standard if f.name[:3] in inertia.PARAMETERS[4:]],
+        "inertias": [f for f in standard if f.name[:3] in inertia_names],
         "parameters": standard,
+        # A combination is named by its first parameter: "Izz1 + ...".
         "base": [f for f in functions if f.name.endswith("...")],
     }
     return groups.get(word, [])

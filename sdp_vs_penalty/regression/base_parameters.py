@@ -160,25 +160,26 @@ def _rigid_base(
 def _merged_base(
     model: Model, fields: Set[SimulatorField]
 ) -> tuple[Array, Indices, Sequence[int]]:
-    """Return the base parameters of several effects together, by their fields.
+    """Return the base parameters of all effects with one of the fields together.
 
-    Returns B (b, k), the indices (k,) of their parameters in theta, and which of the k
-    lead the combinations, as _rigid_base does. Dependent columns are found at random
-    states.
+    The result is as that of :func:`_rigid_base`, with the k parameters of these effects.
+    Columns that are dependent at random states are dependent.
     """
     effects = tuple(e for e in model.effects if e.simulator_field in fields)
-    part = Model(model.robot, effects)
+    merged = Model(model.robot, effects)
     names = [p.name for p in model.parameters]
-    places = np.array([names.index(q.name) for q in part.parameters])
-    states = part.robot.random_states
-    motion = Motion(np.zeros(len(states[0])), *states)
-    columns = part.dense_columns(motion)
-    stacked = np.swapaxes(columns, 0, 1).reshape(-1, len(places))
-    # Of columns that stand for each other the first leads, whatever rounding says:
-    # links first.
-    preference = np.linspace(1.0, 1.0 - 1e-4, len(places))
+    indices = np.array([names.index(p.name) for p in merged.parameters])
+    q, dq, ddq = merged.robot.random_states
+    # None of these effects depends on the time.
+    motion = Motion(np.zeros(len(q)), q, dq, ddq)
+    columns = merged.dense_columns(motion)
+    # The rows of a state, one a joint, behind each other.
+    stacked = np.swapaxes(columns, 0, 1).reshape(-1, len(indices))
+    # Norms fall by less than columns differ, but by more than rounding: among equal
+    # columns the first one leads, so that links lead before rotors and offsets.
+    preference = np.linspace(1.0, 1.0 - 1e-4, len(indices))
     matrix, lead = structure(stacked, preference=preference)
-    return matrix, places, lead
+    return matrix, indices, lead
 
 
 def structure(

@@ -5,6 +5,7 @@ loss and the gains of position actuators.
 MuJoCo parses in a process of its own: a broken file ends that process.
 """
 
+import json
 import os
 import tempfile
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -239,15 +240,14 @@ def _robot_of(
 
 
 def _compiled(path: Path) -> MujocoModel:
-    """Compile an MJCF file by MuJoCo, in a child process, which a broken file can end.
+    """Compile an MJCF file by MuJoCo in a child process, since a broken file can end it.
 
-    Returns the fields of MuJoCo's model that are needed, with the names of the robot
-    and its joints. Raises InputError for a file that MuJoCo does not read.
+    Raises InputError for a file that MuJoCo does not read.
     """
     try:
         # MuJoCo writes its log file into the folder in which it works.
         with tempfile.TemporaryDirectory() as folder:
-            first, *named_arrays = parse_isolated(
+            (answer,) = parse_isolated(
                 model_arrays,
                 path.absolute(),
                 folder,
@@ -264,25 +264,17 @@ def _compiled(path: Path) -> MujocoModel:
     except ParserEndedError as error:
         what = f"MuJoCo does not read it ({error})"
         raise InputError(what, "correct it", path) from error
-    arrays = dict(first)
-    # The first dict holds fields of the model; the others hold one name each,
-    # "0:robot", "1:joint", ....
+    arrays = dict(answer)
     x, y, z = arrays.pop("gravity").tolist()
-    names = [name for part in named_arrays for name in part]
-    model_name, *names = names
-    n_joints = len(arrays["jnt_type"])
-    joint_names, equalities = names[:n_joints], names[n_joints:]
+    names = json.loads(arrays.pop("names").astype(np.uint8).tobytes())
     # A joint without a name is called by its number.
-    names_of_joints = tuple(
-        text.partition(":")[2] or f"joint{k}"
-        for k, text in enumerate(joint_names, start=1)
-    )
+    joint_names = [text or f"joint{k}" for k, text in enumerate(names["joints"], 1)]
     return MujocoModel(
         path,
-        name=model_name.partition(":")[2],
+        name=names["model"],
         gravity=(x, y, z),
-        joint_names=names_of_joints,
-        equalities=tuple(text.partition(":")[2] for text in equalities),
+        joint_names=tuple(joint_names),
+        equalities=tuple(names["equalities"]),
         arrays=arrays,
     )
 
@@ -294,13 +286,10 @@ def load_mujoco() -> None:
 
 
 def model_arrays(path: str, folder: str) -> Iterator[Arrays]:
-    """Yield the fields of a compiled MuJoCo model as arrays, then the names of the
-    model, of its joints and equalities.
+    """Yield the fields of a compiled MuJoCo model as arrays, and its names as one more.
 
-    It runs in a child process, which a broken file can end. Only arrays pass from it to
-    the parent process, so a name is the key of an empty array, with its number in
-    front: {"0:panda": []}, {"1:joint1": []}, ... Number 0 is the model; joints count
-    from 1; then what each equality couples.
+    It runs in a child process, which a broken file can end. Only arrays of numbers pass
+    from it to the parent process, so names pass as the bytes of a JSON text.
 
     Parameters
     ----------
@@ -312,8 +301,9 @@ def model_arrays(path: str, folder: str) -> Iterator[Arrays]:
     Yields
     ------
     dict of str to array
-        First "gravity" (3,) [m/s^2] and the fields of MuJoCo's ``mjModel`` that are
-        read, such as "body_mass" [kg]. Then one dict for each name.
+        "gravity" (3,) [m/s^2]; the fields of MuJoCo's ``mjModel`` that are read, such
+        as "body_mass" [kg]; "names" (bytes,), JSON with "model", "joints", and
+        "equalities": what each of them couples.
 
     Raises
     ------
@@ -335,12 +325,13 @@ def model_arrays(path: str, folder: str) -> Iterator[Arrays]:
             raise MemoryError from error
         raise InputError(f"MuJoCo does not read it ({reason})", "correct it") from error
     fields = {name: np.array(getattr(model, name), float) for name in _ARRAYS}
-    yield {"gravity": np.array(model.opt.gravity, float), **fields}
-    yield {f"0:{_name_of_model(model)}": np.zeros(0)}
-    for k in range(model.njnt):
-        yield {f"{k + 1}:{model.joint(k).name}": np.zeros(0)}
-    for k in range(model.neq):
-        yield {f"{k}:{_equality_words(model, k)}": np.zeros(0)}
+    names = {
+        "model": _name_of_model(model),
+        "joints": [model.joint(k).name for k in range(model.njnt)],
+        "equalities": [_equality_words(model, k) for k in range(model.neq)],
+    }
+    name_bytes = np.array([*json.dumps(names).encode()], float)
+    yield {"gravity": np.array(model.opt.gravity, float), "names": name_bytes, **fields}
 
 
 def _equality_words(model: Any, k: int) -> str:

@@ -91,6 +91,11 @@ def possible_magnitudes(glance: RunSummary) -> list[int]:
     ]
 
 
+#: A torque below this share of its largest value is near zero: there a magnitude may
+#: have lost a change of sign.
+_NEAR_ZERO = 0.2
+
+
 #: Least range of a corner's values, over the height below which it is looked at.
 _CORNER_RANGE = 0.7
 
@@ -100,38 +105,46 @@ _CORNER_RANGE = 0.7
 _CORNER_MEAN = 0.38
 
 
-#: Poses of which no joint is farther apart, over the scatter of its positions, are one.
+#: Two poses are one if no joint differs by more than this share of the scatter of its
+#: positions.
 _ONE_POSE = 0.1
 
 
-def _is_unsigned(torque: Array, q: Array) -> bool:
-    """Whether a torque (N,) is a magnitude: where its sign would change it turns back
-    at zero in a corner.
+#: The least value of a magnitude is at most this share of the largest.
+_TOUCHES_ZERO = 0.01
 
-    A stretch below a fifth of the largest torque is a corner if its values come down
-    from there to within one step of zero, and their mean is half the height, as of a V.
-    The step is the usual one, or that at the corner, where friction turns fast. A
-    smooth torque comes so near to zero by chance only, with odds of its distance to the
-    fifth. A constant level near zero, as of a coarse current at rest, has no such
-    range. Corners in one pose q (n,), as of a motion that repeats itself, count once.
+
+def _is_unsigned(torque: Array, q: Array) -> bool:
+    """Whether a torque (N,) is a magnitude: it turns back at zero in corners, where the
+    true torque changes its sign.
+
+    A corner is a stretch of samples below ``near``, a fifth of the largest torque, with
+    three properties. Its lowest sample is less than one step of the torque away from
+    zero. Its values have nearly the range ``near``: a coarse current at rest stays at one
+    level. Their mean is about near / 2, as in a V: a smooth torque that touches zero is
+    a parabola, with near / 3.
+
+    A smooth torque that turns back anywhere below ``near`` comes as close to zero as x
+    by chance with the probability x / near. So each corner multiplies the odds by near /
+    x. Corners in one pose, a row of q (N, n), count once: the motion may repeat itself.
     """
-    touches_zero = 0.0 <= torque.min() <= 0.01 * torque.max()
-    if not touches_zero:
+    if not 0.0 <= torque.min() <= _TOUCHES_ZERO * torque.max():
         return False
     steps = np.abs(np.diff(torque))
-    near = 0.2 * float(torque.max())
+    near = _NEAR_ZERO * float(torque.max())
     usual_step = min(float(np.median(steps[steps > 0.0])), near)
-    scale = nonzero_or_one(q.std(axis=0))
+    scatter = nonzero_or_one(q.std(axis=0))
     poses: list[Array] = []
     log_odds = 0.0
     for first, end in spans(torque < near):
         part = torque[first:end]
         lowest = first + int(np.argmin(part))
-        largest_step = steps[max(lowest - 1, 0) : lowest + 1].max()
-        touches = 0.0 < torque[lowest] < max(usual_step, largest_step)
+        # Dry friction turns fast there: the two steps beside it may exceed the usual.
+        step_at_corner = steps[max(lowest - 1, 0) : lowest + 1].max()
+        touches = 0.0 < torque[lowest] < max(usual_step, step_at_corner)
         comes_down = np.ptp(part) > _CORNER_RANGE * near
         if touches and comes_down and part.mean() > _CORNER_MEAN * near:
-            pose = q[lowest] / scale
+            pose = q[lowest] / scatter
             if all(np.abs(pose - other).max() > _ONE_POSE for other in poses):
                 poses.append(pose)
                 log_odds += float(np.log(near / max(torque[lowest], usual_step)))
@@ -142,18 +155,14 @@ def _is_unsigned(torque: Array, q: Array) -> bool:
 _ITERATIONS = 30
 
 
-#: A torque that is smaller than this share of its largest value may change its sign.
-_NEAR_ZERO = 0.2
-
-
-#: An arm contradicts a torque if it leaves so many times the energy that it leaves of
-#: the same torque with signs.
+#: The arm contradicts a torque as logged where its residual has this many times the
+#: energy of the residual with signs.
 _TIMES = c.CONTRADICTS[0]
 
 
 def magnitudes(glance: RunSummary, joints: Sequence[int]) -> list[int]:
-    """List those of some joints (from 0) whose torque signs explain clearly better than
-    none; none without rows of the arm.
+    """List the joints, among some (from 0), whose torque the arm explains clearly better
+    with signs than as logged; the list is empty where the run gives no rows of the arm.
 
     The arm's model, with all parameters free, is fitted to the torque as it is logged,
     and to the torque with the signs that the model itself gives it. The first has to

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -21,54 +22,62 @@ from sdp_vs_penalty.robot.arrays import Array
 SUFFIXES: tuple[str, ...] = (".parquet", ".pq")
 
 _REMEDY = "write it anew, or convert it to CSV"
-#: A data set's description (LeRobot's), in one of the folders above its
-#: data/chunk-000/file.parquet; a longer one is none [bytes].
-_INFO, _LEVELS, _LONGEST = Path("meta", "info.json"), 4, 1 << 20
-#: What ends the names of motors in such a description.
+#: A data set's description (LeRobot's), in a folder above its data/chunk-000/file.parquet.
+_INFO = Path("meta", "info.json")
+#: Number of folders above the file in which it is looked for.
+_LEVELS = 4
+#: A longer file is no description [bytes].
+_LONGEST = 1 << 20
+#: Endings of the motors' names in such a description.
 _ENDINGS = (".pos", ".vel", ".torque", ".effort", ".current")
 
 
 def read(path: Path) -> Log:
-    """Read the columns of a Parquet table."""
+    """Describe the columns of a Parquet table; the log reads their values on demand."""
     with _opened(path) as file:
-        first = next(file.iter_batches(batch_size=ROWS_DESCRIBED), None)
+        first_rows = next(file.iter_batches(batch_size=ROWS_DESCRIBED), None)
         facts = stated_facts(path, file.schema_arrow)
         columns = {
-            x.name: _described(x, first, facts.get(x.name, {}))
-            for x in file.schema_arrow
+            field.name: _described(field, first_rows, facts.get(field.name, {}))
+            for field in file.schema_arrow
         }
+    return Log(path, columns, partial(_read_columns, path), partial(_texts, path))
 
-    def read_columns(names: Sequence[str]) -> Values:
-        joined, empty_cells = ({x: AppendableArray() for x in names} for _ in range(2))
-        with _opened(path) as file:
+
+def _read_columns(path: Path, names: Sequence[str]) -> Values:
+    """Read columns as numbers, part by part; a cell without a value is a gap."""
+    numbers = {name: AppendableArray() for name in names}
+    empty_cells = {name: AppendableArray() for name in names}
+    with _opened(path) as file:
+        # A file without rows has no batches, but its columns' types make empty arrays.
+        if file.metadata.num_rows == 0:
+            table = file.schema_arrow.empty_table()
             for name in names:
-                empty = file.schema_arrow.empty_table().column(name)
-                if file.metadata.num_rows == 0:
-                    joined[name].append(numbers_of(path, name, empty))
-            # Texts that the file stores once can come in every row: only these are read.
-            options = {"columns": list(names), "use_threads": False}
-            for batch in file.iter_batches(batch_size=PART, **options):
-                for name, array in joined.items():
-                    column = batch.column(name)
-                    array.append(numbers_of(path, name, column))
-                    is_empty = np.zeros(len(column), bool)
-                    if column.null_count:
-                        is_empty = np.array([x is None for x in column.to_pylist()])
-                    empty_cells[name].append(is_empty)
-        gaps = {
-            name: gap for name, x in empty_cells.items() if (gap := x.array()).any()
-        }
-        values = {name: x.array() for name, x in joined.items()}
-        n_rows = max(map(len, values.values()), default=0)
-        return Values(values, np.arange(1, n_rows + 1) if gaps else None, gaps)
+                numbers[name].append(numbers_of(path, name, table.column(name)))
+        # Other columns are not read: a long text that the file stores once, for all
+        # rows, would be unpacked for each of them.
+        options = {"columns": list(names), "use_threads": False}
+        for batch in file.iter_batches(batch_size=PART, **options):
+            for name in names:
+                column = batch.column(name)
+                numbers[name].append(numbers_of(path, name, column))
+                is_empty = np.zeros(len(column), bool)
+                if column.null_count:
+                    is_empty = np.array([x is None for x in column.to_pylist()])
+                empty_cells[name].append(is_empty)
+    gaps = {name: gap for name, x in empty_cells.items() if (gap := x.array()).any()}
+    values = {name: x.array() for name, x in numbers.items()}
+    n_rows = max(map(len, values.values()), default=0)
+    # Numbers of the rows, from 1: only sentences about gaps name them.
+    return Values(values, np.arange(1, n_rows + 1) if gaps else None, gaps)
 
-    def texts(names: Sequence[str]) -> list[list[str]]:
-        with _opened(path) as file:
-            table = file.read(columns=list(names), use_threads=False)
-        cells = [table.column(name).to_pylist() for name in names]
-        return [list(map(str, row)) for row in zip(*cells, strict=True)]
 
-    return Log(path, columns, read_columns, texts)
+def _texts(path: Path, names: Sequence[str]) -> list[list[str]]:
+    """Read columns as texts, a list for each row."""
+    with _opened(path) as file:
+        table = file.read(columns=list(names), use_threads=False)
+    cells = [table.column(name).to_pylist() for name in names]
+    return [list(map(str, row)) for row in zip(*cells, strict=True)]
 
 
 @contextmanager
@@ -93,10 +102,10 @@ def _opened(path: Path) -> Iterator[Any]:
         yield file
 
 
-def _described(field: Any, first: Any, facts: Mapping[str, Any]) -> Column:
+def _described(field: Any, first_rows: Any, facts: Mapping[str, Any]) -> Column:
     """Describe a column by its type and first values; texts that are all times are
     stamps."""
-    values = [] if first is None else first.column(field.name).to_pylist()
+    values = [] if first_rows is None else first_rows.column(field.name).to_pylist()
     cells = [str(x)[:1000] for x in values]
     kind = kind_of(field.type)
     if kind == "text" and cells and all(map(is_stamp, cells)):

@@ -5,6 +5,7 @@ evidence J as effects, and may replace effects.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +45,16 @@ from sdp_vs_penalty.effects.measured_curve import (
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.robot.arrays import Array
 
-#: The score of a curve, the curve, and the law that it is.
-_Rated = tuple[float, SplineFit, LawFit | None]
+
+class _RatedCurve(NamedTuple):
+    """The best curve of a joint."""
+
+    #: Evidence J of the law, or of the spline where that is larger.
+    J: float
+    #: The curve.
+    spline: SplineFit
+    #: The simple formula that it follows, or None.
+    law: LawFit | None
 
 
 @dataclass(frozen=True)
@@ -183,59 +192,60 @@ def measure_curves(
         curve_alone = None
         if of_joint and (beside_all is not None or joint in parts):
             curve_alone = _best_curve(search, others, joint, variables)
-        # Evidence of the findings that a curve alone would replace.
-        worth = sum(t.evidence for t in search.score_jointly(of_joint, others))
+        rescored = search.score_jointly(of_joint, others)
+        J_of_findings = sum(t.evidence for t in rescored)
         chosen = beside_all
         replaced: tuple[ScoredEffect, ...] = ()
         if curve_alone is not None and is_curve_preferred(
-            worth, of_joint, curve_alone, beside_all
+            J_of_findings, of_joint, curve_alone, beside_all
         ):
             chosen = curve_alone
             replaced = tuple(of_joint)
         if chosen is not None:
-            _, spline, law = chosen
-            curve = _tabulate(search, spline, law, variables, fold, replaced)
+            curve = _tabulate(
+                search, chosen.spline, chosen.law, variables, fold, replaced
+            )
             out.append(curve)
     return out
 
 
 def is_curve_preferred(
-    worth: float,
-    own_terms: Sequence[ScoredEffect],
-    curve_alone: _Rated,
-    beside_terms: _Rated | None,
+    J_of_findings: float,
+    findings: Sequence[ScoredEffect],
+    curve_alone: _RatedCurve,
+    curve_beside: _RatedCurve | None,
 ) -> bool:
-    """Return whether a curve replaces the findings of its joint.
+    """Return whether a curve alone replaces the findings of its joint.
 
-    Without an advantage in simplicity, J > B + margin is required, where J is the
-    curve's evidence and B that of what it replaces: the findings (``worth``), with the
-    curve beside them if there is one. If the findings need such a curve, or if the new
-    curve's law has fewer numbers than they, J > B - margin is enough. margin = 6 (odds
-    of 20 to 1) + 4 % of B.
+    J is the evidence of the curve alone. B is the evidence of what it replaces: of the
+    findings, and of the curve that was measured beside them, if any. margin = 6 (odds of
+    20 to 1) + 4 % of B.
+
+    The curve alone is simpler if its law has fewer numbers than the findings, or if the
+    findings need a curve beside them. A simpler one may lose a margin: J > B - margin.
+    Any other has to win by one: J > B + margin.
 
     Parameters
     ----------
-    own_terms
+    J_of_findings
+        Joint evidence of the findings; a negative one counts as zero.
+    findings
         The findings of the joint.
-    curve_alone
-        The curve that would replace them: evidence, spline, law or None.
-    beside_terms
-        The curve that is measured beside the findings, or None.
     """
-    J, _, law = curve_alone
-    J_to_replace = max(worth, 0.0)
-    if beside_terms is not None:
-        J_to_replace += beside_terms[0]
-    n_numbers = sum(t.form.n_coefficients + t.form.n_constants for t in own_terms)
-    is_simpler = law is not None and law.size < n_numbers
-    if beside_terms is not None or is_simpler:
-        return J_to_replace - margin(J_to_replace) < J
-    return J_to_replace + margin(J_to_replace) < J
+    J_to_replace = max(J_of_findings, 0.0)
+    if curve_beside is not None:
+        J_to_replace += curve_beside.J
+    n_numbers = sum(t.form.n_coefficients + t.form.n_constants for t in findings)
+    law = curve_alone.law
+    has_shorter_law = law is not None and law.size < n_numbers
+    if curve_beside is not None or has_shorter_law:
+        return J_to_replace - margin(J_to_replace) < curve_alone.J
+    return J_to_replace + margin(J_to_replace) < curve_alone.J
 
 
 def _best_curve(
     search: Search, terms: Sequence[ScoredEffect], joint: int, variables: Variables
-) -> _Rated | None:
+) -> _RatedCurve | None:
     """Measure the best curve of a joint beside some findings.
 
     ``joint`` counts from 0.
@@ -251,16 +261,15 @@ def _best_curve(
 
     Returns
     -------
-    (float, SplineFit, LawFit or None) or None
-        Evidence, spline, and the simple formula (law) that it follows, None if no law
-        fits. None altogether if no curve has enough evidence.
+    _RatedCurve or None
+        None if no curve has enough evidence.
     """
     measuring = _Measuring(search, terms, joint, variables)
     best = measuring.best_spline()
     if best is None:
         return None
     J, law = measuring.recognise(best)
-    return max(best.J, J), best, law
+    return _RatedCurve(max(best.J, J), best, law)
 
 
 class _Measuring:

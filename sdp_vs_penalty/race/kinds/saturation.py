@@ -14,13 +14,14 @@ from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
 #: Below this bend, the largest logged torque over the limit, a channel is as straight
 #: as sensors are.
 _STRAIGHT = 0.2
-#: Bends that are tried, and the largest: at 1 the torque behind the limit would be
-#: infinite.
-_BENDS, _SHARPEST = (0.9, 0.98), 0.995
+#: Bends from which a size is sought.
+_BENDS = 0.9, 0.98
+#: Largest bend: at 1 the torque behind the limit would be infinite.
+_SHARPEST = 0.995
 
 
 def _number(j: int) -> Number:
-    """Return the bend of joint j's channel."""
+    """Describe the size that is estimated: the bend of joint j's channel."""
     limits = (0.0, _SHARPEST)
     return Number("bend", (j,), sd=0.5, usual=_STRAIGHT, step=4e-3, limits=limits)
 
@@ -34,14 +35,13 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
-    """Yield a fault for each joint whose torque is straightened.
-
-    The limit is that of the raw channel, multiplied by the channel's gain: so it has
-    the unit of the joint's torque also where the channel was logged in another.
-    """
+    """Yield a fault for each joint whose torque the transform straightens, with the limit
+    of its amplifier."""
     for j in np.flatnonzero(chain.bend).tolist():
-        largest = log.data.largest[chain.tau_order[j]]
-        limit = abs(chain.gain[j]) * largest / chain.bend[j]
+        largest_logged = log.data.largest[chain.tau_order[j]]
+        # A bend is the largest logged torque over the limit. The gain brings the limit
+        # from the unit of the log to that of the joint's torque.
+        limit = abs(chain.gain[j]) * largest_logged / chain.bend[j]
         unit = log.problem.robot.torque_units[j]
         yield Fault(
             kind="saturation",

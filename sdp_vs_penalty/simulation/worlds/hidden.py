@@ -813,45 +813,47 @@ def _elasticity(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _resonance(world: World, joint: int, rng: Generator) -> Hidden:
-    """Make a joint (from 0) whose link swings on its elastic gear.
+    """Make an elastic joint (from 0), whose link swings on its gear.
 
-    The link's shift s obeys M s'' + (D + d) s' + (K + k) s = -tau, with the derivatives
-    M, D and K of the link's torque by acceleration, velocity and position; k makes the
-    mean inertia of 16 random positions swing at a drawn frequency. Newmark's method
-    solves it. The size 1 is that gear; other sizes scale its torque. Spong 1987.
+    The link's shift s obeys M s'' + (D + d) s' + (K + k) s = -tau. M, D and K are the
+    derivatives of the link's torque by acceleration, velocity and position. The gear's
+    stiffness k makes the mean inertia of 16 random positions swing at the frequency f,
+    with the damping ratio zeta; both are drawn. The torque at size 1 is that of this
+    gear; other sizes multiply it. Spong 1987.
     """
     f = log_uniform(rng, 2.0, 5.0)
     zeta = log_uniform(rng, 0.02, 0.1)
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
-        """Return the added torque (N, n) [N m, N] at this size."""
-        unit = np.eye(motion.q.shape[1])[joint]
-        small = 1e-5
+        """Return the torque (N, n) [N m, N] that the elastic joint adds at this size.
+
+        The link's swing is solved by Newmark's method; it moves the rigid arm.
+        """
+        of_joint = np.eye(motion.q.shape[1])[joint]
+        step = 1e-5  # of the central differences [rad, m] and their rates
 
         def slope(state: str) -> Array:
-            """Return the derivative (N,) of the joint's torque by one of its states."""
-            ends = [
-                world.rigid(
-                    replace(motion, **{state: getattr(motion, state) + step * unit})
-                )
-                for step in (-small, small)
-            ]
-            return (ends[1] - ends[0])[:, joint] / (2.0 * small)
+            """Return the derivative (N,) of the joint's torque by its q, dq or ddq."""
+            value = getattr(motion, state)
+            below = world.rigid(replace(motion, **{state: value - step * of_joint}))
+            above = world.rigid(replace(motion, **{state: value + step * of_joint}))
+            return (above - below)[:, joint] / (2.0 * step)
 
-        mass = slope("ddq")
-        random = np.random.default_rng(0).uniform(-1.5, 1.5, (16, len(unit)))
-        at_rest = TrueMotion(np.arange(16.0), random, 0.0 * random, 0.0 * random)
-        pushed = replace(at_rest, ddq=at_rest.ddq + unit)
+        random_q = np.random.default_rng(0).uniform(-1.5, 1.5, (16, len(of_joint)))
+        at_rest = TrueMotion(np.arange(16.0), random_q, 0.0 * random_q, 0.0 * random_q)
+        # Inertia is the torque that a unit of acceleration adds.
+        pushed = replace(at_rest, ddq=at_rest.ddq + of_joint)
         inertia = (world.rigid(pushed) - world.rigid(at_rest))[:, joint].mean()
-        stiffness = (2.0 * np.pi * f) ** 2 * inertia
+        stiffness = (2.0 * np.pi * f) ** 2 * inertia  # k = (2 pi f)^2 M
+        damping = zeta * stiffness / (np.pi * f)  # d = 2 zeta sqrt(k M)
         shift = newmark(
             motion.t,
-            mass,
-            slope("dq") + zeta * stiffness / (np.pi * f),
-            slope("q") + stiffness,
-            -world.rigid(motion)[:, joint],
+            mass=slope("ddq"),
+            damping=slope("dq") + damping,
+            stiffness=slope("q") + stiffness,
+            force=-world.rigid(motion)[:, joint],
         )
-        # A small share of the shift: the torque of the library is linear in it.
+        # The library's torque is linear in the shift, so that of a hundredth is scaled up.
         moved = displaced(motion, joint, 0.01 * shift)
         return 100.0 * size * (world.rigid(moved) - world.rigid(motion))
 
