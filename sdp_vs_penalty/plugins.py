@@ -47,8 +47,8 @@ class Registry(Generic[P]):
         self._registered: list[P] = []
 
     def accepts(self, value: Any) -> bool:
-        """Tell whether a value is a plug-in of this kind: of classes, a public one with
-        a ``name``."""
+        """Tell whether a value is a plug-in of this kind; a class has to be public and
+        to have a ``name``."""
         is_class = inspect.isclass(value)
         if isinstance(self.base, str):
             return not is_class and hasattr(value, self.base)

@@ -195,8 +195,8 @@ def _is_likely(issue: Mapping[str, Any]) -> bool:
 def _beside_check(
     diagnosis: Diagnosis, issues: Mapping[str, Sequence[Mapping[str, Any]]]
 ) -> Diagnosis:
-    """Return a diagnosis beside what the check calls certain or likely of the log, each
-    once, but for what a finding states too.
+    """Join to a diagnosis what the check calls certain or likely of the log. Each
+    statement comes once; one that a finding makes as well is left out.
 
     A log has one explanation. What a repair of all rows would mend has more evidence
     than any effect of the arm; all else is a rival of the findings on its joints.

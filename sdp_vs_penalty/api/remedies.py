@@ -223,8 +223,8 @@ def _transform_words(arguments: Mapping[str, Any], files: Files) -> list[str]:
 
 
 def _cut_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:
-    """`convert` of the run without the spans; None where its file is not among the
-    user's."""
+    """Write the command `convert` that leaves the spans out of the run; None where the
+    run's file is not among the user's."""
     named = {Path(run).name: run for run in files.check.runs}
     run = named.get(Path(arguments["run"]).name)
     if run is None:
@@ -240,7 +240,8 @@ def cut_copy(run: str | Path) -> Path:
 
 
 def _read_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:
-    """`convert` of a single run; None where a unit is still to be named."""
+    """Write the command `convert` of a single run; None for several runs, and where the
+    user has yet to name a unit."""
     options = []
     for name in ("scale", "rename"):
         pairs = {k: v or files.blank for k, v in arguments.get(name, {}).items()}
@@ -296,8 +297,8 @@ def _add_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:
 
 
 def _record_words(arguments: Mapping[str, Any], files: Files) -> list[str]:
-    """`excite`: the motion within the robot's limits, or the one that tells two effects
-    apart."""
+    """Write the command `excite`: for a motion within the robot's limits, or for one
+    that tells two effects apart."""
     separate = arguments.get("separate")
     source = files.model if separate else files.check.problem
     options = ["--separate", ",".join(separate)] if separate else []

@@ -304,8 +304,8 @@ def _explanations_of_positions(
         check_plausible(problem.robot, report.repaired_all)
     except InputError:
         return []
-    channels = "order:q", "order:joint", "sign:q", "sign:joint", "zero:q", "scale:q"
-    return [f for f in issues if f.apply.startswith(channels)]
+    of_positions = "order:q", "order:joint", "sign:q", "sign:joint", "zero:q", "scale:q"
+    return [f for f in issues if f.apply.startswith(of_positions)]
 
 
 def judge_excitation(problem: Problem, report: Report) -> Report:

@@ -114,7 +114,8 @@ class Report(Record):
         return None if self.unexplained is None else 100.0 * self.unexplained**0.5
 
     def to_frame(self) -> pandas.DataFrame:
-        """One row an issue: kind, severity, where, what, certainty, remedy."""
+        """Return a table with one row an issue: kind, severity, where, what, certainty,
+        remedy."""
         import pandas
 
         columns = ["kind", "severity", "where", "what", "certainty", "remedy"]
@@ -146,11 +147,11 @@ class Report(Record):
         return f"{self.run}: {problems}; {torque}"
 
     def _summary(self) -> Summary:
-        """The verdict, and severity and sentence of each issue, for printing."""
+        """Write the verdict, and severity and sentence of each issue, for printing."""
         return self.verdict, [(f.severity, f.what) for f in self.issues]
 
     def _table(self) -> Table | None:
-        """A table of kind, place, certainty and remedy of each issue; None without
+        """Make a table of kind, place, certainty and remedy of each issue; None without
         issues."""
         rows = [(f.kind, f.where, str(f.certainty), f.remedy) for f in self.issues]
         if not rows:

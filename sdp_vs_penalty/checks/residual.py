@@ -134,8 +134,8 @@ def leaves_more_than_usual(log: Likelihood, fit: ArmFit) -> bool:
 
 
 def contradicting_joints(log: Likelihood, repair: LogTransform) -> NDArray[np.intp]:
-    """Return the joints (K,), from 0, that contradict the others: of their torque's
-    energy one arm leaves far more than a model of the joint alone does.
+    """Return the joints (K,), from 0, that contradict the others: one arm for all
+    joints leaves far more of their torque's energy than a model of the joint alone.
 
     It has to be so with all laws of friction and position fitted as well.
     """

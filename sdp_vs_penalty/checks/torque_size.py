@@ -268,8 +268,8 @@ def _small_units(size: _Size) -> list[str]:
 
 
 def not_in_newton_metres(unit: str) -> Issue:
-    """Return the warning that torques are in a unit that their columns say, of which only
-    the user knows the N m: "A", or "%"."""
+    """Return the warning that torques are in the unit that their columns say, "A" or
+    "%", and that only the user knows how many N m it is."""
     return make_explanation(
         kind="torque channel kind",
         what=f"the torques are in {unit}, as their columns say. A model of them is"

@@ -134,7 +134,7 @@ class Measurements(Shown):
         self._leave_out_masked_rows()
 
     def _leave_out_masked_rows(self) -> None:
-        """Leave out every sample of which a channel is masked (``numpy.ma``): its owner
+        """Leave out each sample that has a masked channel (``numpy.ma``): its owner
         says that it is no measurement."""
         channels = [*(getattr(self, name) for name in _CHANNELS)]
         masks = [

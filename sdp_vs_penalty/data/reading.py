@@ -380,8 +380,8 @@ def _require_numbers(log: Log, names: Sequence[str]) -> None:
 
 
 def _say_unused(log: Log, names: Sequence[str]) -> None:
-    """Remark on columns that are not read; of accelerations, the one kind that people
-    expect to be read, say why."""
+    """Remark on columns that are not read. People expect accelerations to be read, so
+    these get the reason."""
     is_acceleration = re.compile(r"(?i)(ddq|qdd|acc)_?[0-9]*").fullmatch
     why = ". Accelerations are computed from q, with the same filter as the torque"
     shown = ", ".join(name[:40] or "a column without a name" for name in names[:6])

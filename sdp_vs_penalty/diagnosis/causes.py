@@ -331,8 +331,8 @@ CAUSE_COLUMNS: Mapping[str, Callable[[_Seen], Array | list[Array]]] = {
 
 
 def columns_of_causes(states: States, error: JointError) -> dict[str, list[Array]]:
-    """Return for each cause the sets of columns (M, k) of which a joint's error may be
-    made, of which the best counts."""
+    """Return for each cause its sets of columns (M, k). A joint's error may be made of
+    any one set; the set that explains most counts."""
     seen = _Seen(states, error)
     sets = {name: columns(seen) for name, columns in CAUSE_COLUMNS.items()}
     return {name: x if isinstance(x, list) else [x] for name, x in sets.items()}
@@ -422,9 +422,8 @@ class CauseShares:
         below_beyond = beyond_refit / max(beyond_refit + energy, 1e-300)
 
         def with_hum(shares: Mapping[str, float], below: float) -> dict[str, float]:
-            """Return shares of an error with the hums, of which ``below`` is below the
-            cut-off.
-            """
+            """Return the shares of an error with the hums added; ``below`` is the share
+            of the error that lies below the cut-off."""
             out = {name: share * below for name, share in shares.items()}
             out[HUM] += 1.0 - below
             return out

@@ -283,8 +283,8 @@ class EvidenceScorer(WhiteFitter):
         )
 
     def _own_below_zero(self, trial: Trial) -> Key | None:
-        """Return the key of the model's effect which the candidate refines, and whose
-        parameter falls below zero beside it; None if there is none.
+        """Return the key of the model's effect that the candidate refines and whose
+        parameter falls below zero with the candidate; None if there is none.
 
         `add` does not let it: friction that cools by a law with too large a constant
         minus a constant friction, for example. At the limit it is zero, and the

@@ -209,8 +209,8 @@ class Ladder:
         return self.held_out.errors(others)
 
     def help_together(self, least_help: Sequence[float], floor: Array) -> list[bool]:
-        """Return for each constant and each finding whether it helps, beside all others
-        that help: what `add` takes.
+        """Return for each constant and each finding whether it helps together with all
+        others that help. `add` takes those that do.
 
         It lowers the sum of the joints' log errors in the rows that tell of it, and no
         joint's error on one recording left out is above 1.05 times that without any

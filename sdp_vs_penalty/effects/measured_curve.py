@@ -203,8 +203,8 @@ def _variable(constants: Mapping[str, float], axis: str, joint: int) -> Variable
 def _filled_table(
     size: tuple[int, int], known_places: Indices, known_values: Sequence[float]
 ) -> Array:
-    """Build a table of this size from some of its values; elsewhere it has the nearest
-    known one.
+    """Build a table of this size from some of its values; each unknown one is that of
+    the nearest known.
 
     ``known_places`` count from 0, row by row.
     """
@@ -282,8 +282,8 @@ class MeasuredCurve(JointEffect):
 
     @classmethod
     def _with_defaults(cls, shape: Mapping[str, float]) -> dict[str, float]:
-        """Return the constants that are given, beside the class's defaults of the others;
-        values of the table that are given replace all of its default values."""
+        """Return the given constants, and the class's defaults for all others. Given
+        values of the table replace all of its default values."""
         has_values = any(_is_value(key) for key in shape)
         defaults = {
             key: constant.default

@@ -324,7 +324,7 @@ class ShiftedPenalty:
 
 @dataclass(frozen=True)
 class _Stage:
-    """One minimisation over z (p,): of L(z; S, w) + |near (z - centre)|^2."""
+    """One minimisation over z (p,), of the sum L(z; S, w) + |near (z - centre)|^2."""
 
     #: Data and constraints, scaled.
     penalty: ShiftedPenalty

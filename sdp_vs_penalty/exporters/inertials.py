@@ -409,8 +409,8 @@ def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
 
 
 def coupling_remarks(path: str | Path) -> list[str]:
-    """Name what couples links of a URDF beside its tree of joints, in one sentence or
-    none."""
+    """Name in one sentence, or none, what couples links of a URDF in addition to its
+    tree of joints."""
     left_out = couplings_left_out(parse_urdf(path))
     return [f"{left_out}."] if left_out else []
 

@@ -203,10 +203,9 @@ class JobRequest(dict[str, Any]):
 
         A split run contributes to both sides and is not cut.
         """
-        pairs = zip(self["runs"], self.loaded.runs(), strict=True)
-        return concatenate(
-            [part for run, part in pairs if run["use"] in (side, "split")]
-        )
+        records_and_samples = zip(self["runs"], self.loaded.runs(), strict=True)
+        uses = side, "split"
+        return concatenate([x for run, x in records_and_samples if run["use"] in uses])
 
 
 def _by_use(
@@ -420,8 +419,8 @@ def _columns_of(
         report = describe_columns(path, joints, taken.rename if taken else None)
         if report is None or not (taken or report.missing or report.problem):
             return None
-        numbers = range(1, len(joints) + 1)
-        ours = ["t", *(f"{group}{j}" for group in ("q", "tau") for j in numbers)]
+        joint_numbers = range(1, len(joints) + 1)
+        ours = ["t", *(f"{x}{j}" for x in ("q", "tau") for j in joint_numbers)]
         if len(report.rows) < len(ours) - 1:
             return None  # no choice gives every joint a column
         return {

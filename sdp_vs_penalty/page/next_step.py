@@ -177,8 +177,8 @@ def _taken(session: Session) -> str:
 
 
 def _motion_to_record(view: View) -> NextStep | None:
-    """Return the step that records a motion which shows more, for a model that errs and
-    of which nothing is known to add; None where no motion is advised."""
+    """Return the step that records a motion which shows more. It is for a model that
+    errs where nothing is known to add; None where no motion is advised."""
     session = view.session
     if MOTION in session.taken:
         text, label = "The motion's log comes next.", "Choose the log"

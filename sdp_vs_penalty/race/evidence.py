@@ -311,8 +311,12 @@ class Evidence:
     def fitted(
         self, products: Sequence[ViewFit], v: float, rounds: int = _ROUNDS
     ) -> list[ViewFit]:
-        """Fit arms to products that are known, with another number of rows worth one;
-        see :meth:`values`."""
+        """Fit one arm to each of K views with known products, for v rows that are worth
+        one; see :meth:`values`.
+
+        Each round weights a joint's rows by its residual, and scales the prior of the
+        links by how large the fitted arm is beside the nominal one.
+        """
         moving = self.log.moving
         mean, inverse, log_determinant = self._prior_of(products[0].view)
         s, count = len(mean), len(products)
@@ -355,11 +359,11 @@ class Evidence:
         value -= 0.5 * np.sum(away * (prior @ away[..., None])[..., 0], axis=1)
         value -= 0.5 * (np.linalg.slogdet(information)[1] - log_determinant)
         value -= np.sum(np.log(unit), axis=1)
-        is_usual = 0.5 * (np.log(unit[:, 0]) / c.MASSES_KNOWN) ** 2
-        value -= np.minimum(is_usual, c.LOG_ODDS_AGAINST_FAULT)
+        cost_of_scale = 0.5 * (np.log(unit[:, 0]) / c.MASSES_KNOWN) ** 2
+        value -= np.minimum(cost_of_scale, c.LOG_ODDS_AGAINST_FAULT)
         value -= [self._price_of_events(x, v) for x in products]
         value += [self._of_velocity(x.chain) for x in products]
-        # Friction: its mean power, and that over its standard deviation.
+        # Friction: its mean power (K, n), and that over its standard deviation.
         slopes = np.stack([x.columns.power for x in products])[:, moving]
         power = np.stack([x.probed for x in products])[:, moving]
         power = power - (slopes @ theta[..., None])[..., 0]
@@ -367,18 +371,20 @@ class Evidence:
         spread = np.sum(known * np.linalg.solve(information, known), axis=1)
         variance = left / n_rows + spread[:, :-1]
         directions = np.where([x.chain.reversed for x in products], -1.0, 1.0)
-        z = directions[:, None] * power / np.sqrt(np.maximum(variance, _TINY))
-        signs = np.maximum(np.log(2.0) + log_ndtr(z), -c.MAX_PHYSICS_LOG_ODDS)
-        physics = np.sum(signs, axis=1)
+        power_over_sd = (
+            directions[:, None] * power / np.sqrt(np.maximum(variance, _TINY))
+        )
+        log_odds = np.log(2.0) + log_ndtr(power_over_sd)
+        physics = np.sum(np.maximum(log_odds, -c.MAX_PHYSICS_LOG_ODDS), axis=1)
         # The links: they are like the nominal ones, and not like their mirror image.
-        z = likeness / np.sqrt(np.maximum(spread[:, -1], _TINY))
-        mirrored = np.log(2.0) + log_ndtr(z)
-        value += np.maximum(mirrored, -c.MAX_LIKENESS_LOG_ODDS)
-        # What a controller that compensates friction leaves of it is small.
+        likeness_over_sd = likeness / np.sqrt(np.maximum(spread[:, -1], _TINY))
+        log_odds_of_mirror = np.log(2.0) + log_ndtr(likeness_over_sd)
+        value += np.maximum(log_odds_of_mirror, -c.MAX_LIKENESS_LOG_ODDS)
+        # A controller that compensates friction leaves little of it: more costs.
         shares = power / np.sqrt(total)
-        small = np.minimum(0.5 * (shares / c.COMPENSATED) ** 2, c.MAX_PHYSICS_LOG_ODDS)
+        cost = np.minimum(0.5 * (shares / c.COMPENSATED) ** 2, c.MAX_PHYSICS_LOG_ODDS)
         is_real = np.array([x.view.is_friction_real for x in products])
-        counted = np.where(is_real, physics, -np.sum(small, axis=1))
+        counted = np.where(is_real, physics, -np.sum(cost, axis=1))
         fits = []
         for k, of_view in enumerate(products):
             of_all = of_view.total.copy()

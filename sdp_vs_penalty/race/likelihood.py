@@ -51,7 +51,8 @@ _LARGEST_SHARE_OF_LIMIT = 0.999
 
 
 def keep_recent(results: dict[Any, T], key: Any, result: T, size: int) -> T:
-    """Put a result behind the others, of which ``size`` are kept; return it."""
+    """Store a result as the latest one and return it; only the ``size`` latest are
+    kept."""
     results.pop(key, None)
     results[key] = result
     if len(results) > size:

@@ -187,8 +187,8 @@ def split(cones: SmallCones, flat: Array) -> tuple[Array, Array]:
 
 
 def _inverse_roots(mats: Array) -> Array:
-    """Return L^-1 of S = L L^T (k, blocks, 4, 4); NaN for all blocks of a point of
-    which one is not positive definite."""
+    """Return L^-1 of S = L L^T (k, blocks, 4, 4). If one block of a point is not
+    positive definite, all of its blocks are NaN."""
     try:
         return np.linalg.inv(np.linalg.cholesky(mats))
     except np.linalg.LinAlgError:

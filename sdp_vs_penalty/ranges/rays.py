@@ -85,8 +85,8 @@ def _candidates(allowed: AllowedSet, g: Array) -> Iterator[Array]:
 
 
 def _inside_of_bodies(allowed: AllowedSet, indices: Indices) -> Array:
-    """Return G (4, 4) of which u^T G u is large for points inside of the bodies of a
-    link, whose parameters stand at indices (10,)."""
+    """Return G (4, 4), with u^T G u large for points u inside of the bodies of a link;
+    the link's parameters stand at indices (10,)."""
     G = np.zeros((4, 4))
     for constraint in allowed.constraints.convex:
         is_of_link = np.array_equal(constraint.indices, indices)

@@ -284,12 +284,12 @@ def shared_doubts(findings: Sequence[Finding]) -> dict[Doubt, list[int]]:
 
 def _shared_doubt(findings: Sequence[Finding]) -> str:
     """Say which doubts several uncertain findings share, each once; "" without any."""
-    sentences: dict[tuple[int, ...], list[str]] = {}
+    doubts_by_findings: dict[tuple[int, ...], list[str]] = {}
     for doubt, numbers in shared_doubts(findings).items():
-        sentences.setdefault((*numbers,), []).append(doubt.sentence)
+        doubts_by_findings.setdefault((*numbers,), []).append(doubt.sentence)
     return " ".join(
-        f"Findings {formatting.words(numbers)}, each: {'; '.join(texts)}."
-        for numbers, texts in sentences.items()
+        f"Findings {formatting.words(numbers)}, each: {'; '.join(doubts)}."
+        for numbers, doubts in doubts_by_findings.items()
     )
 
 
@@ -442,8 +442,8 @@ def errors_that_rise(findings: Sequence[Finding]) -> str:
 
 
 def describe_failures(failures: Failures) -> list[str]:
-    """Say where a model's error is large: a line for each joint of which there is
-    something to say, such as a cause.
+    """Say where a model's error is large, in a line for each joint with something to
+    say, such as a cause.
 
     All other joints share one line.
     """

@@ -15,6 +15,7 @@ within a factor of ten of the best are not told apart.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -268,16 +269,28 @@ def _second(barycentric: Array) -> Array:
     return (0.5 * np.trace(tensor) * np.eye(3) - tensor) / max(barycentric[0], 1e-300)
 
 
-def _hypotheses(written: WrittenInertial) -> Iterator[tuple[str, dict[str, str], int]]:
-    """Yield each mistake's sentence, the texts that it changes, and its characters."""
+class _Mistake(NamedTuple):
+    """A mistake that the writer of an inertial may have made."""
+
+    #: What is wrong, in words.
+    sentence: str
+    #: Corrected texts of the numbers, by name.
+    texts: dict[str, str]
+    #: How rare the mistake is, in wrong characters.
+    n_characters: int
+
+
+def _hypotheses(written: WrittenInertial) -> Iterator[_Mistake]:
+    """Yield the mistakes that may have been made."""
     for name in ("mass", *CENTRE, *MOMENTS):
         yield from _of_one_number(written, name)
     for sentence, changed in _of_conventions(written.texts):
-        yield f"{sentence}{_now(changed)}", changed, _CONVENTION
+        yield _Mistake(f"{sentence}{_now(changed)}", changed, _CONVENTION)
     diagonal = {name: written.texts[name] for name in ("ixx", "iyy", "izz")}
     changed = {k: _negated(text) for k, text in diagonal.items() if float(text) < 0.0}
     if len(changed) > 1:
-        yield f"moments have the wrong sign{_now(changed)}", changed, len(changed)
+        sentence = f"moments have the wrong sign{_now(changed)}"
+        yield _Mistake(sentence, changed, len(changed))
     yield _about_origin(written)
 
 
@@ -304,20 +317,15 @@ def _of_conventions(texts: Mapping[str, str]) -> Iterator[tuple[str, dict[str, s
         yield f"the centre of mass is in {unit}", changed
 
 
-def _of_one_number(
-    written: WrittenInertial, name: str
-) -> Iterator[tuple[str, dict[str, str], int]]:
+def _of_one_number(written: WrittenInertial, name: str) -> Iterator[_Mistake]:
     """Yield a number with another sign, and with those powers of ten that fit."""
     text = written.texts[name]
     value = float(text)
     if value == 0.0:
         return
     negated = _negated(text)
-    yield (
-        f'the sign of {name}="{text}" is wrong: {name}="{negated}"',
-        {name: negated},
-        1,
-    )
+    sentence = f'the sign of {name}="{text}" is wrong: {name}="{negated}"'
+    yield _Mistake(sentence, {name: negated}, 1)
     for k in _POWERS:
         if not written.fits(written.barycentric({name: repr(value * 10.0**k)})):
             continue
@@ -325,10 +333,10 @@ def _of_one_number(
         sentence = (
             f'the decimal point or exponent of {name}="{text}" is wrong: {name}="{new}"'
         )
-        yield sentence, {name: new}, n_characters
+        yield _Mistake(sentence, {name: new}, n_characters)
 
 
-def _about_origin(written: WrittenInertial) -> tuple[str, dict[str, str], int]:
+def _about_origin(written: WrittenInertial) -> _Mistake:
     """Return the mistake of a tensor about the link's origin: I_c = I - m (c.c 1 - c
     c^T)."""
     values = written.barycentric()
@@ -340,7 +348,7 @@ def _about_origin(written: WrittenInertial) -> tuple[str, dict[str, str], int]:
         for name in MOMENTS
     }
     sentence = "the inertia is about the link's origin, not about the centre of mass"
-    return f"{sentence}{_now(changed)}", changed, _CONVENTION
+    return _Mistake(f"{sentence}{_now(changed)}", changed, _CONVENTION)
 
 
 def _now(texts: Mapping[str, str]) -> str:

@@ -308,8 +308,8 @@ class Robot(JsonRecord):
 
     def link_reach(self) -> Array:
         """Return the distance (links,) [m] from each link frame's origin to the
-        farthest joint that the link bears: a length scale for links of which nothing
-        else is known.
+        farthest joint that the link bears. It is the length scale of a link that is
+        otherwise unknown.
 
         The last link gets that of its parent.
         """

@@ -131,7 +131,7 @@ class _Model:
         return self.element.findall("link")
 
     def _ends(self, joint: Any) -> tuple[str, str]:
-        """Return the links at a joint's ends, of which a frame may stand for one."""
+        """Return the links at a joint's ends; a frame may stand for a link there."""
         ends = []
         for tag in ("parent", "child"):
             name = _text(joint, tag)

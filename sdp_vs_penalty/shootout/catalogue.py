@@ -326,8 +326,11 @@ def declared_sets() -> tuple[dict[str, str], frozenset[str]]:
 
 
 def _strata(entries: Sequence[Entry]) -> Iterator[tuple[list[Entry], int, int]]:
-    """Yield the instances of each robot, and of random arms by size, that are posed as a
-    user poses them; with each how many are drawn, and how many stay untouched."""
+    """Yield groups of instances, with the number of drawn and of untouched ones.
+
+    A group is a robot, or random arms of some size. It holds the instances as a user
+    poses them, without the other forms.
+    """
     posed = [e for e in entries if e.families[-1] not in FORMS]
     for robot, (n_drawn, n_untouched) in _DRAWN.items():
         yield [e for e in posed if e.robot == robot], n_drawn, n_untouched
@@ -352,9 +355,9 @@ def _robots() -> Iterator[Entry]:
                 f"{robot}, {source}{seconds}: least {_STEPS[step]}; {_SHAPES[shape]}."
             )
             name = f"{robot} {source}{seconds} {step} {shape}"
-            build = partial(recorded, robot, source, step, shape, stop)
+            make_instance = partial(recorded, robot, source, step, shape, stop)
             families = source, step, shape
-            yield Entry(name, robot, build, description, robot, links, families)
+            yield Entry(name, robot, make_instance, description, robot, links, families)
 
 
 def _chains() -> Iterator[Entry]:

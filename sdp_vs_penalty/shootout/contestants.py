@@ -203,7 +203,8 @@ def _in_words(options: Mapping[str, Any]) -> str:
 
 
 def _versions(*packages: str) -> str:
-    """Return the versions of packages: of the first alone, of others with their names."""
+    """Return the versions of packages: the first without its name, the others with
+    theirs."""
     texts = []
     for name in packages:
         with suppress(metadata.PackageNotFoundError):

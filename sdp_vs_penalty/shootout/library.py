@@ -50,9 +50,9 @@ def write_library(
         rows.append(write_instance(folder / item.folder, item, item.make()))
     table = pandas.DataFrame(rows or {"name": []})
     write_text(folder / "index.csv", table.to_csv(index=False, lineterminator="\n"))
-    proved = sum(r["status"] != "not proved" for r in rows)
+    n_proved = sum(row["status"] != "not proved" for row in rows)
     card = (_HERE / "card.md").read_text("utf-8")
-    write_text(folder / "README.md", card.format(count=len(rows), proved=proved))
+    write_text(folder / "README.md", card.format(count=len(rows), proved=n_proved))
     for path in sorted((_HERE / "benchopt").rglob("*.txt")):
         place = path.relative_to(_HERE).with_suffix("")
         write_text(folder / place, path.read_text("utf-8"))

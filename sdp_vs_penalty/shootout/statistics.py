@@ -22,7 +22,7 @@ SHORTEST = 1e-4
 
 
 def wilson(right: int, n: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share of which ``right`` of n were seen."""
+    """Return the 95 % interval of a share: ``right`` of n cases were seen."""
     if n == 0:
         return 0.0, 1.0
     z2 = _NORMAL_97**2
@@ -32,7 +32,8 @@ def wilson(right: int, n: int) -> tuple[float, float]:
 
 
 def sign_test(first: int, second: int) -> float:
-    """Return the two-sided p of so many problems in favour of each of two."""
+    """Return the two-sided p of a sign test between two contestants, from the number of
+    problems in favour of each."""
     n = first + second
     tail = sum(math.comb(n, k) for k in range(min(first, second) + 1))
     return min(1.0, 2.0 * tail / 2.0**n)
@@ -45,8 +46,11 @@ def level(n_contestants: int) -> float:
 
 
 def can_tell(n: int, n_contestants: int = 2) -> bool:
-    """Tell whether so many problems suffice to rank so many contestants: whether the test
-    would tell two apart of which one is right on all of them, and the other on none."""
+    """Tell whether there are enough problems to rank the contestants.
+
+    There are if the test would tell two contestants apart, one of them right on all
+    problems, the other on none.
+    """
     return sign_test(n, 0) <= level(n_contestants)
 
 

@@ -12,8 +12,8 @@ _ROUNDING = 1e-9
 
 
 def lattice_step(values: Array) -> float:
-    """Resolution of a channel: the smallest step between different values, if the values
-    are those of a counter; else 0.
+    """Return the resolution of a channel: the smallest step between different values,
+    if the values are those of a counter; else 0.
 
     A counter of N samples on M = range / step levels repeats N - M (1 - exp(-N / M)) of
     them; values that all differ repeat none. And where it changes, its fourth

@@ -322,7 +322,7 @@ def _subsample(stride: int, rows: Array) -> Array:
 
 
 def no_rows(run: Measurements, seconds: float) -> InputError:
-    """Return the error for a run of which the filters leave no row.
+    """Return the error that the filters leave no row of a run.
 
     seconds : what the filters need. It says whether no joint moves, the run is too
     short, or its motion is.

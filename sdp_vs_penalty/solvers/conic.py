@@ -213,8 +213,8 @@ def cbf_text(problem: ConicProblem) -> str:
 
 
 def _cbf_coefficients(problem: ConicProblem, order: Indices) -> list[str]:
-    """Return the coefficients of a .cbf file: of the objective, of matrices (H, D) and
-    of the other rows (A, B), which stand in CBF's order."""
+    """Return the coefficients of a .cbf file in CBF's order: those of the objective, of
+    matrices (H, D), and of the other rows (A, B)."""
     is_psd = np.array([cone.kind == "psd" for cone in problem.cones], bool)
     # Row r of the problem is entry (i, j) of cone ``block``, up to svec's factor.
     block, i, j, factor = svec_entries(problem.cones)

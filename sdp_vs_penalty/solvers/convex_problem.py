@@ -108,8 +108,8 @@ class ConvexProblem:
     def without_data(
         cls, constraints: ConstraintSet, bound: Array, linear: Array | float = 0.0
     ) -> ConvexProblem:
-        """Return the problem of linear @ theta without data; of zero, it is used to
-        prove infeasibility."""
+        """Return the problem of the least linear @ theta, without data. With a linear
+        of zero it proves infeasibility."""
         nothing = LeastSquares(np.zeros((0, len(bound))), np.zeros(0), 0.0, 0.0, 0)
         return cls(nothing, constraints, bound, linear=linear)
 

@@ -39,7 +39,7 @@ Extended = Any  # an array or a number of Long
 
 
 def _gamma(operations: int) -> Extended:
-    """Return a bound of the relative rounding error of so many operations.
+    """Return a bound of the relative rounding error of a number of operations.
 
     It is gamma_k = k eps, times four: this covers the rounding of the bound itself and
     of a few further operations.

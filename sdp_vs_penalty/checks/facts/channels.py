@@ -85,7 +85,7 @@ def _jumps_by(steps: Array, turn: float) -> Rows:
 
 
 def _revolute_joints(robot: Robot) -> Rows:
-    """(n,) which joints are revolute."""
+    """Return which joints (n,) are revolute."""
     return np.array([joint.kind == "revolute" for joint in robot.joints])
 
 
@@ -255,8 +255,8 @@ def find_coarse_sampling(
 def _quantised(
     glance: RunSummary, j: int, size: float, cutoff: float
 ) -> Iterator[Issue]:
-    """Yield a warning where the rounding of joint j's position makes an error of the
-    acceleration that is too large beside its size [rad/s^2, m/s^2].
+    """Yield a warning where rounding of joint j's position spoils its acceleration: the
+    error [rad/s^2, m/s^2] is too large a share of it.
 
     The error of rounding to steps d has variance d^2 / 12, and changes with the level,
     so that its spectrum is flat up to the rate of changes. The part below the cut-off f

@@ -136,14 +136,16 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
             continue
         usual_span = float(np.ptp(np.quantile(x, [rare, 1.0 - rare])))
         threshold = share_of_span * usual_span + 1e-9
+        # Edges are repeated, so that each sample has a window of seven around it.
         windows = sliding_window_view(np.pad(x, 3, "edge"), 7)  # (N, 7)
+        # The median of all windows is slow: first only where a spike can be.
         rows = _near_large_steps(x, threshold / 3.0)
         distance = np.abs(x[rows] - np.median(windows[rows], axis=1))
         if not np.any(distance > threshold):
             continue
         distance = np.abs(x - np.median(windows, axis=1))
         usual_distance = np.quantile(distance, 0.9)
-        # A joint that is held still trembles by a few steps of its encoder.
+        # A joint that is held still trembles by up to three steps of its encoder.
         finest = 3.5 * lattice_step(x)
         is_far = distance > max(times_usual * usual_distance, threshold, finest)
         is_far &= moves(t - 0.5) & moves(t) & moves(t + 0.5)

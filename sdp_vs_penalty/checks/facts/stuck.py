@@ -208,8 +208,8 @@ def velocity_goes_on(run: Measurements, j: int, a: int, b: int, level: float) ->
 
 
 def _joint_goes_round(q: Array, a: int, b: int) -> bool:
-    """Whether a joint turns round from row a to b: of positions q (N,) it covers a
-    tenth of the range, and goes a tenth of that back.
+    """Whether a joint turns round between the rows a and b: it covers a tenth of the
+    range of its positions q (N,), and goes a tenth of that back.
 
     Friction keeps a coarse torque constant only as long as the joint does not turn.
     """

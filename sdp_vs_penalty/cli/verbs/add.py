@@ -168,8 +168,8 @@ def _say_what_a_held_model_keeps(diagnosis: Any, added: Any) -> None:
 
 
 def _say_sizes(effects: Any, model: Any, added: Any) -> None:
-    """Print what was added: of findings their sizes, of effects that were named their
-    parameters, each with its interval; of a payload its mass and where it is.
+    """Print what was added, each number with its interval: the sizes of findings, the
+    parameters of effects that were named, mass and place of a payload.
 
     A finding that a measured curve replaces is not in the model.
     """

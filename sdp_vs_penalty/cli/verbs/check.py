@@ -169,9 +169,7 @@ def _write_copies(
 
 
 def _refuse_unrepaired(reports: Sequence[Report], fix: Path) -> None:
-    """Raise InputError for problems of which none was repaired: the copy would have
-    them all.
-    """
+    """Raise InputError if no problem was repaired: the copy would have all of them."""
     problems = [issue for report in reports for issue in report.errors_and_warnings]
     if not problems:
         return

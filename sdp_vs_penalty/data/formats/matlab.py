@@ -78,8 +78,8 @@ def numeric_variables(path: str) -> Iterator[dict[str, Array]]:
 
 
 def _objects_in(value: object) -> list[tuple[str, str]]:
-    """List the names and classes of a variable that are MATLAB's own objects, such as
-    ("log", "table"), of which a file holds no numbers that others read."""
+    """List name and class of each variable that is an object of MATLAB's own, such as
+    ("log", "table"): a file holds no numbers of it that others can read."""
     from scipy.io.matlab import MatlabOpaque
 
     if not isinstance(value, MatlabOpaque):

@@ -488,10 +488,11 @@ def _unnamed(kinds: Sequence[str]) -> list[str]:
     give it away. Other columns are called by their numbers, "#1", "#2" ....
     """
     header = ["header.stamp.sec", "header.stamp.nanosec", "frame_id"]
-    fields = ("name", "position", "velocity", "effort")
-    joint_names = [k for k, kind in enumerate(kinds) if kind == "text" and k != 2]
-    n = len(joint_names)
-    is_echo = joint_names == list(range(3, 3 + n)) and len(kinds) == 3 + 4 * n
+    channels = ("name", "position", "velocity", "effort")
+    # Place 2 is the frame's name; texts at the places behind it are joints' names.
+    name_places = [k for k, kind in enumerate(kinds) if kind == "text" and k != 2]
+    n = len(name_places)
+    is_echo = name_places == list(range(3, 3 + n)) and len(kinds) == 3 + 4 * n
     if n > 0 and is_echo and [*kinds[:2]] == ["number", "number"]:
-        return header + [f"{field}{k}" for field in fields for k in range(n)]
+        return header + [f"{channel}{k}" for channel in channels for k in range(n)]
     return [f"#{k}" for k in range(1, len(kinds) + 1)]

@@ -35,9 +35,11 @@ class ChannelFit:
 
 
 def units_tried(q: Array) -> tuple[float, ...]:
-    """Return the units of positions (N, n) of which the best is the arm's word: radians, or
-    degrees and their thousandths where positions reach beyond two turns, turns where all are
-    less than one."""
+    """Return the units of positions (N, n) among which the arm chooses.
+
+    They are radians; degrees and their thousandths where positions reach beyond two
+    turns; radians and turns where all positions are below one.
+    """
     degree, largest = float(np.radians(1.0)), np.abs(q).max(initial=0.0)
     if largest > 4.0 * np.pi:
         return degree, 1e-3 * degree
@@ -123,8 +125,12 @@ def _triangular(blocks: list[Array]) -> Array:
 
 
 def signed_register(values: Array) -> tuple[Array, int]:
-    """Read columns (N, n) that are never negative as registers of a servo: whole numbers
-    of a step, whose highest bit is the sign; and the place of that bit, 0 for others."""
+    """Read columns (N, n) as registers of a servo, whose highest bit is the sign, if
+    they hold whole numbers of a step and never are negative.
+
+    Returns the values with signs, and the place of that bit; other columns as they are,
+    and 0.
+    """
     steps = np.diff(np.unique(values))
     if not len(steps) or not values.min() >= 0.0:
         return values, 0

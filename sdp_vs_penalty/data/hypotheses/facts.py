@@ -47,7 +47,7 @@ def by_facts(log: Log, joints: Sequence[str] | None, topic: str | None) -> Recog
     chosen = {*found.values()}
 
     def channels(of: str, key: str, *quantities: str) -> set[tuple[str, str]]:
-        """The (joint, quantity) pairs whose columns have this source or clock."""
+        """Return the (joint, quantity) pairs whose columns have this source or clock."""
         return {
             (x.joints[0], x.quantity)
             for x in log.columns.values()

@@ -97,7 +97,7 @@ def widened(log: Log) -> Log:
 
 
 def _label_columns(log: Log) -> list[str]:
-    """List the columns that say of which joint and channel a row is; none where a row
+    """List the columns that name the joint and the channel of a row; none where one row
     holds all joints."""
     joints = [name for name in log.columns if _names_joints(log, name)]
     joints.sort(key=lambda x: log.columns[x].kind != "text")

@@ -83,7 +83,7 @@ class AmbiguousColumnsError(InputError):
 
 
 def columns_called(names: Sequence[str]) -> dict[str, Column]:
-    """Return columns of which only the names are known."""
+    """Describe columns by their names alone."""
     return {name: Column("") for name in names}
 
 
@@ -222,8 +222,8 @@ def recognised(
 
 
 def _shortened(names: Sequence[str]) -> str:
-    """List columns for a message: of those that differ by their numbers alone, the first
-    and the last."""
+    """List columns for a message. A group whose names differ only by numbers is shown
+    by its first and its last."""
     alike = dict[str, list[str]]()
     for name in names:
         alike.setdefault(re.sub("[0-9]+", "*", name), []).append(name)

@@ -229,9 +229,12 @@ def which_torque(
 
 
 def _noise(values: Array) -> float:
-    """Return the share of noise in the scatter of channels (N, n), the median of the
-    channels': by fourth differences, of which nine in ten are smaller, so that values
-    that repeat and a few jumps do not count."""
+    """Return the share of noise in the scatter of channels (N, n): the median over the
+    channels.
+
+    The noise of a channel is the size of its fourth differences that nine in ten do not
+    exceed, so that repeated values and a few jumps do not count.
+    """
     if len(values) <= 4:
         return np.inf
     scatter = np.std(values, axis=0)

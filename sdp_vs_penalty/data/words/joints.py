@@ -20,10 +20,12 @@ _HIDDEN = "robotjoint"
 def hide_joints(
     names: Sequence[str], joints: Sequence[str]
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """Return names of columns in which the name of one of the robot's joints is a word
-    that says nothing else, "torque_motor" no torque; and the joints by these words.
+    """Replace the name of a robot's joint in columns' names by a word without a meaning:
+    a joint "torque_motor" says nothing of torque.
 
-    What all joints begin or end with may be missing: "wrist_1" for "left_wrist_1_joint".
+    A column may lack what all joints begin or end with: "wrist_1" for
+    "left_wrist_1_joint". Returns the new names by the old ones, for the columns that name
+    a joint, and the joints by their words.
     """
     full = [split_tokens(joint) for joint in joints]
     short = [x[min(n_common(full), len(x) - 1) :] for x in full]

@@ -28,8 +28,8 @@ _SD = 0.05
 
 
 def _number(field: str, joints: tuple[int, ...]) -> Number:
-    """Return the delay or the time constant [s] of some joints' torques; of a single one
-    it is not negative."""
+    """Describe the size that is estimated: delay or time constant [s] of some joints'
+    torques. That of a single joint is not negative."""
     least = -1.0 if field == "lead" and len(joints) > 1 else 0.0
     limits = (least, 1.0)
     return Number(

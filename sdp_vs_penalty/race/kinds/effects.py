@@ -83,8 +83,8 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
 
 
 def _worst_spans(evidence: Evidence, fit: ViewFit) -> list[Part]:
-    """List the span of each length in which the arm errs most, beside spans that are
-    explained."""
+    """List for each length the span in which the arm errs most; spans that are
+    explained already do not count."""
     t = evidence.log.data.motion.t
     errors = fit.weights @ evidence.residual(fit) ** 2  # (M,)
     for taken in fit.view.further:

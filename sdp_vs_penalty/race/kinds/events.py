@@ -27,8 +27,8 @@ _NOTHING_NEW_SHARE, _SHARE_LEFT_BY_ARM = 1e-10, 1e-3
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield a drift of each joint's torque and the likeliest step; nothing beside what
-    differs in a part of the log already.
+    """Yield a drift of each joint's torque, and the likeliest step; nothing if the fit
+    already explains a part of the log by itself.
 
     A step's prior counts the moments that a low-passed torque can distinguish.
     """
