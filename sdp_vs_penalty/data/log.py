@@ -132,21 +132,24 @@ def log_of_arrays(
             arrays[name] = stamps
     for name, array in arrays.items():
         is_block = array.ndim > 1 and min(array.shape) > 1
+        # A block (n, N) lies on its side: a run has more rows than channels.
         is_upright = array.ndim < 2 or array.shape[0] >= array.shape[1]
         head = (array if is_upright else array.T)[:ROWS_DESCRIBED]
         kind = "stamp" if name in texts else "list" if is_block else "number"
         columns[name] = Column(kind, cells_of_rows(head))
-    for name, said in (facts or {}).items():
+    for name, stated in (facts or {}).items():
         if name in columns:
-            columns[name] = Column(**{**vars(columns[name]), **said})
+            columns[name] = Column(**{**vars(columns[name]), **stated})
 
     def rows_of_texts(names: Sequence[str]) -> list[list[str]]:
         cells = [
             texts[n] if n in texts else [[f"{x:.12g}"] for x in np.ravel(arrays[n])]
             for n in names
         ]
-        rows = zip(*cells, strict=True)
-        return [[x for cell in row for x in cell] for row in rows]
+        # A cell may hold several texts; a row has those of all its cells.
+        return [
+            [text for cell in row for text in cell] for row in zip(*cells, strict=True)
+        ]
 
     def read(names: Sequence[str]) -> Values:
         chosen = {name: arrays[name] for name in names}

@@ -472,21 +472,22 @@ def _aligned(
         has_value = ~gaps[name] if name in gaps else np.ones(len(columns[name]), bool)
         key = own, has_value.tobytes()
         if key not in samples:
-            at = stamps[own]
-            rows = np.flatnonzero(has_value & np.isfinite(at))
+            stamps_of_clock = stamps[own]
+            rows = np.flatnonzero(has_value & np.isfinite(stamps_of_clock))
             if not len(rows):
                 what = "no sample has a stamp that is a number"
                 raise InputError(
                     what, "log the clock as well, or give --rate", log.path
                 )
-            rows = rows[np.argsort(at[rows], kind="stable")]
-            samples[key] = ChannelStamps(seconds * at[rows], rows, own)
+            rows = rows[np.argsort(stamps_of_clock[rows], kind="stable")]
+            samples[key] = ChannelStamps(seconds * stamps_of_clock[rows], rows, own)
         rows = samples[key].rows
         is_whole = len(rows) == len(columns[name]) and bool(np.all(np.diff(rows) == 1))
         channels[name] = key, columns[name] if is_whole else columns[name][rows]
     leading = (groups.get("tau") or groups["q"])[0]
     kept, columns, n_lost, remark = align(samples, channels, leading, [found.episode])
     taken = samples[channels[leading][0]].rows[kept]
+    # Row 1 of a table without numbers of its own is the header.
     numbers = np.arange(2, n_rows + 2) if values.rows is None else values.rows
     where = ""
     if is_one_table:
@@ -502,8 +503,9 @@ def _aligned(
         ]
     if reasons:
         _remark(log, "; ".join(reasons))
-    own = clocks[leading]
-    stamps_taken = None if t is None and not own else stamps[own][taken]
+    leading_clock = clocks[leading]
+    has_clock = t is not None or leading_clock
+    stamps_taken = stamps[leading_clock][taken] if has_clock else None
     return stamps_taken, columns, numbers[taken] if is_one_table else None
 
 

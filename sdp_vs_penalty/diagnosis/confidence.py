@@ -88,11 +88,6 @@ class Judged:
         return self.effect.looks_like(size, coverage)
 
 
-def _is_uncertain(x: Judged) -> bool:
-    """Return whether the size is uncertain, if its shape constants were exact."""
-    return is_uncertain(*x.value_and_std)
-
-
 def _is_insignificant(x: Judged) -> bool:
     """Return whether the size, with the errors of the shape constants, may be zero."""
     return is_insignificant(*size_of(x.effect, x.size.beta, x.size.covariance))
@@ -157,7 +152,8 @@ def _is_of_a_series(x: Judged) -> bool:
 #: By the name of a reason for doubt (a key of REASONS): whether it applies to a finding.
 DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "rivals": lambda x: bool(x.term.rivals or x.effect.resembles),
-    "uncertain": _is_uncertain,
+    # As if its shape constants were exact; "insignificant" counts their errors too.
+    "uncertain": lambda x: is_uncertain(*x.value_and_std),
     "insignificant": _is_insignificant,
     "no_torque": _makes_no_torque,
     "small": lambda x: _is_small(x) and not _is_clear_elsewhere(x),

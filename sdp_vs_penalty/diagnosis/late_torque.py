@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_ADD
-from sdp_vs_penalty.diagnosis.library import Candidate, Key
+from sdp_vs_penalty.diagnosis.library import Key
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import whiten_with_noise, with_estimate
@@ -89,7 +89,9 @@ def look_for_delays(search: Search, progress: Progress = no_progress) -> Search:
         Called with a short text whenever an effect is added.
     """
     referred = refer_once(search)
-    referred.library = search.library.only(_delays, referred.data)
+    referred.library = search.library.only(
+        lambda form: _is_delay(form.effect), referred.data
+    )
     if referred.best_addition() is None:
         return search
     referred.library = search.library.with_current_columns(referred.data)
@@ -103,11 +105,6 @@ def _is_delay(effect: Effect) -> bool:
     Its columns are computed from the joint torque, and depend on the torque's past.
     """
     return effect.needs_torque and effect.has_memory
-
-
-def _delays(form: Candidate) -> bool:
-    """Return whether a candidate is an effect that delays torque."""
-    return _is_delay(form.effect)
 
 
 def delays_torque(search: Search) -> bool:

@@ -775,7 +775,7 @@ def _orders(full: Sequence[_FullRate], bins: int = 4096) -> tuple[TurnWave, ...]
     torque = np.concatenate([series.residual for series in full])
     velocity = np.concatenate([series.velocity for series in full])
     segment = np.repeat(np.arange(len(full)), [len(series.angle) for series in full])
-    # The last modulo is for angles that rounding puts at a full turn.
+    # Rounding may put an angle at a full turn, hence the last modulo.
     bin_of_row = np.floor((angle % turn) / turn * bins).astype(np.intp) % bins
     count = np.fft.fft(np.bincount(bin_of_row, minlength=bins))
     offsets = (segment[:, None] == np.arange(len(full))).astype(float)
@@ -785,12 +785,12 @@ def _orders(full: Sequence[_FullRate], bins: int = 4096) -> tuple[TurnWave, ...]
     # Fewer than two periods within the joint's range are no wave, but any bend.
     lowest = max(2, int(np.ceil(2.0 * turn / max(float(np.ptp(angle)), 1e-6))))
 
-    def fitted(columns: Array) -> tuple[Array, Array]:
-        """Return the sizes of columns (N, k), and the amplitudes of orders in what they
-        leave."""
-        sizes = np.linalg.lstsq(columns, torque, rcond=1e-10)[0]
-        left = torque - columns @ sizes
-        pull = np.fft.fft(np.bincount(bin_of_row, left, bins))
+    def fitted(waves_and_others: Array) -> tuple[Array, Array]:
+        """Return the sizes (k,) of columns (N, k), and the amplitudes of orders in the
+        residual of their fit."""
+        sizes = np.linalg.lstsq(waves_and_others, torque, rcond=1e-10)[0]
+        residual = torque - waves_and_others @ sizes
+        pull = np.fft.fft(np.bincount(bin_of_row, residual, bins))
         return sizes, _amplitudes(pull, count, bins // 8)
 
     waves = dict[int, float]()  # order, amplitude over its surroundings
@@ -803,12 +803,13 @@ def _orders(full: Sequence[_FullRate], bins: int = 4096) -> tuple[TurnWave, ...]
             break
         wave = [np.cos(order * angle), np.sin(order * angle)]
         with_wave = np.column_stack([columns, *wave])
-        sizes_with, left = fitted(with_wave)
-        over = np.hypot(*sizes_with[-2:]) / max(_surroundings(left)[order], 1e-300)
+        sizes_with, amplitude_with = fitted(with_wave)
+        around = max(_surroundings(amplitude_with)[order], 1e-300)
+        over = np.hypot(*sizes_with[-2:]) / around  # of its cosine and sine
         if over <= _WAVE:
             break
         waves[order] = float(over)
-        columns, sizes, amplitude = with_wave, sizes_with, left
+        columns, sizes, amplitude = with_wave, sizes_with, amplitude_with
     found = [
         TurnWave(order, float(np.hypot(*size)), over)
         for (order, over), size in zip(

@@ -148,7 +148,8 @@ def _best_cut(
         windows = cutting.windows(share)
         if windows is None:
             continue
-        judged_share = cutting.judged_share(windows[1])
+        _, testing = windows
+        judged_share = cutting.judged_share(testing)
         if best is None or judged_share > best[2]:
             best = share, windows, judged_share
         if judged_share >= JUDGED_SHARE:

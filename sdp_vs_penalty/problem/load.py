@@ -260,8 +260,8 @@ def _ellipsoids_in_the_box(problem: Problem) -> Array:
     mass all are zero, and :func:`plausible_links` draws links later.
     """
     links = problem.robot.links
-    total = problem.total_mass
-    if not np.isfinite(total[1]):
+    least_total, most_total = problem.total_mass
+    if not np.isfinite(most_total):
         return np.zeros((links, 10))
     com = np.minimum(problem.link_sizes[1], problem.robot.link_reach()[:, None])
     box = problem.box[:, 1:4]
@@ -274,8 +274,8 @@ def _ellipsoids_in_the_box(problem: Problem) -> Array:
         centre[cone.link - 1, ~cone.along] = 0.0
     # a b + b c + c a: proportional to the surface of the box.
     surface = np.sum(half_axes * np.roll(half_axes, 1, axis=1), axis=1)
-    mass = np.mean(total) * surface / surface.sum()
-    # Clearly inside the bounds of the mass.
+    mass = 0.5 * (least_total + most_total) * surface / surface.sum()
+    # Clearly inside the bounds of the mass: 1 g above the lower, 10 % below the upper.
     mass = np.clip(mass, problem.box[:, 0, 0] + 1e-3, 0.9 * problem.box[:, 0, 1])
     # A solid ellipsoid: Ixx = m (b^2 + c^2) / 5. Entries 4, 6, 9 are Ixx, Iyy, Izz.
     second = mass[:, None] * half_axes**2 / 5.0

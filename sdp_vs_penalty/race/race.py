@@ -267,9 +267,9 @@ class Race:
         the incumbent's fit is ``few``, speak against it at that size."""
         number, size, spread, occam = h.number, 0.0, 0.0, 0.0
         if number is not None:
-            first = _FIRST_STEP * number.sd
+            farthest = _FIRST_STEP * number.sd
             start = number.size_in(h.chain)
-            size = start + float(np.clip(step, -first, first))
+            size = start + float(np.clip(step, -farthest, farthest))
             size, _ = self._refined(self.few, few.view, h, size, 1.0, _STEPS)
             seen = self.few.fit(h.seen(few.view, size), 1.0)
             gain = _of_all(fit) * (seen.value - few.value)
@@ -289,8 +289,9 @@ class Race:
         for _ in range(_ROUNDS_OF_COLUMNS if h.further_at else 0):
             assert h.further is not None
             assert h.further_at is not None
-            first = float(found.theta[len(found.theta) - len(h.further.sd)])
-            h = replace(h, further=h.further_at(first))
+            # Sizes of further columns stand last in theta.
+            first_size = float(found.theta[-len(h.further.sd)])
+            h = replace(h, further=h.further_at(first_size))
             found = self.all.fit(h.seen(fit.view), fit.v)
         v = min(self.all.rows_worth_one(found), fit.v)
         found = self.all.worth(found, v)

@@ -375,13 +375,14 @@ def _shifted(text: str, k: int) -> tuple[str, int]:
     mantissa, letter, exponent = _split_exponent(plain[len(sign) :])
     whole, _, decimals = mantissa.partition(".")
     digits = whole + decimals
-    place = len(whole) + k
+    place = len(whole) + k  # of the point, behind so many digits
     # Zeros where the point leaves the digits.
     padded = "0" * max(1 - place, 0) + digits + "0" * max(place - len(digits), 0)
     place = max(place, 1)
     ending = f"{letter}{exponent}" if letter else ""
     fraction = f".{padded[place:]}" if padded[place:] else ""
     candidates = [f"{sign}{padded[:place].lstrip('0') or '0'}{fraction}{ending}"]
+    # The other candidate has the same digits and another exponent, of the same width.
     power = int(exponent or 0) + k
     width = len(exponent.lstrip("+-")) if letter else 1
     candidates.append(

@@ -398,7 +398,8 @@ def _assumed(problem: Problem) -> Experiment:
     torque = np.sqrt(np.mean(without_friction.training_run().tau ** 2, axis=0))
     # A motor whose links weigh nothing has friction and noise all the same.
     torque = np.where(torque > 1e-6 * torque.max(), torque, 0.01 * torque.max())
-    # The sigmoid saturates at half its amplitude phi_1 on either side.
+    # The sigmoid saturates at half its amplitude phi_1 on either side. Its steepness phi_2
+    # is 10 s/rad, and its shift phi_3 zero.
     phi = np.column_stack([2.0 * 0.02 * torque, zeros + 10.0, zeros])
     return replace(
         without_friction,

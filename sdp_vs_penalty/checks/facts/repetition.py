@@ -88,20 +88,23 @@ def find_overlaps(runs: Sequence[Measurements]) -> Iterator[tuple[int, Issue]]:
     if len(runs) < 2:
         return
     ends = np.cumsum([len(run.t) for run in runs])
-    both = np.concatenate([run.q for run in runs])
+    samples = np.concatenate([run.q for run in runs])
     if all(run.torque_logged for run in runs):
-        both = np.column_stack([both, np.concatenate([run.tau for run in runs])])
-    numbers = numbers_of_rows([both])
+        samples = np.column_stack([samples, np.concatenate([run.tau for run in runs])])
+    # Equal rows have one number; of each row the place of the first that equals it.
+    numbers = numbers_of_rows([samples])
     firsts = np.unique(numbers, return_index=True)[1][numbers]
     for k in range(1, len(runs)):
         run, start = runs[k], int(ends[k - 1])
         of_run = firsts[start : ends[k]]
+        # A copy of a motion equals one earlier row after the other.
         is_next = np.diff(of_run, prepend=of_run[:1] - 1) == 1
         is_earlier = is_next & (of_run < start)
         parts = _moving_parts(run, is_earlier)
         if not parts:
             continue
         first, _ = max(parts, key=lambda part: part[1] - part[0])
+        # The run that holds the original, and the row there.
         other = int(np.searchsorted(ends, of_run[first], "right"))
         row = int(of_run[first] - ends[other] + len(runs[other].t))
         if not _has_noise(run) and run.t[first] != runs[other].t[row]:

@@ -126,7 +126,7 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
     starts, stops or turns round: friction changes there, and its controller answers.
     Packets are torn at any time, so that one such sample in steady motion is asked for.
     """
-    moves = glance.movement.at
+    is_moving = glance.movement.at
     t = glance.run.t
     bad = {}
     times_usual, share_of_span = SPIKE
@@ -148,7 +148,7 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
         # A joint that is held still trembles by up to three steps of its encoder.
         finest = 3.5 * lattice_step(x)
         is_far = distance > max(times_usual * usual_distance, threshold, finest)
-        is_far &= moves(t - 0.5) & moves(t) & moves(t + 0.5)
+        is_far &= is_moving(t - 0.5) & is_moving(t) & is_moving(t + 0.5)
         is_far[:3] = is_far[-3:] = False  # fewer than three samples on a side
         if not name.startswith("q"):  # no impulse moves a joint to and fro
             is_far &= _is_alone(distance)

@@ -174,7 +174,8 @@ def joined_log(path: Path, files: Sequence[Path]) -> Log:
                 raise InputError(what, "name files of one recording", base.path)
             own = str(part.path)
             clocks[own] = stamps
-        columns |= {x: (replace(y, clock=own), z) for x, (y, z) in channels.items()}
+        for name, (column, values) in channels.items():
+            columns[name] = replace(column, clock=own), values
 
     def read(names: Sequence[str]) -> Values:
         return Values({name: columns[name][1] for name in names})

@@ -61,14 +61,13 @@ def _read_columns(path: Path, names: Sequence[str]) -> Values:
             for name in names:
                 column = batch.column(name)
                 numbers[name].append(numbers_of(path, name, column))
-                is_empty = np.zeros(len(column), bool)
-                if column.null_count:
-                    is_empty = np.array([x is None for x in column.to_pylist()])
-                empty_cells[name].append(is_empty)
+                empty_cells[name].append(
+                    column.is_null().to_numpy(zero_copy_only=False)
+                )
     gaps = {name: gap for name, x in empty_cells.items() if (gap := x.array()).any()}
     values = {name: x.array() for name, x in numbers.items()}
     n_rows = max(map(len, values.values()), default=0)
-    # Numbers of the rows, from 1: only sentences about gaps name them.
+    # A Parquet table has no header: its rows count from 1. Only gaps need the numbers.
     return Values(values, np.arange(1, n_rows + 1) if gaps else None, gaps)
 
 
@@ -154,12 +153,7 @@ def numbers_of(path: Path, name: str, column: Any) -> Array:
             what = f"column {name} holds lists of different lengths"
             raise InputError(what, "give each row as many values", path)
         return np.array(rows, float).reshape(len(rows), *lengths or (0,))
-    numbers = np.asarray(
-        column.to_numpy(zero_copy_only=False)
-        if hasattr(column, "buffers")
-        else column.to_numpy(),
-        float,
-    )
+    numbers = np.asarray(column.to_numpy(zero_copy_only=False), float)
     return 1e-9 * numbers if kind == "stamp" else numbers
 
 

@@ -8,8 +8,10 @@ import numpy as np
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.robot import Robot
 
-#: Rows that are differentiated, and of these the rows that are fitted.
-_ROWS, _ROWS_FITTED = 30_000, 2_000
+#: At most so many rows are differentiated.
+_ROWS = 30_000
+#: About so many of these rows are fitted.
+_ROWS_FITTED = 2_000
 #: Parts of a log that are left out in turn; the rows of one part err together.
 N_PARTS = 10
 #: Share of its spread by which the joint that moves most moves within the window of the
@@ -17,8 +19,10 @@ N_PARTS = 10
 _MOVED = 0.4
 #: Registers have more bits than this.
 _LEAST_BIT = 6
-#: Rows of the narrowest window, and of the shortest log that is judged.
-_NARROWEST, _SHORTEST = 5, 100
+#: Rows of the narrowest window.
+_NARROWEST = 5
+#: Rows of the shortest log that is judged.
+_SHORTEST = 100
 
 
 @dataclass(frozen=True)
@@ -78,8 +82,9 @@ def fit_arm(
             break
         width += 2
     is_even = np.abs(steps - step) < 0.5 * step
-    near = np.convolve(~is_even, np.ones(2 * width), "same") > 0.5  # of a gap
-    rows = width + np.flatnonzero(~near[width - 1 : -width])
+    is_near_gap = np.convolve(~is_even, np.ones(2 * width), "same") > 0.5
+    # The windows of the first and the last rows are not whole.
+    rows = width + np.flatnonzero(~is_near_gap[width - 1 : -width])
     rows = rows[:: 1 + len(rows) // _ROWS_FITTED]
     if len(rows) < _SHORTEST:
         return None

@@ -57,7 +57,7 @@ def widened(log: Log) -> Log:
     channels = (
         _values(log) if is_by_channel else [x for x in numeric if x not in clocks]
     )
-    # The distinct labels, where each is first, and which each row has.
+    # The distinct labels in the order of the file; numbers of joints in their own order.
     rows = [tuple(row) for row in log.texts(labels)]
     distinct = list(dict.fromkeys(rows))
     if all(x[0].isdigit() for x in distinct) and not (
@@ -80,8 +80,10 @@ def widened(log: Log) -> Log:
             "number", [f"{x:.9g}" for x in wide[name][~gaps[name]][:50]]
         )
     columns = {name: columns[name] for name in wide}
-    unit_of = [x for x in log.columns if _has_words(x, _UNIT_WORDS)][:1]
-    units = [row[0] for row in log.texts(unit_of)] if is_by_channel and unit_of else []
+    unit_column = [x for x in log.columns if _has_words(x, _UNIT_WORDS)][:1]
+    units = []
+    if is_by_channel and unit_column:
+        units = [row[0] for row in log.texts(unit_column)]
     for label, unit in {*zip(rows, units, strict=False)}:
         name = "/".join(label)
         columns[name] = replace(columns[name], unit=unit)

@@ -154,9 +154,8 @@ def align(
         What was interpolated and how far; "" where nothing was.
     """
     base = samples[channels[leading][0]]
-    within = 0.5001 * usual_distance(
-        base.t
-    )  # a little more, so that rounded stamps match
+    # Half a step, and a little more, so that rounded stamps match.
+    within = 0.5001 * usual_distance(base.t)
     is_kept = np.ones(len(base.t), bool)
     places = dict[Hashable, NDArray[np.intp]]()
     ways = dict[Hashable, Interpolation]()
@@ -164,7 +163,7 @@ def align(
     for key, own in samples.items():
         if own.clock == base.clock:  # rows of one table belong together
             size = 1 + max(np.max(x.rows, initial=0) for x in (own, base))
-            place = np.full(size, -1)
+            place = np.full(size, -1)  # of each row among the samples; -1: none
             place[own.rows] = np.arange(len(own.rows))
             places[key] = place[base.rows]
         elif np.array_equal(own.t, base.t):
@@ -186,13 +185,12 @@ def align(
         else:
             parts = (ways[key].values(values, part) for _, part in iter_chunks(rows))
             columns[name] = concatenate_chunks([values[:0], *parts])
-    moved = [1e3 * x.distances[rows] for x in ways.values()]
-    moved = [x for x in moved if len(x) and x.max() > 1e-6]
+    distances = [1e3 * x.distances[rows] for x in ways.values()]  # [ms]
+    distances = [x for x in distances if len(x) and x.max() > 1e-6]
     remark = ""
-    if moved:
-        typical, largest = (
-            max(float(f(x)) for x in moved) for f in (np.median, np.max)
-        )
+    if distances:
+        typical = max(float(np.median(x)) for x in distances)
+        largest = max(float(x.max()) for x in distances)
         remark = (
             "channels with stamps of their own are interpolated to the torque's stamps,"
             f" from samples {typical:.3g} ms away (at most {largest:.3g} ms)"

@@ -28,6 +28,7 @@ def hide_joints(
     a joint, and the joints by their words.
     """
     full = [split_tokens(joint) for joint in joints]
+    # Without the words that all begin with; then without those that all end with.
     short = [x[min(n_common(full), len(x) - 1) :] for x in full]
     turned = [x[::-1] for x in short]
     core = [x[min(n_common(turned), len(x) - 1) :][::-1] for x in turned]
@@ -40,6 +41,7 @@ def hide_joints(
                 text = r"[\W_]*".join(map(re.escape, form[k]))
                 pattern = re.compile(rf"(?i)(?<![^\W_]){text}(?![^\W_])")
                 forms.append((-len(form[k]), word, pattern))
+    # The longest form first: a short one may be a part of it.
     forms.sort(key=lambda x: x[0])
     hidden = dict[str, str]()
     for name in names:

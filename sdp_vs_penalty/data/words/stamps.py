@@ -161,12 +161,13 @@ def _parse(text: str) -> tuple[datetime.date | None, float]:
     if match is None:
         raise wrong
     date, clock, plain = match["date"] or "", match["clock"], match["plain"]
-    if plain:  # without marks
+    if plain:  # without marks: 20250501T120000.005
         date = f"{plain[:4]}-{plain[4:6]}-{plain[6:8]}"
         clock = f"{plain[9:11]}:{plain[11:13]}:{plain[13:]}"
     parts = re.split(r"[:;.,]", clock)
     if re.fullmatch(r"\d+:\d+[.,]\d+", clock):
         parts = ["0", *parts]  # minutes and seconds
+    # Seconds may be missing; a fourth part is the fraction of a second.
     hours, minutes, seconds = (float(x) for x in (*parts, "0")[:3])
     fraction = float(f"0.{parts[3]}") if len(parts) > 3 else 0.0
     if match["half"]:

@@ -133,6 +133,7 @@ def _laws_of_one(axis: Axis) -> list[CurveLaw]:
     """
     if axis.is_sign:
         return [_sum_law("{x}")]
+    # A law's function takes the values p of the variables and its constants b.
     largest = max(abs(axis.low), abs(axis.high))
     widths = np.geomspace(0.01, 3.0, 20) * largest
     laws = [_sum_law(reads) for reads in _FUNCTIONS]
@@ -144,11 +145,11 @@ def _laws_of_one(axis: Axis) -> list[CurveLaw]:
     frequencies = [(float(b),) for b in _waves(axis, _SCAN_STEPS)]
     laws.append(_wave(lambda p, b: b[0] * p[0], "{b} {x}", frequencies))
     places = np.linspace(axis.low, axis.high, _SCAN_STEPS // 2)
-    spans = np.geomspace(0.03, 0.5, 8) * (axis.high - axis.low)
+    bump_widths = np.geomspace(0.03, 0.5, 8) * (axis.high - axis.low)
     bump = CurveLaw(
         lambda p, b: [np.exp(-(((p[0] - b[0]) / b[1]) ** 2))],
         ("exp(-(({x} - {b}) / {c})^2)",),
-        [(float(b), float(c)) for b, c in product(places, spans)],
+        [(float(b), float(c)) for b, c in product(places, bump_widths)],
     )
     return [*laws, bump]
 

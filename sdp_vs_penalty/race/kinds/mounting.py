@@ -75,7 +75,8 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         kind = "gravity of the problem"
         remedy = f"{remedy}, or correct the problem's gravity"
     measured, expected = (
-        ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in x) for x in (g, assumed)
+        ", ".join(f"{float(f'{entry:.3f}') + 0.0:g}" for entry in gravity)
+        for gravity in (g, assumed)
     )
     yield Fault(
         kind=kind,

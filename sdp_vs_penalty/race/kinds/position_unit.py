@@ -203,13 +203,13 @@ def _farthest(log: Likelihood, j: int) -> float:
 
 
 def _in_radians(
-    now: LogTransform, numbers: Mapping[int, tuple[float, float]]
+    chain: LogTransform, scale_and_middle: Mapping[int, tuple[float, float]]
 ) -> LogTransform:
-    """Return the transform with other scales and middles of joints."""
-    for j, (scale, middle) in numbers.items():
-        now = now.with_multiplied("scale", (j,), scale)
-        now = now.with_entries("zero", (j,), now.zero[j] + middle)
-    return now
+    """Return the transform with the scale and the middle of some joints' unit added."""
+    for j, (scale, middle) in scale_and_middle.items():
+        chain = chain.with_multiplied("scale", (j,), scale)
+        chain = chain.with_entries("zero", (j,), chain.zero[j] + middle)
+    return chain
 
 
 def as_likely_as_radians(evidence: Evidence, fit: ViewFit) -> list[PositionUnit]:
@@ -233,9 +233,12 @@ def as_likely_as_radians(evidence: Evidence, fit: ViewFit) -> list[PositionUnit]
 def undone_unit(
     log: Likelihood, chain: LogTransform
 ) -> tuple[PositionUnit, dict[int, tuple[float, float]]]:
-    """Return the unit that a transform undoes, with scale and middle of its joints; those
-    of degrees where it is of a part of the joints, no joints where positions are radians, or
-    their factor is no unit's."""
+    """Return the unit that a transform undoes, with scale and middle of each of its
+    joints.
+
+    Where a part of the joints has a unit, it is degrees. There are no joints where
+    positions are in radians, and where their factor is that of no unit.
+    """
     sizes = np.abs(chain.scale)
     joints = [j for j in log.revolute if not np.isclose(sizes[j], 1.0)]
     best, least = _DEGREES, np.inf
