@@ -160,7 +160,7 @@ class Plant:
             torque = effect.invert_channel(self.theta[0, k], t, torque)
         return torque
 
-    def remembered(self, motion: Motion) -> Array:
+    def inner_states(self, motion: Motion) -> Array:
         """Follow the friction's internal states along a measured motion.
 
         Parameters
@@ -513,7 +513,7 @@ class ServoLoop:
         zero = np.zeros_like(q)
         motion = Motion(t, q, dq, zero, command=command, position_integral=path)
         z = (
-            self.plant.remembered(motion)
+            self.plant.inner_states(motion)
             if self.plant.states
             else np.zeros((len(t), 0))
         )

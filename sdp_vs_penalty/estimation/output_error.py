@@ -89,7 +89,7 @@ def courses_of(
         torque = plant.true_torque(motion.t, part.resampled(part.tau, first, last + 1))
         padded = np.pad(torque, ((stride - 1, stride - 1), (0, 0)), "edge")
         torque = sum(w * padded[m : m + len(torque)] for m, w in enumerate(triangle))
-        memory = plant.remembered(motion)  # inner states of effects with a memory
+        memory = plant.inner_states(motion)
         is_moving = filters.movement.at(motion.t)
         # NaN marks states that were not logged and that no effect needs.
         unknown = np.full_like(motion.q, np.nan)

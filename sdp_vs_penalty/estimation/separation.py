@@ -370,7 +370,7 @@ class _MotionSearch:
     def start(self, rng: np.random.Generator) -> None:
         """Draw random motions until _DRAWN of them keep the limits; keep the best one."""
         for _ in range(20 * _DRAWN):
-            self.improve(_drawn(rng, *self.range))
+            self.improve(_random_plan(rng, *self.range))
             if self.trajectory is not None and self.n_judged >= _DRAWN:
                 break
 
@@ -424,7 +424,7 @@ class _MotionSearch:
         return self.free(poses)
 
 
-def _drawn(rng: np.random.Generator, low: Array, high: Array) -> _Plan:
+def _random_plan(rng: np.random.Generator, low: Array, high: Array) -> _Plan:
     """Draw a random plan of 6 to 39 points between positions low and high (n,).
 
     Some joints may stand still; moves may be slow and pauses short, all by chance.

@@ -43,7 +43,7 @@ _COMPUTING = ("robot", "effects", "regression", "solvers", "estimators", "estima
 Plain = Any
 
 
-def remembered(
+def load_or_compute(
     kind: str, content: Iterable[object], compute: Callable[[], Plain]
 ) -> Any:
     """Return what ``compute`` returns, read from the disk if it was computed before.
@@ -235,7 +235,7 @@ def _estimate(estimator: Estimator, task: Task) -> dict[str, Any]:
     task.
     """
     content = (source_version(), estimator.name, estimator, *task_content(task))
-    return remembered("estimate", content, partial(_estimated, estimator, task))
+    return load_or_compute("estimate", content, partial(_estimated, estimator, task))
 
 
 def _estimated(estimator: Estimator, task: Task) -> dict[str, Any]:
@@ -313,5 +313,5 @@ def _search_once(
         *(loss.fixed, loss.free, [vars(demand) for demand in loss.demands]),
         *settings,
     )
-    u, n_evaluations = remembered(kind, content, search)
+    u, n_evaluations = load_or_compute(kind, content, search)
     return np.array(u), int(n_evaluations)

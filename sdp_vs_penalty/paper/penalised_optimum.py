@@ -47,7 +47,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
 from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss, TriangleInequality
-from sdp_vs_penalty.paper.memo import remembered, source_version
+from sdp_vs_penalty.paper.memo import load_or_compute, source_version
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
@@ -475,7 +475,7 @@ def solve_once(problem: ConvexProblem, start: Array) -> CertifiedPoint | None:
     CertifiedPoint or None
         None if the start is not strictly feasible.
     """
-    plain = remembered(
+    plain = load_or_compute(
         "penalised",
         (source_version(), problem, start),
         partial(_solved, problem, start),

@@ -405,7 +405,7 @@ def follow(
     # Each kind of error (W, n) over the windows of all runs.
     errors_by_kind = list(map(np.concatenate, zip(*errors_of_rides, strict=True)))
     one, far, naive_one, naive_far = errors_by_kind
-    drawn = _drawn(estimate, seed)
+    drawn = _sampled_parameters(estimate, seed)
     free = []
     for ride in rides:
         progress(f"simulating {ride.course.name} freely")
@@ -546,7 +546,7 @@ def _windows(ride: _Ride, most_windows: int) -> tuple[Array, Array, Array, Array
     )
 
 
-def _drawn(estimate: Estimate, seed: int) -> Array:
+def _sampled_parameters(estimate: Estimate, seed: int) -> Array:
     """Return the parameters, and samples of them from their estimated covariance.
 
     Samples with a mass matrix that is not positive definite are left out, because they

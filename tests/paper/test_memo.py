@@ -29,24 +29,24 @@ def never():
 
 def test_what_was_computed_is_read(folder):
     computed = {"a": [0.1, np.float64(0.2)], "b": np.array([[np.nan, 1.0]])}
-    memo.remembered("x", (1,), lambda: computed)
-    held = memo.remembered("x", (1,), never)
+    memo.load_or_compute("x", (1,), lambda: computed)
+    held = memo.load_or_compute("x", (1,), never)
     for name, values in computed.items():
         np.testing.assert_array_equal(held[name], values)
 
 
 def test_a_damaged_file_is_computed_again(folder):
-    memo.remembered("x", ("a",), lambda: 1)
+    memo.load_or_compute("x", ("a",), lambda: 1)
     (path,) = folder.iterdir()
     path.write_text("{")
-    assert memo.remembered("x", ("a",), lambda: 3) == 3
-    assert memo.remembered("x", ("a",), never) == 3
+    assert memo.load_or_compute("x", ("a",), lambda: 3) == 3
+    assert memo.load_or_compute("x", ("a",), never) == 3
 
 
 def test_an_empty_variable_keeps_nothing(monkeypatch):
     monkeypatch.setenv(memo.VARIABLE, "")
     assert memo.memo_folder() is None
-    assert memo.remembered("x", ("a",), lambda: 4) == 4
+    assert memo.load_or_compute("x", ("a",), lambda: 4) == 4
 
 
 @pytest.mark.parametrize(

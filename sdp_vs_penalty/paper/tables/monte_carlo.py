@@ -33,7 +33,7 @@ from sdp_vs_penalty.estimators.penalty import Penalty, PenaltyTwoStep
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper, PenaltyPaperTwoStep
 from sdp_vs_penalty.paper.classical import Geodesic, Ridge, TotalLeastSquares
 from sdp_vs_penalty.paper.closed_loop import STEP, Loop, simulated_rows
-from sdp_vs_penalty.paper.memo import remembered, source_version, timed
+from sdp_vs_penalty.paper.memo import load_or_compute, source_version, timed
 from sdp_vs_penalty.paper.tables.folds import interval_of
 from sdp_vs_penalty.paper.tables.study import Study, refitted
 from sdp_vs_penalty.paper.tables.table import Row, StudyTable, notes, register_table
@@ -162,20 +162,20 @@ class Truth:
     unseen: Regression
 
 
-def drawn(draw: Draw) -> dict[str, dict[str, Any]]:
+def results_of(draw: Draw) -> dict[str, dict[str, Any]]:
     """Return what every method makes of a draw, read from the disk if it is there.
 
     By method: theta (p,), seconds, and for each base parameter of the links whether the
     95 % interval about the estimate holds the truth.
     """
     content = (source_version(), VERSION, draw)
-    found: dict[str, dict[str, Any]] = remembered(
-        "monte-carlo", content, partial(_drawn, draw)
+    found: dict[str, dict[str, Any]] = load_or_compute(
+        "monte-carlo", content, partial(_identify_from, draw)
     )
     return found
 
 
-def _drawn(draw: Draw) -> dict[str, dict[str, Any]]:
+def _identify_from(draw: Draw) -> dict[str, dict[str, Any]]:
     """Simulate a draw and identify from it by every method; return it as JSON."""
     truth = truth_of(draw.problem, draw.setting)
     run = simulate(truth.trajectory, truth.torque, truth.sensor, [draw.number, 7])
@@ -372,7 +372,7 @@ def _all_draws(
     draws.sort(key=lambda draw: (len(draw.methods) > 1, draw.number))
     study.progress(f"{len(draws)} draws")
     found: dict[str, dict[str, Draws]] = {setting.name: {} for setting in SETTINGS}
-    for draw, results in zip(draws, study.workers.map(drawn, draws), strict=True):
+    for draw, results in zip(draws, study.workers.map(results_of, draws), strict=True):
         for name, result in results.items():
             found[draw.setting.name].setdefault(name, []).append(result)
     return found

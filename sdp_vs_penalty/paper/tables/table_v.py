@@ -16,7 +16,7 @@ import scipy
 
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.paper.memo import program_version, remembered
+from sdp_vs_penalty.paper.memo import load_or_compute, program_version
 from sdp_vs_penalty.paper.tables.study import Data, Study
 from sdp_vs_penalty.paper.tables.table import (
     Row,
@@ -156,7 +156,7 @@ def play(kind: type[Engine], commanded: Commanded) -> EngineRun:
     """
     robot, links = commanded.robot, commanded.links
     engine = (program_version(), kind.name, kind.version())
-    followed = remembered(
+    followed = load_or_compute(
         "engine",
         (*engine, robot.to_dict(), links, commanded.q, commanded.step),
         partial(_follow, kind, commanded),

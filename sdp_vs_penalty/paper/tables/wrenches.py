@@ -26,7 +26,7 @@ from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
 from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
-from sdp_vs_penalty.paper.memo import program_version, remembered, task_content
+from sdp_vs_penalty.paper.memo import load_or_compute, program_version, task_content
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.table import StudyTable, notes, register_table
 from sdp_vs_penalty.problem.problem import Problem
@@ -256,7 +256,7 @@ def wrench_study(study: Study) -> WrenchStudy:
     task = study.task(study.simulated)
     n_retrievals = study.effort.retrievals
     content = (program_version(), *task_content(task), x.links, Y, n_retrievals)
-    held = remembered("wrenches", content, partial(_computed, study, Y))
+    held = load_or_compute("wrenches", content, partial(_computed, study, Y))
     ends = (np.array(held[end.name]) for end in fields(WrenchIntervals))
     return WrenchStudy(
         t=t,

@@ -28,7 +28,10 @@ from sdp_vs_penalty.simulation.worlds.world import (
     misplaced,
 )
 
+#: Maps a world, its motion and a size to the added torque (N, n), or to a shift (N,).
 Change = Callable[[World, TrueMotion, float], Array]
+#: Makes an effect for a world and a joint (from 0), with random constants. When the effect
+#: changes a world, this may hold the torque of other effects as well.
 Maker = Callable[[World, int, np.random.Generator], "Hidden"]
 
 #: Root mean square of the hidden torque over the raw noise of the joint that it moves
@@ -351,13 +354,13 @@ def _require_two_joints(world: World, effect: str) -> None:
         )
 
 
-def _stribeck(world: World, joint: int, rng: Generator) -> Hidden:
+def _stribeck(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make a Stribeck effect on a joint (from 0): dry friction that falls with speed.
 
     tau = size sign(dq) exp(-(dq / vs)^2), with the velocity vs drawn at random.
     Armstrong-Helouvry et al., Automatica 1994, eq. 7.
     """
-    vs = _unit(world, joint) * log_uniform(rng, 0.04, 0.3)
+    vs = _unit(made_for, joint) * log_uniform(rng, 0.04, 0.3)
 
     return at_joint(
         joint,
@@ -370,7 +373,7 @@ def _stribeck(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _presliding(
-    world: World, joint: int, rng: Generator, low: float = 0.001, high: float = 0.01
+    made_for: World, joint: int, rng: Generator, low: float = 0.001, high: float = 0.01
 ) -> Hidden:
     """Make presliding hysteresis on a joint (from 0): after a reversal, friction builds
     up over a travel d.
@@ -380,7 +383,7 @@ def _presliding(
     size z. The travel d [rad, m] is drawn between ``low`` and ``high`` times the
     joint's typical speed in one second.
     """
-    d = _unit(world, joint) * log_uniform(rng, low, high)
+    d = _unit(made_for, joint) * log_uniform(rng, low, high)
 
     return at_joint(
         joint,
@@ -400,14 +403,14 @@ def _behind(t: Array, speed: Array, d: float) -> Array:
     return states[:, 0]
 
 
-def _sigmoid(world: World, joint: int, rng: Generator) -> Hidden:
+def _sigmoid(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make sigmoid friction on a joint (from 0): a part of the Coulomb friction rises
     slowly with the velocity, over v0, instead of jumping.
 
     tau = size (tanh(dq / v0) - sign(dq)): the second term takes this part out of the
     world's Coulomb friction. v0 is drawn at random. Gaz et al., RA-L 2019, eq. 9.
     """
-    v0 = _unit(world, joint) * log_uniform(rng, 0.05, 0.3)
+    v0 = _unit(made_for, joint) * log_uniform(rng, 0.05, 0.3)
 
     return at_joint(
         joint,
@@ -418,7 +421,7 @@ def _sigmoid(world: World, joint: int, rng: Generator) -> Hidden:
     )
 
 
-def _power(world: World, joint: int, rng: Generator) -> Hidden:
+def _power(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make friction on a joint (from 0) that grows with a power of the speed: tau =
     size sign(dq) |dq|^alpha, with alpha drawn below or above 1."""
     is_degressive = rng.random() < 0.5
@@ -433,7 +436,7 @@ def _power(world: World, joint: int, rng: Generator) -> Hidden:
     return at_joint(joint, law, alpha=alpha)
 
 
-def _coupling(world: World, joint: int, rng: Generator) -> Hidden:
+def _coupling(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make friction of a joint (from 0) that depends on the velocity dq_i of a
     neighbour i.
 
@@ -441,11 +444,11 @@ def _coupling(world: World, joint: int, rng: Generator) -> Hidden:
     tanh(v / width) with v = dq_i (2), dq + dq_i (3) or dq - dq_i (4). Janot et al.,
     IEEE TCST 2014.
     """
-    _require_two_joints(world, "joint_coupling")
+    _require_two_joints(made_for, "joint_coupling")
     i = joint - 1 if joint > 0 else 1
     form = int(rng.integers(1, 5))
     side = float(rng.choice([-1.0, 1.0]))
-    width = float(np.median(world.dry.width))
+    width = float(np.median(made_for.dry.width))
 
     def law(world: World, motion: TrueMotion) -> Array:
         """Return the torque (N,) [N m, N] at size 1."""
@@ -460,15 +463,15 @@ def _coupling(world: World, joint: int, rng: Generator) -> Hidden:
     return at_joint(joint, law, side, i=float(i + 1), form=float(form))
 
 
-def _belt(world: World, joint: int, rng: Generator) -> Hidden:
+def _belt(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make a belt between a joint (from 0) and the next one, or the last two.
 
     It stores size (q_j - r q_i)^2 / 2 with a ratio r that is drawn.
     """
-    _require_two_joints(world, "elastic_coupling")
-    first = min(joint, world.arm.n - 2)
+    _require_two_joints(made_for, "elastic_coupling")
+    first = min(joint, made_for.arm.n - 2)
     ratio = float(rng.uniform(0.5, 1.5))
-    pull = np.zeros(world.arm.n)
+    pull = np.zeros(made_for.arm.n)
     pull[first : first + 2] = -ratio, 1.0
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
@@ -478,7 +481,7 @@ def _belt(world: World, joint: int, rng: Generator) -> Hidden:
     return Hidden((first, first + 1), change, -ratio)
 
 
-def _warming(world: World, joint: int, rng: Generator) -> Hidden:
+def _warming(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make friction of a joint (from 0) that fades as the gears warm up, with time
     constant T.
 
@@ -498,7 +501,7 @@ def _warming(world: World, joint: int, rng: Generator) -> Hidden:
     return at_joint(joint, law, None, form=float(form), T=T)
 
 
-def _by_temperature(world: World, joint: int, rng: Generator) -> Hidden:
+def _by_temperature(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make friction of a joint (from 0) that falls with the measured temperature C of
     its gear.
 
@@ -520,7 +523,7 @@ def _by_temperature(world: World, joint: int, rng: Generator) -> Hidden:
     return at_joint(joint, law, law=1.0 + viscous, by=1.0, warm=warm)
 
 
-def _transmission(world: World, joint: int, rng: Generator) -> Hidden:
+def _transmission(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make friction of a motor that turns with a combination v = c^T dq of two
     neighbours.
 
@@ -531,7 +534,9 @@ def _transmission(world: World, joint: int, rng: Generator) -> Hidden:
     absorb all of it but a cross term, which does not determine the ratio.
     """
     # First joints of two revolute neighbours; the pair nearest to ``joint`` is taken.
-    pairs = [i for i in range(world.arm.n - 1) if world.arm.rotary[i : i + 2].all()]
+    pairs = [
+        i for i in range(made_for.arm.n - 1) if made_for.arm.rotary[i : i + 2].all()
+    ]
     if not pairs:
         raise InputError(
             "effect transmission_friction needs neighbours that turn", "leave it out"
@@ -541,8 +546,8 @@ def _transmission(world: World, joint: int, rng: Generator) -> Hidden:
     ratio = float(rng.choice([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0]))
     d = log_uniform(rng, 0.002, 0.01)
     vs = log_uniform(rng, 0.05, 0.25)
-    width = float(np.median(world.dry.width))
-    c = np.zeros(world.arm.n)
+    width = float(np.median(made_for.dry.width))
+    c = np.zeros(made_for.arm.n)
     c[first], c[first + 1] = 1.0, ratio
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
@@ -566,10 +571,10 @@ def _transmission(world: World, joint: int, rng: Generator) -> Hidden:
     return Hidden((first, first + 1), change, 1.0, shape)
 
 
-def _load_hysteresis(world: World, joint: int, rng: Generator) -> Hidden:
+def _load_hysteresis(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make friction of a joint (from 0) that is proportional to its load and builds up
     over a travel d: tau = size |tau_rigid| z, with the state z of Dahl's model."""
-    d = _unit(world, joint) * log_uniform(rng, 0.002, 0.01)
+    d = _unit(made_for, joint) * log_uniform(rng, 0.002, 0.01)
 
     return at_joint(
         joint,
@@ -581,7 +586,7 @@ def _load_hysteresis(world: World, joint: int, rng: Generator) -> Hidden:
     )
 
 
-def _slip(world: World, joint: int, rng: Generator) -> Hidden:
+def _slip(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make Maxwell slip on a joint (from 0): three springs in parallel, each with a
     slider.
 
@@ -589,7 +594,7 @@ def _slip(world: World, joint: int, rng: Generator) -> Hidden:
     d or 16 d and slips at -1 and 1; the weights w_i sum to 1. Al-Bender et al., IEEE
     TAC 2005.
     """
-    d = _unit(world, joint) * log_uniform(rng, 0.001, 0.004)
+    d = _unit(made_for, joint) * log_uniform(rng, 0.001, 0.004)
     travel = d * np.array([1.0, 4.0, 16.0])
     weight = rng.dirichlet(np.ones(3))
 
@@ -605,7 +610,7 @@ def _slip(world: World, joint: int, rng: Generator) -> Hidden:
     return at_joint(joint, law, None, d=d)
 
 
-def _position(world: World, joint: int, rng: Generator) -> Hidden:
+def _position(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make dry friction of a joint (from 0) whose size varies with the position: tau =
     size cos(k q + phase) sign(dq).
 
@@ -613,7 +618,7 @@ def _position(world: World, joint: int, rng: Generator) -> Hidden:
     prismatic joint. Popovic, Goldenberg 1998.
     """
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
-    if world.arm.rotary[joint]:
+    if made_for.arm.rotary[joint]:
         k = float(rng.integers(1, 4))
     else:
         k = 2.0 * np.pi / float(rng.uniform(0.05, 0.15))
@@ -690,17 +695,17 @@ def _ripple(world: World, joint: int, rng: Generator) -> Hidden:
     )
 
 
-def _end_stop(world: World, joint: int, rng: Generator) -> Hidden:
+def _end_stop(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make a spring that a joint (from 0) touches at one end of its range only.
 
     It begins at the middle of the range, or up to half of the way from there to the
     end. Joints without limits have a range of half a turn, or half a metre, to each
     side.
     """
-    at = world.built.idx_qs[joint + 1]
-    span = np.pi if world.arm.rotary[joint] else 0.5
-    low = max(float(world.built.lowerPositionLimit[at]), -span)
-    high = min(float(world.built.upperPositionLimit[at]), span)
+    at = made_for.built.idx_qs[joint + 1]
+    span = np.pi if made_for.arm.rotary[joint] else 0.5
+    low = max(float(made_for.built.lowerPositionLimit[at]), -span)
+    high = min(float(made_for.built.upperPositionLimit[at]), span)
     is_above = bool(rng.integers(2))
     way = 0.25 * (high - low) * float(rng.uniform(0.0, 1.0))
     q0 = float(f"{0.5 * (low + high) + (way if is_above else -way):.6g}")
@@ -714,20 +719,20 @@ def _end_stop(world: World, joint: int, rng: Generator) -> Hidden:
     return at_joint(joint, law, q0=q0, side=1.0 if is_above else 2.0)
 
 
-def _gain(world: World, joint: int, rng: Generator) -> Hidden:
+def _gain(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make a wrong gain of the torque channel of a joint (from 0): it adds +-size times
     the torque."""
     make = plain(
         lambda world, joint, motion: world.torque(motion)[:, joint], signed=True
     )
-    return replace(make(world, joint, rng), channel=True)
+    return replace(make(made_for, joint, rng), channel=True)
 
 
-def _crosstalk(world: World, joint: int, rng: Generator) -> Hidden:
+def _crosstalk(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make a torque channel of a joint (from 0) that holds +-size times the torque of
     a neighbour of the joint."""
-    _require_two_joints(world, "torque_crosstalk")
-    neighbours = [i for i in (joint - 1, joint + 1) if 0 <= i < world.arm.n]
+    _require_two_joints(made_for, "torque_crosstalk")
+    neighbours = [i for i in (joint - 1, joint + 1) if 0 <= i < made_for.arm.n]
     partner = int(rng.choice(neighbours))
 
     side = float(rng.choice([-1.0, 1.0]))
@@ -761,7 +766,7 @@ def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
     return Hidden(joints, change, size=1e-3, channel=True)
 
 
-def _filter(world: World, joint: int, rng: Generator) -> Hidden:
+def _filter(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make a low-pass filter 1 / (1 + T s) of all torque channels: the added torque is
     the filtered torque minus the torque, and the size is T [s]."""
 
@@ -794,7 +799,7 @@ def _zero_error(world: World, joint: int, rng: Generator) -> Hidden:
     )
 
 
-def _elasticity(world: World, joint: int, rng: Generator) -> Hidden:
+def _elasticity(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make an elastic joint (from 0): its link lags behind the encoder by the
     compliance times the torque that the link needs.
 
@@ -812,7 +817,7 @@ def _elasticity(world: World, joint: int, rng: Generator) -> Hidden:
     return shifted(joint, shift, 1.0, 1e-5)
 
 
-def _resonance(world: World, joint: int, rng: Generator) -> Hidden:
+def _resonance(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make an elastic joint (from 0), whose link swings on its gear.
 
     The link's shift s obeys M s'' + (D + d) s' + (K + k) s = -tau. M, D and K are the
@@ -860,14 +865,14 @@ def _resonance(world: World, joint: int, rng: Generator) -> Hidden:
     return Hidden((joint,), change, None, {"f": f, "zeta": zeta})
 
 
-def _gear_error(world: World, joint: int, rng: Generator) -> Hidden:
+def _gear_error(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make a gear of a joint (from 0) that turns unevenly: its link stands at q + x, x =
     size cos(k q + phase).
 
     k is 2 to 100 waves per turn; a prismatic joint's screw has a lead of 8 to 70 mm. No
     power is lost: the motor carries (1 + dx/dq) times its link's torque.
     """
-    phase, k = _waves(world, joint, rng, most=100)
+    phase, k = _waves(made_for, joint, rng, most=100)
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
         """Return the added torque (N, n) [N m, N] at this size [rad, m]."""
@@ -916,7 +921,7 @@ def newmark(
     return x
 
 
-def _backlash(world: World, joint: int, rng: Generator) -> Hidden:
+def _backlash(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make backlash of a joint (from 0): its link rests on the flank that its torque
     presses it to.
 
@@ -933,7 +938,7 @@ def _backlash(world: World, joint: int, rng: Generator) -> Hidden:
     return shifted(joint, shift, 1.0, 1e-4, rates=False)
 
 
-def _tilt(world: World, joint: int, rng: Generator) -> Hidden:
+def _tilt(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make a tilted base: gravity has a horizontal part in a random direction. The size
     is that part [m/s^2]; the joint is not used."""
     angle = float(rng.uniform(0.0, 2.0 * np.pi))
@@ -948,7 +953,7 @@ def _tilt(world: World, joint: int, rng: Generator) -> Hidden:
     return Hidden((), change, 1.0, size=0.1)
 
 
-def _wrench(world: World, joint: int, rng: Generator) -> Hidden:
+def _wrench(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make a constant force F and moment M on the last link, in world axes and of
     random direction.
 
@@ -969,10 +974,10 @@ def _wrench(world: World, joint: int, rng: Generator) -> Hidden:
     return Hidden((), change, None)
 
 
-def _payload(world: World, joint: int, rng: Generator) -> Hidden:
+def _payload(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make a payload: a ball of 5 cm radius at a random place on the last link. The
     size is its mass [kg]; the joint is not used."""
-    last_link = world.arm.model.jointPlacements[-1].translation
+    last_link = made_for.arm.model.jointPlacements[-1].translation
     reach = float(np.linalg.norm(last_link)) + 0.05
     centre = rng.uniform(-0.5, 0.5, 3) * reach
 
@@ -986,7 +991,7 @@ def _payload(world: World, joint: int, rng: Generator) -> Hidden:
     return Hidden((), change, 1.0, size=0.1, details={"com": centre.tolist()})
 
 
-def _misplaced(world: World, joint: int, rng: Generator) -> Hidden:
+def _misplaced(made_for: World, joint: int, rng: Generator) -> Hidden:
     """Make joints that are misplaced against the kinematic model.
 
     At size 1 the standard deviations are 0.1 mm and 0.2 mrad about each axis.
