@@ -480,8 +480,8 @@ def _roughness(glance: RunSummary, share: Array, is_inner: Rows) -> Array:
 
 
 def find_time_jumps(glance: RunSummary) -> Iterator[Issue]:
-    """Yield warnings about long time steps: where the motion goes on, the clock was set
-    ahead; elsewhere, samples are missing.
+    """Yield warnings about long time steps. Where the motion goes on, the clock was set
+    ahead; elsewhere samples are missing.
 
     Parameters
     ----------
@@ -493,7 +493,8 @@ def find_time_jumps(glance: RunSummary) -> Iterator[Issue]:
     iterator of Issue
         Issues to report; none if nothing is wrong.
     """
-    is_long = glance.steps > max(GAP * glance.usual_step, 0.02)
+    shortest_pause = 0.02  # s
+    is_long = glance.steps > max(GAP * glance.usual_step, shortest_pause)
     for issue in find_changes_of_rate(glance):
         first, last = issue.figures["rows"]
         is_long[first - 2 : last - 2] = False

@@ -257,9 +257,13 @@ def recognised_in(log: Log, joints: Sequence[str] | None) -> Recognition | None:
 
 
 def _as_chosen(log: Log, choice: Choice) -> tuple[Log, Recognition]:
-    """Return the columns that the user chose, and those that have our names; where only
-    torques are chosen, what is recognised beside them. Names that a table with a row a
-    joint does not have are those of the log with a column a joint."""
+    """Return the log and its columns as the user chose them, with the columns that have
+    our names.
+
+    A choice of torques alone leaves the rest to recognition. A table with a row for
+    each joint has not the chosen names: it is then turned into one with a column for
+    each joint.
+    """
     from sdp_vs_penalty.data.hypotheses.recognition import (
         find_clock,
         units_of_chosen,
@@ -308,8 +312,8 @@ def _as_chosen(log: Log, choice: Choice) -> tuple[Log, Recognition]:
 
 
 def _order(log: Log, joints: Sequence[str] | None) -> tuple[int, ...] | None:
-    """Return the place in a block of each of the robot's joints, where the file has
-    columns of names, whatever the others are called; None for the file's order."""
+    """Return the place in a block of each of the robot's joints, as a column of texts
+    in the file names them; None for the file's order."""
     if not joints or not any(x.kind == "text" for x in log.columns.values()):
         return None
     from sdp_vs_penalty.data.hypotheses.recognition import joints_in_cells

@@ -130,8 +130,8 @@ class DriftFriction(Rubbing, Drift):
     shapes = {**Drift.shapes, "form": choice(count=4)}
 
     def settle(self) -> None:
-        """The effect refines the friction that its form changes (viscous or Coulomb), and
-        warming by a logged temperature: a search tries it only beside these."""
+        """Set what the effect refines, which a search must have before it tries this one:
+        the friction that its form changes, and warming by a logged temperature."""
         # The class lists Coulomb friction first, then viscous friction.
         self.refines = self.refines[int(self.viscous)], "warming_friction"
 

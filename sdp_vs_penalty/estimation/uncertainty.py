@@ -380,8 +380,11 @@ class Interval(JsonRecord):
 
 
 def unit_by(unit: str, torque: str) -> str:
-    """Return the unit of a parameter where torques are in another unit, "A": N*m becomes
-    A; of a link's parameter, whose unit does not hold N*m, kg becomes kg*A/(N*m)."""
+    """Return the unit of a parameter where torques are in another unit, such as "A".
+
+    N*m becomes A. The unit of a link's parameter does not hold N*m: kg becomes
+    kg*A/(N*m).
+    """
     if "N*m" in unit:
         return unit.replace("N*m", torque)
     return f"{unit}*{torque}/(N*m)"

@@ -305,9 +305,8 @@ def _missing(
 
 
 def _weakest_first(lines: Sequence[Line]) -> tuple[Line, ...]:
-    """Sort lines by grade, the weakest first; of one grade the log comes first, then
-    fit, prediction and what is missing.
-    """
+    """Sort lines by grade, the weakest first. Lines of one grade stand in the order
+    log, fit, prediction, what is missing."""
     order = (LOG, FIT, PREDICTION, MISSING)
     return tuple(
         sorted(

@@ -476,7 +476,7 @@ def minimise(
         The minimiser, in scaled units.
     shifts : list of arrays
         Multipliers, one array a part.
-    spent : dict
+    details : dict
         Last residual, and number of stages.
     """
     shifts = [np.zeros_like(part.values(x)) for part in penalty.parts]

@@ -395,7 +395,7 @@ def _cell_rows(low: Array, high: Array) -> Array:
         def corner(
             x: float, y: float, entry: Array = Q_ab, a: int = a, b: int = b
         ) -> Array:
-            """(c_a - x) (c_b - y) m."""
+            """Return the row of (c_a - x) (c_b - y) m."""
             return entry - x * h[b] - y * h[a] + x * y * m
 
         rows.append(-corner(low[a], high[b]))
@@ -406,7 +406,8 @@ def _cell_rows(low: Array, high: Array) -> Array:
 
 
 def _fold(c: Constraint, fold: Array) -> Constraint:
-    """Rewrite a constraint in fewer variables, of which fold (k, j) makes all."""
+    """Rewrite a constraint in the fewer variables x (j,) from which fold @ x, fold (k,
+    j), makes all k."""
     rows = fold[c.indices]  # of the variables in this constraint
     used = np.flatnonzero(rows.any(axis=0))
     # sum_i fold[i, j] coefficients[i, ...] for each remaining variable j

@@ -41,7 +41,7 @@ def degrees_text(angle: float) -> str:
 
 
 def percent_text(share: float) -> str:
-    """A share in words: "80 %" for 0.8."""
+    """Write a share in words: "80 %" for 0.8."""
     return f"{100.0 * share:.0f} %"
 
 

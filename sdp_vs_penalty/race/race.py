@@ -165,8 +165,8 @@ class Race:
         return RaceOutcome(tuple(taken), view, fit)
 
     def _incumbent(self, view: LogView) -> ViewFit:
-        """ViewFit the rows as they are seen, with as many rows worth one as its residual
-        says."""
+        """Fit the rows as they are seen. How many of them are worth one is what the
+        residual of a first fit says."""
         fit = self.all.fit(view, 1.0)
         return self.all.worth(fit, self.all.rows_worth_one(fit))
 

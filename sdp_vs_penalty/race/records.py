@@ -101,7 +101,7 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Further:
-    """Columns of torque beside the arm's, with the prior of their sizes."""
+    """Columns of torque in addition to the arm's, with the prior of their sizes."""
 
     #: (n, M, r) torque per unit of each size.
     columns: Array
@@ -117,8 +117,8 @@ class Further:
 
 @dataclass(frozen=True)
 class LogView:
-    """How rows are seen: under a transform, those of parts under another one before it,
-    beside further columns."""
+    """How rows are seen: under a transform, which in some parts another one precedes, and
+    with further columns of torque."""
 
     #: What is done to all rows.
     chain: LogTransform

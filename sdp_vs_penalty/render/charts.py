@@ -544,7 +544,7 @@ def cause_figure(
     floor: Sequence[float | None] | Array | None,
     waves: float = 1.0,
 ) -> Figure:
-    """A joint's error against its cause, before and after effects were added.
+    """Draw a joint's error against its cause, before and after effects were added.
 
     The rows are dots, their mean is a line: grey before, blue after. A dashed line is
     what the added effects model.
@@ -572,7 +572,7 @@ def cause_figure(
     plot = Figure()
 
     def cloud(error: Array, name: str, colour: str) -> None:
-        """Rows as dots, their mean as a line, which the legend names."""
+        """Draw rows as dots and their mean as a line, which the legend names."""
         y = (error * axis.sign)[inside]
         look = {"size": 3, "color": colour, "opacity": 0.4}
         group: dict[str, Any] = {"legendgroup": name, "name": name}

@@ -126,7 +126,7 @@ class FindingWords:
 
 
 def plain_name(effect: str) -> str:
-    """An effect's name at the beginning of a sentence.
+    """Return an effect's name for the beginning of a sentence.
 
     Returns
     -------

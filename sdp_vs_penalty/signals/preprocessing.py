@@ -211,7 +211,8 @@ class RunFilter:
         count = end + 1 - begin
 
         def on_grid(margin: int, stride: int) -> list[Array]:
-            """The states at every ``stride``-th sample, without a margin at each end."""
+            """Return the states at every ``stride``-th sample, without a margin at each
+            end."""
             return [x[margin : count - margin : stride] for x in states]
 
         first = at[0] - reach

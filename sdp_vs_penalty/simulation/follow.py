@@ -405,14 +405,14 @@ def follow(
     # Each kind of error (W, n) over the windows of all runs.
     errors_by_kind = list(map(np.concatenate, zip(*errors_of_rides, strict=True)))
     one, far, naive_one, naive_far = errors_by_kind
-    drawn = _sampled_parameters(estimate, seed)
+    samples = _sampled_parameters(estimate, seed)
     free = []
     for ride in rides:
         progress(f"simulating {ride.course.name} freely")
         most_steps = None
         if steps is not None:
             most_steps = 1 + steps // (len(courses) * ride.substeps)
-        parameters = drawn[:1] if servo else drawn
+        parameters = samples[:1] if servo else samples
         free.append(_free_run(estimate, parameters, ride, most_steps))
     return Following(
         drive,

@@ -44,9 +44,10 @@ class Extreme:
 
 
 class Slice:
-    """All feasible parameters theta (p,) = interior + basis x, basis (p, k), with the
-    same equalities @ theta as a given one; reduced : the constraints in x, of which sdp
-    is the conic form; limit (k,) : |x_k| <= limit_k on the slice.
+    """All feasible parameters with the same equalities @ theta as a given theta (p,).
+
+    They are interior + basis x, with basis (p, k) and coordinates x (k,). ``reduced``
+    holds the constraints in x, and ``sdp`` is their conic form; |x_k| <= limit_k.
 
     equalities (e, p); theta (p,), feasible or not; bound (p,) : |theta_k| <= bound_k
     wherever the constraints hold. Raises InputError where the slice has no interior

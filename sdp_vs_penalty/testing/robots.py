@@ -12,14 +12,14 @@ from sdp_vs_penalty.robot.robot import Robot
 
 
 def rotation(rng: np.random.Generator) -> Array:
-    """A uniformly random rotation (3, 3)."""
+    """Return a uniformly random rotation (3, 3)."""
     q, r = np.linalg.qr(rng.normal(size=(3, 3)))
     q = q * np.sign(np.diagonal(r))
     return q if np.linalg.det(q) > 0 else -q
 
 
 def pose(rng: np.random.Generator, reach: float) -> Array:
-    """A random pose (4, 4) whose translation is ``reach`` long."""
+    """Return a random pose (4, 4) whose translation is ``reach`` long."""
     out = np.eye(4)
     out[:3, :3] = rotation(rng)
     direction = rng.normal(size=3)
@@ -57,7 +57,7 @@ def tree(
     branched: bool = True,
     link_frames: bool = False,
 ) -> Robot:
-    """A random tree of n revolute and prismatic joints, depth first."""
+    """Return a random tree of n revolute and prismatic joints, depth first."""
     joints: list[Joint] = []
     branch: list[int] = []  # from the base to the last joint
     for i in range(n):

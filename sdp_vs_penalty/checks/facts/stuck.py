@@ -23,9 +23,12 @@ _AS_ELSEWHERE = likely("the arm that explains the other rows explains it there a
 
 
 def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
-    """Yield an issue about joints that move while their torque is exactly zero:
-    the drive was off. A note where the arm explains it: zero is the torque; elsewhere
-    something that is not in the log moved the joint, such as a hand."""
+    """Yield an issue about joints that move while their torque is exactly zero: the
+    drive was off.
+
+    It is a note where the arm explains a torque of zero. Elsewhere something that is
+    not in the log moved the joint, such as a hand.
+    """
     moved = {}
     for j in np.flatnonzero(glance.moving).tolist():
         x = glance.run.tau[:, j] if glance.run.torque_logged else np.ones(1)

@@ -150,7 +150,7 @@ def joined_log(path: Path, files: Sequence[Path]) -> Log:
         named = [part.of_file() for part in parts]
 
     def preference(k: int) -> tuple[bool, bool]:
-        """Sort key; the first of the largest wins."""
+        """Return the sort key; the first of the largest wins."""
         has_torque = "tau" in map(quantity_of, (*named[k], parts[k].path.stem))
         return bool(parts[k].clock), bool(parts[k].clock) and has_torque
 

@@ -152,8 +152,12 @@ def with_unit_of_positions(
 def _may_be_behind_gears(
     unit: _Unit, share: float, q: Array, torques: Sequence[Array], fit: Fit
 ) -> bool:
-    """Return whether the arm leaves less of the torques than ``share``, by positions q
-    (N, n) in a unit times a factor that gears have: of all joints, or clearly of one."""
+    """Return whether gears explain the torques clearly better than ``share``, what the
+    arm leaves of them in a unit.
+
+    The positions q (N, n) in that unit are multiplied by factors that gears have, of
+    all joints or of a single one.
+    """
     n = q.shape[1]
     factors = [(np.full(n, factor), 1.0) for factor in _OF_ALL]
     if n > 1:

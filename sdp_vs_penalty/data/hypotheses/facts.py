@@ -74,7 +74,7 @@ def by_facts(log: Log, joints: Sequence[str] | None, topic: str | None) -> Recog
         names = _of(quantity, log.columns)
 
         def preference(name: str) -> tuple[bool, bool, int]:
-            """Sort key; the largest wins."""
+            """Return the sort key; the largest wins."""
             x = log.columns[name]
             return (
                 x.clock == leading.clock,

@@ -64,9 +64,12 @@ def _writable(name: str, names: Sequence[str]) -> str:
 
 
 def scale_words(scale: Mapping[str, float], rename: Mapping[str, str]) -> str:
-    """Format factors to SI by our names as the value of ``--scale``, "q=deg,tau1=0.5":
-    units by name where one has the factor, a group as one where all of its columns, of
-    which ``rename`` has all, have one factor."""
+    """Format factors to SI, by our names, as the value of ``--scale``:
+    "q=deg,tau1=0.5".
+
+    A factor that is a unit is written by its name. A group is written once if all of
+    its columns, which ``rename`` lists, have one factor.
+    """
     words = list[str]()
     n_columns = {group: len(pairs) for group, pairs in by_group(rename).items()}
     for group, factors in by_group(scale).items():

@@ -157,7 +157,8 @@ def unit_of_clock(
 
 
 def _likelihood(ratio: float) -> float:
-    """Return how likely a size is that is so many times the usual one, over the usual."""
+    """Return how likely a size is, relative to the usual size, that is ``ratio`` times
+    the usual one."""
     return float(np.exp(-0.5 * (np.log10(ratio) / _DECADES) ** 2))
 
 

@@ -86,9 +86,12 @@ def find_time_of_day(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def units_of_parts(names: Sequence[str]) -> tuple[float, ...]:
-    """Return the units [s] of the columns whose sum is a clock: of one column (1, for
-    its name or values say it), of seconds and a fraction, of a time of day in three
-    columns or four. A fraction is in nanoseconds where its name does not say it."""
+    """Return the units [s] of the columns whose sum is a clock.
+
+    The columns are one clock (unit 1: its name or its values say the true one), seconds
+    and a fraction, or a time of day in three or four. A fraction is in nanoseconds
+    unless its name says another unit.
+    """
     whole = _UNITS_OF_DAY if len(names) > 2 else (1.0,)[: len(names)]
     fractions = (
         _SECOND_PARTS.get(_stem_and_word(x)[1], 1e-9) for x in names[len(whole) :]

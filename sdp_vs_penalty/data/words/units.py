@@ -106,8 +106,8 @@ def units_of_name(name: str) -> list[NamedUnit]:
 
 @cache
 def _units_in_small_letters() -> list[tuple[str, str, str, float]]:
-    """List the units that names end with: in small letters, as the table writes them, their
-    quantity and factor to SI."""
+    """List the units that names end with: each in small letters, as the table writes
+    it, its quantity, and its factor to SI."""
     return [
         (unit.casefold(), unit, quantity, factor)
         for quantity, units in units_in_names().items()

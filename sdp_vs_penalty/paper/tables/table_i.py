@@ -392,17 +392,17 @@ def _on_other_rows(study: Study, data: Data) -> list[tuple[str, Array]]:
     usual = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 
     def with_effects(effects: str) -> Data:
-        """The same rows in a model of these effects."""
+        """Return the same rows in a model of these effects."""
         return replace(data, model=study.problem.model(effects))
 
     def ordinary(modelled: Data) -> tuple[float, Array]:
-        """Training loss and parameters of ordinary least squares."""
+        """Return training loss and parameters of ordinary least squares."""
         train = modelled.regression.least_squares()
         theta = np.asarray(np.linalg.lstsq(train.R, train.rho, rcond=1e-10)[0], float)
         return train.loss(theta), theta
 
     def test_rmse(modelled: Data) -> Array:
-        """RMS error (n,) of ordinary least squares on the test rows."""
+        """Return the RMS error (n,) of ordinary least squares on the test rows."""
         return np.sqrt(modelled.errors(ordinary(modelled)[1])[0])
 
     fit = _fit(study, data, data.train)
