@@ -66,10 +66,10 @@ CHOSEN = ("options", "reading", "anyway", "seen_issues", "names", "name", "begun
 MOST_STEPS = 20
 #: Samples of all runs with which remedies are tried before anyone asks.
 _MOST_TRIED = 200_000
-#: What is said where runs for fitting have changed.
+#: What is said where the robot or runs for fitting have changed.
 _DROPPED = (
-    "The models are dropped, for they were identified from other runs: Undo brings them"
-    " back."
+    "The models are dropped, for they were identified from what was there before: Undo"
+    " brings them back."
 )
 #: Endings of files by what they are for, in the order in which they are opened.
 ENDINGS = {"robot": ROBOT_FILE_ENDINGS, "runs": suffixes(), "model": (".json",)}
@@ -558,7 +558,7 @@ class Session:
     def _step_from_here(self, label: str, keeps_models: bool = False) -> None:
         """Remember what is there, so that the step that begins now can be undone.
 
-        A step that changes robot or runs drops the models, which no longer fit the data.
+        Without ``keeps_models`` the models are dropped, which no longer fit the data.
         """
         self.taken = set()
         self.impossible = ""
@@ -862,7 +862,7 @@ class Session:
 
         What a diagnosis has found is of the runs that it saw: it is dropped.
         """
-        is_same = robot["hold"] == self.robot["hold"]
+        is_same = all(robot[name] == self.robot[name] for name in ("hold", "gravity"))
         is_same &= _training_of(runs) == _training_of(self.runs)
         if not is_same or not self.history:
             return []
@@ -1042,7 +1042,7 @@ class Session:
 
     async def _change(self, change: Mapping[str, Any]) -> None:
         """Change runs and robot, and check them again; what it did to the error on data
-        left out is said."""
+        left out is said. Models stay that the change leaves their robot and runs."""
         request = self._change_request(change)
         self._doing(title=formatting.sentence(change["words"]), status="")
         try:
@@ -1051,13 +1051,18 @@ class Session:
             self._keep_outcome(change, {"refused": str(error)})
             raise
         words = self._command_of(change)
+        models = await self._judged_on(answer["runs"], answer["robot"])
+        is_dropped = bool(self.history) and not models
         self._step_from_here(change["words"])
         self._take(answer)
+        self._keep_models(models)
         if change["verb"] in ("transform", "read", "cut") and words is not None:
             self.prepared = [*self.prepared, words]
         self.new = ("check", "check")
         self.seen_issues = self.kinds_of_issue
         self.repairs = [*self.repairs, [change["words"], answer["effect"]]]
+        if is_dropped:
+            self.say(_DROPPED, error=False)
 
     def _command_of(self, change: Mapping[str, Any]) -> list[str] | None:
         """Return the words of the command that makes a change of the runs."""

@@ -922,3 +922,22 @@ def test_the_next_step_leads_to_a_good_model(here, tmp_path, kind):
             break
         screen.click("next")
     assert screen.text("next").startswith("Good.")
+
+
+def test_a_repair_of_a_test_run_keeps_the_model(here, hidden, tmp_path):
+    """It is judged on the repaired run; a repair of a run that it is from drops it, and
+    says so."""
+    run, tested = hidden.runs[:2]
+    tau = tested.tau.copy()
+    tau[[500, 900, 1300], 1] += 500.0
+    spoiled = replace(tested, tau=tau)
+    s = opened(here, "two_link", **saved(tmp_path, [run, spoiled], "a.csv", "test.csv"))
+    do(s, s.identify)
+    before = s.current
+    do(s, lambda: s.apply(s.remedies[0]["change"]))
+    made = [load_estimate(step.file) for step in (before, s.current)]
+    np.testing.assert_array_equal(made[0].theta, made[1].theta)
+    assert max(s.current.comparison["rmse"]) < max(before.comparison["rmse"])
+    do(s, lambda: s.mount("0,9.81,0"))
+    assert not s.history
+    assert "dropped" in s.notice.texts[0]
