@@ -312,6 +312,17 @@ class Finding(Rated):
         return NORMAL_95 * self.std
 
     @property
+    def size_may_be_zero(self) -> bool:
+        """Whether the size's 95 % interval holds zero, or is not a number."""
+        return not abs(self.size) > self.half_width_95
+
+    @property
+    def size_is_open(self) -> bool:
+        """Whether a doubt leaves the size open, or its interval holds zero."""
+        reasons = {doubt.reason for doubt in self.doubts}
+        return self.size_may_be_zero or not reasons.isdisjoint(SIZE_IS_OPEN)
+
+    @property
     def effect_is_certain(self) -> bool:
         """Whether the effect is certainly present, though its formula or size may be
         open.
@@ -819,11 +830,7 @@ class Diagnosis(Record, JsonRecord):
         error = self.held_out_rmse_before[joint - 1]
         group = [f for f in self.effects if f.main_joint == joint]
         group = [f for f in group if f.torque_is_certain]
-        is_open = [
-            not {doubt.reason for doubt in f.doubts}.isdisjoint(SIZE_IS_OPEN)
-            and (f.torque_rms or 0.0) > error
-            for f in group
-        ]
+        is_open = [f.size_is_open and (f.torque_rms or 0.0) > error for f in group]
         if sum(is_open) > 1:
             group = [
                 f for f, f_is_open in zip(group, is_open, strict=True) if f_is_open
@@ -961,6 +968,9 @@ class Diagnosis(Record, JsonRecord):
             words = f"add the {len(texts)} that are sure"
             if any(f.rating != "confident" for f in self.sure):
                 words = f"add the {len(texts)} whose torque is sure"
+            open_sizes = [f for f in self.effects if f.size_may_be_zero]
+            if n_open := len([f for f in open_sizes if f.torque_is_certain]):
+                words = f"add the {len(texts)} that help; the size of {n_open} is open"
         change = Change(
             "add",
             words,
@@ -1050,13 +1060,13 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def cause(self) -> str:
-        """The main cause in a few words, the joint first: "Joint 3 errs: joint spring
-        (confident)"."""
+        """The main cause in a few words, its place first: "Joint 3 errs: joint spring
+        (confident)", or "The robot errs: base tilt (confident)"."""
         main = self.main_finding
         if main is not None:
             likeness = "" if main.effect_is_certain else "something like "
-            text = f"Joint {main.main_joint} errs: {likeness}{effect_name(main.effect)}"
-            text += f" ({main.badge})"
+            where = f"Joint {main.main_joint}" if main.joints else "The robot"
+            text = f"{where} errs: {likeness}{effect_name(main.effect)} ({main.badge})"
             others = [found for found in self.sure if found is not main]
             if len(others) > _MOST_NAMED:
                 return f"{text}, and {len(others)} more."

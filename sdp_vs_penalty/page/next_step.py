@@ -149,12 +149,11 @@ def _of_model(view: View) -> NextStep:
             outcome = describe_outcome(remedy, session.robot["units"], joint)
             text = f"{cause} {formatting.sentence(outcome)}" if outcome else cause
             return NextStep(text, label, "diagnose", do, level=level)
-        if not diagnosis.is_open:
+        if diagnosis.noise_known and not diagnosis.is_open:
             text = f"{of_model.word}."  # the cause names the error
         text = f"{text} {cause}"
         if level != "good" and (other := _motion_to_record(view)) is not None:
-            text = f"{of_model.word}. {cause} {other.text}"
-            return replace(other, text=text, level=level)
+            return replace(other, text=f"{text} {other.text}", level=level)
         if level == "bad":
             label = "Choose other measurements"
             return NextStep(text, label, "measure", opens="drop-runs", level=level)

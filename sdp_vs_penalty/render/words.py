@@ -30,7 +30,7 @@ from sdp_vs_penalty.diagnosis.causes import (
 )
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, MINOR
-from sdp_vs_penalty.diagnosis.doubts import SIZE_IS_OPEN, Doubt
+from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.findings import (
     Diagnosis,
     Finding,
@@ -213,7 +213,7 @@ def _evidence_for(
     searched = "Odds for it in the runs that were searched"
     evidence.append((f"{searched}: more than {odds} to 1.", True))
     if size:
-        evidence.append((f"Size {size}.", reasons.isdisjoint(SIZE_IS_OPEN)))
+        evidence.append((f"Size {size}.", not finding.size_is_open))
     if rivals := finding.rivals_in_words:
         evidence.append((f"Fits as well: {rivals}.", False))
     elif finding.rating == "confident":

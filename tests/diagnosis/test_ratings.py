@@ -90,6 +90,25 @@ def test_an_effect_is_certain_where_only_its_size_is_open(reason, is_certain):
     assert finding("joint_spring", 2, **doubt).effect_is_certain == is_certain
 
 
+def test_a_size_whose_interval_holds_zero_is_not_called_sure():
+    """The evidence does not count it for the finding; the offer says that it is open."""
+    helps = finding("joint_spring", 2, std=0.7, helps=True)
+    found = diagnosis(finding("backlash", 1), helps)
+    assert (
+        found.remedies[0].change.words == "add the 2 that help; the size of 1 is open"
+    )
+    for words, is_known in zip(
+        describe_diagnosis(found, ["N m"] * 7).findings, (True, False), strict=True
+    ):
+        (size,) = (x for x in words.evidence if x[0].startswith("Size "))
+        assert size[1] == is_known
+
+
+def test_the_cause_of_the_whole_robot_names_no_joint():
+    tilt = finding("base_tilt", 1, joints=())
+    assert diagnosis(tilt).cause == "The robot errs: base tilt (confident)."
+
+
 def test_findings_that_cancel_are_one_with_its_sum():
     """An arm's joint 1 "rubs 12 N m less at standstill" and "sticks with up to 11 N m",
     while it errs by 1.5 N m."""

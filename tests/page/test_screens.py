@@ -28,6 +28,7 @@ from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.page import Sessions
 from sdp_vs_penalty.page import session as session_module
 from sdp_vs_penalty.page.next_step import next_step
+from sdp_vs_penalty.page.view import identified
 from sdp_vs_penalty.reports.demo import RUNS, SEED
 from sdp_vs_penalty.results import Change
 
@@ -170,6 +171,24 @@ def test_a_model_is_diagnosed_before_it_is_used(
     shown = next_step(story.screen.view)
     assert shown.label == label
     assert shown.text.startswith(f"{grade.capitalize()}. ")
+
+
+@pytest.mark.parametrize("n_runs", [1, 2])
+def test_a_model_of_which_nothing_is_found_keeps_its_reason(story, monkeypatch, n_runs):
+    """Where the noise is unknown, the diagnosis names no error."""
+    session = story.session
+    first = session.history[0]
+    nothing = replace(first.findings, effects=(), retuned=(), curves=())
+    nothing = replace(nothing, noise_source="residual", unexplained=np.zeros(2))
+    verdict = json.loads(json.dumps(first.comparison["verdict"]))
+    verdict["lines"][0]["grade"] = "do not use"
+    comparison = {**first.comparison, "verdict": verdict}
+    step = replace(first, findings=nothing, comparison=comparison)
+    monkeypatch.setattr(session, "history", [step])
+    monkeypatch.setattr(session, "runs", session.runs[:n_runs])
+    shown = next_step(story.screen.view).text
+    assert "Nothing was found" in shown
+    assert identified(session).text in shown
 
 
 def test_the_cause_that_is_chosen_is_the_one_that_is_drawn(story, monkeypatch):
