@@ -130,6 +130,10 @@ def _of_model(view: View) -> NextStep:
     is_first = len(session.history) == 1
     is_done = session.current.servo or (level == "good" and not is_first)
     if changed := session.current.change_in_words(session.robot["units"]):
+        if found := session.fault_of_changed_run:
+            text = f"{of_model.word}. {found}"
+            label, see = "See what Check found", session.see_issues
+            return NextStep(text, label, "check", see, level=level)
         do = partial(session.start, session.find_change)
         text = f"{of_model.word}. {changed}"
         return NextStep(text, look_in_words(session), "diagnose", do, level=level)

@@ -288,6 +288,21 @@ class Session:
         return differing if len(differing) < len(training) else []
 
     @property
+    def fault_of_changed_run(self) -> str:
+        """What the check says is wrong with the log of a run in which the model errs far
+        more, in a sentence: an error, or a likely cause that the person was not led to;
+        "" where the arm itself may have changed."""
+        changed = {name.partition(", ")[0] for name in self.current.changed_runs}
+        seen = {*self.seen_issues, *NOT_REPAIRED}
+        for run in self.runs:
+            for issue in run["findings"] if run["name"] in changed else ():
+                is_new = issue["severity"] == "warning" and issue["kind"] not in seen
+                is_likely = not issue["certainty"].startswith("possible")
+                if issue["severity"] == "error" or (is_new and is_likely):
+                    return f"{run['name']}: {spoken(issue['what'])}"
+        return ""
+
+    @property
     def first_and_current(self) -> list[ModelStep]:
         """The first and the current model of the history; a single one if they are
         the same.

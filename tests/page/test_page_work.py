@@ -941,3 +941,19 @@ def test_a_repair_of_a_test_run_keeps_the_model(here, hidden, tmp_path):
     do(s, lambda: s.mount("0,9.81,0"))
     assert not s.history
     assert "dropped" in s.notice.texts[0]
+
+
+def test_a_fault_of_the_log_leads_where_a_new_run_errs(here, hidden, tmp_path):
+    """Not a load: what the check says of that run stands in the headline."""
+    run, tested = hidden.runs[:2]
+    tau = tested.tau.copy()
+    tau[[500, 900, 1300], 1] += 1e4
+    files = saved(tmp_path, [run, replace(tested, tau=tau)], "a.csv", "test.csv")
+    screen = Screen(opened(here, "two_link", **files))
+    s = screen.session
+    do(s, s.identify)
+    assert "test.csv" in s.current.changed_runs
+    assert "test.csv: " in screen.text("next")
+    assert "tau2 lie far from the samples" in screen.text("next")
+    assert "See what Check found" in screen.text("next")
+    assert "Find a load" not in screen.text("next")
