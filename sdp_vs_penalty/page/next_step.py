@@ -59,10 +59,14 @@ def next_step(view: View) -> NextStep:
 
 
 def _columns(session: Session) -> NextStep:
-    """Return the step that reads refused files with the columns that are chosen."""
+    """Return the step that shows how columns of refused files are filled in, and then
+    the one that reads them so."""
     first = session.refused[0]
     same = [m["name"] for m in session.refused if m["columns"] == first["columns"]]
     text = f"{formatting.words(same)}: say which column is what."
+    if not first.get("seen"):
+        see = partial(session.see_columns, first["columns"])
+        return NextStep(text, "See the columns", "measure", see, level="usable")
     do = partial(session.start, session.read_mapped, first["columns"])
     return NextStep(text, "Read with these columns", "measure", do, level="usable")
 

@@ -778,6 +778,16 @@ class Session:
         ]
         self.save()
 
+    def see_columns(self, columns: Sequence[str]) -> None:
+        """Lead the person to the form of the files with these columns, and remember it."""
+        self.mappings = [
+            {**mapping, "seen": True} if mapping["columns"] == columns else mapping
+            for mapping in self.mappings
+        ]
+        self.new = ("measure", "runs")
+        self.save()
+        self.changed()
+
     async def read_mapped(self, columns: Sequence[str], torques: str = "") -> None:
         """Read the files with these columns again, as the person assigned them; the runs
         that were read from them before go.
@@ -914,11 +924,13 @@ class Session:
         files : what was read, with path and name; new : those whose columns can be chosen.
         """
         paths = {file["path"] for file in files}
-        before = {m["path"]: m["chosen"] for m in self.mappings}
+        before = {m["path"]: m for m in self.mappings}
         self.mappings = [m for m in self.mappings if m["path"] not in paths]
         for file in new:
-            chosen = file["chosen"] if file["run"] else before.get(file["path"])
-            self.mappings.append({**file, "chosen": chosen or file["chosen"]})
+            kept = {} if file["run"] else before.get(file["path"], {})
+            self.mappings.append(
+                {**kept, **file, "chosen": kept.get("chosen") or file["chosen"]}
+            )
 
     @property
     def published_gains(self) -> dict[int, str]:

@@ -710,6 +710,8 @@ def test_a_wide_table_is_read_by_the_order_that_the_command_line_proposes(wide, 
     """What may be wrong about the guess stands beside the button."""
     assert "a clock and 5 columns of each of 2 joints" in wide.text("runs")
     wide.click("next")
+    assert not wide.session.runs  # the guess is shown first
+    wide.click("next")
     assert [run["name"] for run in wide.session.runs] == ["a_read.csv", "b_read.csv"]
     assert "tau1=#6,tau2=#7" in wide.session.commands()[0]
     assert "Read with these columns" not in wide.text("next")
@@ -729,6 +731,7 @@ def test_columns_that_cannot_be_read_say_why_beside_the_button(wide, button):
     (columns,) = {tuple(m["columns"]) for m in wide.session.mappings}
     for ours in wide.session.mappings[0]["chosen"]:
         wide.session.choose_column([*columns], ours, "")
+    wide.session.see_columns([*columns])
     wide.click(button)
     assert not wide.session.runs
     (said,) = wide.session.notice.texts

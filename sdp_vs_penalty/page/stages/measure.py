@@ -180,6 +180,9 @@ def runs(view: View) -> None:
     ways = {"Your runs": _your_runs, "Simulated, with a hidden effect": _simulated}
     if view.session.robot["data"]:
         ways["Measured, by others"] = _measured_by_others
+    for mapping in _of_each_kind(view.session.refused):
+        draw.tag("h4", _title_of_columns(view.session, mapping))
+        _mapping(view.session, mapping)
     if view.session.runs:
         _list(view)
     with draw.tag("div", style="ways"):
@@ -187,9 +190,6 @@ def runs(view: View) -> None:
             with draw.tag("section", style="way"):
                 draw.tag("h4", title)
                 fill(view)
-    for mapping in _of_each_kind(view.session.refused):
-        draw.tag("h4", _title_of_columns(view.session, mapping))
-        _mapping(view.session, mapping)
     for mapping in _of_each_kind(view.session.guessed):
         _guessed(view.session, mapping)
 
