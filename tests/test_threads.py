@@ -7,13 +7,13 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from sdp_vs_penalty.threads import on_one_thread
 
 
-def numbers_of_threads():
-    return {
-        pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"
-    }
+def n_threads():
+    """The most threads of a BLAS that is loaded: some have one, whatever is asked."""
+    pools = threadpool_info()
+    return max(pool["num_threads"] for pool in pools if pool["user_api"] == "blas")
 
 
-@pytest.mark.parametrize(("variable", "inside"), [(None, {1}), ("2", {2})])
+@pytest.mark.parametrize(("variable", "inside"), [(None, 1), ("2", 2)])
 def test_a_verb_has_one_thread_unless_the_variable_says_more(
     monkeypatch, variable, inside
 ):
@@ -21,8 +21,8 @@ def test_a_verb_has_one_thread_unless_the_variable_says_more(
     if variable is not None:
         monkeypatch.setenv("OPENBLAS_NUM_THREADS", variable)
     with threadpool_limits(2, "blas"):
-        assert on_one_thread(numbers_of_threads)() == inside
-        assert numbers_of_threads() == {2}
+        assert on_one_thread(n_threads)() == inside
+        assert n_threads() == 2
 
 
 def test_an_error_gives_the_threads_back(monkeypatch):
@@ -30,4 +30,4 @@ def test_an_error_gives_the_threads_back(monkeypatch):
     with threadpool_limits(2, "blas"):
         with pytest.raises(ZeroDivisionError):
             on_one_thread(lambda: 1 / 0)()
-        assert numbers_of_threads() == {2}
+        assert n_threads() == 2

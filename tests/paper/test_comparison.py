@@ -140,15 +140,17 @@ def draw():
 
 def test_a_draw_that_is_kept_is_the_drawn_one(draw, tmp_path, monkeypatch):
     monkeypatch.setenv(memo.VARIABLE, str(tmp_path))
-    first = monte_carlo.drawn(draw)
-    monkeypatch.setattr(monte_carlo, "_drawn", pytest.fail)
-    assert monte_carlo.drawn(draw) == first
+    first = monte_carlo.results_of(draw)
+    monkeypatch.setattr(monte_carlo, "_identify_from", pytest.fail)
+    assert monte_carlo.results_of(draw) == first
     assert set(first) == {method.name for method in monte_carlo.FAST}
 
 
 def test_other_draws_have_other_noise(draw):
     one, other = (
-        monte_carlo._drawn(replace(draw, number=k, methods=monte_carlo.FAST[:1]))
+        monte_carlo._identify_from(
+            replace(draw, number=k, methods=monte_carlo.FAST[:1])
+        )
         for k in (0, 1)
     )
     thetas = [x["least squares"]["theta"] for x in (one, other)]
@@ -156,7 +158,7 @@ def test_other_draws_have_other_noise(draw):
 
 
 def test_the_sdp_of_a_draw_exists_and_least_squares_may_not(draw):
-    found = monte_carlo.drawn(draw)
+    found = monte_carlo.results_of(draw)
     links = {
         name: np.array(x["theta"])[:70].reshape(7, 10) for name, x in found.items()
     }
@@ -198,7 +200,7 @@ def test_the_loop_moves_the_true_arm_as_designed(draw):
 
 def test_output_error_needs_no_position_and_is_as_near_as_least_squares(draw):
     methods = (monte_carlo.FAST[1], monte_carlo.FULL[-1])
-    found = monte_carlo._drawn(replace(draw, methods=methods))
+    found = monte_carlo._identify_from(replace(draw, methods=methods))
     truth = monte_carlo.truth_of(draw.problem, draw.setting)
     unseen = truth.unseen.least_squares()
     squares, output = (unseen.loss(np.array(x["theta"])) for x in found.values())
