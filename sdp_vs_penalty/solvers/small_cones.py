@@ -3,6 +3,7 @@ cones together."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -24,6 +25,9 @@ from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 
 #: Order of the largest matrix; smaller ones are padded with ones on the diagonal.
 ORDER = 4
+#: Up to so many entries a product with the whole matrix takes less than the call of a
+#: sparse one.
+_DENSE = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,7 @@ class SmallCones:
         Slacks = constant + slack_map theta. Smaller matrices are padded to 4x4 by ones
         on the diagonal. ``adjoint`` is slack_map^T; ``curvature`` maps products of
         slacks and multipliers to the entries ``places`` of the flat Hessian (p, p).
+        Maps are dense where that is faster (fewer than _DENSE entries).
 
         Raises NotApplicableError for a matrix or second-order cone of an order above
         four.
@@ -98,8 +103,11 @@ class SmallCones:
         curvature = _curvature(slack_map, self.rows)
         self.places = np.flatnonzero(np.diff(curvature.indptr))
         self.curvature = curvature[self.places]
-        self.slack_map = slack_map
-        self.adjoint = slack_map.T.tocsr()
+        self.slack_map: Array | scipy.sparse.csr_matrix = slack_map
+        self.adjoint: Array | scipy.sparse.csr_matrix = slack_map.T.tocsr()
+        if math.prod(slack_map.shape) <= _DENSE:
+            self.slack_map = slack_map.toarray()
+            self.adjoint = np.ascontiguousarray(slack_map.T.toarray())
 
     def _weigh(self, entropy: Entropy) -> None:
         """Set the prior's terms of the objective: w (tr(P_0^-1 P(theta)) - log det
