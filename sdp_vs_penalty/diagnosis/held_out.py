@@ -37,11 +37,9 @@ from sdp_vs_penalty.estimators.estimator import (
     Estimator,
     Progress,
     Task,
-    given_known,
-    joint_weights,
     make_task,
     no_progress,
-    with_plausible,
+    weighted_by_residuals,
 )
 from sdp_vs_penalty.regression.products import ProductRegression
 from sdp_vs_penalty.regression.regression import Regression
@@ -763,24 +761,14 @@ def least_squares_parameters(
     """Fit effects as :func:`fitted_parameters` does, but by least squares, with priors
     from their plausible sizes alone.
 
-    In two rounds, the second with each joint weighted by its residual in the first.
+    Joints are weighted as there, by their residuals in a first fit.
     """
     effects = (*own_effects, *new)
     if not effects:
         return [np.zeros(0) for _ in data]
     model = replace(estimate.model, effects=effects, reference=None)
-    out = []
-    for rows in data:
-        weights: Array = np.ones(estimate.robot.n)
-        theta: Array = np.zeros(0)
-        for _ in range(2):
-            squares = given_known(rows.least_squares(weights), model)
-            # |R theta - rho|^2, with rows for the priors.
-            problem = with_plausible(squares, model, rows.oversampling)
-            theta = model.with_known(problem.nearest(0.0))
-            weights = joint_weights(rows, theta)
-        out.append(theta)
-    return out
+    weighted = (weighted_by_residuals(rows, model)[0] for rows in data)
+    return [model.with_known(squares.nearest(0.0)) for squares in weighted]
 
 
 def estimator_beside(estimate: Estimate) -> Estimator:
@@ -821,11 +809,7 @@ def task_beside(
         The problem under the new effects' constraints, for an estimator.
     """
     problem = estimate.problem
-    # Joints are weighted by their residuals, in two rounds.
-    weights = np.ones(estimate.robot.n)
-    for _ in range(2):
-        data = with_plausible(left.least_squares(weights), own_model, left.oversampling)
-        weights = joint_weights(left, np.linalg.lstsq(data.R, data.rho, rcond=1e-9)[0])
+    data, weights, _ = weighted_by_residuals(left, own_model)
     return Task(
         own_model,
         data,

@@ -251,18 +251,8 @@ def make_task(
         bound[k] = max(bound[k], abs(value)) or 1.0
     require_known("weighting", weighting, ("noise", "none"))
 
-    def observed(weights: Array) -> LeastSquares:
-        """Return the data with these weights of the joints, and what is known."""
-        data = regression.least_squares(weights)
-        data = with_plausible(data, model, regression.oversampling)
-        return _with_known(data, model, bound)
-
-    weights = np.ones(regression.joints)
-    data = observed(weights)
-    first = data.nearest(nominal)
-    if weighting == "noise":
-        weights = joint_weights(regression, first)
-        data = observed(weights)
+    data, weights, first = weighted_by_residuals(regression, model, nominal, weighting)
+    data = _with_known(data, model, bound)
     guessed = problem.guessed_links
     return Task(
         model=model,
@@ -297,7 +287,8 @@ def _prior_links(problem: Problem, model: Model) -> Array:
 
 
 def _with_known(data: LeastSquares, model: Model, bound: Array) -> LeastSquares:
-    """Return data whose optimum holds the known parameters at their values.
+    """Return data, given what is known, whose optimum holds the known parameters at
+    their values.
 
     Nothing else depends on theta_k of a known k, so that the term |tau|^2 ((theta_k -
     value) / bound_k)^2 is zero there; ``bound`` (p,) is its scale.
@@ -308,31 +299,49 @@ def _with_known(data: LeastSquares, model: Model, bound: Array) -> LeastSquares:
     rows = np.zeros((len(places), len(bound)))
     rows[np.arange(len(places)), places] = 1.0 / bound[places]
     values = np.array(list(model.known_values.values())) / bound[places]
-    free = given_known(data, model)
-    return free.with_observations(rows, values, weight=data.tau_squared or 1.0)
+    return data.with_observations(rows, values, weight=data.tau_squared or 1.0)
 
 
-def given_known(data: LeastSquares, model: Model) -> LeastSquares:
-    """Return the data in what is free: without the torque of a model's known
-    parameters, whose columns are zero.
+def weighted_by_residuals(
+    regression: Regression,
+    model: Model,
+    near: Array | float = 0.0,
+    weighting: str = "noise",
+) -> tuple[LeastSquares, Array, Array]:
+    """Return the data with each joint weighted by its residual in a first fit.
 
     Parameters
     ----------
-    data : LeastSquares
-        In the p columns of the model.
+    near : (p,) array
+        Where parameters that the data do not determine stay in that fit [SI].
+    weighting : str
+        "noise", or "none": all joints weigh the same.
 
     Returns
     -------
     LeastSquares
-        In the same columns; the same data without known parameters.
+        In the columns of the model. Those of known parameters are zero, and their
+        torque is subtracted; what is plausible of others is observed.
+    Array
+        (n,) factors of the joints' rows.
+    Array
+        (p,) parameters of the first fit, by least squares with equal weights [SI].
     """
-    if not model.known_values:
-        return data
-    places = list(model.known_values)
-    R = data.R.copy()
-    R[:, places] = 0.0
-    rho = data.rho - data.R[:, places] @ list(model.known_values.values())
-    return replace(data, R=R, rho=rho)
+
+    def observed(weights: Array) -> LeastSquares:
+        """Return the data with these weights of the joints, and what is known."""
+        data = regression.least_squares(weights)
+        if model.known_values:
+            data = data.given(model.known_values)
+        return with_plausible(data, model, regression.oversampling)
+
+    weights = np.ones(regression.joints)
+    data = observed(weights)
+    first = model.with_known(data.nearest(near))
+    if weighting == "noise":
+        weights = joint_weights(regression, first)
+        data = observed(weights)
+    return data, weights, first
 
 
 def with_plausible(

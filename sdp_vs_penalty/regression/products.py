@@ -8,7 +8,7 @@ models, not for a certificate.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -77,10 +77,9 @@ class ProductSquares(LeastSquares):
         only in directions that the data determine.
         """
         theta = np.broadcast_to(np.asarray(near, float), self.rho.shape)
-        move = scipy.linalg.solve_triangular(
-            self.R, self.rho - self.R @ theta, check_finite=False
-        )
-        return theta + move
+        # The ridge is in R alone: it holds what the data do not determine at theta.
+        slope = self.products[:-1, -1] - self.products[:-1, :-1] @ theta
+        return theta + scipy.linalg.cho_solve((self.R, False), slope)
 
     def with_prior(self, scale: ArrayLike, weight: float) -> ProductSquares:
         """Return the data with a prior that pulls parameters to zero.
@@ -111,6 +110,21 @@ class ProductSquares(LeastSquares):
         """
         observations = np.column_stack([rows, values])
         products = self.products + weight * (observations.T @ observations)
+        return self.from_products(products, self.rows, self.tau_squared)
+
+    def given(self, values: Mapping[int, float]) -> ProductSquares:
+        """Return the data in the other parameters, when some are known.
+
+        Parameters
+        ----------
+        values
+            The known values [SI] by their index in theta.
+        """
+        known = list(values)
+        left = np.eye(len(self.products))  # columns and torque that are left, of all
+        left[known, known] = 0.0
+        left[known, -1] = [-value for value in values.values()]
+        products = left.T @ self.products @ left
         return self.from_products(products, self.rows, self.tau_squared)
 
 

@@ -13,7 +13,7 @@ files cost no pass over the samples.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -194,6 +194,26 @@ class LeastSquares:
         observations = np.sqrt(weight) * np.column_stack([rows, values])
         stack = [data, unexplained, observations]
         return LeastSquares.stacked(stack, self.rows, self.tau_squared)
+
+    def given(self, values: Mapping[int, float]) -> LeastSquares:
+        """Return the data in the other parameters, when some are known.
+
+        Parameters
+        ----------
+        values : mapping
+            The known values [SI] by their index in theta.
+
+        Returns
+        -------
+        LeastSquares
+            In p parameters; the columns of the known ones are zero, and their torque is
+            subtracted.
+        """
+        known = list(values)
+        R = self.R.copy()
+        R[:, known] = 0.0
+        rho = self.rho - self.R[:, known] @ list(values.values())
+        return replace(self, R=R, rho=rho)
 
     @property
     def column_norms(self) -> Array:

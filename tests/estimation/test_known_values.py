@@ -6,6 +6,8 @@ from recorded import refusal
 from small_runs import small_run
 
 import sdp_vs_penalty as sdp
+from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
+from sdp_vs_penalty.diagnosis.held_out import HeldOutData
 from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.problem.load import with_bounds
 
@@ -90,6 +92,19 @@ def test_a_known_value_goes_with_the_model(two_link, run, free, tmp_path):
     folds = sdp.cross_validate(two_link, run, known=known, folds=2)
     place = [p.name for p in found.model.parameters].index("m2")
     assert {float(fold.theta[place]) for fold in folds.folds} == set(known.values())
+
+
+def test_errors_on_a_test_run_are_of_fits_that_hold_a_known_value(two_link, run):
+    """A viscous friction that is not the arm's 0.5: no fit may mend it."""
+    known = sdp.identify(two_link, run, known={"f_v1": 0.8}, check=False)
+    runs = DiagnosisRuns(known, run, test=small_run(two_link, seed=1))
+    rows = runs.test_rows
+    own = np.sqrt(np.mean(rows.residual[rows.keep[:, 0], 0] ** 2))  # .16, noise .05
+    judge = HeldOutData(known, rows, frozen=False)
+    fitted = judge.held_out_errors(runs.rows, (), known)
+    assert fitted.errors(())[0] == pytest.approx(own, rel=0.1)
+    # Without bounds and prior, it errs somewhat more.
+    assert fitted.least_squares_errors(())[0] == pytest.approx(own, rel=0.25)
 
 
 def test_equal_bounds_are_a_known_value(two_link, run):

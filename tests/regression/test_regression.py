@@ -77,6 +77,25 @@ def test_products_of_columns_fit_some_of_them_as_their_rows_do(seed):
 
 
 @FEW
+def test_a_known_parameter_stays_and_so_does_one_that_makes_no_torque(seed):
+    """By products as by rows; the others are fitted to what is left."""
+    _, _, regression = noisy_run(seed)
+    unseen = int(np.argmin(regression.least_squares().column_norms))
+    last = regression.p - 1  # an offset
+    near = np.full(regression.p, 0.3)
+    near[last] = 2.0
+    thetas = []
+    for data in (regression, as_products(regression)):
+        theta = data.least_squares().given({last: 2.0}).nearest(near)
+        assert theta[[unseen, last]] == pytest.approx([0.3, 2.0])
+        thetas.append(theta)
+    losses = [regression.joint_losses(theta) for theta in thetas]
+    assert_allclose(*losses, rtol=1e-6)
+    free = regression.joint_losses(regression.least_squares().nearest(near))
+    assert losses[0].sum() > free.sum()
+
+
+@FEW
 def test_a_parameter_of_infinite_size_is_not_pulled(seed):
     _, _, regression = noisy_run(seed)
     rng = np.random.default_rng(seed)
