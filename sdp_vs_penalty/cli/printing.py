@@ -186,9 +186,9 @@ def comparison(
     """
     last = results[-1]
     is_numbered = len(results) > 1 and not names
-    heads = list(names) or ["error"]
+    heads = list(names) or [""]
     if is_numbered:
-        heads = [f"error [{k}]" for k, _ in enumerate(results, start=1)]
+        heads = [f"[{k}]" for k, _ in enumerate(results, start=1)]
     models = {head: one.facts() for head, one in zip(heads, results, strict=True)}
     title = f"{title} {last.facts()['scope'].text}"
     console.table(tables.joint_table(models, units, title))

@@ -977,7 +977,8 @@ class Diagnosis(Record, JsonRecord):
             {"effects": texts, "findings": "all" if takes_all else "confident"},
         )
         before, after = self.held_out_rmse_before, self.judged_rmse_with_sure
-        if after is None or takes_all:
+        adds_weak = takes_all and not all(f.torque_is_certain for f in self.effects)
+        if after is None or adds_weak:
             after = self.held_out_rmse_with_all
         return Remedy(
             self._missing,

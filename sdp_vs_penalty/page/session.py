@@ -68,8 +68,7 @@ MOST_STEPS = 20
 _MOST_TRIED = 200_000
 #: What is said where the robot or runs for fitting have changed.
 _DROPPED = (
-    "The models are dropped, for they were identified from what was there before: Undo"
-    " brings them back."
+    "{} dropped, since identified from what was there before: Undo brings it back."
 )
 #: Endings of files by what they are for, in the order in which they are opened.
 ENDINGS = {"robot": ROBOT_FILE_ENDINGS, "runs": suffixes(), "model": (".json",)}
@@ -850,6 +849,7 @@ class Session:
         refused = [*answer.get("refused", ())]
         asked = {mapping["path"] for mapping in self.mappings}
         mappings = answer.get("mappings", ())
+        dropped = list[str]()
         refused += [m["reason"] for m in mappings if m["path"] in asked and m["reason"]]
         if new:
             is_for_model = bool(self.history) and len(before) == len(self.runs)
@@ -858,6 +858,7 @@ class Session:
                 if is_for_model or for_testing(run["name"]):
                     run["use"] = "test"
             models = await self._judged_on(answer["runs"], answer["robot"])
+            dropped = self._dropped(models)
             self.hidden = self.hidden if before else ""
             self._step_from_here(f"{formatting.count(len(new), 'run')} added")
             self._take(answer)
@@ -875,33 +876,44 @@ class Session:
         if new and self.history:
             names = formatting.words([run["name"] for run in new])
             remarks.append(f"The model is tested on {names} as well.")
-        elif new and self.past[-1][1]["history"]:
-            remarks.append(_DROPPED)
+        remarks += dropped
         self.say(*(refused or remarks), error=bool(refused))
 
     async def _judged_on(
         self, runs: Sequence[dict[str, Any]], robot: Mapping[str, Any]
     ) -> list[ModelStep]:
-        """Return the models of the history judged on other runs; none where the robot or
-        the runs that they were identified from are others.
+        """Return the models of the history judged on other runs; of another robot none,
+        nor those that were identified from other runs. A model that was brought was
+        identified elsewhere: it stays.
 
         What a diagnosis has found is of the runs that it saw: it is dropped.
         """
-        is_same = all(robot[name] == self.robot[name] for name in ("hold", "gravity"))
-        is_same &= _training_of(runs) == _training_of(self.runs)
-        if not is_same or not self.history:
+        kept = self.history
+        if any(robot[name] != self.robot[name] for name in ("hold", "gravity")):
+            kept = []
+        elif _training_of(runs) != _training_of(self.runs):
+            kept = [step for step in kept if step.opened]
+        if not kept:
             return []
         n_files = len([*self.folder.glob("model-*.json")])
         steps = [
             {"model": step.file, "out": str(self.folder / f"model-{k}.json")}
-            for k, step in enumerate(self.history, start=n_files + 1)
+            for k, step in enumerate(kept, start=n_files + 1)
         ]
         title = "Testing the model" if len(steps) == 1 else "Testing the models"
         answer = await self._job(title, "judge", runs=runs, steps=steps)
         return [
             replace(step, **{**judged, "seconds": step.seconds}, findings=None)
-            for step, judged in zip(self.history, answer["steps"], strict=True)
+            for step, judged in zip(kept, answer["steps"], strict=True)
         ]
+
+    def _dropped(self, models: Sequence[ModelStep]) -> list[str]:
+        """Say what is dropped where these models are kept of the history; nothing where
+        all are."""
+        if len(models) == len(self.history):
+            return []
+        what = f"What was added to {models[0].opened} is" if models else "The model is"
+        return [_DROPPED.format(what)]
 
     def _keep_models(self, models: list[ModelStep]) -> None:
         """Keep the models as they were judged anew, and point the page to their fit."""
@@ -1015,8 +1027,7 @@ class Session:
         if not use:
             gone.append(f"{chosen['name']} is removed: Undo brings it back.")
             left = await self._job("Checking the runs", "check_again", runs=runs)
-        if self.history and not models:
-            gone.append(_DROPPED)
+        gone += self._dropped(models)
         self._step_from_here(f"use of {chosen['name']}" if use else "a run removed")
         self._take(left)
         self._keep_models(models)
@@ -1037,11 +1048,16 @@ class Session:
         answer = await self._job(
             "Splitting the run", "resplit", file=file, share=percent / 100.0
         )
-        self._step_from_here("another split")
-        self.runs = [
+        runs = [
             {**run, "split": answer["split"]} if run["file"] == file else run
             for run in self.runs
         ]
+        models = await self._judged_on(runs, self.robot)
+        dropped = self._dropped(models)
+        self._step_from_here("another split")
+        self.runs = runs
+        self._keep_models(models)
+        self.say(*dropped, error=False)
 
     async def mount(self, gravity: str) -> None:
         """Set gravity in the robot's base frame, "x,y,z" [m/s^2]."""
@@ -1079,7 +1095,7 @@ class Session:
             raise
         words = self._command_of(change)
         models = await self._judged_on(answer["runs"], answer["robot"])
-        is_dropped = bool(self.history) and not models
+        dropped = self._dropped(models)
         self._step_from_here(change["words"])
         self._take(answer)
         self._keep_models(models)
@@ -1088,8 +1104,7 @@ class Session:
         self.new = ("check", "check")
         self.seen_issues = self.kinds_of_issue
         self.repairs = [*self.repairs, [change["words"], answer["effect"]]]
-        if is_dropped:
-            self.say(_DROPPED, error=False)
+        self.say(*dropped, error=False)
 
     def _command_of(self, change: Mapping[str, Any]) -> list[str] | None:
         """Return the words of the command that makes a change of the runs."""

@@ -327,7 +327,9 @@ def missing_figure(
         left out.
     """
     variables = [Variable.parse(text) for text in curve.of]
-    names = [f"{v} [{plain_unit(v.unit(units))}]" for v in variables]
+    names = [
+        f"{v} [{plain_unit(v.unit(units))}]".removesuffix(" []") for v in variables
+    ]
     unit = plain_unit(units[curve.joint - 1])
     rows: list[Array] = []
     if motions:

@@ -68,27 +68,33 @@ def joint_table(
     Parameters
     ----------
     models : mapping of str to mapping of str to Fact
-        Facts of each model by the heading of its error. Of several models the errors
-        stand side by side, with the change from the first to the last, and the other
-        facts are the last one's.
+        Facts of each model by its name in the headings; "" for one alone. Of several
+        models the figures stand side by side, once where they are the same, and the
+        change of the error from the first to the last.
     units : sequence of str
         Torque unit of each joint.
     """
-    error, *others = columns_of(list(models.values())[-1].values(), per_joint=True)
-    errors = [
-        one
-        for facts in models.values()
-        for one in columns_of(facts.values(), per_joint=True)
-        if one.name == error.name and one.column == error.column
-    ]
-    rows = []
-    for joint, unit in enumerate(units, start=1):
-        row = [f"{joint} [{plain_unit(unit)}]", *(x.of_joint(joint) for x in errors)]
-        if len(models) > 1:
-            row.append(change_of(errors[0].value[joint - 1], error.value[joint - 1]))
-        rows.append([*row, *(one.of_joint(joint) for one in others)])
-    change = ["change"] if len(models) > 1 else []
-    heads = ["joint", *models, *change, *(one.column for one in others)]
+    heads = ["joint"]
+    columns = [[f"{j} [{plain_unit(unit)}]" for j, unit in enumerate(units, start=1)]]
+    joints = range(1, len(units) + 1)
+    last = list(models.values())[-1]
+    for k, fact in enumerate(columns_of(last.values(), per_joint=True)):
+        of_models = {
+            name: one
+            for name, facts in models.items()
+            for one in columns_of(facts.values(), per_joint=True)
+            if (one.name, one.column) == (fact.name, fact.column)
+        }
+        texts = [[one.of_joint(j) for j in joints] for one in of_models.values()]
+        if k > 0 and all(text == texts[-1] for text in texts):
+            of_models, texts = {"": fact}, texts[-1:]
+        heads += [f"{fact.column} {name}".rstrip() for name in of_models]
+        columns += texts
+        if k == 0 and len(models) > 1:  # the first fact is the error
+            first, *_ = of_models.values()
+            heads.append("change")
+            columns.append([*map(change_of, first.value, fact.value)])
+    rows = [list(row) for row in zip(*columns, strict=True)]
     return Table(heads, rows, title=title, style="numbers history")
 
 

@@ -349,7 +349,9 @@ def history(data: ReportData) -> Context:
         added = effects_in_words(new) or "the same effects"
         steps.append((name, estimate.method, len(estimate.theta), added))
     last = data.comparisons[-1]
-    facts = {f"error, {x.name}": x.facts() for x in data.comparisons}
+    facts = {x.name: x.facts() for x in data.comparisons}
+    if len(facts) == 1:
+        facts = {"": last.facts()}
     errors = tables.joint_table(facts, data.units)
     heads = ("model", "method", "parameters", "new effects")
     changes = ""

@@ -946,6 +946,25 @@ def test_a_repair_of_a_test_run_keeps_the_model(here, hidden, tmp_path):
     assert "dropped" in s.notice.texts[0]
 
 
+def test_a_model_that_was_brought_stays_where_training_runs_change(
+    here, hidden, tmp_path
+):
+    """It is from other runs; what was added to it is from these, and goes."""
+    names = ("a.csv", "b.csv", "test.csv")
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:3], *names))
+    do(s, s.identify)
+    brought = s.current.file
+    do(s, lambda: s.open_model(brought, "mine.json"))
+    alone = s.current.comparison["rmse"]
+    do(s, lambda: s.add("joint_spring:1"))
+    do(s, lambda: s.use(s.runs[1]["file"], "test"))
+    assert [step.opened for step in s.history] == ["mine.json"]
+    assert "What was added to mine.json is dropped" in s.notice.texts[0]
+    assert s.current.comparison["rmse"] != alone
+    theta = [load_estimate(file).theta for file in (brought, s.current.file)]
+    np.testing.assert_array_equal(*theta)
+
+
 def test_a_fault_of_the_log_leads_where_a_new_run_errs(here, hidden, tmp_path):
     """Not a load: what the check says of that run stands in the headline."""
     run, tested = hidden.runs[:2]

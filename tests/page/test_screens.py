@@ -24,7 +24,7 @@ from sdp_vs_penalty.estimation import ShapeEstimate
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.files import problems_folder
-from sdp_vs_penalty.formatting import number
+from sdp_vs_penalty.formatting import number, sentence
 from sdp_vs_penalty.page import Sessions
 from sdp_vs_penalty.page import session as session_module
 from sdp_vs_penalty.page.next_step import next_step
@@ -509,7 +509,8 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
     one = shown.first
     curve = shown.curve
     width = shown.width
-    assert curve.sentence(["N*m", "N*m"]) in screen.text("diagnose")
+    said_of_curve = sentence(curve.sentence(["N*m", "N*m"]))
+    assert said_of_curve in screen.text("diagnose")
     assert "✓ a.csv" not in screen.text("check")
     called = recorded(screen, monkeypatch)
     blue = [e.props["data-key"] for e in screen.under() if "primary" in e.classes]

@@ -44,15 +44,21 @@ AFTER = Judged([0.5, 2.0], None)
 
 
 def test_one_model_has_its_facts_joint_by_joint():
-    table = joint_table({"error": BEFORE.facts()}, ["rad", "N*m"])
+    table = joint_table({"": BEFORE.facts()}, ["rad", "N*m"])
     assert list(table.headings) == ["joint", "error", "noise floor"]
     assert table.rows == [["1 [rad]", "1", "0.1"], ["2 [N m]", "2", "0.2"]]
 
 
 def test_errors_of_two_models_stand_side_by_side_and_what_is_unknown_is_a_dash():
     table = joint_table({"a": BEFORE.facts(), "b": AFTER.facts()}, ["N", "N"])
-    assert list(table.headings) == ["joint", "a", "b", "change", "noise floor"]
-    assert table.rows[0] == ["1 [N]", "1", "0.5", "-50 %", "-"]
+    heads = ["joint", "error a", "error b", "change", "noise floor a", "noise floor b"]
+    assert list(table.headings) == heads
+    assert table.rows[0] == ["1 [N]", "1", "0.5", "-50 %", "0.1", "-"]
+
+
+def test_what_is_the_same_of_two_models_stands_once():
+    table = joint_table({"a": BEFORE.facts(), "b": BEFORE.facts()}, ["N", "N"])
+    assert list(table.headings)[-1] == "noise floor"
 
 
 def test_models_are_rows_and_one_that_was_not_judged_says_why():

@@ -64,7 +64,7 @@ def models(view: View) -> None:
     ui.html(bars(before, after, floor, units, scope), sanitize=False)
     if len(history) == 1:
         return
-    facts = {f"error {k}": model.facts for k, model in enumerate(history, start=1)}
+    facts = {str(k): model.facts for k, model in enumerate(history, start=1)}
     with draw.details(f"Error (RMS) {scope}, as a table", "history-table"):
         draw.judged(history)
         draw.table(joint_table(facts, units), "Error of each joint, model by model")
@@ -108,24 +108,25 @@ def findings(view: View) -> None:
 
 def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     """Draw a card for each finding and each constant to re-estimate: first those whose
-    torque is certain; the others are folded away.
+    torque is certain, the main one unfolded; the others are folded away.
 
     The position of a finding in the diagnosis numbers its card, so that both lists use
     the same numbers.
     """
-    findings, constants = enumerate(diagnosis.effects), enumerate(diagnosis.retuned)
+    main = diagnosis.main_finding
+    findings = sorted(enumerate(diagnosis.effects), key=lambda x: x[1] is not main)
     sure, others = list[partial[None]](), list[partial[None]]()
     for k, finding in findings:
         if words.findings[k].said_by:
             continue
         card = partial(_card, view, diagnosis, words.findings[k], k)
         (sure if finding.torque_is_certain else others).append(card)
-    for k, constant in constants:
+    for k, constant in enumerate(diagnosis.retuned):
         card = partial(_constant, view.session, constant, words.constants[k], k)
         (sure if constant.torque_is_certain else others).append(card)
     with draw.tag("ol", style="findings"):
-        for card in sure:
-            card()
+        for place, card in enumerate(sure):
+            card(is_open=place == 0)
     if any(finding.rating == "near-tie" for finding in diagnosis.effects):
         draw.note("Near-tie: the torque is there; what makes it is open.")
     if not others:
@@ -137,45 +138,56 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
         if words.shared_doubt:
             draw.note(words.shared_doubt)
         with draw.tag("ol", style="findings"):
-            for card in others:
-                card()
+            for place, card in enumerate(others):
+                card(is_open=not sure and place == 0)
 
 
-def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None:
+def _card(
+    view: View, diagnosis: Diagnosis, words: FindingWords, k: int, is_open: bool
+) -> None:
     """Draw the card of one finding, the k-th of the diagnosis (from 0).
 
-    It shows the joint's error against its cause, what the effect is, what adding it
-    does to the error, what else would fit, and the button to add it.
+    Its head says what the effect is, how sure, and what adding it does to the error,
+    beside the button to add it; unfolded, it shows the joint's error against its cause
+    and the evidence.
     """
     session = view.session
     finding = diagnosis.effects[k]
-    done = " done" if finding.text in session.added else ""
+    is_added = finding.text in session.added
+    done = " done" if is_added else ""
     with draw.tag("li", style=f"card finding-card{done}"):
         # What is said of several weak findings at once calls them by their numbers.
         number = "" if finding.torque_is_certain else f"{finding.number}. "
-        _head(f"{number}{words.title}", words)
-        draw.tag("p", words.on_the_arm, "on-the-arm")
-        _picture(session, finding)
-        draw.tag("h5", "Evidence")
-        with draw.tag("ul", style="evidence"):
-            for sentence, speaks_for_it in words.evidence:
-                draw.tag("li", sentence, "for" if speaks_for_it else "against")
-        if words.test and not done:
-            _telling(view, finding, words.test, f"tell-{k}")
-        if words.physics or words.constants:
-            with draw.details("What this effect is, and does", f"physics-{k}"):
-                draw.note(words.physics)
-                if words.constants:
-                    draw.note(f"Its constants: {words.constants}.")
+        with _head(f"{number}{words.title}", f"card-{k}", is_open, words):
+            draw.tag("p", words.on_the_arm, "on-the-arm")
+            _picture(session, finding)
+            draw.tag("h5", "Evidence")
+            with draw.tag("ul", style="evidence"):
+                for sentence, speaks_for_it in words.evidence:
+                    draw.tag("li", sentence, "for" if speaks_for_it else "against")
+            if words.test and not is_added:
+                _telling(view, finding, words.test, f"tell-{k}")
+            if words.physics or words.constants:
+                with draw.details("What this effect is, and does", f"physics-{k}"):
+                    draw.note(words.physics)
+                    if words.constants:
+                        draw.note(f"Its constants: {words.constants}.")
         change = diagnosis.remedies_by_finding[k].change.to_dict()
         _adding(session, finding.text, change, f"add-{k}", f"Add {words.title}")
 
 
-def _head(title: str, words: FindingWords) -> None:
-    """Draw the title of a card, and how sure it is."""
-    with draw.tag("div", style="head"):
+def _head(
+    title: str, key: str, is_open: bool, words: FindingWords | None = None
+) -> Any:
+    """Draw the head of a card: its title, how sure it is, and what adding it does to
+    the error; fill what it unfolds in a ``with`` statement."""
+    unfolded = draw.tag("details", open=is_open)
+    with unfolded, draw.tag("summary", style="head", data_key=key):
         draw.tag("h4", title)
-        draw.tag("span", words.badge, f"badge {words.rating}")
+        if words is not None:
+            draw.tag("span", words.badge, f"badge {words.rating}")
+            draw.tag("span", words.brief_gain, "soft")
+    return unfolded
 
 
 def _picture(session: Session, found: Finding | Retune) -> None:
@@ -205,22 +217,24 @@ def _adding(
     text : the effect as `add` writes it; change : of its remedy; key : by which focus
     finds the button again; label : what it adds, for screen readers.
     """
-    if text in session.added:
-        draw.tag("p", "Added to the model.", "chosen")
+    if text in session.added or text in session.current.effects:
+        draw.tag("p", "✓ Added", "chosen")
     else:
         add = partial(session.start, session.apply, change)
         draw.button("Add", add, key, aria_label=label)
 
 
-def _constant(session: Session, constant: Retune, words: FindingWords, k: int) -> None:
+def _constant(
+    session: Session, constant: Retune, words: FindingWords, k: int, is_open: bool
+) -> None:
     """Draw the card of a constant of the model's effects, the k-th, that should be
     re-estimated."""
     with draw.tag("li", style="card finding-card"):
-        _head(words.title, words)
-        _picture(session, constant)
-        draw.tag("p", words.physics)
-        if words.doubt:
-            draw.note(words.doubt)
+        with _head(words.title, f"card-constant-{k}", is_open, words):
+            _picture(session, constant)
+            draw.tag("p", words.physics)
+            if words.doubt:
+                draw.note(words.doubt)
         change = constant.remedy.change.to_dict()
         key = f"add-constant-{k}"
         _adding(session, constant.text, change, key, f"Add {words.title}")
@@ -237,11 +251,13 @@ def _curves(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     curves = zip(diagnosis.curves, words.curves, texts, strict=True)
     for k, (curve, sentence, text) in enumerate(curves):
         with draw.tag("div", style="card finding-card"):
-            draw.tag("h4", f"Missing torque without a name, joint {curve.joint}")
-            draw.tag("p", sentence)
-            recording = session.recording(session.current, view.run)
-            drawn = missing_chart(curve, units, recording)
-            draw.chart(drawn, f"Missing torque of joint {curve.joint}, with its band")
+            name = f"Missing torque without a name, joint {curve.joint}"
+            with _head(name, f"card-curve-{k}", is_open=not diagnosis.sure):
+                draw.tag("p", formatting.sentence(sentence))
+                recording = session.recording(session.current, view.run)
+                drawn = missing_chart(curve, units, recording)
+                label = f"Missing torque of joint {curve.joint}, with its band"
+                draw.chart(drawn, label)
             title = f"Add the curve of joint {curve.joint}"
             change = Change("add", title, {"effects": [text]})
             _adding(session, text, change.to_dict(), f"add-curve-{k}", title)

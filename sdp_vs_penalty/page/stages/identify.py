@@ -218,7 +218,7 @@ class _Fit:
         with draw.details("Every figure of the model", "joints-table"):
             draw.judged([self.model])
             units = view.session.robot["units"]
-            shown = joint_table({"error": self.model.facts}, units)
+            shown = joint_table({"": self.model.facts}, units)
             draw.table(shown, "Facts of each joint")
         if self.model.failures:
             failures = self.model.where_it_fails
