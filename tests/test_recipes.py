@@ -5,9 +5,11 @@ import shutil
 import sys
 from pathlib import Path
 
-import effect_contract
 import numpy as np
 import pytest
+from dynamics_files import FULL, by_mujoco, estimate_of
+from lxml import etree
+from random_robots import states
 
 import sdp_vs_penalty.effects
 import sdp_vs_penalty.estimators
@@ -15,16 +17,17 @@ import sdp_vs_penalty.solvers
 from sdp_vs_penalty import export, identify
 from sdp_vs_penalty.api.registration import REGISTRIES
 from sdp_vs_penalty.cli.verbs.list import details, listing
-from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.effects import FittedEffect, Motion, effect_types, on_the_arm
 from sdp_vs_penalty.estimators import LmiSdp, estimator_types
 from sdp_vs_penalty.shootout.contestants import contestants
-from sdp_vs_penalty.simulation import MAKERS, at_joint, experiment, log_uniform
+from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 from sdp_vs_penalty.testing import contracts
 
 #: The files of a package of plug-ins (tests/testing), as if they were written here.
 THEIRS = Path(__file__).parent / "testing" / "theirs" / "theirs"
 NAME = "rubber_spring"
+IN_ONE_FILE = "preloaded_spring"
 
 
 @pytest.fixture
@@ -34,13 +37,13 @@ def added(tmp_path, monkeypatch):
         (sdp_vs_penalty.estimators, "ridge"),
         (sdp_vs_penalty.solvers, "half_hearted"),
         (sdp_vs_penalty.effects, "rubber"),
+        (sdp_vs_penalty.effects, "preload"),
     )
     for package, name in homes:
         folder = tmp_path / package.__name__.rpartition(".")[2]
-        folder.mkdir()
+        folder.mkdir(exist_ok=True)
         shutil.copy(THEIRS / f"{name}.py", folder)
         monkeypatch.setattr(package, "__path__", [*package.__path__, str(folder)])
-    monkeypatch.setitem(MAKERS, NAME, hardening)
     forget()
     yield
     for package, name in homes:
@@ -51,10 +54,9 @@ def added(tmp_path, monkeypatch):
 
 
 def forget():
-    """Look for plug-ins again, and draw hidden worlds again."""
+    """Look for plug-ins again."""
     for registry in REGISTRIES:
         registry.forget()
-    effect_contract.hidden_cases.cache_clear()
 
 
 def test_an_estimator_is_one_file(two_link, added):
@@ -84,20 +86,8 @@ def test_a_solver_is_one_file(two_link, added):
     assert not contestant.absent
 
 
-def hardening(w, j, rng):
-    q_0 = log_uniform(rng, 0.4, 0.6)
-    side = float(rng.choice([-1.0, 1.0]))
-
-    def law(w, m):
-        stretched = np.exp(m.q[:, j] / q_0)
-        return np.asarray(side * q_0 * (stretched - 1.0 / stretched) / 2.0)
-
-    return at_joint(j, law, side, q_0=q_0)
-
-
 def test_an_effect_of_one_file_is_exported_and_hidden(two_link, added, tmp_path):
     """Its columns are its C code and its torque in a simulated world."""
-    MAKERS.pop(NAME)  # which states it a second time
     runs = hidden_runs(two_link, [(NAME, [1])], "strong", seed=1)
     assert runs.truth["effects"][0]["effect"] == NAME
     estimate = identify(
@@ -111,6 +101,43 @@ def test_an_effect_of_one_file_is_exported_and_hidden(two_link, added, tmp_path)
 def test_one_file_keeps_the_contracts_and_is_listed(added):
     for contract in contracts(effect_types()[NAME]).values():
         contract()
-    effect_contract.check_columns_are_the_hidden_torque(NAME)
     row = details("effects", NAME)
     assert row[1:3] == ("k_r q_0 sinh(q / q_0)", "q_0=0.5")
+
+
+@pytest.mark.parametrize("ours", [False, True], ids=["new file", "edited"])
+def test_an_effect_of_one_file_is_in_mjcf(two_link, added, tmp_path, ours):
+    """MuJoCo makes its torque; attributes are where the effect declares them."""
+    robot = two_link.robot
+    out = tmp_path / "out.xml"
+    options = {}
+    if ours:
+        options["mjcf"] = tmp_path / "robot.xml"
+        export(estimate_of(robot, FULL, 1), options["mjcf"])
+    estimate = estimate_of(robot, f"{FULL},torque_offset,{IN_ONE_FILE}:2@q_0=0.2", 4)
+    assert export(estimate, out, **options) == ()
+    rows = states(robot, 20, 1)
+    expected = estimate.torque(Motion(np.zeros(20), *rows))
+    made = by_mujoco(out, robot, *rows)
+    np.testing.assert_allclose(made, expected, rtol=0.0, atol=1e-9)
+    root = etree.parse(str(out)).getroot()
+    found = [x.get("margin") for x in root.iter("joint")]
+    assert found == [None, "0.02"]
+    assert [x.get("gear") for x in root.iter("motor")] == [None, "1.0"]
+    assert root.find("option").get("impratio") == "2.0"
+
+
+def test_an_effect_of_one_file_has_words_and_contracts(two_link, added):
+    kind = effect_types()[IN_ONE_FILE]
+    for contract in contracts(kind).values():
+        contract()
+    found = FittedEffect(IN_ONE_FILE, (2,), 3.1, "N*m/rad", {"k_p2": 3.1}, {})
+    assert "joint 2 is pulled back by 3.1 N m/rad" in on_the_arm(found)
+
+
+def test_a_world_states_its_law_a_second_time(two_link, added, monkeypatch):
+    """What is hidden is no torque of the columns, which may be wrong."""
+    kind = effect_types()[IN_ONE_FILE]
+    monkeypatch.setattr(kind, "column", lambda self, motion, joint: 1.0 / 0.0)
+    runs = hidden_runs(two_link, [(IN_ONE_FILE, [1])], "strong", seed=1)
+    assert runs.truth["effects"][0]["shape"] == {"q_0": 0.3}

@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import re
 from abc import ABC
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -81,7 +81,31 @@ SimulatorField = Literal[
     "stiffness",
     "offset",
     "servo",
+    "mjcf",
 ]
+#: Those that hold one number a joint, the same for every simulator.
+JOINT_FIELDS: tuple[SimulatorField, ...] = (
+    "damping",
+    "friction",
+    "armature",
+    "stiffness",
+    "offset",
+)
+
+
+class SimulatorTerm(NamedTuple):
+    """A number that an effect adds to simulators' files."""
+
+    #: One of ``JOINT_FIELDS``; "mjcf" for an attribute that MuJoCo alone has.
+    field: SimulatorField
+    #: Number of the joint, from 0; -1 for the whole robot.
+    joint: int
+    #: The number, in SI units; those of all effects add up.
+    value: float
+    #: Element and attribute of an "mjcf" term, such as "option" and "viscosity"; the
+    #: element is the joint, its actuator, or the option.
+    attribute: tuple[Literal["joint", "actuator", "option"], str] = ("joint", "")
+
 
 #: Share of the rows that a standstill reaches from which what holds a joint there
 #: shows.
@@ -161,8 +185,13 @@ class Effect(ABC):
     on_the_arm: ClassVar[str] = ""
     #: The cause against which a person sees its torque in a log: "velocity".
     seen_against: ClassVar[str] = ""
-    #: What a simulator's file calls its parameters; "" where it has no place for them.
+    #: What a simulator's file calls its parameters; "" where it has no place for them,
+    #: or several (:meth:`simulator_terms`).
     simulator_field: ClassVar[SimulatorField] = ""
+    #: A second statement of the law, for simulated worlds: the torque (N,) at size 1 of
+    #: (motion, joint from 0, sign of its velocity (N,), shape constants by name). It
+    #: uses NumPy and its arguments alone, so that worlds share nothing with columns.
+    hidden_torque: ClassVar[Callable[..., Array] | None] = None
     #: Non-linear shape constants by name; an object's own may be more or fewer than its
     #: class's.
     shapes: Mapping[str, ShapeConstant] = {}
@@ -624,6 +653,27 @@ class Effect(ABC):
             (N, n) torque on the joints [N m, N].
         """
         return torque
+
+    def simulator_terms(self, theta: Array) -> Iterable[SimulatorTerm]:
+        """List the numbers by which simulators' files hold the effect's whole torque;
+        nothing where they cannot.
+
+        Parameters
+        ----------
+        theta
+            (k,) parameters of this effect.
+
+        Returns
+        -------
+        Iterable of SimulatorTerm
+            By default each parameter in the joint's ``simulator_field``.
+        """
+        if self.simulator_field not in JOINT_FIELDS:
+            return []
+        return [
+            SimulatorTerm(self.simulator_field, parameter.joint - 1, value)
+            for parameter, value in zip(self.parameters, theta.tolist(), strict=True)
+        ]
 
     @property
     def contact(self) -> Array | None:

@@ -1,6 +1,7 @@
 """What of a model a simulator's file can hold: links, damping, dry friction, armature."""
 
 import re
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
@@ -11,7 +12,12 @@ import numpy as np
 from lxml import etree
 
 from sdp_vs_penalty.effects import standard_effect
-from sdp_vs_penalty.effects.effect import SimulatorField
+from sdp_vs_penalty.effects.effect import (
+    JOINT_FIELDS,
+    Effect,
+    SimulatorField,
+    SimulatorTerm,
+)
 from sdp_vs_penalty.errors import InputError, printable
 from sdp_vs_penalty.estimation.carried import payload_parameters
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -21,9 +27,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
-#: Fields of a joint in simulators' files (:attr:`Effect.simulator_field`).
-_JOINT_FIELDS = ("damping", "friction", "armature", "stiffness", "offset")
-#: Those that may be negative: together they are a spring with its rest position.
+#: Fields that may be negative: together they are a spring with its rest position.
 _SPRING_FIELDS = ("stiffness", "offset")
 #: What every simulator's file holds.
 FIELDS: frozenset[SimulatorField] = frozenset(
@@ -66,6 +70,17 @@ class Content:
     #: (2, n) kp and kd of the servos' position loops, the latter with what a command's
     #: delay damps less; None where the model knows none.
     servo: Array | None = None
+    #: What MuJoCo's files hold beside, as the effects declare it.
+    mjcf: tuple[SimulatorTerm, ...] = ()
+
+    def mjcf_attributes(self, element: str, joint: int = -1) -> dict[str, float]:
+        """Return the sums of the effects' ``mjcf`` terms by attribute, of an element of
+        a joint (from 0), or of the whole robot (-1)."""
+        sums = defaultdict[str, float](float)
+        for term in self.mjcf:
+            if (term.attribute[0], term.joint) == (element, joint):
+                sums[term.attribute[1]] += term.value
+        return dict(sums)
 
     @classmethod
     def plausible(cls, estimate: Estimate, options: Options) -> Self:
@@ -131,7 +146,15 @@ class Content:
             gains=model.gains or (),
             servo=servo_gains(estimate)[0],
             **_joint_values(estimate),
+            mjcf=tuple(term for _, term in _terms(estimate) if term.field == "mjcf"),
         )
+
+
+def _terms(estimate: Estimate) -> Iterator[tuple[Effect, SimulatorTerm]]:
+    """Yield what each effect of a model adds to simulators' files."""
+    for effect, indices in estimate.model.parts:
+        for term in effect.simulator_terms(estimate.theta[indices]):
+            yield effect, term
 
 
 def _joint_values(estimate: Estimate) -> dict[str, Array]:
@@ -139,19 +162,18 @@ def _joint_values(estimate: Estimate) -> dict[str, Array]:
 
     Raises InputError for one that is negative and would feed energy into a simulation.
     """
-    values = {name: np.zeros(estimate.robot.n) for name in _JOINT_FIELDS}
-    field_by_effect = {e.name: e.simulator_field for e in estimate.model.effects}
-    for p, value in zip(estimate.model.parameters, estimate.theta, strict=True):
-        place = field_by_effect[p.effect]
-        if place not in values:
+    values: dict[str, Array] = {x: np.zeros(estimate.robot.n) for x in JOINT_FIELDS}
+    for effect, (field, joint, value, _) in _terms(estimate):
+        if field not in values:
             continue
-        if value < 0.0 and place not in _SPRING_FIELDS:
+        if value < 0.0 and field not in _SPRING_FIELDS:
             raise InputError(
-                f"joint {p.joint}: {p.effect} is {value:.4g} {p.unit}, and a"
-                f" negative {place} would feed energy into a simulation",
+                f"joint {joint + 1}: {effect.name} is {value:.4g}"
+                f" {effect.unit_on(joint)}, and a negative {field} would feed energy"
+                " into a simulation",
                 "identify with a method that keeps signs (lmi-sdp, penalty)",
             )
-        values[place][p.joint - 1] += value
+        values[field][joint] += value
     return values
 
 

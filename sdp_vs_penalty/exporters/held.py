@@ -3,6 +3,8 @@ the fields that a format declares (``HOLDS``, ``HOLDS_FORMULAS``)."""
 
 from collections.abc import Collection
 
+import numpy as np
+
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.c_formulas import has_closed_form
@@ -17,8 +19,10 @@ def is_held(
 ) -> bool:
     """Return whether a file with these fields, or with formulas of all effects that have
     a closed form, holds an effect; a servo's loop is no part of the arm."""
+    terms = effect.simulator_terms(np.zeros(len(effect.parameters)))
+    needed = {term.field for term in terms} or {effect.simulator_field}
     return (
-        effect.simulator_field in fields
+        needed <= set(fields)
         or effect.forward == "drive"
         or (with_formulas and has_closed_form(effect, estimate))
     )

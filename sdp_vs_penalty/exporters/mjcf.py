@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from lxml import etree
 
-from sdp_vs_penalty.effects.effect import SimulatorField
+from sdp_vs_penalty.effects.effect import JOINT_FIELDS, SimulatorField
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import (
@@ -39,16 +39,17 @@ ENDING = ".xml"
 FILE = "robot.xml"
 ABOUT = "MuJoCo's MJCF: links, armature, damping, dry friction, springs, offsets, gears"
 EDITS = "MJCF"
-HOLDS: frozenset[SimulatorField] = FIELDS | {"armature", "stiffness", "offset"}
+HOLDS: frozenset[SimulatorField] = FIELDS | {*JOINT_FIELDS, "mjcf"}
 RESTS = True
 
 
 def write(estimate: Estimate, options: Options) -> Written:
-    """Make a MuJoCo model, or put the model's numbers into the user's own: links,
-    damping, dry friction, armature, springs and offsets.
+    """Return the bytes of a MuJoCo model, or of the user's own with the model's numbers
+    in it, and the effects left out.
 
-    This module is an :class:`ExportFormat`. Returns the file's bytes and the effects
-    left out.
+    This module is an :class:`ExportFormat`. The links must lie inside of their bodies.
+    A new file has position actuators with the servo's gains; the user's own actuators
+    stay as they are, so that these gains are left out there.
     """
     content = Content.plausible(estimate, options)
     lost = left_out(estimate, HOLDS)
@@ -80,7 +81,8 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     # Nothing is to be guessed or mended: the numbers are those that were identified.
     no = dict.fromkeys(("inertiafromgeom", "balanceinertia"), "false")
     element(root, "compiler", angle="radian", autolimits="true", **no)
-    element(root, "option", gravity=robot.gravity)
+    option = content.mjcf_attributes("option")
+    element(root, "option", gravity=robot.gravity, **option)
     bodies: list[Any] = [element(root, "worldbody")]
     actuators = etree.Element("actuator")
     equality = etree.Element("equality")
@@ -100,12 +102,7 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
         # A driven joint, number k, has friction and a motor; another follows its leader
         # by an equality q = offset + multiplier q_leader.
         if (k := part.place) is not None:
-            attributes |= {
-                "damping": content.damping[k],
-                "frictionloss": content.friction[k],
-            }
-            attributes |= _spring(content.stiffness[k], content.offset[k])
-            element(body, "joint", **attributes, armature=content.armature[k])
+            element(body, "joint", **attributes, **_joint_attributes(content, k))
             _actuator(actuators, joint, content, k)
         else:
             leader, multiplier, offset = robot.leader(i)
@@ -274,16 +271,31 @@ def _put_joints(
     for joint in file_robot.joints:
         name_in_model = robot.tree[order[tree_names.index(joint.name)]].name
         k = robot.joint_names.index(name_in_model)
-        values = {
-            "damping": content.damping[k],
-            "frictionloss": content.friction[k],
-            "armature": content.armature[k],
-            **_spring(content.stiffness[k], content.offset[k]),
-        }
+        values = _joint_attributes(content, k)
         if "springref" in values and is_in_degrees and joint.kind == "revolute":
             values["springref"] = np.degrees(values["springref"])
-        written = {key: number(value) for key, value in values.items()}
-        document.change(elements[joint.name], written)
+        document.change(elements[joint.name], _written(values))
+        if of_actuator := content.mjcf_attributes("actuator", k):
+            for x in document.root.iterfind(f"actuator/*[@joint='{joint.name}']"):
+                document.change(x, _written(of_actuator))
+    if of_option := content.mjcf_attributes("option"):
+        document.put(document.root, "option", _written(of_option))
+
+
+def _written(values: Mapping[str, float]) -> dict[str, str]:
+    """Return numbers as text of full precision."""
+    return {key: number(value) for key, value in values.items()}
+
+
+def _joint_attributes(content: Content, k: int) -> dict[str, float]:
+    """Return what the effects of driven joint k are as attributes of MuJoCo's <joint>."""
+    return {
+        "damping": content.damping[k],
+        "frictionloss": content.friction[k],
+        **_spring(content.stiffness[k], content.offset[k]),
+        "armature": content.armature[k],
+        **content.mjcf_attributes("joint", k),
+    }
 
 
 def _inertial_attributes(solid: Inertial, name: str) -> dict[str, Any]:
@@ -330,7 +342,11 @@ def _actuator(actuators: Any, joint: Joint, content: Content, k: int) -> None:
     """Append the actuator of joint k: a position servo if its gains are known, else
     a motor.
     """
-    names: dict[str, Any] = {"name": joint.name, "joint": joint.name}
+    names: dict[str, Any] = {
+        "name": joint.name,
+        "joint": joint.name,
+        **content.mjcf_attributes("actuator", k),
+    }
     if content.servo is not None:
         kp, kd = content.servo[:, k]
         element(actuators, "position", kp=kp, kv=kd, **names)

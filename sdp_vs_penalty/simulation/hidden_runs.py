@@ -438,11 +438,26 @@ def _sized_effects(
 
 
 def _of_columns(effect: Effect) -> Hidden:
-    """Hide an effect that no world states a second time: by its own columns, each of
-    its parameters as large as its size."""
+    """Hide an effect of which the tables of worlds have no maker: by the second
+    statement of its law in its file, else by its own columns, each of its parameters as
+    large as its size."""
     number = 1.0 if len(effect.parameters) == 1 else None
-    change = partial(_torque_of_columns, effect)
+    stated = effect.hidden_torque is not None
+    change = partial(_stated_torque if stated else _torque_of_columns, effect)
     return Hidden(effect.joints, change, number, shape=effect.shape, effect=effect.name)
+
+
+def _stated_torque(
+    effect: Effect, world: World, motion: TrueMotion, size: float
+) -> Array:
+    """Return the torque (N, n) of the second statement of an effect's law."""
+    assert effect.hidden_torque is not None
+    torque = np.zeros_like(motion.q)
+    for joint in effect.joints:
+        sign = world.share(motion)[:, joint]
+        law = effect.hidden_torque(motion, joint, sign, **effect.shape)
+        torque[:, joint] = size * law
+    return torque
 
 
 def _torque_of_columns(

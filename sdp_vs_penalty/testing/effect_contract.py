@@ -8,6 +8,7 @@ rad and m at once has no unit.
 from __future__ import annotations
 
 import ast
+import inspect
 import json
 import operator
 from collections.abc import Callable, Mapping
@@ -452,6 +453,31 @@ def check_constraints(kind: type[Effect], forms: Forms) -> None:
             demand(holds == expected, sentence)
 
 
+def check_hidden_torque(kind: type[Effect], forms: Forms) -> None:
+    """Columns are the torque of the second statement of the law, where there is one, and
+    it shares nothing with them: it uses NumPy and its arguments alone."""
+    law = kind.hidden_torque
+    if law is None:
+        return
+    names = inspect.getclosurevars(law)
+    others = {*names.globals, *names.nonlocals} - {"np"}
+    demand(not others, f"hidden_torque uses {', '.join(sorted(others))}")
+    robot = robots()["arm"]
+    motion = to_and_fro(robot)
+    for effect in forms(robot):
+        columns_of_joints = wide_columns(effect, motion)
+        for joint in effect.joints:
+            columns = columns_of_joints[joint]  # (N, p)
+            torque = law(motion, joint, motion.sign(joint), **effect.shape)
+            # Of several parameters a joint, the statement may be any sum.
+            sizes = np.linalg.lstsq(columns, torque)[0]
+            if len(effect.parameters) == len(effect.joints):
+                sizes = np.ones(len(effect.parameters))
+            left = np.linalg.norm(torque - columns @ sizes)
+            same = left < _ROUNDING * np.linalg.norm(torque)
+            demand(same, f"hidden_torque is not the torque of {effect.text}")
+
+
 #: Each is asked of an effect's class and of the forms that are tried.
 CONTRACTS: tuple[Callable[..., None], ...] = (
     check_shape_constants,
@@ -464,4 +490,5 @@ CONTRACTS: tuple[Callable[..., None], ...] = (
     check_once_or_several,
     check_frozen_only,
     check_constraints,
+    check_hidden_torque,
 )

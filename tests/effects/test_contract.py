@@ -65,6 +65,11 @@ WRONG = {
     },
     "check_constraints": {"constraints": lambda self, *_: []},
     "check_written_form": {"text": "coulomb_friction"},
+    "check_hidden_torque": {
+        "hidden_torque": staticmethod(
+            lambda motion, joint, sign: motion.q[:, joint] ** 2
+        )
+    },
 }
 
 
@@ -73,6 +78,14 @@ def test_a_contract_that_is_broken_is_said(name):
     kind = type("_Spring", (_Wrong,), WRONG[name])
     with pytest.raises(ContractError):
         getattr(contracts, name)(kind, lambda robot: [kind(robot)])
+
+
+def test_a_second_statement_shares_nothing_with_the_columns():
+    kind = effect_types()["joint_spring"]
+    same = staticmethod(lambda motion, joint, sign: kind.column(None, motion, joint))
+    copied = type("_Spring", (_Wrong,), {"hidden_torque": same})
+    with pytest.raises(ContractError, match="hidden_torque uses kind"):
+        contracts.check_hidden_torque(copied, lambda robot: [copied(robot)])
 
 
 @pytest.mark.parametrize(
