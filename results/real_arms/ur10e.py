@@ -40,6 +40,8 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 Array = NDArray[np.float64]
 #: What an ordinary model has beside the links, in the order of the script's columns.
 TERMS = "viscous_friction,coulomb_friction,torque_offset,rotor_inertia"
+#: The same with the script's width of dry friction, which `identify` estimates otherwise.
+GIVEN_WIDTHS = "rigid_body," + TERMS.replace("friction,t", "friction@v_s=0.01,t")
 #: Of the script's samples at 1 kHz, those whose columns are filtered.
 EVERY = 4
 
@@ -61,27 +63,31 @@ def by_hand_weighed(
     run: Measurements,
     filters: Preprocessing | None = None,
     links: Array | None = None,
+    standstill: float = 0.0,
 ) -> Estimate:
     """Return the script's model with what `identify` has more: joints weighed by their
     errors in a first fit; its filters, behind which columns are as well; links (n, 10) of
-    its prior."""
+    its prior; and rows out in which the joint is slower than standstill [rad/s]: nobody
+    knows the dry friction of a joint at rest."""
     script = cvxpy_script
     arm = file.robot._model
     if filters is None:
         rows = script.filtered_rows(run.t, run.q, run.tau)
         columns = script.columns(arm, *rows.states, with_rotors=True)
-        tau = rows.tau
+        tau, dq = rows.tau, rows.states[1]
     else:
         cutoffs = (filters.state_cutoff, filters.torque_cutoff)
         rows = script.filtered_rows(run.t, run.q, run.tau, EVERY, cutoffs)
         columns = script.columns(arm, *rows.states, with_rotors=True)
         columns = script.low_pass(columns, EVERY * filters.torque_cutoff)
-        columns = columns[:: script.DECIMATION // EVERY]
-        tau = rows.tau[:: script.DECIMATION // EVERY]
-    first = base_script.solve(columns, tau)
-    weights = 1.0 / np.std(columns @ first - tau, axis=0)
+        step = script.DECIMATION // EVERY
+        columns, tau, dq = columns[::step], rows.tau[::step], rows.states[1][::step]
+    moves = np.abs(dq) >= standstill
+    first = base_script.solve(moves[:, :, None] * columns, moves * tau)
+    errors = np.ma.masked_array(columns @ first - tau, ~moves)
+    weights = moves / errors.std(axis=0).data
     theta = script.solve(
-        weights[:, None] * columns,
+        weights[:, :, None] * columns,
         weights * tau,
         inertia.PSEUDO_INERTIA_BASIS,
         nominal=links,
@@ -119,6 +125,16 @@ def ways(run: Measurements, file: Path) -> Mapping[str, Estimate]:
         ),
         "script, CVXPY, joints weighed, filters and prior of identify": (
             by_hand_weighed(with_terms, run, bare.preprocessing, with_terms.links)
+        ),
+        "script, CVXPY, the same without rows at standstill": by_hand_weighed(
+            with_terms,
+            run,
+            bare.preprocessing,
+            with_terms.links,
+            bare.preprocessing.standstill,
+        ),
+        "identify, widths of dry friction not estimated": identify(
+            "ur10e", run, check=False, effects=GIVEN_WIDTHS
         ),
         "identify without its prior": identify(
             "ur10e", run, check=False, method=LmiSdp(entropy=0.0)
