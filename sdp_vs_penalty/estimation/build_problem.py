@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from numbers import Real
 from pathlib import Path
@@ -154,14 +154,14 @@ class PoseOptions:
         Of the effects' shape constants only those that the user gave are kept: the
         others are estimated again.
         """
-        effects = None
+        chosen = {f.name: getattr(self, f.name) for f in fields(Recipe)}
         if self.effects is not None:
-            effects = tuple(
+            chosen["effects"] = tuple(
                 replace(e.entry, shape={k: e.shape[k] for k in e.given})
                 for e in self.effects
                 if isinstance(e, Effect)
             )
-        return Recipe(effects, dict(self.known), self.instruments).to_dict()
+        return Recipe(**chosen).to_dict()
 
     @classmethod
     def following(
@@ -173,11 +173,10 @@ class PoseOptions:
         recipe.
         """
         stated = Recipe.from_dict(recipe)
-        effects = None
+        chosen = {f.name: getattr(stated, f.name) for f in fields(Recipe)}
         if stated.effects is not None:
-            effects = [make_effect(e, robot) for e in stated.effects]
-        known = dict(stated.known)
-        return cls(effects, known=known, instruments=stated.instruments, **others)
+            chosen["effects"] = [make_effect(e, robot) for e in stated.effects]
+        return cls(**chosen, **others)
 
     @classmethod
     def posing(cls, model: Estimate) -> PoseOptions:

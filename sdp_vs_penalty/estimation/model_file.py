@@ -129,7 +129,8 @@ class ServoFields:
 
 @dataclass(frozen=True)
 class Recipe(JsonRecord):
-    """How a log was prepared: what poses its problem again."""
+    """How a log was prepared: what poses its problem again, by the names of
+    :class:`~sdp_vs_penalty.estimation.build_problem.PoseOptions`."""
 
     effects: tuple[EffectEntry, ...] | None
     known: Mapping[str, float]
