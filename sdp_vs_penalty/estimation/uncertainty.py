@@ -325,32 +325,43 @@ def stretched(factor: Array, std: Array) -> Array:
 
 
 def _kernel(regression: Regression, inflation: float) -> scipy.sparse.csr_array:
-    """Return the (B, B) triangular window K over the blocks of time of each run.
+    """Return the (B, B) triangular window K over the B blocks of time of all runs.
 
     K_ab falls from 1 to 0 as blocks a and b of one run are farther apart in time, up to
     WINDOW correlation times or half the run. Blocks of different runs are independent.
     ``inflation`` is the variance of the block scores over that of white noise.
     """
+    # (B,) each, run by run, as the kernel's blocks stand along its diagonal.
     runs, starts, stops = np.array(regression.blocks, float).reshape(-1, 3).T
-    rows = max(int(regression.joint_rows().max(initial=0)), 1)
-    # Scores of noise with the correlation time T have 2 T / interval times the variance
-    # of white rows.
-    interval = float(np.sum(stops - starts)) * regression.oversampling / rows
-    window = WINDOW * 0.5 * max(inflation, 1.0) * interval
-    parts = []
+    length = _window_length(regression, float(np.sum(stops - starts)), inflation)
+    kernels = []
     for run in np.unique(runs):
-        start = starts[runs == run]
-        stop = stops[runs == run]
+        is_of_run = runs == run
+        start, stop = starts[is_of_run], stops[is_of_run]
         middle = 0.5 * (start + stop)
-        length = min(window, 0.5 * float(stop.max() - start.min()))
+        reach = min(length, 0.5 * float(stop.max() - start.min()))
         distance = np.abs(np.subtract.outer(middle, middle))
-        if length > 0.0:
-            parts.append(np.maximum(1.0 - distance / length, 0.0))
+        if reach > 0.0:
+            kernels.append(np.maximum(1.0 - distance / reach, 0.0))
         else:
-            parts.append(np.eye(len(middle)))
-    if not parts:
+            kernels.append(np.eye(len(middle)))
+    if not kernels:
         return scipy.sparse.csr_array((0, 0))
-    return scipy.sparse.csr_array(scipy.sparse.block_diag(parts))
+    return scipy.sparse.csr_array(scipy.sparse.block_diag(kernels))
+
+
+def _window_length(regression: Regression, seconds: float, inflation: float) -> float:
+    """Return the length [s] of the sandwich's window, WINDOW correlation times T, over
+    data of some seconds.
+
+    Scores of noise that is correlated over T have 2 T / interval times the variance of
+    white noise, where ``interval`` is the time between two independent rows: this ratio
+    is ``inflation``, and below 1 it is chance.
+    """
+    rows_of_joint = max(int(regression.joint_rows().max(initial=0)), 1)
+    interval = seconds * regression.oversampling / rows_of_joint
+    correlation_time = 0.5 * max(inflation, 1.0) * interval
+    return WINDOW * correlation_time
 
 
 NOT_SEEN = "not seen"

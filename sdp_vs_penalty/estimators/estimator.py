@@ -487,13 +487,18 @@ def sample_variance(task: Task) -> float:
 
 
 def white_variance(data: LeastSquares, oversampling: float) -> float:
-    """Return the variance [(N m)^2] of an independent row if the least-squares residual
-    is white.
+    """Return the variance sigma^2 [(N m)^2] by which sigma^2 (R'R)^-1 is the covariance
+    of least squares, if the noise is white before the filter.
 
-    ``oversampling`` is the number of filtered rows per independent sample.
+    Behind the filter, ``oversampling`` = s neighbouring rows say what one independent
+    row says, and R'R counts each of them: sigma^2 is s times the variance of a row.
+    M rows are M / s independent ones, of which p parameters take p: the sum of squares
+    has M - s p degrees of freedom.
     """
-    U = span(data.R)
-    residual = data.rho - U @ (U.T @ data.rho)
-    degrees = max(data.rows - oversampling * U.shape[1], 1.0)
-    squared_error = float(residual @ residual) + data.residual_norm**2
-    return squared_error / degrees * oversampling
+    U = span(data.R)  # (r, p) orthonormal
+    # What no theta explains: a part of rho, and what compression has put apart.
+    unexplained = data.rho - U @ (U.T @ data.rho)
+    squared_error = float(unexplained @ unexplained) + data.residual_norm**2
+    degrees_of_freedom = max(data.rows - oversampling * U.shape[1], 1.0)
+    variance_of_row = squared_error / degrees_of_freedom
+    return oversampling * variance_of_row

@@ -104,28 +104,34 @@ class ChangeDetector:
         self._waited = 0
         # Work space, so that a call allocates nothing.
         self._outer = np.zeros((WIDTH, WIDTH))
-        self._window = Information(n_drifts)
+        self._scratch = Information(n_drifts)
         self._posterior = Posterior(prior, n_drifts)
 
     def add(self, rows: Array, weighted: Array, period: float, time: float) -> None:
-        """Add the rows of the instant ``time`` [s] to ``total``.
+        """Add the rows A (n, 11 + d) of one call of the loop to ``total``: A' S^-1 A dt,
+        and its period dt.
+
+        Every ``_stride`` calls a snapshot of what was gathered before is kept.
 
         Parameters
         ----------
         rows : (n, 11 + d) array
-            Payload columns, residual and columns of drift [Y, e, N] of each joint.
+            A = [Y, e, N]: payload columns, residual and columns of drift of each joint.
         weighted : (n, 11 + d) array
-            The rows over the variance of the noise.
+            S^-1 A, the rows over the variance of each joint's noise.
         period : float
-            Period of the loop [s].
+            Period dt of the loop [s].
+        time : float
+            Instant of the rows [s], by which the snapshot is called.
         """
         if self._calls_to_snapshot == 0:
             self._keep(time)
             self._calls_to_snapshot = self._stride
         self._calls_to_snapshot -= 1
-        np.dot(rows.T, weighted, out=self._window.matrix)
-        self._window.matrix *= period
-        self.total.matrix += self._window.matrix
+        added = self._scratch.matrix  # overwritten: a call allocates nothing
+        np.dot(rows.T, weighted, out=added)
+        added *= period
+        self.total.matrix += added
         self.total.seconds += period
 
     def _keep(self, time: float) -> None:
@@ -289,10 +295,10 @@ class ChangeDetector:
     def _add_after(self, place: int, out: Posterior) -> None:
         """Add the data after the snapshot in slot ``place`` to ``out``, unsolved: all
         data less those up to the snapshot."""
-        window = self._window
-        np.subtract(self.total.matrix, self._matrices[place], out=window.matrix)
-        window.seconds = self.total.seconds - self._seconds[place]
-        out.add(window.matrix, window.weight(self._correlation))
+        after = self._scratch
+        np.subtract(self.total.matrix, self._matrices[place], out=after.matrix)
+        after.seconds = self.total.seconds - self._seconds[place]
+        out.add(after.matrix, after.weight(self._correlation))
 
     def posterior_after(self, change: DetectedChange, out: Posterior) -> None:
         """Solve for the payload after a change.

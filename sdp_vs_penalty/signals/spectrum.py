@@ -316,7 +316,7 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | No
     Its spectrum is S(w) = c / (1 + a^2 - 2 a cos(w)), w [rad/sample]. It is fitted to a
     low quantile (QUIET) of periodograms over windows, because friction at reversals, or
     a blow, makes some windows loud. At no frequency is the noise more than these quiet
-    windows hold (:func:`_at_most`). The torque counts as smoothed unless half of each
+    windows hold (:func:`_lowered_to_quiet_windows`). The torque counts as smoothed unless half of each
     joint's amplitudes are within a factor NOISE_LIKE of S: drives smooth currents
     before they log them, and the noise below the low-pass then stays unknown. The
     torque counts as uneven if loud windows exceed quiet ones by more than that factor.
@@ -352,7 +352,7 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | No
     swings = np.sqrt(loud / quiet)[band].mean(axis=0).max()
     return TorqueNoise(
         frequency,
-        _at_most(spectrum, quiet.T),
+        _lowered_to_quiet_windows(spectrum, quiet.T),
         is_smoothed=bool(deviation > 2.0 * np.log(c.NOISE_LIKE)),
         is_uneven=bool(swings > c.NOISE_LIKE),
     )
@@ -386,26 +386,30 @@ def _windows(
     ]
 
 
-def _at_most(spectrum: Array, quiet: Array) -> Array:
-    """Lower a fitted spectrum of noise (n, F) to that of quiet windows (n, F).
+def _lowered_to_quiet_windows(spectrum: Array, quiet: Array) -> Array:
+    """Lower a fitted spectrum of noise (n, F) where quiet windows (n, F) hold less.
 
-    Noise is no louder than all that quiet windows hold, at any frequency. A fit above
-    the motion alone, continued below, makes too much of it where a drive's low-pass has
-    coloured the noise: that is flat below its corner. The polynomial of a window takes
-    more than half of white noise at the lowest frequencies: the spectrum is flat there
-    if quiet windows contradict the fit at any other one, by more than _CONTRADICTED.
+    Whatever quiet windows hold is noise and perhaps more, so that the noise is at most
+    that. The fit is to frequencies above the motion. Below them it promises too much
+    where the drive has filtered its torque: noise behind a low-pass is flat there.
     """
     passed = _passed_by_windows(2 * (quiet.shape[1] - 1))
-    first = int(np.argmax(passed >= _PASSED))
-    ratio = quiet[:, first:] / passed[first:] / spectrum[:, first:]
+    # Below this frequency the polynomial of a window has taken so much of its power that
+    # the rest says little.
+    first_used = int(np.argmax(passed >= _PASSED))
+    ratio = quiet[:, first_used:] / passed[first_used:] / spectrum[:, first_used:]
     # The last frequency is real: its power is not exponential, as a quantile assumes.
     ratio[:, -1] = ratio[:, -2]
+    # A mean over three neighbours: a single frequency may be low by chance.
     ratio = scipy.ndimage.uniform_filter1d(ratio, 3, axis=1, mode="nearest")
-    out = spectrum.copy()
-    out[:, first:] *= np.minimum(ratio, 1.0)
-    is_flat = ratio.min(axis=1) < _CONTRADICTED
-    out[is_flat, :first] = np.minimum(out[:, :first], out[:, [first]])[is_flat]
-    return out
+    lowered = spectrum.copy()
+    lowered[:, first_used:] *= np.minimum(ratio, 1.0)
+    # A fit that is wrong at some frequency is not trusted at those that say little: what
+    # it has at the first used one holds below, unless the fit falls there.
+    is_wrong = ratio.min(axis=1) < _CONTRADICTED
+    flat = np.minimum(lowered[:, :first_used], lowered[:, [first_used]])
+    lowered[is_wrong, :first_used] = flat[is_wrong]
+    return lowered
 
 
 def _passed_by_windows(length: int) -> Array:
