@@ -21,7 +21,7 @@ from sdp_vs_penalty.checks.explain import (
     issues_of_all,
     repair_of,
 )
-from sdp_vs_penalty.checks.issue import Issue, make_refusal
+from sdp_vs_penalty.checks.issue import Issue, make_refusal, with_rival_effects
 from sdp_vs_penalty.checks.position_units import unit_asked_for
 from sdp_vs_penalty.checks.problem_units import problem_units
 from sdp_vs_penalty.checks.report import Report
@@ -48,6 +48,8 @@ from sdp_vs_penalty.results.remedy import Change
 
 #: Currents have no gains of their own that torques would show.
 UNSCALED = ("torque channel kind",)
+#: What competes there with whatever acts on several joints.
+OWN_GAINS = "each channel's own drive gain"
 #: What changes within a run.
 TWO_ARMS = "two arms"
 #: Of torques that are none of the arm's motors, nothing else is said.
@@ -165,7 +167,8 @@ class LoggerJudge:
         if unit := self.reports[0].repaired_all.torque_unit:
             size = [not_in_newton_metres(unit)]
         elif not is_rated:
-            size = [*torque_magnitude(self.common, net)]
+            fits = [log.fit(of_run) for _, log, of_run in runs]
+            size = [*torque_magnitude(self.common, net, fits)]
         if any(issue.kind == NO_TORQUE for issue in size):
             self._report_alike(size)
             for number, log in self.logs.items():
@@ -174,11 +177,21 @@ class LoggerJudge:
             return
         if is_rated or any(issue.kind in UNSCALED for issue in size):
             stated = [f for f in stated if f.kind not in ("torque gain", "torque unit")]
+            # Columns of several joints tell something where their torques compare.
+            across = [
+                claim.hypothesis.kind
+                for claim in verdict.claims
+                if claim.hypothesis.further is not None
+            ]
+            stated = [
+                with_rival_effects(f, [OWN_GAINS]) if f.kind in across else f
+                for f in stated
+            ]
         for number in self.logs:
             self._report_run(number, stated, verdict, size, net)
 
     def _differences(
-        self, number: int, verdict: RaceOutcome
+        self, number: int, verdict: RaceOutcome, mass_unit: str
     ) -> tuple[list[Issue], LogTransform]:
         """List the issues about what differs in one run, or from an instant of it on,
         with what undoes those that a change of its log does."""
@@ -197,9 +210,10 @@ class LoggerJudge:
                     continue
                 issue = issue_of_span(log, claim, begin, end)
             elif part.after is not None:
-                issue = _two_arms(log, claim, part.after)
+                issue = _two_arms(log, claim, part.after, mass_unit)
             else:
-                issue = issue_of_difference(log, claim, self.reports[number].run)
+                run = self.reports[number].run
+                issue = issue_of_difference(log, claim, run, mass_unit)
                 if (repair := repair_of(claim)) is not None:
                     undone = undone.followed_by(repair)
             issues.append(graded(issue, verdict, [claim]))
@@ -234,7 +248,9 @@ class LoggerJudge:
         """
         log = self.logs[number]
         report = self.reports[number]
-        differences, undone = self._differences(number, verdict)
+        is_unscaled = any(issue.kind in UNSCALED for issue in size)
+        mass_unit = "kg, were the torques in N m" if is_unscaled else "kg"
+        differences, undone = self._differences(number, verdict, mass_unit)
         net = self._of_run(number, net)
         repaired = undone.followed_by(net)
         if undone != log.as_logged:
@@ -307,11 +323,11 @@ class LoggerJudge:
                 )
 
 
-def _two_arms(log: Likelihood, claim: Claim, t: float) -> Issue:
+def _two_arms(log: Likelihood, claim: Claim, t: float, mass_unit: str) -> Issue:
     """Return the issue that a run ends with another arm than it begins with, from the
     instant t [s] on: a load was picked up, or the file holds the logs of two arms."""
     name = f"the part from t = {t:.4g} s on"
-    issue = issue_of_difference(log, claim, name)
+    issue = issue_of_difference(log, claim, name, mass_unit)
     place = f"t = {t:.4g} s"
     if issue.figures["joints"]:
         place = f"{issue.where}, {place}"

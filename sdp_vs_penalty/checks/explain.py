@@ -30,7 +30,7 @@ _INTERVAL = 2.4
 #: What no change of the log can undo, in words with the size {x}, and what to do.
 _DIFFERENCES = {
     "another load": (
-        "{run} carries a {weight} load on its last link ({x:+.2g} kg), beside the others.",
+        "{run} carries a {weight} load on its last link ({x:+.2g} {unit}), beside the others.",
         "identify the runs apart, or log with the same tool",
     ),
     "another arm": (
@@ -244,7 +244,9 @@ def repair_of(claim: Claim) -> LogTransform | None:
     return h.chain if h.number is None else h.number.at(h.chain, claim.size)
 
 
-def issue_of_difference(log: Likelihood, claim: Claim, name: str) -> Issue:
+def issue_of_difference(
+    log: Likelihood, claim: Claim, name: str, mass_unit: str
+) -> Issue:
     """Return the issue about what is different in one part of a log.
 
     Parameters
@@ -253,6 +255,8 @@ def issue_of_difference(log: Likelihood, claim: Claim, name: str) -> Issue:
         Rows of the part's run.
     name : str
         Of the run, or of the part in words.
+    mass_unit : str
+        Of a load's mass.
     """
     h = claim.hypothesis
     repair = repair_of(claim)
@@ -263,7 +267,7 @@ def issue_of_difference(log: Likelihood, claim: Claim, name: str) -> Issue:
     if repair is None:
         what, remedy = _DIFFERENCES[h.kind]
         weight = "lighter" if size < 0.0 else "heavier"
-        what = what.format(run=name, x=size, weight=weight)
+        what = what.format(run=name, x=size, weight=weight, unit=mass_unit)
     else:
         (fault,) = list_faults(log, repair)
         what = f"in {name} only: {fault.what}"

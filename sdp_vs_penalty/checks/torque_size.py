@@ -5,7 +5,7 @@ the joints' effort limits, which bind every sample, and what an arm of the probl
 masses needs on the motion.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -20,6 +20,7 @@ from sdp_vs_penalty.checks.residual import leaves_more_than_usual
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.words.units import UNITS as NAMED
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.race.arm_fit import ArmFit
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.fault import UNITS
 from sdp_vs_penalty.race.likelihood import Likelihood
@@ -38,7 +39,9 @@ _OF_CURRENTS = 300.0
 _CORRECT_MASSES = "if right, correct the problem's masses"
 
 
-def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
+def torque_magnitude(
+    log: Likelihood, repair: LogTransform, runs: Sequence[ArmFit]
+) -> Iterator[Issue]:
     """Yield a warning where the torques have an impossible size.
 
     They may be in another unit, motor currents, torques on the motor's side of the
@@ -49,6 +52,8 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     ----------
     repair : LogTransform
         What is repaired in them.
+    runs : sequence of ArmFit
+        An arm fitted to each run alone: runs may carry different loads.
     """
     shares = _shares_of_effort(log, repair)
     is_too_large = shares > c.EFFORT[1]
@@ -67,7 +72,8 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
             changes=_scales(f"tau{j + 1}" for j in too_large),
         )
         return
-    yield from _issues_of_size(log, repair, _Size.from_shares(log, repair, shares))
+    size = _Size.from_shares(log, repair, shares)
+    yield from _issues_of_size(log, repair, runs, size)
 
 
 def _shares_of_effort(log: Likelihood, repair: LogTransform) -> Array:
@@ -174,7 +180,7 @@ def _possible_masses(problem: Problem, masses: float) -> tuple[float, float, str
 
 
 def _issues_of_size(
-    log: Likelihood, repair: LogTransform, size: _Size
+    log: Likelihood, repair: LogTransform, runs: Sequence[ArmFit], size: _Size
 ) -> Iterator[Issue]:
     """Yield the likeliest reason why the torques are too large or too small.
 
@@ -234,13 +240,13 @@ def _issues_of_size(
             certainty=_BY_SIZE,
         )
         return
-    fit = log.fit(repair)
-    if fit.mean_unexplained_share > c.UNRELATED:
+    if all(fit.mean_unexplained_share > c.UNRELATED for fit in runs):
         return  # another issue says that the arm does not explain them
-    if leaves_more_than_usual(log, fit):
-        # A current is small, too, but the arm's dynamics explain it.
+    best = min(runs, key=lambda fit: fit.unexplained)
+    if leaves_more_than_usual(log, best):
+        # A current is small, too, but the arm's dynamics explain it in each run.
         yield external(
-            f"{are}the arm's dynamics leave {100.0 * fit.unexplained**0.5:.2g} % of them,"
+            f"{are}the arm's dynamics leave {100.0 * best.unexplained**0.5:.2g} % of them,"
             " more than of a motor's current: what is left where a model was subtracted"
             " (external torque), or another channel.",
             certainty=likely("by their size, and by what the arm's dynamics leave"),

@@ -84,20 +84,36 @@ def test_a_zero_of_one_run_is_named_with_its_size(two_link, runs):
     assert "only: the zero of joint 2 is" in issue.what
 
 
+def with_load(problem, run, mass):
+    """The run with a mass [kg] held half a metre along the last link."""
+    links = problem.nominal_links.copy()
+    links[-1] += mass * np.array([1.0, 0.5, 0, 0, 0, 0, 0.25, 0, 0, 0.25])
+    dq = np.gradient(run.q, run.t, axis=0)
+    ddq = np.gradient(dq, run.t, axis=0)
+    loaded, empty = (
+        problem.robot.inverse_dynamics(x.ravel(), run.q, dq, ddq)
+        for x in (links, problem.nominal_links)
+    )
+    return replace(run, tau=run.tau + loaded - empty)
+
+
+def test_currents_of_runs_with_different_loads_are_no_external_torque(two_link, runs):
+    """One arm for all runs leaves much, and one for each run leaves little."""
+    problem = replace(two_link, torque_side="link")
+    both = with_load(problem, runs[0], 2.0), runs[1]
+    both = [replace(run, tau=0.01 * run.tau) for run in both]
+    reports = judged(problem, *both)
+    for report in reports:
+        assert "torque channel kind" in [issue.kind for issue in explanations(report)]
+    (load,) = (f for f in explanations(reports[0]) if f.kind == "another load")
+    assert "kg, were the torques in N m" in load.what
+
+
 @pytest.mark.parametrize(
     "order", [(0, 1), pytest.param((1, 0), marks=pytest.mark.long)]
 )
 def test_a_load_is_named_in_kilograms_in_the_run_that_carries_it(two_link, runs, order):
-    """One kilogram held half a metre along the last link."""
-    links = two_link.nominal_links.copy()
-    links[-1] += [1.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0, 0.25]
-    run = runs[0]
-    dq = np.gradient(run.q, run.t, axis=0)
-    ddq = np.gradient(dq, run.t, axis=0)
-    robot = two_link.robot
-    loaded = robot.inverse_dynamics(links.ravel(), run.q, dq, ddq)
-    empty = robot.inverse_dynamics(two_link.nominal_links.ravel(), run.q, dq, ddq)
-    both = replace(run, tau=run.tau + loaded - empty), runs[1]
+    both = with_load(two_link, runs[0], 1.0), runs[1]
     reports = judged(two_link, *(both[k] for k in order))
     loaded_report, empty_report = (reports[order.index(k)] for k in (0, 1))
     (issue,) = explanations(loaded_report)
