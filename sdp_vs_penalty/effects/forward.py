@@ -217,10 +217,13 @@ class Plant:
         """Compute the terms of the equation of motion for W simulations at the middle
         of a step h [s].
 
-        Returns mass matrices (W, n, n), the bias with all other forces but dry friction
-        (W, n) [N m, N], the derivative of this force by the velocity (W, n), and sizes
-        of the dry friction along the m contacts (W, m) [N m, N]. The middle is
-        predicted as if the acceleration of the last step went on.
+        The middle is predicted as if the acceleration of the last step went on. Returned
+        are, in this order:
+
+        - the mass matrices (W, n, n) [kg m^2, kg];
+        - the bias (W, n) [N m, N]: all forces but dry friction;
+        - the derivative of the bias by the velocity (W, n);
+        - the sizes of the dry friction along the m contacts (W, m) [N m, N].
         """
         dq = state.dq + 0.5 * h * state.ddq
         travel = 0.5 * h * (state.dq + 0.25 * h * state.ddq)
@@ -610,11 +613,11 @@ def _solve_friction_impulses(
 ) -> Array:
     """Solve for the impulses f (W, m) of dry friction in one step.
 
-    The equations are y = y0 - G f (velocity of each contact after the step) and f = p
-    tanh(y / w) (friction law), with G (W, m, m), y0 and p (W, m), w (m,); ``past`` (W,
-    m) are the velocities before. Newton's method acts on x = y + g f, g = diag G: y and
-    f are Lipschitz functions of x whatever the width w. Where full steps cycle, quarter
-    steps converge.
+    The velocity of each contact after the step is y = y0 - G f, with G (W, m, m) the
+    ``coupling``; the law of friction is f = p tanh(y / w), with the largest impulse p
+    (W, m) and the width w (m,). ``past`` (W, m) are the velocities before the step.
+    Newton's method acts on x = y + g f, g = diag G: y and f are Lipschitz functions of x
+    whatever the width. Where full steps cycle, quarter steps converge.
     """
     g = np.einsum("kii->ki", coupling)  # (W, m) diagonals
     x = np.where(np.abs(y0) > g * p, y0, past)
@@ -639,11 +642,10 @@ def _solve_friction_impulses(
 
 def _friction(x: Array, g: Array, p: Array, w: Array | float) -> Array:
     """Return the friction impulse f (W, m) of each contact from the unknown x = y + g f
-    of Newton's method.
+    of Newton's method (:func:`_solve_friction_impulses`).
 
-    y (velocity after the step) and f = p tanh(y / w) follow from x: y is the solution
-    of y + g p tanh(y / w) = x, and f = (x - y) / g. p (W, m) is the largest impulse, w
-    (m,) the width of the sign, g (W, m) the velocity per unit impulse.
+    The velocity y after the step solves y + g p tanh(y / w) = x; then f = (x - y) / g,
+    with the velocity g (W, m) per unit impulse.
     """
     return (x - _resolvent(x, g * p, w)) / g
 

@@ -165,11 +165,13 @@ def _axis(
     """Declare the shape constants of one axis ("x" or "y") of a table over a joint's
     variable.
 
-    For x they are x (the variable as its number in WORDS, one of ``words``; ``default``
-    if it is not given), xj (the variable's joint), xi and xc (a second joint that is
-    added, and its ratio), xlow and xhigh (ends of the table), and xn (number of values,
-    ``count`` by default). Joints count from 1: xj = 0 is the effect's own joint, xi = 0
-    no second joint.
+    Of the axis x, with joints from 1:
+
+    - x: the variable, by its number in WORDS; one of ``words``, else ``default``.
+    - xj: its joint; 0 is the effect's own.
+    - xi, xc: a second joint that is added, and its ratio; xi = 0 is none.
+    - xlow, xhigh: ends of the table.
+    - xn: number of values, ``count`` by default.
     """
     numbers = tuple(WORDS.index(w) + 1.0 for w in words)
     return {

@@ -390,12 +390,7 @@ def _with(like: FourierTrajectory, x: Array) -> FourierTrajectory:
 
 
 class _Search:
-    """What the steps of a search have in common, over x (n, 2 L + 1).
-
-    t (K,) : where the regressor is sampled; maps (3, K, 2 L + 1) : of a joint's x to
-    its states there; rows (n, M, 2 L + 1), offset (n, M) : rows x + offset are states
-    over their limits, the position about the middle; unit (n, 2 L + 1) : sizes of x.
-    """
+    """What the steps of a search have in common."""
 
     def __init__(
         self,
@@ -408,10 +403,12 @@ class _Search:
         """Precompute the linear maps from Fourier coefficients to states and to limits.
 
         A joint's coefficients x (w,) are a and b of L harmonics and the centre q_0.
-        ``maps`` (3, K, w) turn them into position, velocity and acceleration at K
-        instants. ``rows`` (n, M, w) x + ``offset`` (n, M) are states over their limits,
-        positions about the middle of their range. ``unit`` (n, w) are sizes of
-        coefficients.
+
+        - ``t`` (K,): instants at which the regressor is sampled [s].
+        - ``maps`` (3, K, w): x to position, velocity and acceleration there.
+        - ``rows`` (n, M, w) x + ``offset`` (n, M): states over their limits, positions
+          about the middle of their range.
+        - ``unit`` (n, w): sizes of the coefficients.
 
         ``moving``: joints (from 0) whose coefficients are free; None: all.
         """

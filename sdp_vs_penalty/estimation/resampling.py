@@ -338,12 +338,7 @@ def judged(fold: FoldData, estimator: Estimator) -> Fold:
 
 
 class Split:
-    """The data of :func:`cross_validate`, whatever the method: what each fold needs,
-    wherever it is worked on. Raises InputError as that does.
-
-    common : all rows, in the model's columns; raw : where servos stand for a torque,
-    the same without instruments, by which folds are judged.
-    """
+    """The data of :func:`cross_validate`, which are the same for every method and fold."""
 
     def __init__(
         self,
@@ -354,11 +349,11 @@ class Split:
     ) -> None:
         """Read the data of a cross-validation and compress them, in blocks by folds.
 
-        A fold is a stretch of the motion, the same one in all its repetitions. Two
-        cases: with logged torque the rows are those of the model. Without, the servos'
-        control law replaces the torque: it is estimated once from all rows, ``common``
-        holds the rows that identify, and ``raw`` the rows that judge (without
-        instruments, signals that make the estimate unbiased).
+        A fold is a stretch of the motion, the same one in all its repetitions.
+        ``common`` are the rows that identify, in the model's columns, and ``raw`` those
+        that judge. With a logged torque both are the same. Without, the servos' control
+        law stands for the torque. It is estimated once from all rows; instruments, which
+        make the estimate unbiased, are in ``common`` alone.
 
         Raises InputError as :func:`cross_validate` does, also if a fold leaves no rows
         to train on or no fold has rows to judge.

@@ -319,10 +319,12 @@ class _Constant:
 class _ConstantFit:
     """Least squares in a model's parameters and some of its shape constants.
 
-    weights (n,) : of the joints' rows; start (p,) : parameters for the constants as the
-    model has them; steps_of : the constants that move, d of them; unit (d,) : their
-    deviations before anything is measured; moving_columns : which of the constants'
-    columns, behind the parameters', are theirs.
+    - ``weights`` (n,): of the joints' rows.
+    - ``start`` (p,): the parameters, where no constant has moved.
+    - ``steps_of``: the d constants that move; ``unit`` (d,): the standard deviation of
+      each before anything is measured.
+    - ``moving_columns``: their columns among those of all constants, which stand behind
+      the parameters'.
     """
 
     def __init__(

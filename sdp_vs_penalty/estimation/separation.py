@@ -330,8 +330,9 @@ class _Plan(NamedTuple):
 class _MotionSearch:
     """The best motion from point to point so far.
 
-    range : lowest and highest positions (n,); value : its distance, -1 before there is
-    one; n_judged : motions within the limits that were looked at.
+    - ``range``: lowest and highest positions (n,) [rad, m].
+    - ``value``: its distance of the hypotheses, -1 before there is one.
+    - ``n_judged``: number of motions within the limits that were looked at.
     """
 
     def __init__(
@@ -344,9 +345,10 @@ class _MotionSearch:
     ) -> None:
         """Prepare a search within _SHARE (95 %) of the limits.
 
-        ``effort`` (n,): torque limits [N m, N]; ``duration``: length of the motion [s];
-        ``free``: whether the arm is free of self-collision in all of some poses (N, n),
-        None: not checked.
+        - ``effort`` (n,): torque limits [N m, N].
+        - ``duration``: length of the motion [s].
+        - ``free``: says whether the arm is free of self-collision in all of some poses
+          (N, n); None: not checked.
         """
         self.hypotheses = hypotheses
         self.effort = effort

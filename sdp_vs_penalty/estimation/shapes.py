@@ -368,14 +368,16 @@ class _Grid(Effect):
 
 
 class _ShapeProfile:
-    """What least squares in all other columns leave of the banks' ``count`` and of the
-    torque (r,).
+    """What a fit of all other columns leaves of the torque (r,) and of B banks: each
+    has the columns of one open shape constant u at K values.
 
-    parts : of each bank its columns at all values (K, r); now, ends (B,), (B, 2) : ln u
-    as the model has them, or the nearest that is known, and of their ranges; brakes
-    (B,) : whose coefficients are not negative; shown (b, k) : what the data show of the
-    other columns' coefficients, at unit norm of what they make; variance : of a row
-    times how often rows repeat each other.
+    - ``parts``: what is left of each bank's columns, (K, r).
+    - ``now`` (B,): ln u as the model has it, or the nearest known value.
+    - ``ends`` (B, 2): the range of ln u.
+    - ``brakes`` (B,): whether the bank's coefficient may not become negative.
+    - ``shown`` (b, k): directions of the other columns' coefficients that the data
+      determine, scaled so that each makes a torque of norm one.
+    - ``variance``: of a row, times the number of rows that repeat one another.
     """
 
     def __init__(

@@ -47,16 +47,17 @@ from sdp_vs_penalty.robot.arrays import Array, Mask, read_only
 
 
 class Sandwich:
-    """The sandwich of weighted least squares on compressed data.
+    """The sandwich covariance of weighted least squares on compressed data.
 
-    prior_scale : (p,) standard deviations of parameters that are known beforehand to be
-    zero, infinite for all others; taken_white : the blocks are not asked.
-
-    directions V (p, r); grams (B, r, r) and scores (B, r) of the blocks in these
-    coordinates; kernel (B, B): how far blocks' errors are one error; white: variance of
-    white rows, and pooled: that all directions say together; prior (r, r): part of the
-    information that is no data's; norms (p,): of the columns; solution (p,): the
-    smallest least-squares theta.
+    - ``directions`` V (p, r): what the data determine of theta.
+    - ``grams`` (B, r, r) and ``scores`` (B, r): A^T A and A^T residual of each of the B
+      blocks of time, with columns A = Y V.
+    - ``kernel`` (B, B): how far the errors of two blocks are one error.
+    - ``white``: variance of a row if the noise is white; ``pooled``: the one that all
+      directions together show.
+    - ``prior`` (r, r): the part of the information that no data brought.
+    - ``norms`` (p,): sizes of the columns.
+    - ``solution`` (p,): the smallest theta that solves the least squares.
     """
 
     def __init__(

@@ -516,11 +516,14 @@ def _prediction(
 ) -> Line:
     """Return the verdict's line on the prediction of motion that was not fitted.
 
-    ``errors`` of the joints; ``share``: share of new motion, None if the model does not
-    record its own; ``far``: rows lie outside of a measured curve's table, or the noise
-    is unknown; ``end``: end of the sentence; ``seconds``: length of the motion;
-    ``highest``: largest error [%] that motion of this length does not rule out;
-    ``determined``: base parameters that the data determine, and all of them.
+    - ``errors``: those of the joints.
+    - ``share``: share of new motion; None if the model does not record its own.
+    - ``far``: whether rows lie outside of a measured curve's table, or the noise is
+      unknown.
+    - ``end``: end of the sentence.
+    - ``seconds``: length of the motion [s].
+    - ``highest``: largest error [%] that motion of this length does not rule out.
+    - ``determined``: number of base parameters that the data determine, and of all.
     """
     unusable = errors.unusable
     grade: Grade = "do not use" if unusable else "usable"

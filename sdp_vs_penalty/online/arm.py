@@ -31,10 +31,11 @@ class ArmModel:
     identified. Tables and slopes are read off the effects' own torque; between the
     entries of a table it is interpolated, to some 1e-6 of the effect's torque.
 
-    ``torque`` (n,) is that of the last instant, as the channels read it, ``friction``
-    (n,) the part of it that follows velocity, ``columns`` (n, 10) those of the payload,
-    in the last link's frame, and ``dry_friction`` (n,) half the jump of friction where
-    a joint turns round, under its mean load by gravity.
+    - ``torque`` (n,): that of the last instant, as the channels read it.
+    - ``friction`` (n,): the part of it that follows velocity.
+    - ``columns`` (n, 10): the payload's, in the last link's frame.
+    - ``dry_friction`` (n,): half the jump of friction where a joint turns round, under
+      its mean load by gravity.
     """
 
     def __init__(self, model: Model, theta: Array) -> None:
@@ -78,10 +79,11 @@ class ArmModel:
     def _place_links(self, robot: Robot) -> None:
         """Put the links' parameters where Pinocchio's regressor expects them.
 
-        Sets ``_tree_links`` (10 joints of the tree,), the columns ``_last`` of the
-        payload (the last link), and ``_map`` (10, 10) from link-frame to joint-frame
-        parameters; ``_reference`` (links, 10) and ``_tree_reference`` are the links to
-        which friction by load refers.
+        - ``_tree_links`` (10 joints of the tree,): their parameters there.
+        - ``_last``: columns of the last link, which carries the payload.
+        - ``_map`` (10, 10): from the link's frame to the joint's.
+        - ``_reference`` (links, 10), ``_tree_reference``: the links to whose torque
+          friction by load refers.
         """
         self._regressor = robot._pin.computeJointTorqueRegressor
         self._pinocchio = robot._model

@@ -396,12 +396,13 @@ class PayloadEstimator:
             variance = (s^2 + f^2 u + (LOAD_FRICTION tau_payload)^2)
                        x (1 + t_rest / tau)
 
-        s: calibrated noise. f u: dry friction; it is unknown at rest and where the
-        filter's window holds a reversal (u = 1), and settles over the travel
-        SETTLING_TRAVEL. Gears lose the share LOAD_FRICTION of a payload's torque. x >=
-        1: squared acceleration over that of the calibration; it decays within the
-        correlation time tau [s]. t_rest: seconds at rest, which bring no new
-        information.
+        - s: calibrated noise.
+        - f u: dry friction. It is unknown at rest and where the filter's window holds a
+          reversal (u = 1), and settles over the travel SETTLING_TRAVEL.
+        - LOAD_FRICTION: share of a payload's torque that gears lose.
+        - x >= 1: squared acceleration over that of the calibration. It decays within the
+          correlation time tau [s].
+        - t_rest: seconds at rest, which bring no new information.
         """
         # ``part`` and ``weight`` are work space (n,): a cycle allocates nothing.
         part = self._part

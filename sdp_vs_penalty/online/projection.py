@@ -43,10 +43,11 @@ class ConeProjection:
         """Allocate the arrays of the projection, so that a step allocates next to
         nothing.
 
-        theta (10,) is the projected payload, in scaled parameters; x (10,) the present
-        point with the pseudo-inertia X = P(x) (4x4); Z (4x4) the multiplier of X >= 0;
-        centre y (10,) the estimate that is projected; precision Lambda (10, 10) the
-        metric.
+        - ``theta`` (10,): the projected payload, in scaled parameters.
+        - ``_x`` (10,): the present point, with the pseudo-inertia X = P(x) (4x4).
+        - ``_Z`` (4x4): the multiplier of X >= 0.
+        - ``_centre`` (10,): the estimate that is projected.
+        - ``_precision`` (10, 10): the metric, inverse of the estimate's covariance.
         """
         self.theta = np.zeros(10)
         self.gap = np.inf

@@ -55,13 +55,15 @@ def options(accuracy: float) -> dict[str, Any]:
 
 
 class Chart:
-    """theta (p,) of variables (n,): ten a link, then the other parameters in units of
-    their size at the strictly feasible ``inside``, where the links' factors have rows
-    of length one; ``start`` (n,) are the variables of ``inside``.
+    """Variables (n,) of which every value is a theta (p,) with consistent links: ten a
+    link, then the other parameters in units of their size.
 
-    ``indices`` (links, 10) and ``others`` (k,) are places of the parameters in theta;
-    ``shift`` (links, 16) and ``maps`` (links, 16, 10) lead from a link's demand to its
-    parameters; ``corners`` (links, 4, 1) are units of the factors' rows.
+    - ``start`` (n,): the variables of a strictly feasible point, ``inside``.
+    - ``indices`` (links, 10) and ``others`` (k,): places of the links' and of the other
+      parameters in theta.
+    - ``shift`` (links, 16) and ``maps`` (links, 16, 10): from a link's demand P to its
+      parameters.
+    - ``corners`` (links, 4, 1): units of the rows of P's factor.
     """
 
     #: Places of a factor's entries, by row, and of its diagonal.

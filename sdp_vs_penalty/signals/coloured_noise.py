@@ -176,9 +176,8 @@ def _usual_limit(energies: Array) -> float:
 def lone_windows(
     white: Array, pieces: Sequence[Indices], slow: Mask, rate: float, tests: int
 ) -> Mask:
-    """Find windows of a whitened series (M,), at a rate [Hz], whose energy is far above
-    that of all other windows, as flags (M,) of their rows; each piece holds the numbers
-    of uninterrupted rows.
+    """Flag the rows (M,) of those windows of a whitened series (M,) whose energy is far
+    above that of all other windows.
 
     This is for a residual that holds a model's error, whose scale and tails are
     unknown: the windows are compared with each other. Windows in which the joint is
@@ -188,8 +187,12 @@ def lone_windows(
 
     Parameters
     ----------
+    pieces : sequence of arrays of int
+        Numbers of the rows of each stretch without an interruption.
     slow : (M,) array of bool
         Rows in which the joint is slow.
+    rate : float
+        Rows per second of the series [Hz].
     tests : int
         Number of series that are searched in all.
     """

@@ -306,11 +306,13 @@ class _JointNoise(NamedTuple):
 class _RepeatedRows:
     """D differences of the residuals of n joints between rows with the same motion.
 
-    difference (D, n) : noise, scaled to the variance of one residual [N m or N]; both
-    (D, 2) : the rows at the two instants; earlier_rows (D,) : the first of the two;
-    pieces : uninterrupted differences; stuck (D, n) : whether no law of friction says
-    what torque holds the joint; independent_share : of the differences; rates (n, M, 2)
-    : squared rates of torque and velocity, from :func:`rate_features`.
+    - ``difference`` (D, n): noise, with the variance of one residual [N m or N].
+    - ``both`` (D, 2): the rows at the two instants; ``earlier_rows`` (D,) the first.
+    - ``pieces``: stretches of differences without an interruption.
+    - ``stuck`` (D, n): whether the joint stands, and no law of friction says what torque
+      holds it.
+    - ``independent_share``: share of the differences that do not repeat another one.
+    - ``rates`` (n, M, 2): squared rates of torque and velocity (:func:`rate_features`).
     """
 
     def __init__(self, runs: SegmentedRuns, repeats: tuple[Repeat, ...]) -> None:

@@ -471,10 +471,10 @@ def _autoregression(powers: Array, angle: Array, band: Mask) -> tuple[Array, flo
     the powers (F, n) of n joints at frequencies w (F,) [rad/sample].
 
     Only the frequencies that ``band`` (F,) flags are fitted. Returns the fitted spectra
-    (n, F) at all frequencies, and how far the spectra are off the law, in natural
-    logarithms of power, for the joint with the largest: the median of the absolute
-    deviation over the band, or how much louder the band's lowest half octave is, from
-    which the law is continued to the motion's frequencies.
+    (n, F) at all frequencies, and how far the worst joint is off the law, in natural
+    logarithms of power. That is the larger of two figures: the median of the absolute
+    deviation over the band, and how much louder the band's lowest half octave is. From
+    that half octave on the law is continued down to the motion's frequencies.
     """
     # Colours that are tried; beyond, the corner is far below the band.
     a = np.linspace(-0.9, 0.9, 181)[:, None]

@@ -46,12 +46,8 @@ class Extreme:
 class Slice:
     """All feasible parameters with the same equalities @ theta as a given theta (p,).
 
-    They are interior + basis x, with basis (p, k) and coordinates x (k,). ``reduced``
-    holds the constraints in x, and ``sdp`` is their conic form; |x_k| <= limit_k.
-
-    equalities (e, p); theta (p,), feasible or not; bound (p,) : |theta_k| <= bound_k
-    wherever the constraints hold. Raises InputError where the slice has no interior
-    point.
+    They are ``interior`` + ``basis`` x, with basis (p, k) and coordinates x (k,), whose
+    |x_k| <= ``limit``_k. ``reduced`` are the constraints in x, ``sdp`` their conic form.
     """
 
     def __init__(
@@ -60,8 +56,8 @@ class Slice:
         """Find an interior point of the slice, a basis of it, and limits of its
         coordinates.
 
-        The slice are all feasible theta (p,) = interior + basis x with equalities @
-        theta as given. x (k,) are coordinates with |x_k| <= limit_k. In the basis all
+        ``equalities`` (e, p) hold the slice; ``theta`` need not be feasible;
+        |theta_k| <= ``bound``_k wherever the constraints hold. In the basis all
         constraints have about the same scale. Raises InputError if the slice has no
         interior point.
         """

@@ -53,12 +53,14 @@ class SmallCones:
     """Non-negative rows and 4x4 blocks, prepared for any data in the same parameters
     theta (p,).
 
-    Slacks (rows + 16 blocks,) = constant + slack_map theta: those of all rows, of the
-    entropy's links, of further blocks. weight (blocks,) : of -log det; linear (p,) :
-    the slope of its trace term. curvature turns y / s of the rows and the Kronecker
-    products of S^-1 and Z of the blocks into the entries ``places`` of H (p, p), lower
-    triangle column by column. home (e, rows + 16 blocks) : from multipliers to those of
-    the constraints' entries, zero where another constraint implies one.
+    - ``constant`` + ``slack_map`` theta: the slacks (rows + 16 blocks,) of all rows, of
+      the entropy's links and of further blocks, in this order.
+    - ``weight`` (blocks,): factor of a block's -log det; ``linear`` (p,): the slope of
+      the entropy's trace term.
+    - ``curvature``: maps y / s of the rows and S^-1 (x) Z of the blocks to the entries
+      ``places`` of the Hessian (p, p), lower triangle, column by column.
+    - ``home`` (e, rows + 16 blocks): maps multipliers to those of the constraints'
+      entries, zero for one that another constraint implies.
     """
 
     def __init__(

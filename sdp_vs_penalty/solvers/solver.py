@@ -82,31 +82,30 @@ def tiny_problem(exponential: bool) -> ConicProblem:
 
 
 class Solver(ABC):
-    """A conic solver of others, named on the command line.
+    """A conic solver of others, named on the command line."""
 
-    extra : what installs it, an extra of this package or words (None: the core
-    installation); requires : the ("package", module) or ("program", command) without
-    which it is absent; system_package : Debian's name of a program, where it is not the
-    command's; distribution : of the package, where it is not the module's name.
-
-    cones : what it takes; what it lacks is rewritten. order : of the kinds of cones,
-    where it wants one; full_matrices : whether a psd cone's rows are all entries of the
-    matrix instead of svec's. default_options : what is passed for an accuracy, by the
-    names of its documentation: all else is as its authors ship it; tuned_options : what
-    we change of that for identification; status_meaning : what its status claims (of a Solution; else
-    "failed").
-    """
-
+    #: Its name on the command line.
     name: ClassVar[str]
+    #: What installs it: an extra of this package, or words; None: the core installation.
     extra: ClassVar[str | None] = None
+    #: ("package", module) or ("program", command) without which it is absent.
     requires: tuple[str, str]
+    #: Debian's name of a program, where it is not the command's.
     system_package: ClassVar[str] = ""
+    #: Name of the package's distribution, where it is not the module's.
     distribution: ClassVar[str] = ""
+    #: Kinds of cones that it takes; others are rewritten.
     cones: ClassVar[frozenset[str]] = EVERYTHING
+    #: Order of the kinds of cones, where it wants one.
     order: ClassVar[tuple[str, ...]] = ()
+    #: Whether a psd cone's rows are all entries of the matrix instead of svec's.
     full_matrices: ClassVar[bool] = False
+    #: What is passed for an accuracy, by the names of its documentation; all else is as
+    #: its authors ship it.
     default_options: ClassVar[Mapping[str, Any]]
+    #: What we change of that for identification.
     tuned_options: ClassVar[Mapping[str, Any]] = {}
+    #: What each status of its claims, in the words of a Solution; others are "failed".
     status_meaning: ClassVar[Mapping[str, str]] = {}
 
     @abstractmethod
