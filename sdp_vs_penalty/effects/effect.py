@@ -70,7 +70,8 @@ PARAMETER_RANGE = 1e4
 _USUAL_LINK = 1.5
 
 
-#: What simulators' files hold of a joint, and of the links.
+#: What files hold of the links, of a joint and of its servo; attributes of MuJoCo alone;
+#: every effect of which C code of one instant computes the torque.
 SimulatorField = Literal[
     "",
     "links",
@@ -82,6 +83,7 @@ SimulatorField = Literal[
     "offset",
     "servo",
     "mjcf",
+    "formulas",
 ]
 #: Those that hold one number a joint, the same for every simulator.
 JOINT_FIELDS: tuple[SimulatorField, ...] = (

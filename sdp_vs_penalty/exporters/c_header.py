@@ -24,8 +24,7 @@ FILE = "model.h"
 ABOUT = "a C header without dependencies"
 
 #: The header holds bodies as arrays, all else as formulas.
-HOLDS: frozenset[SimulatorField] = frozenset({"links", "payload"})
-HOLDS_FORMULAS = True
+HOLDS: frozenset[SimulatorField] = frozenset({"links", "payload", "formulas"})
 
 #: @ stands for the robot's name, $word for an entry of :func:`write`.
 _TEMPLATE = Path(__file__).parent / "c_header.h"
@@ -46,7 +45,7 @@ def write(estimate: Estimate, options: Options) -> Written:
         )
     # Refuses what no simulator or controller should be given.
     content = Content.from_estimate(estimate)
-    left = left_out(estimate, HOLDS, HOLDS_FORMULAS)
+    left = left_out(estimate, HOLDS)
     name = _c_name(robot.name)
     lines = [*_load_of_reference(estimate, name), *formulas(estimate)]
     # "@" in the template is the robot's name as a C identifier.

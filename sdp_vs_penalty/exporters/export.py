@@ -132,24 +132,17 @@ def as_exported(estimate: Estimate, out: str | Path) -> Estimate | None:
         A copy without the effects that the format has no place for. None for formats
         that hold no model of the torque (tables, payloads).
     """
-    home = format_of(out)
-    fields = getattr(home, "HOLDS", None)
+    fields = getattr(format_of(out), "HOLDS", None)
     if fields is None:
         return None
-    with_formulas = getattr(home, "HOLDS_FORMULAS", False)
-    return estimate.with_effects(
-        lambda effect: is_held(effect, estimate, fields, with_formulas)
-    )
+    return estimate.with_effects(lambda effect: is_held(effect, estimate, fields))
 
 
 def effects_left_out(estimate: Estimate, out: str | Path) -> tuple[str, ...]:
     """Return the effects of a model that a file of this name has no place for; none for
     formats that hold no model of the torque."""
-    home = format_of(out)
-    fields = getattr(home, "HOLDS", None)
-    if fields is None:
-        return ()
-    return left_out(estimate, fields, getattr(home, "HOLDS_FORMULAS", False))
+    fields = getattr(format_of(out), "HOLDS", None)
+    return () if fields is None else left_out(estimate, fields)
 
 
 def exported_verdict(lost: Sequence[str], judged: Verdict | None) -> str:

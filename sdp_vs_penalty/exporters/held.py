@@ -1,5 +1,5 @@
 """Which effects of a model a file holds, and which are left out: decided here alone, from
-the fields that a format declares (``HOLDS``, ``HOLDS_FORMULAS``)."""
+the fields that a format declares (``HOLDS``)."""
 
 from collections.abc import Collection
 
@@ -11,33 +11,25 @@ from sdp_vs_penalty.exporters.c_formulas import has_closed_form
 from sdp_vs_penalty.exporters.content import servo_gains
 
 
-def is_held(
-    effect: Effect,
-    estimate: Estimate,
-    fields: Collection[str],
-    with_formulas: bool = False,
-) -> bool:
-    """Return whether a file with these fields, or with formulas of all effects that have
-    a closed form, holds an effect; a servo's loop is no part of the arm."""
+def is_held(effect: Effect, estimate: Estimate, fields: Collection[str]) -> bool:
+    """Return whether a file with these fields holds an effect; a servo's loop is no part
+    of the arm."""
     terms = effect.simulator_terms(np.zeros(len(effect.parameters)))
     needed = {term.field for term in terms} or {effect.simulator_field}
     return (
         needed <= set(fields)
         or effect.forward == "drive"
-        or (with_formulas and has_closed_form(effect, estimate))
+        or ("formulas" in fields and has_closed_form(effect, estimate))
     )
 
 
-def left_out(
-    estimate: Estimate, fields: Collection[str], with_formulas: bool = False
-) -> tuple[str, ...]:
+def left_out(estimate: Estimate, fields: Collection[str]) -> tuple[str, ...]:
     """Return the effects that :func:`is_held` denies and that make a torque, as they are
     written, and a delay of the servos' command."""
     lost = [
         effect.brief
         for effect, indices in estimate.model.parts
-        if estimate.theta[indices].any()
-        and not is_held(effect, estimate, fields, with_formulas)
+        if estimate.theta[indices].any() and not is_held(effect, estimate, fields)
     ]
     delay = servo_gains(estimate)[1]
     if delay:

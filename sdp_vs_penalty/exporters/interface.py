@@ -12,9 +12,8 @@ Written = tuple[bytes, tuple[str, ...]]
 class ExportFormat(Protocol):
     """A format of export: a module with these names, found by its ``ENDING``.
 
-    Five more names are optional. ``HOLDS`` is of formats that hold a model of the torque:
-    the fields that they have, a collection of SimulatorField, ``HOLDS_FORMULAS = True`` of those
-    that hold every effect with a closed form as well.
+    Four more names are optional. ``HOLDS`` is of formats that hold a model of the torque:
+    the fields that they have, a collection of SimulatorField.
     ``EDITS = "URDF"`` or "MJCF" is of formats that can edit the user's own file of that
     kind, ``options.own_file``.
     ``BODIES = False`` is of formats that hold neither links nor a payload, ``RESTS =

@@ -425,7 +425,7 @@ def _sized_effects(
         if name in MAKERS:
             unsized = make_hidden(name, world, joint, rng)
         else:
-            unsized = _of_columns(kind(problem.robot, [joint]))
+            unsized = _of_its_own_file(kind(problem.robot, [joint]))
         sized = unsized.sized(world, motions, factor)
         if sized is not unsized:
             sized_effects.append(sized)
@@ -437,35 +437,27 @@ def _sized_effects(
     return sized_effects
 
 
-def _of_columns(effect: Effect) -> Hidden:
+def _of_its_own_file(effect: Effect) -> Hidden:
     """Hide an effect of which the tables of worlds have no maker: by the second
     statement of its law in its file, else by its own columns, each of its parameters as
     large as its size."""
     number = 1.0 if len(effect.parameters) == 1 else None
-    stated = effect.hidden_torque is not None
-    change = partial(_stated_torque if stated else _torque_of_columns, effect)
+    change = partial(_torque_of, effect)
     return Hidden(effect.joints, change, number, shape=effect.shape, effect=effect.name)
 
 
-def _stated_torque(
-    effect: Effect, world: World, motion: TrueMotion, size: float
-) -> Array:
-    """Return the torque (N, n) of the second statement of an effect's law."""
-    assert effect.hidden_torque is not None
+def _torque_of(effect: Effect, world: World, motion: TrueMotion, size: float) -> Array:
+    """Return the torque (N, n) of an effect of a size, each of its parameters as large:
+    by the second statement of its law where there is one, else by its columns."""
+    law = effect.hidden_torque
+    if law is None:
+        states = Motion(motion.t, motion.q, motion.dq, motion.ddq)
+        return effect.torque(np.full(len(effect.parameters), size), states)
     torque = np.zeros_like(motion.q)
     for joint in effect.joints:
         sign = world.share(motion)[:, joint]
-        law = effect.hidden_torque(motion, joint, sign, **effect.shape)
-        torque[:, joint] = size * law
+        torque[:, joint] = size * law(motion, joint, sign, **effect.shape)
     return torque
-
-
-def _torque_of_columns(
-    effect: Effect, world: World, motion: TrueMotion, size: float
-) -> Array:
-    """Return the torque (N, n) of an effect, each of its parameters of one size."""
-    states = Motion(motion.t, motion.q, motion.dq, motion.ddq)
-    return effect.torque(np.full(len(effect.parameters), size), states)
 
 
 def _motion(trajectory: FourierTrajectory, local: Array, k: int) -> TrueMotion:
