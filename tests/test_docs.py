@@ -299,6 +299,12 @@ def run_page(page, capsys):
 
 
 @pytest.mark.long
+def test_what_each_call_returns(rehearsed, tmp_path, monkeypatch, capsys):
+    in_copy(rehearsed, tmp_path, monkeypatch)
+    check_printed("api.md", run_page("api.md", capsys))
+
+
+@pytest.mark.long
 def test_a_plugin_of_one_file_is_used_and_judged(
     rehearsed, tmp_path, monkeypatch, capsys
 ):
@@ -599,6 +605,7 @@ RUN_BY = {
         test_your_robot_in_eight_commands,
         test_the_python_adds_what_it_has_found,
     ),
+    "docs/api.md": (test_what_each_call_returns,),
     "docs/benchmarks.md": (test_pages_of_real_logs_run,),
     "docs/commands.md": (test_every_command_runs_in_order,),
     "docs/contracts.md": (test_a_plugin_of_one_file_is_used_and_judged,),
