@@ -148,11 +148,12 @@ class WhiteData:
 
     @cached_property
     def own_effects(self) -> dict[tuple[str, int], tuple[Effect, int]]:
-        """The model's effects whose shape constant might be re-estimated.
+        """The model's own effects that have a shape constant to estimate again, such as
+        the velocity of Coulomb friction's sign.
 
         By (name, joint from 0): the effect on that joint alone, and the number of its
-        column in X. Effects with several columns a joint are left out; a model that is
-        held fixed has none.
+        column in X. An effect with several columns a joint is left out, since one
+        number cannot name them; a model that is held fixed has none.
         """
         if self.frozen:
             return {}

@@ -570,9 +570,11 @@ class Session:
         }
 
     def _step_from_here(self, label: str, keeps_models: bool = False) -> None:
-        """Remember what is there, so that the step that begins now can be undone.
+        """Remember the present state by a label, so that the step that begins now can be
+        undone; nothing is left to redo.
 
-        Without ``keeps_models`` the models are dropped, which no longer fit the data.
+        Downloads and what was impossible belong to the state before. So do the models
+        (``history``), unless ``keeps_models``: they no longer fit the data.
         """
         self.taken = set()
         self.impossible = ""

@@ -9,7 +9,6 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -131,26 +130,32 @@ def log_of_samples(
     """
     names = list(samples[0]) if samples else []
     lists = {
-        counted: [sample.get(name) for sample in samples]
-        for name, counted in zip(names, _counted(names), strict=True)
+        column: [sample.get(name) for sample in samples]
+        for name, column in zip(names, _renumbered(names), strict=True)
     }
     return log_of_lists(path, lists, numbers, word)
 
 
-#: The number of an object in a list.
+#: The number of an object in a list, "[33]".
 _NUMBER = re.compile(r"\[([0-9]+)\]")
 
 
-def _counted(names: Sequence[str]) -> list[str]:
-    """Return names in which the numbers of each list's objects count them from 0:
-    "joints[1].position" for the second of joints 4, 33 and 105."""
-    numbers = dict[str, set[int]]()
-    for match in chain.from_iterable(map(_NUMBER.finditer, names)):
-        numbers.setdefault(match.string[: match.start()], set()).add(int(match[1]))
+def _renumbered(names: Sequence[str]) -> list[str]:
+    """Number the objects of each list from 0, in the order of their numbers.
 
-    def place(match: re.Match[str]) -> str:
-        of_list = sorted(numbers[match.string[: match.start()]])
-        return f"[{of_list.index(int(match[1]))}]"
+    "joints[33].position" becomes "joints[1].position" where the list "joints" has the
+    objects 4, 33 and 105. A list is called by what stands before the bracket.
+    """
+    numbers_by_list = dict[str, set[int]]()
+    for name in names:
+        for number in _NUMBER.finditer(name):
+            of_list = numbers_by_list.setdefault(name[: number.start()], set())
+            of_list.add(int(number[1]))
+
+    def place(number: re.Match[str]) -> str:
+        """Return the place of a number in its list, "[1]" for "[33]"."""
+        of_list = sorted(numbers_by_list[number.string[: number.start()]])
+        return f"[{of_list.index(int(number[1]))}]"
 
     return [_NUMBER.sub(place, name) for name in names]
 

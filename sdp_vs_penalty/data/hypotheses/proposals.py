@@ -44,8 +44,15 @@ _HEADER = (
 def lacking(
     log: Log, problem: str, missing: Sequence[str], joints: Sequence[str] | None
 ) -> InputError:
-    """Return the error of a log that lacks columns for channel groups (``missing``, among
-    t, q and tau), with the command that names them; ``joints`` are the robot's."""
+    """Return the error of a log that has no column for some groups of channels.
+
+    Its remedy is the first of these that there is: what the log's reader says, how a
+    public data set's raw file is converted, the `convert` command that names the
+    columns, or how arrays are written.
+
+    problem : what is wrong, in words; missing : groups among t, q and tau; joints : names
+    of the robot's joints, None where no robot is known.
+    """
     how = log.remedy or fetch_remedy(log.path)
     if not how and log.names:
         pairs, scale = _propose(log, missing, None if joints is None else len(joints))

@@ -163,11 +163,11 @@ def _likelihood(ratio: float) -> float:
 
 
 def unit_of_dates(stamps: Array) -> ColumnHypothesis | None:
-    """Return the unit of a clock whose stamps (N,) are dates in it, else None.
+    """Return the unit of a clock whose stamps (N,) count from a calendar date, else None.
 
-    The first stamp is a day between 2001 and 2128 in one of the units in which programs
-    count, from the day from which they do. Days are taken only where seconds would be
-    tens of thousands of rows a second.
+    The first stamp tells: counted as a program of _EPOCHS does, it is a moment between
+    2001 and 2128. A clock of seconds may by chance show such a number of days. It is
+    one of days only if, in seconds, it would step faster than any arm is logged.
     """
     if len(stamps) == 0 or not np.isfinite(stamps[0]):
         return None
