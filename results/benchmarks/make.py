@@ -9,7 +9,10 @@ from pathlib import Path
 from sdp_vs_penalty.paper.provenance import make_folder
 
 HERE = Path(__file__).parent
-PARTS = ("scripts", "fits", "loop", "commands", "long_commands", "jobs", "memory")
+PARTS = (
+    *("scripts", "lengths", "fits", "links", "loop"),
+    *("commands", "long_commands", "after", "jobs", "memory"),
+)
 COMMAND = ["results/benchmarks/run.py", "--only", *PARTS, "--out", str(HERE)]
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ script; the program gets the log itself. All are judged on motion that they were
 trained on: five folds by phase, torques of the program's filtered rows.
 """
 
+import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Iterable
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.parts import Inputs
+from benchmarks.recording import write_recording
 from benchmarks.rivals import base_script, cvxpy_script
 from benchmarks.timing import PROGRAM, Figure, Usage, in_turn, run_process
 from sdp_vs_penalty import Estimate, cross_validate, identify, load_measurements
@@ -219,6 +221,31 @@ def toolboxes(inputs: Inputs) -> list[Figure]:
     return rows
 
 
+def lengths(inputs: Inputs) -> list[Figure]:
+    """Recordings at 1 kHz to an estimate, as processes, beside CVXPY with Clarabel."""
+    rows = []
+    with tempfile.TemporaryDirectory(dir="/var/tmp") as name:
+        folder = Path(name)
+        _write_arm(inputs, folder)
+        log = folder / "run.csv"
+        estimate = identify(inputs.problem, inputs.run, check=False)
+        ours = [
+            *PROGRAM, "identify", "panda", "--no-check",
+            "--data", str(log), "--out", str(folder / "model.json"),
+        ]  # fmt: skip
+        script = SCRIPTS / "cvxpy_script.py"
+        other = [sys.executable, str(script), str(log), str(folder / "arm.urdf")]
+        for count in (10_000, *inputs.counts):
+            write_recording(log, count, estimate)
+            used = [run_process(command) for command in (ours, other)]
+            memory = " and ".join(f"{x.memory:.0f}" for x in used)
+            pairs = np.array([[x.processor for x in used]])
+            note = f"other: every 28th row, Pinocchio, CVXPY; peak {memory} MB"
+            what = f"identify --no-check, {count} rows"
+            rows.append(Figure.of_pairs(what, pairs, "s", note))
+    return rows
+
+
 def _write_arm(inputs: Inputs, folder: Path) -> None:
     """Write the arm with the paper's parameters for tools that start from a file."""
     robot = inputs.problem.robot
@@ -269,4 +296,4 @@ class _Toolbox:
             return used, answer["predicted"]
 
 
-PARTS = {"scripts": scripts, "toolboxes": toolboxes}
+PARTS = {"scripts": scripts, "toolboxes": toolboxes, "lengths": lengths}

@@ -2,9 +2,10 @@
 
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,13 @@ from sdp_vs_penalty import identify, load_measurements, load_problem
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.build_problem import build_problem
+from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.shootout.instances import chain_task
+from sdp_vs_penalty.shootout.contestants import solve_by_default, solve_cvxpy
+from sdp_vs_penalty.shootout.instances import Instance, chain_task
+from sdp_vs_penalty.shootout.judge import Answer
 
 #: Names of two UR10e runs, and the seconds of each that a diagnosis gets.
 UR10E_RUNS = ("ur-20_02_19_15harm50sec", "ur-20_02_19_14harm50sec")
@@ -169,38 +173,146 @@ def _beside_import(verbs: dict[str, list[str]], repeats: int) -> list[Figure]:
     ]
 
 
-def jobs(inputs: Inputs) -> list[Figure]:
-    """Time on the wall by two processes and by one."""
+def after(inputs: Inputs) -> list[Figure]:
+    """Commands on a model that was checked and diagnosed, beside the same on one that
+    was made by `identify --no-check`: what is kept between commands, in turn."""
+    rows = []
     with tempfile.TemporaryDirectory(dir="/var/tmp") as folder:
+        ur10e, _ = _ur10e_model(inputs.data, Path(folder))
+        panda = str(Path(folder, "panda.csv"))
+        save(inputs.run, Path(panda))
+        for robot, files in (("panda", [panda]), ("ur10e", ur10e)):
+            used = _kept_and_alone(robot, files, folder, min(inputs.repeats, 3))
+            note = "other: of a model by `identify --no-check`, with nothing kept"
+            rows += [
+                Figure.of_pairs(f"{verb}, {robot}", np.array(pairs), "s", note)
+                for verb, pairs in used.items()
+            ]
+    return rows
+
+
+def _kept_and_alone(
+    robot: str, files: list[str], folder: str, repeats: int
+) -> dict[str, list[tuple[float, float]]]:
+    """Return pairs of processor times of diagnose and report: after `identify`, and with
+    nothing kept."""
+    data = ["--data", *files]
+    models = {"kept": [], "alone": ["--no-check"]}
+    for name, words in models.items():
+        out = f"{folder}/{robot}_{name}.json"
+        run_process([*PROGRAM, "identify", robot, *data, "--out", out, *words])
+
+    def used(verb: str, name: str) -> float:
+        model = f"{folder}/{robot}_{name}.json"
+        found = f"{folder}/{robot}_{name}_findings.json"
+        words = {
+            "diagnose": ["diagnose", model, *data, "--json", found],
+            "report": [
+                "report", model, *data, "--out", f"{folder}/report.html",
+                *(["--findings", found] if name == "kept" else []),
+            ],
+        }[verb]  # fmt: skip
+        return run_process([*PROGRAM, *words]).processor
+
+    pairs: dict[str, list[tuple[float, float]]] = {}
+    for _ in range(repeats):
+        for verb, what in (
+            ("diagnose", "diagnose after identify"),
+            ("report", "report after identify and diagnose"),
+        ):
+            pair = used(verb, "kept"), used(verb, "alone")
+            pairs.setdefault(what, []).append(pair)
+    return pairs
+
+
+#: Work for several processes: words of the command, without how many.
+SHARED_WORK = {
+    "cross-validate, the penalty": [
+        "cross-validate", "panda", "--folds", "20", "--method", "penalty",
+    ],
+    "cross-validate, the penalty, 80 folds": [
+        "cross-validate", "panda", "--folds", "80", "--method", "penalty",
+    ],
+    "Monte Carlo of methods": ["tables", "monte_carlo"],
+    "tables III IV VIII IX": ["tables"],
+    "shootout --quick": ["shootout", "--quick"],
+}  # fmt: skip
+
+
+def jobs(inputs: Inputs) -> list[Figure]:
+    """Time on the wall by two processes and by one; also by two workers of Dask."""
+    rows = []
+    with tempfile.TemporaryDirectory(dir="/var/tmp") as folder, _dask() as address:
         log = str(Path(folder, "run.csv"))
         save(inputs.run, Path(log))
 
-        def command(what: str, count: int) -> list[str]:
-            out = ["--jobs", str(count), "--out", str(Path(folder, f"{what}{count}"))]
-            words = {
-                "cross-validate, the penalty": [
-                    "cross-validate", "panda", "--data", log, "--folds", "20",
-                    "--method", "penalty", "--jobs", str(count),
-                ],
-                "tables III IV VIII IX": ["tables", *out],
-                "shootout --quick": ["shootout", "--quick", *out],
-            }[what]  # fmt: skip
-            return [*PROGRAM, *words]
+        def wall(what: str, way: str) -> float:
+            words = [*PROGRAM, *SHARED_WORK[what]]
+            if what.startswith("cross-validate"):
+                words += ["--data", log]
+            else:
+                words += ["--out", str(Path(folder, f"{what}{way}"))]
+            workers = {"one": "--jobs=1", "two": "--jobs=2"}
+            words.append(workers.get(way, f"--scheduler={address}"))
+            os.environ["SDP_VS_PENALTY_CACHE"] = str(Path(folder, f"{what}{way} kept"))
+            return run_process(words).wall
 
-        rows = []
-        for what in (
-            "cross-validate, the penalty",
-            "tables III IV VIII IX",
-            "shootout --quick",
-        ):
-            wall = []
-            for count in (2, 1):
-                os.environ["SDP_VS_PENALTY_CACHE"] = str(Path(folder, f"cache{count}"))
-                wall.append(run_process(command(what, count)).wall)
-            pairs = np.array([wall])
-            note = "wall; other: by one process"
-            rows.append(Figure.of_pairs(f"{what}, two processes", pairs, "s", note))
-        return rows
+        ways = {"two": "two processes"}
+        if address is not None:
+            ways["dask"] = "two workers of Dask"
+        for what in SHARED_WORK:
+            alone = wall(what, "one")
+            for way, by in ways.items():
+                pairs = np.array([[wall(what, way), alone]])
+                note = "wall; other: by one process"
+                rows.append(Figure.of_pairs(f"{what}, {by}", pairs, "s", note))
+    return rows
+
+
+@contextmanager
+def _dask() -> Iterator[str | None]:
+    """The address of two workers of Dask on this computer; None where it is not
+    installed."""
+    try:
+        from distributed import LocalCluster
+    except ImportError:
+        yield None
+        return
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+def links(inputs: Inputs) -> list[Figure]:
+    """Compressed data to a solution: of chains, beside CVXPY with Clarabel."""
+    rows = []
+    for n in (7, 20, 40, 60):
+        task = chain_task(n)
+
+        def solve(by: Callable[[Instance], Answer], task: Task = task) -> Answer:
+            return by(Instance(replace(task)))  # nothing of an earlier call's cache
+
+        answers = [solve(by) for by in (_by_default, _by_cvxpy)]
+        losses = [task.data.loss(answer.theta) for answer in answers]
+        pairs = in_turn(
+            partial(solve, _by_default), partial(solve, _by_cvxpy), 3 if n < 30 else 1
+        )
+        note = (
+            f"other: CVXPY with Clarabel; its loss {losses[1] / losses[0] - 1.0:+.0e}"
+        )
+        rows.append(Figure.of_pairs(f"certified fit, {n} links", pairs, "s", note))
+    return rows
+
+
+def _by_default(instance: Instance) -> Answer:
+    """Solve an instance by the default method, with its certificate."""
+    return solve_by_default(instance, LmiSdp.accuracy)
+
+
+def _by_cvxpy(instance: Instance) -> Answer:
+    """Solve an instance by CVXPY's formulas with Clarabel."""
+    return solve_cvxpy(instance, LmiSdp.accuracy, "CLARABEL")
 
 
 def memory(inputs: Inputs) -> list[Figure]:
@@ -270,6 +382,8 @@ PARTS = {
     "fits": fits,
     "commands": commands,
     "long_commands": long_commands,
+    "links": links,
+    "after": after,
     "jobs": jobs,
     "memory": memory,
     "loop": loop,

@@ -7,7 +7,8 @@ DATA holds panda and ur10e as `sdp-vs-penalty fetch` leaves them (default:
 SDP_VS_PENALTY_DATA). Each part runs in a process of its own on one thread; what is
 compared is measured in turn, the ratio is that of the medians, its spread the smallest and
 the largest of the single pairs. --busy N keeps N processes busy meanwhile: figures of a
-loaded machine, which stand beside the quiet ones. --rivals: Python of an environment with
+loaded machine, which stand beside the quiet ones. Where others keep it busy, the column
+machine says loaded. --rivals: Python of an environment with
 figaroh, mujoco[sysid] and scikit-learn. Writes benchmarks.csv and benchmarks.md; parts that
 are not measured this time stay as they are, with their date.
 """
@@ -52,17 +53,21 @@ COLUMNS = [
     "note",
     "when",
 ]
+#: Processes that wait or run, beyond which a machine counts as loaded.
+_LOAD = 2.5
 LIBRARIES = ("numpy", "scipy", "pin", "clarabel", "cvxpy")
 
 
 def measure(part: str, inputs: parts.Inputs, busy: int) -> pandas.DataFrame:
     """Measure one part; return its rows of the table."""
+    # Parts before have used two processes at most.
+    others = "loaded" if os.getloadavg()[0] > _LOAD else "quiet"
     with busy_machine(busy):
         figures = PARTS[part](inputs)
     versions = " ".join(f"{name} {version(name)}" for name in LIBRARIES)
     python = platform.python_version()
     when = f"{datetime.now(UTC):%Y-%m-%d %H:%M}, python {python} {versions}"
-    machine = f"{busy} busy" if busy else "quiet"
+    machine = f"{busy} busy" if busy else others
     rows = [(part, machine, *cells(figure), when) for figure in figures]
     return pandas.DataFrame(rows, columns=COLUMNS)
 

@@ -1,11 +1,15 @@
 """How long the page takes, in a real browser.
 
-    python results/page_timings/page_timings.py [--repeats N] [--out FOLDER]
+    python results/page_timings/page_timings.py [--repeats N] [--only WORD ...]
+        [--out FOLDER]
 
 Needs the extras [page] and [test] and Chromium. Starts the verb ``page``, opens it and
 measures, in seconds of wall time: the first load, a click on a stage, three runs of
-3 MB dropped together, and one run of a million rows. Runs are sums of sines with noise,
-on the built-in arms. Writes page_timings.csv and page_timings.md.
+3 MB dropped together, one run of a million rows dropped and identified, and a diagnosis
+without a test run. Runs are sums of sines with noise, on the built-in arms; those that
+are diagnosed are two of the UR10e, 20 s of each, from the folder that
+SDP_VS_PENALTY_DATA names. --only: figures whose name has one of these words. Writes
+page_timings.csv and page_timings.md.
 
 Other programs on the machine lengthen wall time. Each figure therefore stands beside
 the slowdown: wall time over processor time of a fixed loop, run right before and right
@@ -32,8 +36,10 @@ import psutil
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from sdp_vs_penalty import load_problem
+from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.robot import joint_limits
 
@@ -43,6 +49,9 @@ PATIENCE = 300_000
 QUIET = 1.2
 #: Rows of a run of seven joints whose CSV file is 3 MB.
 ROWS_OF_3_MB = 21_000
+#: Ends of names of the UR10e's runs that are diagnosed, and the seconds of each.
+UR10E_RUNS = ("ur-20_02_19_15harm50sec", "ur-20_02_19_14harm50sec")
+UR10E_SECONDS = 20.0
 #: Time from a click until the browser has drawn what it changes [s].
 CLICK = """link => new Promise(done => {
   const begin = performance.now();
@@ -118,13 +127,20 @@ def timed(
     repeats: int,
     once: Callable[[], float],
     server: psutil.Process,
+    prepare: Callable[[], None] = lambda: None,
 ) -> Timing:
     """Repeat a measurement; measure the slowdown around it and the processor time of
-    the page's server and workers."""
+    the page's server and workers.
+
+    prepare : what goes before each repetition, and does not count.
+    """
     slowdown_before = slowdown()
-    used_before = processor_time(server)
-    seconds = [once() for _ in range(repeats)]
-    used = processor_time(server) - used_before
+    seconds, used = [], 0.0
+    for _ in range(repeats):
+        prepare()
+        used_before = processor_time(server)
+        seconds.append(once())
+        used += processor_time(server) - used_before
     return Timing(
         what,
         seconds,
@@ -230,61 +246,134 @@ def click_seconds(page: Page, stages: Iterator[str]) -> float:
     return float(link.evaluate(CLICK))
 
 
-def measure(folder: Path, repeats: int) -> list[Timing]:
-    """All figures; files are written into the folder."""
-    three = [folder / f"run{k}.csv" for k in (1, 2, 3)]
-    for seed, file in enumerate(three):
-        write_log(recorded("panda", ROWS_OF_3_MB, seed), file)
-    long_run = folder / "long.csv"
-    write_log(recorded("two_link", 1_000_000, 9), long_run)
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
-    with serving(folder) as (address, server), sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        first_load(browser, address)  # the server imports what the first tab needs
-        figures = [
-            timed(
-                what="first load of the page",
-                limit=1.0,
-                repeats=repeats,
-                once=lambda: first_load(browser, address),
-                server=server,
-            )
-        ]
+def act_seconds(page: Page, stage: str, control: str, shown: str) -> float:
+    """Seconds from pressing a control of a stage until what it makes is drawn."""
+    page.click(f"nav.stages [data-to={stage}]")
+    page.wait_for_selector(".working", state="hidden")
+    begin = time.perf_counter()
+    page.click(f'[data-key="{control}"]')
+    page.wait_for_selector(shown)
+    seconds = time.perf_counter() - begin
+    page.wait_for_selector(".working", state="hidden")
+    return seconds
+
+
+def identify_seconds(page: Page) -> float:
+    """Seconds from pressing Identify until the fit is drawn."""
+    return act_seconds(page, "identify", "identify", "[data-part=fit] .js-line")
+
+
+def diagnose_seconds(page: Page) -> float:
+    """Seconds from pressing Diagnose until it says what it found."""
+    shown = '[data-key="diagnose"]:has-text("Diagnose again")'
+    return act_seconds(page, "diagnose", "diagnose", shown)
+
+
+def written_ur10e_runs(folder: Path) -> list[Path]:
+    """Write two measured runs of the UR10e, 20 s of each, as the benchmarks have them."""
+    files = []
+    for run in measured_runs("ur10e").values():
+        if run.names[0].endswith(UR10E_RUNS):
+            files.append(folder / f"{run.names[0]}.csv")
+            save(run.window(0.0, UR10E_SECONDS), files[-1])
+    assert len(files) == len(UR10E_RUNS)
+    return files
+
+
+@dataclass
+class Measuring:
+    """A page that is measured: its files, its address and process, and a browser."""
+
+    folder: Path
+    repeats: int
+    only: list[str]
+    address: str
+    server: psutil.Process
+    browser: Browser
+    #: The tab on which the next repetition works.
+    page: Page | None = None
+
+    def figures(self) -> Iterator[Timing]:
+        """Measure one figure after the other."""
+        first_load(self.browser, self.address)  # the server imports what it needs
+        yield from self.figure(
+            "first load of the page",
+            limit=1.0,
+            once=lambda: first_load(self.browser, self.address),
+        )
+        three = [self.folder / f"run{k}.csv" for k in (1, 2, 3)]
+        for seed, file in enumerate(three):
+            write_log(recorded("panda", ROWS_OF_3_MB, seed), file)
         size = sum(file.stat().st_size for file in three) / 3e6
-        figures.append(
-            timed(
-                what=f"three runs of {size:.1f} MB dropped until they are listed",
-                limit=3.0,
-                repeats=repeats,
-                once=lambda: drop_seconds(browser, address, "panda", three),
-                server=server,
-            )
+        yield from self.figure(
+            f"three runs of {size:.1f} MB dropped until they are listed",
+            limit=3.0,
+            once=lambda: drop_seconds(self.browser, self.address, "panda", three),
         )
-        page, _ = drop(browser, address, "panda", three)
-        page.wait_for_timeout(2000)
         stages = iter(["check", "identify", "measure"] * 20)
-        figures.append(
-            timed(
-                what="click on a stage until it is drawn, three runs loaded",
-                limit=0.1,
-                repeats=30,
-                once=lambda: click_seconds(page, stages),
-                server=server,
-            )
+        yield from self.figure(
+            "click on a stage until it is drawn, three runs loaded",
+            limit=0.1,
+            once=lambda: click_seconds(self.tab, stages),
+            prepare=lambda: self.open("panda", three, again=False),
+            repeats=30,
         )
-        page.context.close()
+        long_run = self.folder / "long.csv"
+        write_log(recorded("two_link", 1_000_000, 9), long_run)
         size = long_run.stat().st_size / 1e6
-        figures.append(
-            timed(
-                what=f"run of 1 000 000 rows ({size:.0f} MB) dropped until it is listed",
-                limit=5.0,
-                repeats=repeats,
-                once=lambda: drop_seconds(browser, address, "two_link", [long_run]),
-                server=server,
-            )
+        yield from self.figure(
+            f"run of 1 000 000 rows ({size:.0f} MB) dropped until it is listed",
+            limit=5.0,
+            once=lambda: drop_seconds(
+                self.browser, self.address, "two_link", [long_run]
+            ),
         )
-        browser.close()
-    return figures
+        yield from self.figure(
+            "run of 1 000 000 rows identified, until the fit is drawn",
+            limit=15.0,
+            once=lambda: identify_seconds(self.tab),
+            prepare=lambda: self.open("two_link", [long_run]),
+        )
+
+        def identify_ur10e() -> None:
+            self.open("ur10e", written_ur10e_runs(self.folder))
+            identify_seconds(self.tab)
+
+        yield from self.figure(
+            "two runs of the UR10e diagnosed without a test run",
+            limit=20.0,
+            once=lambda: diagnose_seconds(self.tab),
+            prepare=identify_ur10e,
+        )
+
+    def figure(
+        self,
+        what: str,
+        limit: float,
+        once: Callable[[], float],
+        prepare: Callable[[], None] = lambda: None,
+        repeats: int | None = None,
+    ) -> Iterator[Timing]:
+        """Measure a figure if it was asked for."""
+        if not self.only or any(word in what for word in self.only):
+            count = self.repeats if repeats is None else repeats
+            yield timed(what, limit, count, once, self.server, prepare)
+
+    @property
+    def tab(self) -> Page:
+        """The open tab."""
+        assert self.page is not None
+        return self.page
+
+    def open(self, robot_name: str, files: list[Path], again: bool = True) -> None:
+        """Open a tab with these runs; leave it where one is open already, if it is not
+        needed ``again``."""
+        if self.page is not None and not again:
+            return
+        if self.page is not None:
+            self.page.context.close()
+        self.page, _ = drop(self.browser, self.address, robot_name, files)
+        self.page.wait_for_timeout(2000)
 
 
 def main() -> None:
@@ -292,9 +381,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--out", type=Path, default=Path())
+    parser.add_argument("--only", nargs="+", default=[])
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as temporary:
-        figures = measure(Path(temporary), options.repeats)
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    with (
+        tempfile.TemporaryDirectory() as temporary,
+        serving(Path(temporary)) as (address, server),
+        sync_playwright() as play,
+    ):
+        browser = play.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        measuring = Measuring(
+            Path(temporary), options.repeats, options.only, address, server, browser
+        )
+        figures = [*measuring.figures()]
+        browser.close()
     table = Table(
         HEADINGS,
         [figure.row() for figure in figures],

@@ -1,12 +1,15 @@
 """A log to a physically consistent estimate, as an ordinary script in this field:
 decimate, then CVXPY.
 
+    python cvxpy_script.py RUN.csv ARM.urdf
+
 Positions and torques pass zero-phase Butterworth filters, every 28th sample is kept,
 Pinocchio gives its regressor, CVXPY minimises the squared residual subject to positive
 semidefinite pseudo-inertias and signs. No bounds, no weights, no certificate, no
 intervals, and columns do not pass the filter of the torque.
 """
 
+import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -129,3 +132,35 @@ def solve(
             loss += weight * (cp.trace(pseudo_inertia) - cp.log_det(pseudo_inertia))
     cp.Problem(cp.Minimize(loss), demands).solve(solver=cp.CLARABEL)
     return np.asarray(scale * x.value)
+
+
+def pseudo_inertia_basis() -> Array:
+    """Return (10, 4, 4): the pseudo-inertia of a unit of each parameter of a link, in
+    Pinocchio's order."""
+    basis = np.zeros((10, 4, 4))
+    basis[0, 3, 3] = 1.0
+    basis[1 + np.arange(3), np.arange(3), 3] = 1.0
+    basis[1 + np.arange(3), 3, np.arange(3)] = 1.0
+    for k, (i, j) in enumerate([(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)], 4):
+        inertia = np.zeros((3, 3))
+        inertia[i, j] = inertia[j, i] = 1.0
+        basis[k, :3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    return basis
+
+
+def main(log: str, urdf: str) -> None:
+    """Estimate an arm from a log with columns t, q1 .. and tau1 .. ."""
+    import pandas
+
+    arm = pin.buildModelFromUrdf(urdf)
+    table = pandas.read_csv(log)
+    q, tau = (
+        table[[f"{name}{j + 1}" for j in range(arm.nv)]].to_numpy()
+        for name in ("q", "tau")
+    )
+    rows = filtered_rows(table["t"].to_numpy(), q, tau)
+    print(solve(columns(arm, *rows.states), rows.tau, pseudo_inertia_basis()))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
