@@ -204,6 +204,22 @@ def times_noise(ratio: float, error: float, unit: str) -> str:
     return f"{number(error)} {unit}, {number(ratio)} times its noise"
 
 
+def within_noise(ratio: float, joint: int, error: float, unit: str, kind: str) -> str:
+    """Say by what multiple of its noise the worst joint (from 1) errs, and by how much
+    [unit]; another joint may err by more in its unit. kind : of the error, or "".
+
+    Examples
+    --------
+    >>> within_noise(1.18, 6, 0.00651, "N m", "")
+    'no joint errs by more than 1.18 times its noise (joint 6: 0.00651 N m)'
+    """
+    of_kind = f", {kind}" if kind else ""
+    return (
+        f"no joint errs by more than {number(ratio)} times its noise"
+        f" (joint {joint}: {number(error)} {unit}{of_kind})"
+    )
+
+
 def errors_with_noise(
     errors: Sequence[float], ratios: Sequence[float] | None, unit: str, between: str
 ) -> str:

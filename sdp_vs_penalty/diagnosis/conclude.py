@@ -234,9 +234,10 @@ class Conclusion:
         standstill, of a test run with little new motion, and of a missing test run.
         """
         has_test_run = self.ladder.held_out.source != "folds"
+        units = [*map(formatting.plain_unit, self.explanation.estimate.torque_units)]
         sentences = (
             NOTES_ON_NOISE.get(self.data.noise.source),
-            _standstill(self.data, self.left.residual),
+            _standstill(self.data, self.left.residual, units),
             repeatability_warning(self.new_motion_share),
             None if has_test_run else _FOLDS,
         )
@@ -346,11 +347,11 @@ _FOLDS = (
 )
 
 
-def _standstill(data: WhiteData, residual: Array) -> str:
+def _standstill(data: WhiteData, residual: Array, units: Sequence[str]) -> str:
     """Return a remark on joints whose remaining error arises mostly at standstill.
 
     A joint is named if more than half of its squared residual is from rows in which it
-    stands still. "" if there is no such joint. residual (M, n) [N m or N] : what the
+    stands still. "" if there is no such joint. residual (M, n) [units] : what the
     model with all findings leaves.
     """
     keep = data.rows.keep
@@ -362,11 +363,11 @@ def _standstill(data: WhiteData, residual: Array) -> str:
     if not joints:
         return ""
     rms_in_motion = np.sqrt(squares_in_motion / np.maximum(moves.sum(axis=0), 1))
-    values_in_words = ", ".join(f"{rms_in_motion[j - 1]:.2g}" for j in joints)
+    values = [f"{rms_in_motion[j - 1]:.2g} {units[j - 1]}" for j in joints]
     return (
         f"Most of the error that is left on {formatting.joints(joints)} is of"
         " standstill, where dry friction holds any torque up to its own: in motion it"
-        f" is {values_in_words} N m or N."
+        f" is {formatting.words(values)}."
     )
 
 

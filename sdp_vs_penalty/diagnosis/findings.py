@@ -1154,11 +1154,10 @@ class Diagnosis(Record, JsonRecord):
         if over is None or not len(over):
             return "Nothing is missing that these measurements could show."
         worst = int(np.argmax(over)) + 1
-        error = formatting.times_noise(
-            float(over[worst - 1]),
-            float(self.held_out_rmse_with_all[worst - 1]),
-            self.torque_unit(worst),
-        )
+        ratio = float(over[worst - 1])
+        left = float(self.held_out_rmse_with_all[worst - 1])
+        unit = self.torque_unit(worst)
+        error = formatting.times_noise(ratio, left, unit)
         above_noise = self.joints_above_noise
         if self.is_undetermined:
             return (
@@ -1172,10 +1171,8 @@ class Diagnosis(Record, JsonRecord):
                 f" {formatting.joints(above_noise)}: joint {worst} errs by {error}, on data"
                 " left out."
             )
-        return (
-            "Nothing is missing that these measurements could show: no joint errs by"
-            f" more than {error}, on data left out (joint {worst})."
-        )
+        within = formatting.within_noise(ratio, worst, left, unit, "on data left out")
+        return f"Nothing is missing that these measurements could show: {within}."
 
     @property
     def held_out_rmse_with_all(self) -> Array:

@@ -430,15 +430,15 @@ class ErrorsBesideNoise:
 
     def within_noise_in_words(self, worst: int) -> str:
         """Say that no joint errs by more than joint ``worst`` (from 1), in multiples of
-        its noise; another joint may err by more in its unit."""
-        unit = formatting.plain_unit(self.units[worst - 1])
-        error = formatting.number(float(self.rmse[worst - 1]))
-        ratio = formatting.number(float(np.asarray(self.over_noise)[worst - 1]))
-        kind = f", {self.kind}" if self.kind else ""
-        return (
-            f"No joint errs by more than {ratio} times its noise"
-            f" (joint {worst}: {error} {unit}{kind})"
+        its noise."""
+        text = formatting.within_noise(
+            float(np.asarray(self.over_noise)[worst - 1]),
+            worst,
+            float(self.rmse[worst - 1]),
+            formatting.plain_unit(self.units[worst - 1]),
+            self.kind,
         )
+        return f"{text[0].upper()}{text[1:]}"
 
     def share_in_words(self) -> str:
         """Say which joints are unusable, and by how much the worst one errs."""

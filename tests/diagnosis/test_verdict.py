@@ -87,9 +87,10 @@ def test_an_error_of_standstill_is_said_to_be_one():
     data = SimpleNamespace(
         rows=SimpleNamespace(keep=np.ones((100, 2), bool), still=still)
     )
-    assert "left on joint 1 is of standstill" in _standstill(data, error)
-    assert "in motion it is 0.3 N m" in _standstill(data, error)
-    assert _standstill(data, np.where(moving[:, None], 3.0, error)) == ""
+    units = ["N", "N m"]
+    assert "left on joint 1 is of standstill" in _standstill(data, error, units)
+    assert "in motion it is 0.3 N." in _standstill(data, error, units)
+    assert _standstill(data, np.where(moving[:, None], 3.0, error), units) == ""
 
 
 def test_events_are_left_out():
