@@ -7,9 +7,8 @@ import cvxpy as cp
 import numpy as np
 
 from sdp_vs_penalty import register
-from sdp_vs_penalty.estimators.estimator import Estimator
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
-from sdp_vs_penalty.solvers.fit import Fit
 
 
 def in_cone(constraint, theta):

@@ -267,14 +267,17 @@ print(tracking.T.round(2).to_string())
 #
 # For a robust controller or domain randomisation one model is not enough. Samples are
 # consistent models that all fit; eight of them become MuJoCo models. What the data
-# know hardly moves; what they do not know is spread.
+# know hardly moves; what they do not know is spread over your bounds, so state some
+# that you believe: here each mass within half and twice the file's.
 
 # %%
 from sdp_vs_penalty.ranges import find_samples
 
-samples = find_samples(best, 200)
+bounds = "m1=2:8,m2=1.5:6,m3=0.75:3"
+bounded = identify(urdf, runs.train, effects=effects, bounds=bounds)
+samples = find_samples(bounded, 200)
 print(samples)
-drawn = [best.with_theta(theta).to_mjspec().compile() for theta in samples.theta[:8]]
+drawn = [bounded.with_theta(theta).to_mjspec().compile() for theta in samples.theta[:8]]
 bodies = pd.DataFrame([model.body_mass[1:] for model in drawn]).add_prefix(
     "mass of body "
 )
