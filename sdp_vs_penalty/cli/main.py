@@ -135,7 +135,7 @@ a certificate."""
 #: Arrow and OpenBLAS wait for it without an end.
 LEAST_MEMORY = 800 * 2**20
 #: Parameters that name what a verb writes.
-OUTPUTS = frozenset({"out", "json_", "fix", "proof"})
+OUTPUTS = frozenset({"out", "json_", "fix", "proof", "project"})
 
 
 def _paths(value: Any) -> Iterable[Path]:

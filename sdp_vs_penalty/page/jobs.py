@@ -35,6 +35,8 @@ from sdp_vs_penalty.checks.report import list_remedies
 from sdp_vs_penalty.data.catalogue import DATASETS, dataset
 from sdp_vs_penalty.data.datasets import fetch as fetch_dataset
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
+from sdp_vs_penalty.data.formats import format_of as log_format_of
+from sdp_vs_penalty.data.formats import open_log
 from sdp_vs_penalty.data.hypotheses.proposals import layout_of_table
 from sdp_vs_penalty.data.hypotheses.report import ColumnReport, describe_columns
 from sdp_vs_penalty.data.measurements import Measurements, Runs, columns_of, concatenate
@@ -227,18 +229,21 @@ def _by_use(
 def read(job: JobRequest) -> Answer:
     """Read the files that a person dropped; keep each usable one as a run.
 
-    ``job["files"]`` lists {path, name} of each file. Joints that no file has, or that
-    stand still without torque in all runs, are held, as in a terminal.
+    ``job["files"]`` lists {path, name} of each file; ``job["assigned"]`` holds options of
+    `convert` by the columns of the files that they are for, as JSON. Joints that no file
+    has, or that stand still without torque in all runs, are held, as in a terminal.
 
     Returns
     -------
     dict
         What :func:`_judged` returns of all runs; "refused": a sentence for each other
         file; "remarks": what the readers assumed; "mappings": for each file whose
-        columns were guessed, or refused, what a person needs to assign them.
+        columns were guessed, or refused, what a person needs to assign them; "options":
+        with which each new run was read.
     """
     state = State(job.problem, tuple(job.stored_runs))
-    uses = [run["use"] for run in job["runs"]]
+    kept = [_kept_of(run) for run in job["runs"]]
+    options = list[dict[str, str]]()
     refused = list[str]()
     remarks = list[str]()
     mappings = list[Answer]()
@@ -246,20 +251,23 @@ def read(job: JobRequest) -> Answer:
         job.progress(f"reading {file['name']}")
         path = Path(file["path"])
         try:
+            names = _names_of_columns(path)
+            how = {**job["assigned"].get(json.dumps(names), {}), **job["options"]}
             with warnings.catch_warnings(record=True) as heard:
                 warnings.simplefilter("always", Remark)
                 try:
-                    part = _load_run(job, state.problem, path)
+                    part = _load_run(how, state.problem, path)
                 except MissingJoints as error:
                     state = _holding(state, dict.fromkeys(error.joints, 0.0), remarks)
-                    part = _load_run(job, state.problem, path)
+                    part = _load_run(how, state.problem, path)
             said = [w.message for w in heard if isinstance(w.message, Remark)]
             remarks += map(str, said)
             check_torque(part)
             _refuse_duplicate(part, state.runs, path)
             part = replace(part, names=(file["name"],))
             state = replace(state, runs=(*state.runs, part))
-            uses.append("train")
+            kept.append({"use": "train", "columns": names, "stated": []})
+            options.append(how)
             for taken in said:
                 columns = isinstance(taken, ColumnsRemark) and _columns_of(
                     path, state.problem, taken
@@ -282,7 +290,24 @@ def read(job: JobRequest) -> Answer:
     if shared:
         state = _holding(state, shared, remarks)
     answer = {"refused": refused, "remarks": remarks, "mappings": mappings}
-    return answer | _judged(job, state, uses)
+    return answer | {"options": options} | _judged(job, state, kept)
+
+
+def _names_of_columns(path: Path) -> list[str]:
+    """Return the names of a file's columns; none of a bag, whose messages have them."""
+    if hasattr(log_format_of(path), "HAS_TOPICS"):
+        return []
+    return [*open_log(path).names]
+
+
+def _kept_of(run: Mapping[str, Any]) -> Answer:
+    """Return what stays in the record of a run, whatever is done to its samples: its use,
+    the columns of its file, and the readings that a person stated of it."""
+    return {
+        "use": run["use"],
+        "columns": run.get("columns", []),  # older projects have none
+        "stated": run.get("stated", []),
+    }
 
 
 def _holding(state: State, positions: dict[str, float], remarks: list[str]) -> State:
@@ -294,8 +319,9 @@ def _holding(state: State, positions: dict[str, float], remarks: list[str]) -> S
     return apply_change(change, state)
 
 
-def _judged(job: JobRequest, state: State, uses: Sequence[str]) -> Answer:
-    """Store the runs of a state, and check them together.
+def _judged(job: JobRequest, state: State, kept: Sequence[Answer]) -> Answer:
+    """Store the runs of a state, and check them together; ``kept`` stays in the record of
+    each (:func:`_kept_of`).
 
     Returns
     -------
@@ -312,8 +338,8 @@ def _judged(job: JobRequest, state: State, uses: Sequence[str]) -> Answer:
         facts["meshes"] = _kept_meshes(job, problem)
     return {
         "runs": [
-            keep(job, problem, run, report, use)
-            for run, report, use in zip(state.runs, reports, uses, strict=True)
+            keep(job, problem, run, report) | stays
+            for run, report, stays in zip(state.runs, reports, kept, strict=True)
         ],
         "remedies": to_json(list_remedies(reports)),
         "robot": facts,
@@ -323,25 +349,31 @@ def _judged(job: JobRequest, state: State, uses: Sequence[str]) -> Answer:
 def change(job: JobRequest) -> Answer:
     """Apply the change of a remedy, ``job["change"]``, to robot and runs.
 
-    ``job["names"]`` are what the runs are called afterwards. Returns what
-    :func:`_judged` does, and "effect": what it did to the error on data left out.
+    ``job["files"]`` are the runs that are changed; ``job["names"]`` what all are called
+    afterwards. Returns what :func:`_judged` does, and "effect": what it did to the error
+    on data left out.
     """
+    change = Change.from_dict(job["change"])
     before = State(job.problem, tuple(job.stored_runs))
-    after = apply_change(Change.from_dict(job["change"]), before)
-    runs = tuple(
-        replace(run, names=(name,))
-        for run, name in zip(after.runs, job["names"], strict=True)
-    )
-    effect = effect_on_error(before, after)
-    after = replace(after, runs=runs)
-    uses = [run["use"] for run in job["runs"]]
-    return {"effect": effect} | _judged(job, after, uses)
+    kept = [_kept_of(run) for run in job["runs"]]
+    chosen = [k for k, run in enumerate(job["runs"]) if run["file"] in job["files"]]
+    those = tuple(before.runs[k] for k in chosen)
+    after = apply_change(change, replace(before, runs=those))
+    changed = dict(zip(chosen, after.runs, strict=True))
+    runs = tuple(changed.get(k, run) for k, run in enumerate(before.runs))
+    effect = effect_on_error(before, replace(after, runs=runs))
+    if change.verb == "read":
+        for k in chosen:
+            kept[k]["stated"] = [*kept[k]["stated"], job["change"]]
+    named = zip(runs, job["names"], strict=True)
+    after = replace(after, runs=tuple(replace(x, names=(name,)) for x, name in named))
+    return {"effect": effect} | _judged(job, after, kept)
 
 
 def check_again(job: JobRequest) -> Answer:
     """Check the runs together that are left; returns what :func:`_judged` does."""
     state = State(job.problem, tuple(job.stored_runs))
-    return _judged(job, state, [run["use"] for run in job["runs"]])
+    return _judged(job, state, [*map(_kept_of, job["runs"])])
 
 
 def motion(job: JobRequest) -> Answer:
@@ -452,12 +484,11 @@ def _guessed(report: ColumnReport, ours: Sequence[str]) -> dict[str, str]:
     return known
 
 
-def _load_run(job: JobRequest, problem: Problem, path: Path) -> Measurements:
+def _load_run(options: Mapping[str, str], problem: Problem, path: Path) -> Measurements:
     """Load a run from a file, converting it if the person set any option of `convert`.
 
     Raises InputError if the file has another number of joints than the robot.
     """
-    options = job["options"]
     names = problem.channel_names
     if not options:
         return load_measurements(path, joints=problem.robot.n, names=names)
@@ -468,7 +499,7 @@ def _load_run(job: JobRequest, problem: Problem, path: Path) -> Measurements:
         topic=options.get("topic"),
         rename=pairs("--rename", options.get("rename")),
         motors=options.get("motors", "motor_side" in options),
-        rate=job.number("rate", 0.0) or None,
+        rate=numbers("rate", options.get("rate", "0"), 1)[0] or None,
     )
     if part.n != problem.robot.n:
         raise other_robot(part.n, problem.robot.n, path)
@@ -493,12 +524,14 @@ def simulate(job: JobRequest) -> Answer:
     hidden_result = hidden_runs(problem, hidden, job["level"], job["seed"], len(names))
     named = zip(names, hidden_result.runs, strict=True)
     runs = tuple(replace(part, names=(name,)) for name, part in named)
-    judged = _judged(job, State(problem, runs), ["train"] * len(runs))
+    judged = _judged(
+        job, State(problem, runs), [_kept_of({"use": "train"})] * len(runs)
+    )
     return judged | {"effects": hidden_result.truth["model_effects"]}
 
 
 def keep(
-    job: JobRequest, problem: Problem, part: Measurements, report: Report, use: str
+    job: JobRequest, problem: Problem, part: Measurements, report: Report
 ) -> dict[str, Any]:
     """Store a run in the session's folder, and return the page's record of it.
 
@@ -516,7 +549,7 @@ def keep(
     Returns
     -------
     dict
-        File names, name, use, number of samples, duration [s], sample rate [Hz], the
+        File names, name, number of samples, duration [s], sample rate [Hz], the
         check's issues, and "split": the time windows for training and testing, or None
         if the run cannot be split.
     """
@@ -535,7 +568,6 @@ def keep(
         "file": file,
         "view": view,
         "name": part.names[0],
-        "use": use,
         "samples": part.samples,
         "seconds": seconds,
         "split": split,

@@ -10,7 +10,9 @@ from typing import Any
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.page.session import MOTION, Session
+from sdp_vs_penalty.page.spoken import shown_name
 from sdp_vs_penalty.page.view import (
+    ACCEPT,
     View,
     checked,
     graded,
@@ -55,6 +57,10 @@ def next_step(view: View) -> NextStep:
         joints = formatting.count(session.robot["n"], "joint")
         text = f"{session.robot_word} has {joints}. Its measurements come next."
         return NextStep(text, "Choose measurements", "measure", opens="drop-runs")
+    if (offer := session.offer) is not None:
+        do = partial(session.start, session.accept, offer)
+        label = ACCEPT.format(shown_name(offer.run["name"]))
+        return NextStep(offer.sentence, label, "check", do, level="usable")
     return _of_runs(session) if session.model is None else _of_model(view)
 
 

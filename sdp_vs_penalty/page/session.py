@@ -6,7 +6,6 @@ import copy
 import json
 import time
 from collections.abc import Callable, Collection, Coroutine, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from filecmp import cmp
 from pathlib import Path
@@ -36,7 +35,7 @@ from sdp_vs_penalty.estimators.estimator import no_progress
 from sdp_vs_penalty.files import require_format, write_text
 from sdp_vs_penalty.page.commands import commands_of, option_words
 from sdp_vs_penalty.page.model_step import ModelStep
-from sdp_vs_penalty.page.spoken import spoken
+from sdp_vs_penalty.page.spoken import shown_name, spoken
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.problem.check_command import CheckCommand
 from sdp_vs_penalty.records import from_json, to_json
@@ -61,7 +60,10 @@ KEPT = (
     "hidden",
 )
 #: What is chosen besides.
-CHOSEN = ("options", "reading", "anyway", "seen_issues", "names", "name", "begun")
+CHOSEN = (
+    *("options", "reading", "assigned", "anyway", "seen_issues"),
+    *("names", "name", "begun"),
+)
 #: Steps back that are kept.
 MOST_STEPS = 20
 #: Samples of all runs with which remedies are tried before anyone asks.
@@ -96,6 +98,28 @@ class PageNotice:
 
 
 @dataclass(frozen=True)
+class Offer:
+    """A reading that a person stated of some runs, and not of another one whose file has
+    the same columns."""
+
+    #: Record of that other run.
+    run: dict[str, Any]
+    #: Names of the runs that were read so.
+    others: tuple[str, ...]
+    #: How they were read, a change as JSON.
+    change: dict[str, Any]
+
+    @property
+    def sentence(self) -> str:
+        """What is offered, and why."""
+        names = formatting.words([*map(shown_name, self.others)])
+        return (
+            f"{shown_name(self.run['name'])} has the columns of {names}, and you said of"
+            f" these: {self.change['words']}."
+        )
+
+
+@dataclass(frozen=True)
 class Working:
     """A piece of work, of one or more jobs."""
 
@@ -119,6 +143,18 @@ def _training_of(runs: Iterable[Mapping[str, Any]]) -> list[tuple[Any, ...]]:
     those that are split."""
     used = (run for run in runs if run["use"] in ("train", "split"))
     return [(run["file"], run["use"] == "split" and run["split"]) for run in used]
+
+
+def _words_of_reading(change: Mapping[str, Any]) -> str:
+    """Return in words the units that a change reads columns in, which a person has
+    named; "" of another change."""
+    texts = []
+    for column, unit in change["arguments"].get("scale", {}).items():
+        name = {"tau": "the torque", "q": "positions"}.get(column, column)
+        gains = str(unit or "").replace(":", ", ")
+        is_factor = gains[:1].isdigit() or gains[:1] in ("-", ".")
+        texts.append(f"{name} {'by' if is_factor else 'in'} {gains}")
+    return f"read {formatting.words(texts)}" if texts else ""
 
 
 def read_state(folder: Path) -> dict[str, Any]:
@@ -201,6 +237,8 @@ class Session:
     options: dict[str, str] = field(default_factory=dict)
     #: What is written in the fields of the options for reading files.
     reading: dict[str, str] = field(default_factory=dict)
+    #: Options of `convert` that a person stated of files, by the JSON of their columns.
+    assigned: dict[str, dict[str, str]] = field(default_factory=dict)
     #: Identify even from runs that the check calls meaningless.
     anyway: bool = False
     #: Kinds of issues that the person was led to.
@@ -601,8 +639,8 @@ class Session:
         target.append((label, {name: getattr(self, name) for name in KEPT}))
         for name, value in kept.items():
             setattr(self, name, value)
-        self.save()
         self.say()
+        self.save()
 
     def save(self) -> None:
         """Write what was chosen and made to the session's folder, so that it can be opened
@@ -629,10 +667,12 @@ class Session:
             "steps": steps,
         }
         file, text = self.folder / STATE_FILE, json.dumps(to_json(content))
-        with suppress(OSError):  # a full disk: the work goes on without
+        try:
             # Its time is that of the last work, not of the server's end.
             if not file.exists() or file.read_text("utf-8") != text:
                 write_text(file, text)
+        except (OSError, InputError) as error:  # a full disk: the work goes on
+            self.say(f"The project is not saved. {sentence(error)}")
 
     @classmethod
     def load(cls, folder: Path, pool: WorkerPool, token: str) -> Self:
@@ -739,6 +779,7 @@ class Session:
         listed = [{"path": str(path), "name": name} for name, path in files.items()]
         options = self.reading if reading is None else reading
         how: dict[str, Any] = {"files": listed, "options": options}
+        how["assigned"] = self.assigned
         others = [run for run in self.runs if run["file"] not in again]
         try:
             await self._take_runs("Reading measurements", "read", others, **how)
@@ -809,6 +850,7 @@ class Session:
             raise
         self.arrived |= {file["name"]: Path(file["path"]) for file in files}
         again = {file["run"] for file in files}
+        self.assigned = {**self.assigned, json.dumps(columns): options}
         await self.read_files({**self.reading, **options}, again)
 
     async def simulate(
@@ -865,11 +907,10 @@ class Session:
             self._step_from_here(f"{formatting.count(len(new), 'run')} added")
             self._take(answer)
             self._keep_models(models)
-            options = details.get("options") or {}
             self.prepared = [] if not before else self.prepared
             self.repairs = [] if not before else self.repairs
-            if options:
-                for run in new:
+            for run, options in zip(new, answer.get("options", ()), strict=False):
+                if options:
                     self._converted(run, options)
             self._choose_uses(new)
             self.effects = list(answer.get("effects", self.effects))
@@ -1085,47 +1126,98 @@ class Session:
         elif verb != "record":
             await self._change(change)
 
-    async def _change(self, change: Mapping[str, Any]) -> None:
+    async def _change(
+        self, change: Mapping[str, Any], files: Collection[str] | None = None
+    ) -> None:
         """Change runs and robot, and check them again; what it did to the error on data
-        left out is said. Models stay that the change leaves their robot and runs."""
-        request = self._change_request(change)
-        self._doing(title=formatting.sentence(change["words"]), status="")
+        left out is said. Models stay that the change leaves their robot and runs.
+
+        files : the runs that are changed; None: all.
+        """
+        request = self._change_request(change, files)
+        words = request["change"]["words"]
+        self._doing(title=formatting.sentence(words), status="")
         try:
             answer = self.foreseen.get(json.dumps(request)) or await self._run(request)
         except InputError as error:
             self._keep_outcome(change, {"refused": str(error)})
             raise
-        words = self._command_of(change)
+        commands = self._commands_of(change, request["files"])
         models = await self._judged_on(answer["runs"], answer["robot"])
         dropped = self._dropped(models)
-        self._step_from_here(change["words"])
+        self._step_from_here(words)
         self._take(answer)
         self._keep_models(models)
-        if change["verb"] in ("transform", "read", "cut") and words is not None:
-            self.prepared = [*self.prepared, words]
+        if change["verb"] in ("transform", "read", "cut"):
+            self.prepared = [*self.prepared, *commands]
         self.new = ("check", "check")
         self.seen_issues = self.kinds_of_issue
-        self.repairs = [*self.repairs, [change["words"], answer["effect"]]]
+        self.repairs = [*self.repairs, [words, answer["effect"]]]
         self.say(*dropped, error=False)
 
-    def _command_of(self, change: Mapping[str, Any]) -> list[str] | None:
-        """Return the words of the command that makes a change of the runs."""
-        return command_of(Change.from_dict(change), Files(self._check_command))
+    def _commands_of(
+        self, change: Mapping[str, Any], files: Collection[str]
+    ) -> list[list[str]]:
+        """Return the words of the commands that make a change of these runs: one for
+        all, or, where each is read anew, one a run."""
+        one = Change.from_dict(change)
+        checks = [self._check_command]
+        if change["verb"] == "read":
+            names = [run["name"] for run in self.runs if run["file"] in files]
+            checks = [replace(checks[0], runs=[name]) for name in names]
+        commands = [command_of(one, Files(check)) for check in checks]
+        return [words for words in commands if words is not None]
 
-    def _change_request(self, change: Mapping[str, Any]) -> dict[str, Any]:
+    def _change_request(
+        self, change: Mapping[str, Any], files: Collection[str] | None = None
+    ) -> dict[str, Any]:
         """Return the request for a change of robot and runs, with the names that the
         runs have afterwards: those of the command that does the same."""
         command = self._check_command
         names = [run["name"] for run in self.runs]
-        has_copies = change["verb"] in ("transform", "read")
-        if has_copies and self._command_of(change) is not None:
-            is_alone = len(names) == 1
+        chosen = [run["file"] for run in self.runs]
+        chosen = [file for file in chosen if files is None or file in files]
+        has_commands = bool(self._commands_of(change, chosen))
+        if change["verb"] == "transform" and has_commands and len(names) > 1:
             names = [f"{command.copy}/{Path(name).stem}.csv" for name in names]
-            names = [str(command.copy)] if is_alone else names
+        elif change["verb"] in ("transform", "read") and has_commands:
+            names = [
+                str(replace(command, runs=[run["name"]]).copy)
+                if run["file"] in chosen
+                else run["name"]
+                for run in self.runs
+            ]
         elif change["verb"] == "cut":
             cut = change["arguments"]["run"]
             names = [str(cut_copy(x)) if x == cut else x for x in names]
-        return self._request("change", change=change, names=names)
+        change = {**change, "words": _words_of_reading(change) or change["words"]}
+        return self._request("change", change=change, files=chosen, names=names)
+
+    @property
+    def offer(self) -> Offer | None:
+        """What may hold for a run as it does for others; None without any."""
+        for run in self.runs:
+            others = [x for x in self.runs if x.get("columns") == run.get("columns")]
+            known = [change["arguments"] for change in run.get("stated", ())]
+            stated = [c for x in others for c in x.get("stated", ())]
+            for change in stated if run.get("columns") else ():
+                if change["arguments"] not in known and "is_declined" not in change:
+                    names = [x["name"] for x in others if change in x["stated"]]
+                    return Offer(run, tuple(names), change)
+        return None
+
+    async def accept(self, offer: Offer) -> None:
+        """Read a run as it was stated of others with the same columns."""
+        await self._change(offer.change, [offer.run["file"]])
+
+    async def decline(self, offer: Offer) -> None:
+        """Remember that what was stated of other runs does not hold for this one."""
+        self._step_from_here(f"{offer.run['name']} left as read", keeps_models=True)
+        declined = {**offer.change, "is_declined": True}
+        self.runs = [
+            {**run, "stated": [*run["stated"], declined]} if run is offer.run else run
+            for run in self.runs
+        ]
 
     @property
     def _check_command(self) -> CheckCommand:

@@ -180,10 +180,12 @@ class Sessions:
         return self._add(session)
 
     def saved(self) -> list[Project]:
-        """List the projects that can be opened, the one saved last first."""
-        files = (
-            [] if self.projects is None else [*self.projects.glob(f"*/{STATE_FILE}")]
-        )
+        """List the projects that can be opened, the one saved last first: those of the
+        user's folder, and the one whose folder was named."""
+        named = [s.folder for s in self._all.values() if s.is_named_by_user]
+        files = [x / STATE_FILE for x in named if (x / STATE_FILE).is_file()]
+        if self.projects is not None:
+            files += self.projects.glob(f"*/{STATE_FILE}")
         files.sort(key=lambda file: file.stat().st_mtime, reverse=True)
         listed = []
         for file in files[:_MOST_LISTED]:
@@ -205,8 +207,9 @@ class Sessions:
         known = self._all.get(token)
         if known is not None and any(tab.present for tab in known.watchers):
             return False
+        saved = self.saved()
         self._all.pop(token, None)
-        for project in self.saved():
+        for project in saved:
             if project.token == token:
                 shutil.rmtree(project.folder, ignore_errors=True)
         return True

@@ -24,8 +24,11 @@ pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 from starlette.requests import ClientDisconnect
 
 from sdp_vs_penalty import InputError, compare, load_estimate, load_problem
+from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.findings import Invisible
+from sdp_vs_penalty.files import opened as register_input
+from sdp_vs_penalty.files import protecting
 from sdp_vs_penalty.formatting import sentence
 from sdp_vs_penalty.page import Sessions, WorkerPool, data_chart, guarded, jobs, worker
 from sdp_vs_penalty.page import sessions as tabs
@@ -804,6 +807,34 @@ def test_a_folder_of_somebody_else_is_no_project(here, tmp_path, content):
     refusal(lambda: here.open_folder(tmp_path), str(tmp_path), "no project of the page")
 
 
+def test_a_named_project_is_saved_again_and_listed(tmp_path, monkeypatch):
+    """Its files are no inputs of the command that names it."""
+    folder = tmp_path / "mine"
+
+    def served(_, project, *others):
+        sessions = Sessions(Here())
+        s = sessions.open_folder(project)
+        do(s, lambda: s.choose_robot("two_link"))
+        assert [x.token for x in sessions.saved()] == [s.token]
+        s.rename(f"{s.name}!")
+        assert s.notice is None
+        sessions.close()
+
+    monkeypatch.setattr("sdp_vs_penalty.page.server.serve", served)
+    for _ in range(2):
+        with pytest.raises(SystemExit, match="^0$"):
+            main(["page", "--project", str(folder), "--no-browser"])
+    assert json.loads((folder / "project.json").read_text())["name"] == "mine!!"
+
+
+def test_what_cannot_be_saved_is_said_and_hangs_nothing(here, tmp_path):
+    s = opened(here, "two_link")
+    with protecting():
+        register_input(s.folder)
+        s.rename("new name")
+    assert s.notice.texts[0].startswith("The project is not saved. ")
+
+
 def test_a_new_run_tests_the_model_that_is_there(here, hidden, tmp_path):
     """The model stays, whatever run is judged; it goes with what it was identified from."""
     files = saved(tmp_path, hidden.runs[:3], "a.csv", "test.csv", "new.csv")
@@ -963,6 +994,47 @@ def test_a_model_that_was_brought_stays_where_training_runs_change(
     assert s.current.comparison["rmse"] != alone
     theta = [load_estimate(file).theta for file in (brought, s.current.file)]
     np.testing.assert_array_equal(*theta)
+
+
+def test_what_was_stated_of_runs_is_offered_for_a_new_one(here, hidden, tmp_path):
+    """Drive gains, for files with the same columns: one click, or left as it is."""
+    gains = np.array([9.0, 7.0])
+    runs = [replace(run, tau=run.tau / gains) for run in hidden.runs[:4]]
+    names = ("a.csv", "test.csv", "new.csv", "newer.csv")
+    files = saved(tmp_path, runs, *names)
+    new, newer = ({name: files.pop(name)} for name in names[2:])
+    s = opened(here, "two_link", **files)
+    read = {"verb": "read", "words": "", "arguments": {"scale": {"tau": "9:7"}}}
+    do(s, lambda: s.apply(read))
+    assert s.repairs[-1][0] == "read the torque by 9, 7"
+    assert [words[:2] for words in s.prepared] == [
+        ["convert", "a.csv"],
+        ["convert", "test.csv"],
+    ]
+    do(s, s.identify)
+    s.arrived |= new
+    do(s, s.read_files)
+    screen = Screen(s)
+    said = "new.csv has the columns of a_fixed.csv and test_fixed.csv"
+    assert said in screen.text("next")
+    screen.click("next")
+    assert s.history
+    assert s.offer is None
+    for run, path in zip(s.runs, hidden.runs, strict=False):
+        tau = np.load(s.folder / run["file"])["tau1"]
+        np.testing.assert_allclose(tau, path.tau[:, 0], rtol=1e-6)
+    assert (
+        s.commands().count(
+            "sdp-vs-penalty convert new.csv --scale tau=9:7 --out new_fixed.csv"
+        )
+        == 1
+    )
+    s.arrived |= newer
+    do(s, s.read_files)
+    screen.do(s.changed)
+    screen.click("decline")
+    assert s.offer is None
+    assert s.runs[-1]["name"] == "newer.csv"
 
 
 def test_a_fault_of_the_log_leads_where_a_new_run_errs(here, hidden, tmp_path):

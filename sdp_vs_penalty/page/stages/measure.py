@@ -17,6 +17,7 @@ from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.session import ENDINGS, Session
 from sdp_vs_penalty.page.spoken import name_in_title, shown_name, spoken
 from sdp_vs_penalty.page.view import (
+    ACCEPT,
     PagePart,
     Project,
     Stage,
@@ -463,6 +464,15 @@ def _findings(view: View) -> None:
         for run in session.runs:
             if all(issue["severity"] == "note" for issue in run["findings"]):
                 draw.tag("span", f"✓ {shown_name(run['name'])}", "tick")
+    if (offer := session.offer) is not None:
+        with draw.tag("div", style="finding"):
+            draw.tag("p", offer.sentence)
+            with draw.tag("div", style="row"):
+                accept = partial(session.start, session.accept, offer)
+                label = ACCEPT.format(shown_name(offer.run["name"]))
+                draw.button(label, accept, "accept")
+                decline = partial(session.start, session.decline, offer)
+                draw.button("Leave it as it is", decline, "decline")
     first = session.remedies[:1]
     if first and len(first[0]["change"]["arguments"].get("apply", ())) > 1:
         with draw.tag("div", style="row"):
