@@ -822,7 +822,7 @@ def test_a_named_project_is_saved_again_and_listed(tmp_path, monkeypatch):
 
     monkeypatch.setattr("sdp_vs_penalty.page.server.serve", served)
     for _ in range(2):
-        with pytest.raises(SystemExit, match="^0$"):
+        with pytest.raises(SystemExit, match=r"^0$"):
             main(["page", "--project", str(folder), "--no-browser"])
     assert json.loads((folder / "project.json").read_text())["name"] == "mine!!"
 
