@@ -76,21 +76,20 @@ def read_and_hold(
     problem = make(hold)
     try:
         runs = read(problem)
-        why = ("stands still without torque", "stand still without torque")
+        singular, plural = "stands still without torque", "stand still without torque"
         found = _idle_in_all(problem, runs)
     except MissingJoints as error:
         runs = []
-        why = ("is in no column", "are in no column")
+        singular, plural = "is in no column", "are in no column"
         found = dict.fromkeys(error.joints, 0.0)
     if not found:
         return problem, runs, hold
     held = ",".join(f"{name}={value:.6g}" for name, value in found.items())
-    is_one = len(found) == 1
-    links = "its link belongs to its parent"
-    if not is_one:
-        links = "their links belong to their parents"
+    why, links = plural, "their links belong to their parents"
+    if len(found) == 1:
+        why, links = singular, "its link belongs to its parent"
     console.warn(
-        f"{formatting.words(list(found))} {why[0] if is_one else why[1]}: held, {links};"
+        f"{formatting.words(list(found))} {why}: held, {links};"
         f" the same by `--hold {command_line([held])}`"
     )
     hold = f"{hold},{held}" if hold else held

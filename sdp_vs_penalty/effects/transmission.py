@@ -367,10 +367,11 @@ class TransmissionFriction(StatefulEffect):
             is_given_law = shape["law"] == law["law"]
             if is_given_law and shape not in shapes:
                 shapes.append(shape)
-        sure = [given_ratios, *map(_ratios, robot.couplings)]
+        # Combinations that the user or the robot's own couplings state are no guesses.
+        stated = [given_ratios, *map(_ratios, robot.couplings)]
         effects = list[Effect]()
         for ratios, shape in product(ratio_sets, shapes):
-            if ratios in sure or _worth_a_guess(ratios, shape, constants, sure):
+            if ratios in stated or _worth_a_guess(ratios, shape, constants, stated):
                 joints = [int(key[1:]) - 1 for key in ratios]
                 effects.append(cls(robot, joints, **{**ratios, **shape}))
         return effects

@@ -514,7 +514,8 @@ def _prediction(
     highest: float | None,
     determined: tuple[int, int],
 ) -> Line:
-    """Return the verdict's line on the prediction of motion that was not fitted.
+    """Return the verdict's line on the prediction of motion that was not fitted; where
+    hardly any of the motion is new, it says that nothing is known of that.
 
     - ``errors``: those of the joints.
     - ``share``: share of new motion; None if the model does not record its own.
@@ -525,44 +526,54 @@ def _prediction(
     - ``highest``: largest error [%] that motion of this length does not rule out.
     - ``determined``: number of base parameters that the data determine, and of all.
     """
-    unusable = errors.unusable
-    grade: Grade = "do not use" if unusable else "usable"
-    percent = "" if share is None else formatting.percent(share, 2)
-    # Case 1: hardly any motion is new, so nothing is said of prediction.
+    known = "the model does not record its own motion"
+    if share is not None:
+        known = f"{formatting.percent(share, 2)} of this motion is new"
     if share is None or share < MOSTLY_NEW:
-        known = "the model does not record its own motion"
-        if percent:
-            known = f"{percent} of this motion is new"
-        begin = f"{errors.share_in_words()} even on" if unusable else "Scored on"
-        sentence = (
-            f"{begin} motion like that of training ({known}); run `compare` on a new"
-            " recording"
-        )
-        n_determined, n_base = determined
-        if n_determined < MOSTLY_DETERMINED * n_base:
-            grade = "do not use"
-            sentence = (
-                f"The data determine {n_determined} of {n_base} base parameters: other"
-                f" motion is predicted by what was known before. {sentence}"
-            )
-        return Line(PREDICTION, grade, sentence + end)
-    # Case 2: new motion. "good" needs a small error and enough motion to know it.
+        return _prediction_unknown(errors, known, end, determined)
+    # "good" needs a small error and enough motion to know it.
+    grade: Grade = "usable"
     length = "" if seconds is None else f": {seconds:.3g} s"
     sentence = (
         f"the whole arm errs by {errors.relative:.3g} % of its torque on motion not used"
-        f" for fitting{length}, {percent} of it new"
+        f" for fitting{length}, {formatting.percent(share, 2)} of it new"
     )
-    if unusable:
-        sentence = f"{errors.share_in_words()}; {sentence}"
     limit = 100.0 * CHANGES
-    if not unusable and errors.beyond_noise_of_all <= limit and not far:
-        if highest is not None and highest > limit:
+    if errors.unusable:
+        grade = "do not use"
+        sentence = f"{errors.share_in_words()}; {sentence}"
+    elif errors.beyond_noise_of_all <= limit and not far:
+        if highest is None or highest <= limit:
+            grade = "good"
+        else:
             sentence = f"too short to tell: {sentence}"
             if np.isfinite(highest):
                 sentence += f"; so little does not rule out {highest:.2g} %"
-        else:
-            grade = "good"
     return Line(PREDICTION, grade, formatting.sentence(sentence + end))
+
+
+def _prediction_unknown(
+    errors: ErrorsBesideNoise, known: str, end: str, determined: tuple[int, int]
+) -> Line:
+    """Return the line of a model that was scored on motion like that of its training.
+
+    ``known`` says how much of the motion is new; the rest as :func:`_prediction` takes
+    it.
+    """
+    begin = f"{errors.share_in_words()} even on" if errors.unusable else "Scored on"
+    sentence = (
+        f"{begin} motion like that of training ({known}); run `compare` on a new"
+        " recording"
+    )
+    n_determined, n_base = determined
+    is_open = n_determined < MOSTLY_DETERMINED * n_base
+    if is_open:
+        sentence = (
+            f"The data determine {n_determined} of {n_base} base parameters: other"
+            f" motion is predicted by what was known before. {sentence}"
+        )
+    grade: Grade = "do not use" if errors.unusable or is_open else "usable"
+    return Line(PREDICTION, grade, sentence + end)
 
 
 def _missing_by_errors(fit: Line, over: Array | None) -> str:

@@ -415,6 +415,7 @@ class _Stage:
         last = np.inf
         n_evaluations = 1
         while n_evaluations < _EVALUATIONS:
+            # The Gauss-Newton step minimises |T step + r|^2, with a triangular T.
             triangle = self.triangle(point)
             r = triangle[:-1, -1]
             step, _ = scipy.linalg.lapack.dtrtrs(triangle[:-1, :-1], -r)
@@ -691,9 +692,9 @@ def made_feasible(constraints: ConstraintSet, theta: Array, interior: Array) -> 
     """Move an almost feasible theta (p,) towards a point strictly inside the convex
     constraints, until all constraints hold.
 
-    Shares of the way are tried from none over a rounding error (1e-14) to all of it,
-    four a decade. Where the nonconvex constraints hold at none of them, the nearest
-    point of the convex ones is returned; the certificate says what it violates.
+    Shares of the way are tried in turn: 0, then from 1e-14, a rounding error, to 1, four
+    a decade. Where the nonconvex constraints hold at none of these points, the nearest
+    one at which the convex ones do is returned; the certificate says what it violates.
     """
     repaired = repair(constraints, theta, interior)
     four_a_decade = np.logspace(-14.0, 0.0, 1 + 4 * 14)

@@ -399,9 +399,9 @@ class TriangleInequality(Demand):
         return 0.5 * moments.sum(axis=1) - moments[:, 2]
 
     def margins_and_slopes(self, p: Array) -> tuple[Array, Array]:
-        """Return margins (n,) and their derivatives (n, p).
+        """Return :meth:`margins` (n,) and their derivatives (n, p) by the parameters.
 
-        The derivative of lambda_max by I is v v^T, with v its unit eigenvector.
+        By I they are 1 / 2 - v v^T, with v the unit eigenvector of lambda_max.
         """
         moments, vectors = np.linalg.eigh(p[self.matrices])
         v = vectors[:, :, 2]  # of the largest moment

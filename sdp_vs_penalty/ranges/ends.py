@@ -256,10 +256,15 @@ class EndSearch:
     def least(
         self, functions: Sequence[Array], masses: Sequence[Array] | None = None
     ) -> list[End]:
-        """Return the least value of each function g (p,), with its own c.
+        """Return the least value of each function g (p,), with its own c: the loss above
+        the least one up to which models count as fitting.
 
         With ``masses`` m (p,) it is the least ratio v of g^T theta to m^T theta: the
         ends are those of g - v m, whose values are about zero.
+
+        An end needs the c of the directions that it rests on, which the end itself
+        shows. So it is found for a first c, and again for a c a little above the one
+        that it needs, until that is enough.
         """
         if not functions:
             return []
@@ -270,11 +275,11 @@ class EndSearch:
         c = _ABOVE * self.c_of(rough)
         points = self._points(h, m, c, _FINE, rough)
         for _ in range(_ROUNDS):
-            rests = self.c_of(points)
-            wider = np.flatnonzero(rests > c)
+            needed = self.c_of(points)
+            wider = np.flatnonzero(needed > c)
             if not len(wider):
                 break
-            c[wider] = _ABOVE * rests[wider]
+            c[wider] = _ABOVE * needed[wider]
             parts = h[wider], m[wider], c[wider]
             points.put(wider, self._points(*parts, _FINE, rough[wider]))
         return [
@@ -318,7 +323,8 @@ class EndSearch:
         ]
 
     def c_of(self, points: Points) -> Array:
-        """Return c (k,) of what each point rests on."""
+        """Return the c (k,) of the directions of the data that each point rests on; the
+        first c where it rests on none."""
         allowed = self.allowed
         ball = allowed.ball
         w = points.ball[:, None] * ((points.theta @ ball.A.T - ball.a) @ ball.A)

@@ -111,10 +111,12 @@ def still_points(robot: Robot) -> list[Array]:
     carrying = list(robot.link_joints)
     frames = np.array([robot.tree[k].link_frame for k in carrying])
     poses = robot.poses(robot.tree_state(q)[0])[:, carrying] @ frames
-    moved = (poses[1:] - poses[:1])[:, :, :3]
-    out = []
-    for link in range(moved.shape[1]):
-        rows = moved[:, link].reshape(-1, 4)
-        _, size, axes = np.linalg.svd(rows, full_matrices=False)
-        out.append(axes[size <= _STILL * np.sqrt(len(rows))].T)
-    return out
+    # A point x (4,) of a link stands still if (pose - first pose) x = 0 in all poses.
+    differences = (poses[1:] - poses[:1])[:, :, :3]
+    bases = []
+    for link in range(differences.shape[1]):
+        rows = differences[:, link].reshape(-1, 4)
+        _, sizes, axes = np.linalg.svd(rows, full_matrices=False)
+        is_still = sizes <= _STILL * np.sqrt(len(rows))
+        bases.append(axes[is_still].T)
+    return bases

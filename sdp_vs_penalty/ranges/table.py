@@ -89,22 +89,20 @@ class Range(JsonRecord):
     def _narrow_sentence(self) -> str:
         """What is known where the model is right: the range, and what decides it."""
         below, above = self.least, self.greatest
-        lower, upper = (
-            f"{_end_text(below)} {self.unit}",
-            f"{_end_text(above)} {self.unit}",
-        )
+        lower = _end_text(below)
+        upper = f"{_end_text(above)} {self.unit}"
         if np.isinf(below.value) and np.isinf(above.value):
             return f"Nothing limits {self.name} on either side ({above.reason})."
         if np.isinf(above.value):
-            return f"{self.name} is at least {lower} ({below.reason}); above, {_OPEN}."
+            least = f"{lower} {self.unit} ({below.reason})"
+            return f"{self.name} is at least {least}; above, {_OPEN}."
         if np.isinf(below.value):
             return f"{self.name} is at most {upper} ({above.reason}); below, {_OPEN}."
         if below.reason == above.reason:
-            reason = f" ({below.reason})"
-            return f"{self.name} lies between {_end_text(below)} and {upper}{reason}."
+            return f"{self.name} lies between {lower} and {upper} ({below.reason})."
         return (
-            f"{self.name} lies between {_end_text(below)} ({below.reason}) and"
-            f" {upper} ({above.reason})."
+            f"{self.name} lies between {lower} ({below.reason}) and {upper}"
+            f" ({above.reason})."
         )
 
     def __str__(self) -> str:

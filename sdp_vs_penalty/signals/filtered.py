@@ -118,8 +118,13 @@ class _ChunkCache:
         Left out are columns that depend on a current model's torque and, of a long run,
         those that are quick to make again.
         """
-        # In memory: a function that returns the list.
-        put = partial(partial, list) if self.shelf is None else self.shelf.put
+
+        def put(blocks: list[Block]) -> Read:
+            """Put columns away, in memory or on the shelf; return what reads them."""
+            return (
+                partial(list, blocks) if self.shelf is None else self.shelf.put(blocks)
+            )
+
         self.columns = [
             (effect, model.sign_width, reads.get(k) or put(known[k]))
             for k, effect in enumerate(model.effects)

@@ -136,23 +136,43 @@ def _valleys(
 ) -> list[tuple[float, float]]:
     """List the lags at which track b may repeat track a: minima of their difference.
 
-    The difference at each of L consecutive lags, in steps, is the mean square D(lag) of
-    b(t_b0 + k step + lag) - a(t_a0 + k step) over k and joints, each joint in units of
-    its scale. All lags are computed by one correlation, as sum x^2 + sum y^2 - 2 sum x
-    y. Between lags D is a parabola.
-
     Parameters
     ----------
     scale : (n,) array
         Size of each joint's motion [rad or m].
     step : float
         Time from one lag to the next [s].
+    lags : (L,) array of int
+        Consecutive lags, in steps.
 
     Returns
     -------
     list of (float, float)
         D and the lag [s] at each minimum that is near enough to 0 for a repetition, in
         the order of the lags.
+    """
+    squares = _mean_squares(a, b, scale, step, lags)
+    left = squares[:-2]
+    center = squares[1:-1]
+    right = squares[2:]
+    # Between lags D is a parabola: the vertex of the one through three neighbours.
+    bend = left - 2.0 * center + right
+    is_minimum = (center <= left) & (center <= right) & (bend > 0.0)
+    shift = 0.5 * (left - right) / np.where(is_minimum, bend, 1.0)
+    lowest = center - 0.25 * (left - right) * shift
+    at = np.flatnonzero(is_minimum & (lowest < (2.0 * ALIKE) ** 2))
+    seconds = (lags[1 + at] + shift[at]) * step
+    return list(zip(lowest[at], seconds, strict=True))
+
+
+def _mean_squares(
+    a: Track, b: Track, scale: Array, step: float, lags: Indices
+) -> Array:
+    """Return the difference D (L,) of two tracks at each lag.
+
+    D(lag) is the mean square of b(t_b0 + k step + lag) - a(t_a0 + k step) over k and
+    joints, each joint in units of its scale. All lags are computed by one correlation,
+    as sum x^2 + sum y^2 - 2 sum x y; the arguments are those of :func:`_valleys`.
     """
     x = _evenly(a, step, scale)
     y = x if b is a else _evenly(b, step, scale)
@@ -175,18 +195,7 @@ def _valleys(
         - squares_of_y[first + lags]
         - 2.0 * product
     )
-    squares = np.maximum(total, 0.0) / ((last - first) * n)
-    left = squares[:-2]
-    center = squares[1:-1]
-    right = squares[2:]
-    # Vertex of the parabola through three neighbouring lags.
-    bend = left - 2.0 * center + right
-    is_minimum = (center <= left) & (center <= right) & (bend > 0.0)
-    shift = 0.5 * (left - right) / np.where(is_minimum, bend, 1.0)
-    lowest = center - 0.25 * (left - right) * shift
-    at = np.flatnonzero(is_minimum & (lowest < (2.0 * ALIKE) ** 2))
-    seconds = (lags[1 + at] + shift[at]) * step
-    return list(zip(lowest[at], seconds, strict=True))
+    return np.maximum(total, 0.0) / ((last - first) * n)
 
 
 def _evenly(track: Track, step: float, scale: Array) -> Array:

@@ -44,14 +44,16 @@ def standstill_leakage(
         The low-passes of states and of torques.
     """
     positions = stretch.resampled(stretch.q, 0, stretch.count)
-    reaching = is_still(positions).astype(float)
-    if not reaching.any():
-        return reaching[rows]
+    # 1 where a joint stands still, then what each low-pass in turn makes of that.
+    share = is_still(positions).astype(float)
+    if not share.any():
+        return share[rows]
     for kernel in kernels:
+        # Beyond its ends the stretch goes on as it begins and ends.
         margin = ((kernel.half, kernel.half), (0, 0))
-        padded = np.pad(reaching, margin, mode="edge")
-        (reaching,) = convolve(padded, np.abs(kernel.value))
-    return reaching[rows]
+        padded = np.pad(share, margin, mode="edge")
+        (share,) = convolve(padded, np.abs(kernel.value))
+    return share[rows]
 
 
 def is_still(q: Array) -> Mask:
