@@ -23,6 +23,7 @@ from sdp_vs_penalty.effects import (
     effect_types,
     on_the_arm,
 )
+from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
@@ -256,11 +257,16 @@ class Finding(Rated):
         """The size with its 95 % interval, such as "3.12 ± 0.49 N m (95 %)".
 
         Where the torque is known far better than the size, which follows the shape
-        constants, it is said too.
+        constants, it is said too. A size that may be zero is not said.
         """
-        if not self._torque_tells_more:
+        if self.size_may_be_zero:
+            amount = "size open"
+            if not self._torque_tells_more:
+                return amount
+        elif not self._torque_tells_more:
             return format_size(self.size, self.std, self.unit)
-        amount = _amount(self.size, self.std, self.unit)
+        else:
+            amount = _amount(self.size, self.std, self.unit)
         return f"{amount}, {self.torque_text} (95 %)"
 
     @property
@@ -277,9 +283,11 @@ class Finding(Rated):
     @property
     def _torque_tells_more(self) -> bool:
         """Whether the size is uncertain, and its relative standard deviation more than
-        twice the torque's.
+        twice the torque's, which is not zero.
         """
-        if not self.torque_rms or self.torque_std is None:
+        if self.torque_rms is None or self.torque_std is None:
+            return False
+        if not self.torque_rms > NORMAL_95 * self.torque_std:
             return False
         of_size = self.std / abs(self.size) if self.size else np.inf
         of_torque = self.torque_std / self.torque_rms
@@ -344,6 +352,8 @@ class Finding(Rated):
     @property
     def on_the_arm(self) -> str:
         """A sentence on what the effect is mechanically on the arm, with its size."""
+        if self.size_may_be_zero:
+            return f"{ON_THE_ARM}how large it is, these runs do not tell."
         fitted = FittedEffect(
             name=self.effect,
             joints=self.joints,
@@ -371,7 +381,7 @@ class Finding(Rated):
         if self.joints:
             where = f"joint {'+'.join(map(str, self.joints))}"
         name = formatting.sentence(effect_name(self.effect))
-        head = f"{name} on {where}: {format_size(self.size, self.std, self.unit)}"
+        head = f"{name} on {where}: {self.size_text}"
         head += f" ({self.constants})" if self.constants else ""
         text = f"{head}. {self.physics}"
         if self.rivals_without_curve:

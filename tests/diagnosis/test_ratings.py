@@ -386,3 +386,12 @@ def test_a_setting_that_does_not_lower_the_error_is_not_to_be_re_estimated(
     )
     assert tuple(doubt.reason for doubt in found.doubts) == doubts
     assert found.torque_is_certain == (not doubts)
+
+
+def test_a_size_that_may_be_zero_stands_nowhere():
+    """A sigmoid friction of "1e-08 ± 19 N m, 0.0883 ± 13023 N m RMS"."""
+    for torque in ({}, {"torque_rms": 0.0883, "torque_std": 6600.0}):
+        found = finding("sigmoid_friction", 1, size=1e-8, std=10.0, **torque)
+        assert found.size_text == "size open"
+        assert "do not tell" in found.on_the_arm
+        assert "1e-08" not in f"{found.line}{found.explanation}"

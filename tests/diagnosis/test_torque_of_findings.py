@@ -101,6 +101,7 @@ def test_the_torque_of_a_power_law_scatters_as_its_draws_do(two_link, rows):
         (0.3, 0.1, False),  # both are as uncertain
         (0.05, 0.01, False),  # the size is known
         (0.3, None, False),  # findings.json of an older version
+        (0.6, 0.01, True),  # the size may be zero, and is not said
     ],
 )
 def test_the_torque_is_said_where_it_tells_more_than_the_size(std, torque_std, is_said):
@@ -112,7 +113,13 @@ def test_the_torque_is_said_where_it_tells_more_than_the_size(std, torque_std, i
         torque_std=torque_std,
         torque_unit="N m",
     )
-    for name in ("torque_text", "_torque_tells_more"):
+    for name in (
+        "half_width_95",
+        "size_may_be_zero",
+        "torque_text",
+        "_torque_tells_more",
+    ):
         setattr(finding, name, vars(Finding)[name].fget(finding))
     text = vars(Finding)["size_text"].fget(finding)
     assert ("0.5 ± 0.02 N m RMS" in text) == is_said
+    assert text.startswith("size open") == (std > 0.5)
