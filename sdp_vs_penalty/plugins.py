@@ -213,13 +213,19 @@ def by_word(pairs: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, A
     for value, plugin in pairs:
         first = plugins.setdefault(value, plugin)
         if first is not plugin:
-            names = " and ".join(
-                getattr(rival, "__name__", str(rival)) for rival in (first, plugin)
-            )
+            names = " and ".join(map(_named_with_home, (first, plugin)))
             raise InputError(
-                f"{names} have the same {word}, {value!r}", "give each its own"
+                f"{names} have the same {word}, {value!r}",
+                "give each its own, or leave out one of them",
             )
     return dict(sorted(plugins.items()))
+
+
+def _named_with_home(plugin: Any) -> str:
+    """Return the name of a plug-in, and the module or file in which it stands."""
+    name = getattr(plugin, "__name__", str(plugin))
+    home = getattr(plugin, "__module__", "")
+    return f"{name} of {home}" if home else name
 
 
 def lazy_exports(package: str, **homes: str) -> Callable[[str], Any]:

@@ -29,7 +29,7 @@ def test_a_name_of_two_modules_is_refused():
 
 def test_a_number_of_two_classes_is_refused():
     entries = [(3, int), (3, str)]
-    words = "int and str have the same table_place, 3"
+    words = "int of builtins and str of builtins have the same table_place, 3"
     refusal(lambda: plugins.by_word(entries, "table_place"), words)
 
 

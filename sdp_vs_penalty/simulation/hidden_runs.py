@@ -20,7 +20,7 @@ from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types, parse_effects, standard_effect
-from sdp_vs_penalty.effects.effect import Effect, JointEffect, Motion
+from sdp_vs_penalty.effects.effect import CurrentModel, Effect, JointEffect, Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import WRITERS_PATIENCE, folder_lock, write_text
 from sdp_vs_penalty.problem.load import as_problem
@@ -358,6 +358,7 @@ def _plan(
             name,
             joints,
             problem=problem,
+            links=setup.links,
             world=world,
             motions=coarse_motions,
             factor=factor,
@@ -402,6 +403,7 @@ def _sized_effects(
     joints: Sequence[int],
     *,
     problem: Problem,
+    links: Array,
     world: World,
     motions: Sequence[TrueMotion],
     factor: float,
@@ -425,7 +427,7 @@ def _sized_effects(
         if name in MAKERS:
             unsized = make_hidden(name, world, joint, rng)
         else:
-            unsized = _of_its_own_file(kind(problem.robot, [joint]))
+            unsized = _of_its_own_file(kind(problem.robot, [joint]), links)
         sized = unsized.sized(world, motions, factor)
         if sized is not unsized:
             sized_effects.append(sized)
@@ -437,21 +439,24 @@ def _sized_effects(
     return sized_effects
 
 
-def _of_its_own_file(effect: Effect) -> Hidden:
+def _of_its_own_file(effect: Effect, links: Array) -> Hidden:
     """Hide an effect of which the tables of worlds have no maker: by the second
-    statement of its law in its file, else by its own columns, each of its parameters as
-    large as its size."""
+    statement of its law in its file, else by its own columns along true ``links``
+    (n, 10), each of its parameters as large as its size."""
     number = 1.0 if len(effect.parameters) == 1 else None
-    change = partial(_torque_of, effect)
+    change = partial(_torque_of, effect, CurrentModel(effect.robot, links))
     return Hidden(effect.joints, change, number, shape=effect.shape, effect=effect.name)
 
 
-def _torque_of(effect: Effect, world: World, motion: TrueMotion, size: float) -> Array:
+def _torque_of(
+    effect: Effect, current: CurrentModel, world: World, motion: TrueMotion, size: float
+) -> Array:
     """Return the torque (N, n) of an effect of a size, each of its parameters as large:
     by the second statement of its law where there is one, else by its columns."""
     law = effect.hidden_torque
     if law is None:
-        states = Motion(motion.t, motion.q, motion.dq, motion.ddq)
+        rigid = world.rigid(motion) if effect.needs_torque else None
+        states = Motion(motion.t, motion.q, motion.dq, motion.ddq, rigid, current)
         return effect.torque(np.full(len(effect.parameters), size), states)
     torque = np.zeros_like(motion.q)
     for joint in effect.joints:

@@ -277,13 +277,17 @@ def check_needs_are_declared(kind: type[Effect], forms: Forms) -> None:
     }
     for effect in forms(robot):
         columns = wide_columns(effect, motion)
+        # Of what is declared a change of small columns counts too; of what is not, none
+        # below rounding.
+        small = 1e-12 * np.abs(columns).max(initial=0.0)
         needs = any(
             getattr(effect, word) for word in changed if word != "follows_clock"
         )
         _demand_columns_of(effect, bare, are_there=not needs)
         for word, others in changed.items():
+            tolerance = small if getattr(effect, word) else 1e-12
             differs = not all(
-                np.allclose(wide_columns(effect, x), columns, _ROUNDING, atol=1e-12)
+                np.allclose(wide_columns(effect, x), columns, _ROUNDING, tolerance)
                 for x in others
             )
             if getattr(effect, word):

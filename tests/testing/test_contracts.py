@@ -18,6 +18,8 @@ from sdp_vs_penalty import InputError, plugins, register
 from sdp_vs_penalty.api.registration import REGISTRIES
 from sdp_vs_penalty.data.formats import FORMATS
 from sdp_vs_penalty.data.log import log_of_arrays
+from sdp_vs_penalty.effects.effect import JointEffect
+from sdp_vs_penalty.effects.shape import VELOCITY, ShapeConstant
 from sdp_vs_penalty.estimators import LmiSdp
 from sdp_vs_penalty.testing import ContractError, contracts
 from sdp_vs_penalty.testing.files import FORMAT_CONTRACTS, small_run
@@ -65,6 +67,38 @@ def test_a_registered_plugin_keeps_the_contracts(name, registered):
     assert len(asked) >= 2
     for contract in asked.values():
         contract()
+
+
+class LoadStribeck(JointEffect):
+    """Friction of the load, at low speed alone: its columns are tiny on fast motion."""
+
+    equation = "f_ls |tau_l| sign(dq) exp(-|dq| / v_ls)"
+    explanation = "Dry friction that grows with the load, at low speed."
+    reference = "none"
+    symbol = "f_ls"
+    units = ("1", "1")
+    lower = 0.0
+    needs_links = True
+    shapes = {
+        "v_ls": ShapeConstant(0.2, VELOCITY, grid=(0.05, 0.5), bounds=(0.01, 2.0))
+    }
+
+    def column(self, motion, joint):
+        load = np.abs(motion.link_torque[:, joint]) * motion.sign(joint)
+        return load * np.exp(-np.abs(motion.dq[:, joint]) / self.shape["v_ls"])
+
+
+def test_an_effect_of_the_load_keeps_the_contracts_and_can_be_hidden(registered):
+    register(LoadStribeck)
+    for contract in contracts(LoadStribeck).values():
+        contract()
+    runs = sdp.simulate("two_link", hide="load_stribeck:2", seed=1)
+    bare = sdp.simulate("two_link", seed=1)
+    added = runs.train[0].tau - bare.train[0].tau
+    rms = np.sqrt(np.mean(np.square(added), axis=0))
+    assert rms[0] == 0.0
+    assert rms[1] > 0.0
+    assert [x["effect"] for x in runs.truth["effects"]] == ["load_stribeck"]
 
 
 @pytest.mark.parametrize("name", FORMATS.all())
