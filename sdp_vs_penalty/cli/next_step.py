@@ -78,8 +78,11 @@ def say_what_follows(
 def _runs_not_trained_on(
     estimate: Estimate, data: Sequence[Path], measurements: Measurements | None
 ) -> list[Path]:
-    """Return the given runs, as files, that a model was not identified from: by their
-    files, and by their content where it was read."""
+    """Return the files of ``data`` that a model was not identified from.
+
+    A run was, if the model records its file, or the hash of its content; ``measurements``
+    are the runs' contents, None where they were not read.
+    """
     recorded = NamedRuns.recorded(estimate.provenance.get("data", ()))
     trained_on = [] if recorded is None else _files(recorded.files)
     hashes = {estimate.provenance.get("data_hash")}

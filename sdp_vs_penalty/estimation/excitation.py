@@ -570,20 +570,19 @@ def save_trajectory(
 
     Parameters
     ----------
+    trajectory : FourierTrajectory or PointTrajectory
+        The motion of n joints, written from its begin to its end [s; rad, m].
     path : str or Path
-        A .csv file, written atomically.
-
-    Returns
-    -------
-    None
-        The file is written completely, or not at all.
+        A .csv file, which is written completely or not at all.
     """
     rate = 1e3  # Hz
+    # A duration of whole milliseconds keeps its last one, in spite of rounding.
     n_instants = int(np.floor(trajectory.duration * rate + 1e-9)) + 1
     t = np.arange(n_instants) / rate
-    n = trajectory.states(t[:1])[0].shape[1]
-    header = ["t", *(f"{name}{j + 1}" for name in ("q", "dq", "ddq") for j in range(n))]
-    rows = np.column_stack([t, *trajectory.states(t)])
+    q, dq, ddq = trajectory.states(t)  # (N, n) each
+    joints = range(1, q.shape[1] + 1)
+    header = ["t", *(f"{name}{j}" for name in ("q", "dq", "ddq") for j in joints)]
+    rows = np.column_stack([t, q, dq, ddq])
     row_format = ",".join(["%.9g"] * len(header))
     lines = [",".join(header)]
     lines += [row_format % tuple(row) for row in rows.tolist()]

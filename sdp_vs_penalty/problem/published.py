@@ -120,13 +120,11 @@ def published_values(
     values = {}
     for name in box_tables(problem):
         for row in problem.published[name]:
-            text = (
-                published_cell(
+            text = ""
+            if column in row:
+                text = published_cell(
                     problem, table=name, row=row, column=column, corrected=corrected
                 )
-                if column in row
-                else ""
-            )
             values[row["parameter"]] = float(text) if text else np.nan
     return values
 
