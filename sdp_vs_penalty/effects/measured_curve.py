@@ -33,6 +33,14 @@ _IN_WORDS = {
 }
 
 
+#: A combination of two joints, "q4+0.5q5", and a variable of one joint, "sign(dq4)".
+_OF_TWO_JOINTS = re.compile(
+    r"(?P<word>d?q)(?P<joint>[1-9]\d*)(?P<sign>[+-])(?P<ratio>[\d.]*)(?P=word)"
+    r"(?P<other>[1-9]\d*)"
+)
+_OF_A_JOINT = re.compile(r"(?P<begin>[a-z(]+)(?P<joint>[1-9]\d*)(?P<end>\)?)")
+
+
 @dataclass(frozen=True)
 class Variable:
     """A variable over which a table of torques runs."""
@@ -113,13 +121,15 @@ class Variable:
         """
         if text == "t":
             return cls("t")
-        if match := re.fullmatch(r"(d?q)([1-9]\d*)([+-])([\d.]*)\1([1-9]\d*)", text):
-            ratio = float(match[3] + (match[4] or "1"))
-            return cls(match[1], int(match[2]) - 1, int(match[5]) - 1, ratio)
-        match = re.fullmatch(r"([a-z(]+)([1-9]\d*)(\)?)", text)
-        if not match or match[1] + match[3] not in set(WORDS) - {"t", "none"}:
+        if both := _OF_TWO_JOINTS.fullmatch(text):
+            ratio = float(both["sign"] + (both["ratio"] or "1"))
+            joint, other = int(both["joint"]) - 1, int(both["other"]) - 1
+            return cls(both["word"], joint, other, ratio)
+        one = _OF_A_JOINT.fullmatch(text)
+        word = one["begin"] + one["end"] if one else ""
+        if not one or word not in set(WORDS) - {"t", "none"}:
             raise ValueError(f"{text!r} is no variable of a curve")
-        return cls(match[1] + match[3], int(match[2]) - 1)
+        return cls(word, int(one["joint"]) - 1)
 
     def unit(self, torque_units: Sequence[str]) -> str:
         """Return the variable's unit.

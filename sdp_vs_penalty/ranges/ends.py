@@ -194,13 +194,14 @@ class End:
     def proof(self, name: str) -> Proof:
         """Return a proof in exact arithmetic that nothing allowed lies beyond the end.
 
-        It is one of infeasibility: constraints, the data as a second-order cone, and
-        the claim that the function, by this name, lies a millionth of its size beyond
-        the end contradict each other. `verify` accepts its file.
+        It is one of infeasibility: three things contradict each other, with multipliers
+        that show it. `verify` accepts its file. They are the constraints; the data, as a
+        second-order cone; and the claim that the function, by this name, lies a
+        millionth of its size beyond the end.
         """
         allowed = self.allowed
         ball = allowed.ball
-        residual = ball.A @ self.witness - ball.a
+        # 1. The data: |A theta - a| is at most the radius.
         radius = np.sqrt(allowed.limit(self.c))
         every = np.arange(len(self.g))
         in_ball = build.linear(
@@ -211,6 +212,7 @@ class End:
             np.concatenate([[radius], -ball.a]),
             cone="soc",
         )
+        # 2. The claim: g^T theta is less than what is proved of it.
         beyond = self.lowest - _CLEARANCE * self.size
         relation = "<=" if self.sign > 0.0 else ">="
         claim = build.linear(
@@ -220,10 +222,13 @@ class End:
             -self.g[:, None],
             [beyond],
         )
+        # 3. Multipliers: those of the end for the constraints, y for the data.
         entries = allowed.constraints.entries
         parts = entries.each(self.multipliers)
         multipliers = dict(zip(allowed.constraints.convex, parts, strict=True))
-        # A^T y takes up all that the other multipliers leave of g in seen directions.
+        # A^T y takes up all that the other multipliers leave of g in seen directions;
+        # the second round takes up what rounding has left of the first.
+        residual = ball.A @ self.witness - ball.a
         y = -2.0 * self.ball * residual
         pulled = entries.adjoint(self.multipliers, len(self.g)) - self.g
         for _ in range(2):

@@ -126,21 +126,29 @@ def compare_motions(
 
 
 def with_rows(allowed: AllowedSet, rows: Array, c: float) -> AllowedSet:
-    """Return the set of c that further rows (N, p), weighted like the data's, would leave,
-    were the model in the middle of the set of c the true one."""
+    """Return the set of models that would be left with further rows (N, p), weighted
+    like the data's.
+
+    What these rows would measure is not known: it is taken for what the model in the
+    middle of the set of ``c`` makes there.
+    """
     ball = allowed.ball
-    A = np.vstack([ball.A, np.linalg.qr(rows, mode="r")])
-    a = A @ allowed.optimiser(c).centre
-    a[: len(ball.a)] = ball.a
+    further = np.linalg.qr(rows, mode="r")
+    A = np.vstack([ball.A, further])
+    a = np.concatenate([ball.a, further @ allowed.optimiser(c).centre])
+    # In an orthonormal basis U of the columns; what lies outside of it is in every loss.
     U, _ = column_space(A)
-    residual = a - U @ (U.T @ a)
+    outside = a - U @ (U.T @ a)
+    loss_ls = ball.loss_ls + float(outside @ outside)
+    both = replace(ball, A=U.T @ A, a=U.T @ a, loss_ls=loss_ls)
     std = np.sqrt(c) / allowed.z
-    both = replace(
-        ball, A=U.T @ A, a=U.T @ a, loss_ls=ball.loss_ls + float(residual @ residual)
-    )
-    spread = lambda w: std * np.linalg.norm(w @ both.directions, axis=1)  # noqa: E731
-    out = replace(allowed, ball=replace(both, spread=spread))
-    return replace(out, fit=out.best_fit(1e-10))
+
+    def spread(w: Array) -> Array:
+        """Return the standard deviations (k,) of functions w (k, p), of white noise."""
+        return std * np.linalg.norm(w @ both.directions, axis=1)
+
+    longer = replace(allowed, ball=replace(both, spread=spread))
+    return replace(longer, fit=longer.best_fit(1e-10))
 
 
 def rows_of_motion(posed: EstimationProblem, motion: FourierTrajectory) -> Array:
