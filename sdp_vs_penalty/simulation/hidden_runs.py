@@ -441,23 +441,31 @@ def _sized_effects(
 
 def _of_its_own_file(effect: Effect, links: Array) -> Hidden:
     """Hide an effect of which the tables of worlds have no maker: by the second
-    statement of its law in its file, else by its own columns along true ``links``
-    (n, 10), each of its parameters as large as its size."""
+    statement of its law in its file, else by its own columns, each of its parameters as
+    large as its size. ``links`` (n, 10) are the true ones."""
     number = 1.0 if len(effect.parameters) == 1 else None
     change = partial(_torque_of, effect, CurrentModel(effect.robot, links))
     return Hidden(effect.joints, change, number, shape=effect.shape, effect=effect.name)
 
 
 def _torque_of(
-    effect: Effect, current: CurrentModel, world: World, motion: TrueMotion, size: float
+    effect: Effect, true: CurrentModel, world: World, motion: TrueMotion, size: float
 ) -> Array:
     """Return the torque (N, n) of an effect of a size, each of its parameters as large:
-    by the second statement of its law where there is one, else by its columns."""
+    by the second statement of its law where there is one, else by its columns on the
+    true robot: its links, its torque without the effect, its temperature."""
     law = effect.hidden_torque
     if law is None:
-        rigid = world.rigid(motion) if effect.needs_torque else None
-        states = Motion(motion.t, motion.q, motion.dq, motion.ddq, rigid, current)
-        return effect.torque(np.full(len(effect.parameters), size), states)
+        seen = Motion(
+            motion.t,
+            motion.q,
+            motion.dq,
+            motion.ddq,
+            torque=world.torque(motion) if effect.needs_torque else None,
+            current=true,
+            temperature=world.temperature(motion.t),
+        )
+        return effect.torque(np.full(len(effect.parameters), size), seen)
     torque = np.zeros_like(motion.q)
     for joint in effect.joints:
         sign = world.share(motion)[:, joint]

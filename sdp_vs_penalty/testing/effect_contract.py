@@ -240,22 +240,21 @@ def check_memory(kind: type[Effect], forms: Forms) -> None:
         demand(same, f"{effect.text} looks at later rows")
 
 
-def _demand_columns_of(effect: Effect, bare: Motion, are_there: bool) -> None:
-    """Demand that an effect makes columns of a bare motion, or that it refuses."""
+def _has_columns_of(effect: Effect, motion: Motion) -> bool:
+    """Return whether an effect makes columns of a motion, or refuses since it lacks a
+    field."""
     try:
-        effect.blocks(bare)
-    except ValueError as error:
-        demand(not are_there, f"{effect.text} needs what it does not declare: {error}")
-        return
-    demand(are_there, f"{effect.text} has columns without what it needs")
+        effect.blocks(motion)
+    except ValueError:
+        return False
+    return True
 
 
 def check_needs_are_declared(kind: type[Effect], forms: Forms) -> None:
-    """A torque, links, a clock: columns change with what is declared, in one way at
-    least, and with nothing else."""
+    """Columns refuse a motion without a field that is declared, and do not change with
+    one that is not: what they read, not how much of it shows in this motion."""
     robot = robots()["arm"]
     motion = steady_motion(robot)
-    bare = Motion(motion.t, motion.q, motion.dq, motion.ddq)
     command = motion.logged_command
     # Other shares of the links, of which a law that saturates may see nothing, and
     # turned ones, of which a law of shares sees nothing.
@@ -263,44 +262,57 @@ def check_needs_are_declared(kind: type[Effect], forms: Forms) -> None:
     late = replace(command, t=motion.t + 7.0)
     farther = replace(command, q=motion.q, dq=motion.dq, position_integral=motion.q)
     later = replace(motion, t=motion.t + 7.0, command=late)
-    changed = {
-        "needs_torque": [replace(motion, torque=2.0 * motion.model_torque + 1.0)],
-        "needs_links": [
-            replace(motion, current=CurrentModel(robot, x)) for x in other_links
-        ],
-        "follows_clock": [later],
-        "needs_temperature": [
-            replace(motion, temperature=motion.joint_temperature + 5.0)
-        ],
-        "needs_command": [replace(motion, command=farther)],
-        "needs_motors": [replace(motion, motors=motion.q)],
+    # Without its fields, and with others.
+    without_and_others = {
+        "needs_torque": (
+            replace(motion, torque=None),
+            [replace(motion, torque=2.0 * motion.model_torque + 1.0)],
+        ),
+        "needs_links": (
+            replace(motion, current=None),
+            [replace(motion, current=CurrentModel(robot, x)) for x in other_links],
+        ),
+        "needs_temperature": (
+            replace(motion, temperature=None),
+            [replace(motion, temperature=motion.joint_temperature + 5.0)],
+        ),
+        "needs_command": (
+            replace(motion, command=None, position_integral=None),
+            [replace(motion, command=farther)],
+        ),
+        "needs_motors": (
+            replace(motion, motors=None),
+            [replace(motion, motors=motion.q)],
+        ),
     }
     for effect in forms(robot):
         columns = wide_columns(effect, motion)
-        # Of what is declared a change of small columns counts too; of what is not, none
-        # below rounding.
-        small = 1e-12 * np.abs(columns).max(initial=0.0)
-        needs = any(
-            getattr(effect, word) for word in changed if word != "follows_clock"
-        )
-        _demand_columns_of(effect, bare, are_there=not needs)
-        for word, others in changed.items():
-            tolerance = small if getattr(effect, word) else 1e-12
-            differs = not all(
-                np.allclose(wide_columns(effect, x), columns, _ROUNDING, tolerance)
-                for x in others
-            )
+
+        def change_with(
+            other: Motion, effect: Effect = effect, columns: Array = columns
+        ) -> bool:
+            found = wide_columns(effect, other)
+            return not np.allclose(found, columns, _ROUNDING, atol=1e-12)
+
+        for word, (without, others) in without_and_others.items():
+            reads = not _has_columns_of(effect, without)
             if getattr(effect, word):
-                sentence = "nothing changes with it here: without, or other constants"
-                demand(differs, f"{effect.text} declares {word}, but {sentence}")
+                sentence = f"declares {word}, but has columns without it"
+                demand(reads, f"{effect.text} {sentence}")
             else:
-                change = f"the columns of {effect.text} change with it"
-                demand(not differs, f"declare {word} = True: {change}")
+                reads = reads or any(map(change_with, others))
+                sentence = f"the columns of {effect.text} read it"
+                demand(not reads, f"declare {word} = True: {sentence}")
         if effect.follows_clock:
+            sentence = "declares follows_clock, but nothing changes with it here"
+            demand(change_with(later), f"{effect.text} {sentence}")
             pairs = (kind.candidates(robot, effect.joints[0], t) for t in (0.0, 7.0))
             for a, b in zip(*pairs, strict=True):
                 moved = wide_columns(b, later) - wide_columns(a, motion)
                 demand(np.allclose(moved, 0.0, atol=1e-12), "its clock does not begin")
+        else:
+            sentence = f"the columns of {effect.text} change with it"
+            demand(not change_with(later), f"declare follows_clock = True: {sentence}")
 
 
 def check_units(kind: type[Effect], forms: Forms) -> None:

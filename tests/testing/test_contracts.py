@@ -18,16 +18,17 @@ from sdp_vs_penalty import InputError, plugins, register
 from sdp_vs_penalty.api.registration import REGISTRIES
 from sdp_vs_penalty.data.formats import FORMATS
 from sdp_vs_penalty.data.log import log_of_arrays
-from sdp_vs_penalty.effects.effect import JointEffect
-from sdp_vs_penalty.effects.shape import VELOCITY, ShapeConstant
 from sdp_vs_penalty.estimators import LmiSdp
+from sdp_vs_penalty.simulation.worlds.world import TrueMotion
 from sdp_vs_penalty.testing import ContractError, contracts
+from sdp_vs_penalty.testing.effect_contract import check_needs_are_declared, variants
 from sdp_vs_penalty.testing.files import FORMAT_CONTRACTS, small_run
 
 THEIRS = Path(__file__).parent / "theirs"
 #: Of the package in that folder: each plug-in by its module.
 PLUGINS = {
     "rubber": "RubberSpring",
+    "loaded": "LoadStribeck",
     "ridge": "Ridge",
     "half_hearted": "HalfHearted",
     "semicolons": "",
@@ -69,42 +70,33 @@ def test_a_registered_plugin_keeps_the_contracts(name, registered):
         contract()
 
 
-class LoadStribeck(JointEffect):
-    """Friction of the load, at low speed alone: its columns are tiny on fast motion."""
-
-    equation = "f_ls |tau_l| sign(dq) exp(-|dq| / v_ls)"
-    explanation = "Dry friction that grows with the load, at low speed."
-    reference = "none"
-    symbol = "f_ls"
-    units = ("1", "1")
-    lower = 0.0
-    needs_links = True
-    shapes = {
-        "v_ls": ShapeConstant(0.2, VELOCITY, grid=(0.05, 0.5), bounds=(0.01, 2.0))
-    }
-
-    def column(self, motion, joint):
-        load = np.abs(motion.link_torque[:, joint]) * motion.sign(joint)
-        return load * np.exp(-np.abs(motion.dq[:, joint]) / self.shape["v_ls"])
-
-
-def test_an_effect_of_the_load_keeps_the_contracts_and_can_be_hidden(registered):
-    register(LoadStribeck)
-    for contract in contracts(LoadStribeck).values():
-        contract()
-    runs = sdp.simulate("two_link", hide="load_stribeck:2", seed=1)
-    bare = sdp.simulate("two_link", seed=1)
-    added = runs.train[0].tau - bare.train[0].tau
-    rms = np.sqrt(np.mean(np.square(added), axis=0))
-    assert rms[0] == 0.0
-    assert rms[1] > 0.0
-    assert [x["effect"] for x in runs.truth["effects"]] == ["load_stribeck"]
-
-
 @pytest.mark.parametrize("name", FORMATS.all())
 @pytest.mark.parametrize("contract", FORMAT_CONTRACTS, ids=lambda c: c.__name__)
 def test_every_format_keeps_every_contract(contract, name):
     contract(FORMATS.all()[name])
+
+
+def test_a_need_is_what_columns_read_however_small_they_are(registered):
+    careless = type("LoadStribeck", (registered["loaded"],), {"needs_links": False})
+    judge = contracts(registered["loaded"])["check_needs_are_declared"]
+    judge()
+    with pytest.raises(ContractError, match="declare needs_links = True"):
+        check_needs_are_declared(careless, lambda robot: variants(careless, robot))
+
+
+def test_an_effect_of_the_links_torque_hides_in_the_true_links(registered):
+    """In those of the world, which differ from the file's."""
+    runs = sdp.simulate("two_link", "load_stribeck:2", link_error=0.3)
+    (hidden,) = runs.hidden
+    t = np.linspace(0.0, 1.0, 50)
+    q = np.sin(3.0 * t[:, None] + [0.0, 1.0])
+    motion = TrueMotion(t, q, 3.0 * np.cos(3.0 * t[:, None] + [0.0, 1.0]), -9.0 * q)
+    load = np.abs(runs.world.rigid(motion)[:, 1])
+    dq = motion.dq[:, 1]
+    expected = hidden.size * load * np.tanh(dq / 0.01) * np.exp(-np.abs(dq) / 0.2)
+    torque = hidden.torque(runs.world, motion)
+    np.testing.assert_allclose(torque[:, 1], expected, rtol=1e-6)
+    assert not torque[:, 0].any()
 
 
 def test_what_is_no_plugin_is_refused(theirs):
