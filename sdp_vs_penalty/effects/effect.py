@@ -530,15 +530,16 @@ class Effect(ABC):
 
     @classmethod
     def own_columns(cls, forms: Sequence[Self], motion: Motion) -> Array:
-        """Compute the columns (N, k K) that K forms of this effect on one joint have in
-        that joint's own torque, form by form.
+        """Compute the columns (N, k K) that K forms of this effect have in the torque of
+        their first joint, form by form, for a search that looks at that joint alone.
 
-        An effect on several joints may have them for less than those of all.
+        A class may override it where these columns are quicker to make than those of
+        all joints.
 
         Parameters
         ----------
         forms
-            The effect on the same joint with several values of its shape constants.
+            The effect on the same joints with several values of its shape constants.
         motion
             The motion at N instants.
         """

@@ -152,21 +152,26 @@ def torque_band(
 def band_of(
     allowed: AllowedSet, t: Array, columns: list[Array], measured: Array
 ) -> Band:
-    """Return the band of the torque that regressor rows (N, p) of each joint make."""
+    """Return the band of the torque that regressor rows (N, p) of each joint make.
+
+    Without the constraints the torque y^T theta of a row y is within
+    sqrt(loss |V^T y|^2 + (z std(y))^2) of that of least squares: ``loss`` is what the
+    constraints cost, and with model error also what the noise does not explain.
+    """
     ball = allowed.ball
     V = ball.directions
-    theta = V @ ball.a
+    least_squares = V @ ball.a
     centre, half, wide = np.zeros((3, len(t), len(columns)))
     peaks = np.zeros((len(columns), 2))
     rows_of_peaks = []
     for j, Y in enumerate(columns):
-        centre[:, j] = Y @ theta
-        leverage = np.linalg.norm(Y @ V, axis=1)
-        # c(y) |V^T y|^2 is the square of y's own half-width.
-        own = (allowed.z * np.nan_to_num(ball.spread(Y))) ** 2
-        half[:, j] = np.sqrt(allowed.cost * leverage**2 + own)
-        more = allowed.cost + ball.structure
-        wide[:, j] = np.sqrt(more * leverage**2 + own)
+        centre[:, j] = Y @ least_squares
+        leverage = np.linalg.norm(Y @ V, axis=1)  # (N,) |V^T y|
+        by_noise = (allowed.z * np.nan_to_num(ball.spread(Y))) ** 2
+        half[:, j] = np.sqrt(allowed.cost * leverage**2 + by_noise)
+        with_error = allowed.cost + ball.structure
+        wide[:, j] = np.sqrt(with_error * leverage**2 + by_noise)
+        # At the peak the constraints are asked as well.
         peak = np.argmax(np.abs(centre[:, j]) + half[:, j])
         rows_of_peaks.append(Y[peak])
     for j, (low, high) in enumerate(EndSearch(allowed).both(rows_of_peaks)):

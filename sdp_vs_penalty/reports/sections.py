@@ -306,17 +306,19 @@ def _torque_curves(data: ReportData, moved: Sequence[float]) -> list[charts.Curv
 def _stretches(
     data: ReportData, failing: Failures, j: int, moved: Sequence[float]
 ) -> list[tuple[float, float, str]]:
-    """Return where joint j (from 0) fails: begin [s], end [s] and cause, on the
-    figure's axis, which has each run's clock ``moved`` by an offset [s]."""
-    first = data.comparisons[0].name
+    """Return where joint j (from 0) fails: begin [s], end [s] and cause.
+
+    Times are those of the figure's axis, on which the runs follow each other: each
+    run's clock is ``moved`` by an offset [s].
+    """
+    first_model = data.comparisons[0].name
     placed = []
     for stretch in failing[j].stretches:
-        for run, shift in zip(data.judged[first], moved, strict=True):
+        for run, shift in zip(data.judged[first_model], moved, strict=True):
             t = run.motion.t
             if stretch.run.startswith(run.name) and t[0] <= stretch.start <= t[-1]:
-                placed.append(
-                    (stretch.start + shift, stretch.stop + shift, stretch.cause)
-                )
+                begin, end = stretch.start + shift, stretch.stop + shift
+                placed.append((begin, end, stretch.cause))
     return placed
 
 

@@ -24,11 +24,9 @@ def verb(
     from sdp_vs_penalty.estimation.proofs import verify_proof_file
     from sdp_vs_penalty.solvers import verify_proof
 
-    files = [
-        f
-        for p in proofs
-        for f in (sorted(p.rglob("*proof.json")) if p.is_dir() else [p])
-    ]
+    files = list[Path]()
+    for path in proofs:
+        files += sorted(path.rglob("*proof.json")) if path.is_dir() else [path]
     if not files:
         raise InputError(
             "no file named *proof.json in this folder", "name the proofs", proofs[0]
@@ -36,11 +34,9 @@ def verb(
     if data and model is None:
         raise InputError("--data without a model", "name the model with --model")
     estimate = None if model is None else load_estimate(model)
-    runs = (
-        runs_from_options(estimate.problem, NamedRuns(data, window))[1]
-        if data and estimate is not None
-        else None
-    )
+    runs = None
+    if data and estimate is not None:
+        _, runs = runs_from_options(estimate.problem, NamedRuns(data, window))
     refused = 0
     for path in files:
         holds, text = verify_proof_file(path, estimate, runs)
