@@ -18,7 +18,7 @@ from sdp_vs_penalty.diagnosis.passing.cause import beside_spans
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_intervals_of_search
 from sdp_vs_penalty.diagnosis.white_rows import diagnosis_rows, whiten_rows
-from sdp_vs_penalty.effects import EXAMPLES, parse_effects
+from sdp_vs_penalty.effects import EXAMPLES, effect_in_words, parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
@@ -37,7 +37,7 @@ from sdp_vs_penalty.estimation.sensitivity import (
     free_constants,
     sensitivities,
 )
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end, with_shapes
 from sdp_vs_penalty.estimation.sources import parameter_sources
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty, beside_held
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
@@ -532,6 +532,38 @@ def _given_constants(effect: Effect) -> frozenset[str]:
     pair.
     """
     return effect.given | (set(effect.shape) - set(type(effect).shapes))
+
+
+def constants_at_an_end(asked: str, added: Sequence[Effect]) -> list[str]:
+    """Return a sentence for each constant that was estimated and lies at an end of its
+    range: these data do not tell it.
+
+    Parameters
+    ----------
+    asked : str
+        The effects as they were named; a constant with a value there was not estimated.
+    added : sequence of Effect
+        The effects of the extended model that it has more.
+    """
+    sentences = []
+    for effect in added:
+        kind = effect.robot.joints[effect.joints[0]].kind
+        for name, value in effect.shape.items():
+            constant = effect.shapes[name].on(kind)
+            low, high = constant.bounds or (0.0, 0.0)
+            if (
+                low > 0.0
+                and f"{name}=" not in asked
+                and at_end(*np.log([value, low, high]).tolist())
+            ):
+                unit = effect.shapes[name].unit_on(kind)
+                where = effect_in_words(effect.brief)
+                sentences.append(
+                    f"{where}: {name} lies at an end of its range, {low:g} to"
+                    f" {high:g} {unit}: these data do not tell it, and another law may"
+                    " fit as well. Give it a value, or ask `diagnose`."
+                )
+    return sentences
 
 
 def all_given(effect: Effect) -> bool:
