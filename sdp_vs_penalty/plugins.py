@@ -78,7 +78,7 @@ class Registry(Generic[P]):
 
     def forget(self) -> None:
         """Look for the plug-ins of the folder and of other packages again."""
-        for cached in ("_all", "of_folder"):
+        for cached in ("_all", "_files", "of_folder"):
             vars(self).pop(cached, None)
         installed_entry_points.cache_clear()
 
@@ -117,6 +117,12 @@ class Registry(Generic[P]):
                 raise InputError(f"{where} is no {self.kind}", remedy)
             yield plugin
 
+    @cached_property
+    def _files(self) -> frozenset[str]:
+        """Names of the files in our folder, without endings."""
+        home = import_module(self.package)
+        return frozenset(module.name for module in iter_modules(home.__path__))
+
     def find(self, name: str) -> P | None:
         """Return the plug-in with a name; None if there is none.
 
@@ -124,8 +130,7 @@ class Registry(Generic[P]):
         does not have the plug-in are all files imported, and other packages at last.
         """
         file = name.replace("-", "_")
-        files = iter_modules(import_module(self.package).__path__)
-        if any(module.name == file for module in files):
+        if file in self._files:
             home = import_module(f"{self.package}.{file}")
             for value in (home, *vars(home).values()):
                 if self.accepts(value) and self.name_of(value) == name:
