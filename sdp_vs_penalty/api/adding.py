@@ -10,7 +10,6 @@ from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import Source, as_measurements, training_runs
 from sdp_vs_penalty.data.recorded import words_of_source
 from sdp_vs_penalty.diagnosis.adding import add as add_effects
-from sdp_vs_penalty.diagnosis.adding import constants_at_an_end
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.diagnosis.passing.cause import beside_spans
@@ -78,10 +77,8 @@ def add(
     extended = add_effects(
         model, effects, runs, frozen=frozen, seed=seed, progress=progress
     )
-    if isinstance(effects, str):
-        added = extended.model.effects[len(model.model.effects) :]
-        for sentence in constants_at_an_end(effects, added):
-            warnings.warn(sentence, stacklevel=3)
+    if extended.constants_at_ends != model.constants_at_ends:
+        warnings.warn(extended.constants_at_ends, stacklevel=3)
     if isinstance(effects, Diagnosis):
         runs = beside_spans(runs, effects.left_out)
     progress("comparing measured with modelled")

@@ -18,7 +18,7 @@ from sdp_vs_penalty.diagnosis.passing.cause import beside_spans
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_intervals_of_search
 from sdp_vs_penalty.diagnosis.white_rows import diagnosis_rows, whiten_rows
-from sdp_vs_penalty.effects import EXAMPLES, effect_in_words, parse_effects
+from sdp_vs_penalty.effects import EXAMPLES, parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
@@ -37,7 +37,12 @@ from sdp_vs_penalty.estimation.sensitivity import (
     free_constants,
     sensitivities,
 )
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end, with_shapes
+from sdp_vs_penalty.estimation.shapes import (
+    ConstantKey,
+    ShapeEstimate,
+    constants_at_ends,
+    with_shapes,
+)
 from sdp_vs_penalty.estimation.sources import parameter_sources
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty, beside_held
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
@@ -118,8 +123,29 @@ def add(
         to_estimate = [e for e in added if not all_given(e)]
         all_effects = [*_own(estimate, retuned), *new]
         extended = again.identified_jointly(all_effects, to_estimate)
+    searched = _searched_constants(added, _findings_of(effects))
+    of_model = {tuple(key) for key in estimate.details.get("at_ends") or ()}
+    searched |= of_model - {change.key for change in retuned}
+    at_ends = [key for key in constants_at_ends(extended.model) if key in searched]
+    details = {**extended.details, "at_ends": at_ends}
+    extended = replace(extended, details=details)
     extended = with_intervals_of_search(extended, _findings_of(effects))
     return _with_noise_of(estimate, extended)
+
+
+def _searched_constants(
+    added: Sequence[Effect], findings: Sequence[Finding]
+) -> set[ConstantKey]:
+    """Return the shape constants of added effects that a search has chosen: those of a
+    finding, and those without a value in the text of an effect."""
+    found = {(f.effect, number - 1) for f in findings for number in f.joints}
+    return {
+        (effect.name, joint, name)
+        for effect in added
+        for joint in effect.joints
+        for name in effect.searched
+        if (effect.name, joint) in found or name not in _given_constants(effect)
+    }
 
 
 def _findings_of(
@@ -534,38 +560,6 @@ def _given_constants(effect: Effect) -> frozenset[str]:
     return effect.given | (set(effect.shape) - set(type(effect).shapes))
 
 
-def constants_at_an_end(asked: str, added: Sequence[Effect]) -> list[str]:
-    """Return a sentence for each constant that was estimated and lies at an end of its
-    range: these data do not tell it.
-
-    Parameters
-    ----------
-    asked : str
-        The effects as they were named; a constant with a value there was not estimated.
-    added : sequence of Effect
-        The effects of the extended model that it has more.
-    """
-    sentences = []
-    for effect in added:
-        kind = effect.robot.joints[effect.joints[0]].kind
-        for name, value in effect.shape.items():
-            constant = effect.shapes[name].on(kind)
-            low, high = constant.bounds or (0.0, 0.0)
-            if (
-                low > 0.0
-                and f"{name}=" not in asked
-                and at_end(*np.log([value, low, high]).tolist())
-            ):
-                unit = effect.shapes[name].unit_on(kind)
-                where = effect_in_words(effect.brief)
-                sentences.append(
-                    f"{where}: {name} lies at an end of its range, {low:g} to"
-                    f" {high:g} {unit}: these data do not tell it, and another law may"
-                    " fit as well. Give it a value, or ask `diagnose`."
-                )
-    return sentences
-
-
 def all_given(effect: Effect) -> bool:
     """Return whether all shape constants of an effect have values, so that none is
     estimated.
@@ -716,11 +710,7 @@ def joint_optimum_of_constants(
     return best.model, out
 
 
-#: Of a shape constant: effect name, joint (from 0), and the constant's name.
-_ConstantKey = tuple[str, int, str]
-
-
-def _free_constants_of(effects: Sequence[Effect]) -> set[_ConstantKey]:
+def _free_constants_of(effects: Sequence[Effect]) -> set[ConstantKey]:
     """Return the keys (effect, joint from 0, constant) of the constants that may be
     estimated.
 
@@ -728,7 +718,7 @@ def _free_constants_of(effects: Sequence[Effect]) -> set[_ConstantKey]:
     and those that may come several times on a joint: the key would not identify their
     constants.
     """
-    out = set[_ConstantKey]()
+    out = set[ConstantKey]()
     for effect in effects:
         if effect.whole_robot or effect.joins or effect.several:
             continue
@@ -737,7 +727,7 @@ def _free_constants_of(effects: Sequence[Effect]) -> set[_ConstantKey]:
     return out
 
 
-def _constants_of(model: Model) -> dict[_ConstantKey, float]:
+def _constants_of(model: Model) -> dict[ConstantKey, float]:
     """Return the values of all shape constants of a model, in SI units, by (effect
     name, joint from 0, constant).
     """

@@ -34,6 +34,7 @@ from sdp_vs_penalty.estimation.model_file import (
     ModelFile,
     ParameterEntry,
 )
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate, constants_in_words
 from sdp_vs_penalty.estimation.uncertainty import (
     Interval,
     Uncertainty,
@@ -346,8 +347,9 @@ class Estimate(Record):
 
     @property
     def held_by_bounds(self) -> list[tuple[str, str]]:
-        """Lines (label, text) on bounds that decide in place of the data, and on guessed
-        bodies that the data enlarged, for the user."""
+        """Lines (label, text) on bounds that decide in place of the data, on shape
+        constants at an end of their range, and on guessed bodies that the data enlarged,
+        for the user."""
         lines = []
         assumed = {
             f"mass of link {k}"
@@ -364,6 +366,8 @@ class Estimate(Record):
                 " bounds (--bounds), or take a method with a prior (lmi-sdp)"
             )
             lines.append(("at our widest limits", advice))
+        if at_ends := self.constants_at_ends:
+            lines.append(("constants", at_ends))
         enlarged = [
             f"link {k} ({body.enlarged:g} times)"
             for k, body in enumerate(self.problem.link_bodies, start=1)
@@ -376,6 +380,21 @@ class Estimate(Record):
             )
             lines.append(("guessed bodies", contradicted))
         return lines
+
+    @property
+    def constants_at_ends(self) -> str:
+        """Which estimated shape constants lie at an end of the range in which they were
+        looked for, and what that means; "" where none does."""
+        shapes = [ShapeEstimate.from_dict(s) for s in self.details.get("shapes") or ()]
+        keys = {s.key for s in shapes if s.at_end}
+        keys |= {tuple(key) for key in self.details.get("at_ends") or ()}
+        lines = constants_in_words(self.model, keys)
+        if not lines:
+            return ""
+        return (
+            f"{'; '.join(lines)}: at an end of the range that was searched; the data"
+            " bound it on one side only, and another law may explain as much"
+        )
 
     @property
     def determined_by_data(self) -> list[tuple[str, str]]:
@@ -793,6 +812,8 @@ class Estimate(Record):
         ]
         if self.unweighed:
             lines.append(("masses", self.unweighed))
+        if self.constants_at_ends:
+            lines.append(("constants", self.constants_at_ends))
         return title, lines
 
     def _table(self) -> Table:

@@ -149,6 +149,9 @@ class DetailsFields:
     on_bounds: tuple[str, ...] | None = None
     #: Shape constants that were estimated.
     shapes: tuple[ShapeEstimate, ...] = ()
+    #: Shape constants of effects that were added, which lie at an end of their range:
+    #: effect, joint from 0, name.
+    at_ends: tuple[tuple[str, int, str], ...] = ()
     #: The servo law, without a logged torque.
     servo: ServoFields | None = None
     #: The servo's loop, beside a logged torque.

@@ -20,7 +20,7 @@ an error of a constant makes is in sensitivity.py.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -51,6 +51,8 @@ from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
 
 #: Which rows take part: of a run's number and instants (N,), (N,) true or false.
 Chosen = Callable[[int, Array], Mask]
+#: Of a shape constant: effect, joint from 0, and the constant's name.
+ConstantKey = tuple[str, int, str]
 #: An effect, its joint (from 0), and the constant that is open there.
 _OpenConstant = tuple[Effect, int, str]
 
@@ -767,6 +769,44 @@ def with_shapes(
             constants = {k: values[effect.name, j, k] for j, k in keys if j == joint}
             out.append(effect.with_shape([joint], **constants))
     return tuple(out)
+
+
+def constants_at_ends(model: Model) -> list[ConstantKey]:
+    """List the shape constants of a model that lie at an end of the range in which a
+    search refines them: widths, exponents and times."""
+    return [
+        (effect.name, joint, name)
+        for effect in model.effects
+        for joint in effect.joints
+        for name, value in effect.shape.items()
+        if _is_at_end(effect.shapes[name].on(effect.robot.joints[joint].kind), value)
+    ]
+
+
+def _is_at_end(constant: ShapeConstant, value: float) -> bool:
+    """Return whether the value of a constant lies at an end of its bounds."""
+    if constant.bounds is None or constant.scale != "log":
+        return False
+    low, high = np.log(constant.bounds)
+    return at_end(float(np.log(value)), float(low), float(high))
+
+
+def constants_in_words(model: Model, keys: Collection[ConstantKey]) -> list[str]:
+    """Say values of some shape constants of a model, such as "v_s = 1 rad/s of Stribeck
+    friction on joint 2"; once where several joints share one."""
+    lines = []
+    for effect in model.effects:
+        shares = effect.whole_robot or effect.joins
+        for joint in effect.joints[:1] if shares else effect.joints:
+            kind = effect.robot.joints[joint].kind
+            where = "" if effect.whole_robot else f" on joint {joint + 1}"
+            lines += [
+                f"{name} = {effect.shapes[name].format_with_unit(value, kind)} of"
+                f" {effect_name(effect.name)}{where}"
+                for name, value in effect.shape.items()
+                if (effect.name, joint, name) in keys
+            ]
+    return lines
 
 
 def changed_constants_in_words(before: Model, after: Model) -> list[str]:

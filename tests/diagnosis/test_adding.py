@@ -13,9 +13,7 @@ from small_runs import small_run
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.data import concatenate, save
 from sdp_vs_penalty.diagnosis import Diagnosis
-from sdp_vs_penalty.diagnosis.adding import constants_at_an_end
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
@@ -196,15 +194,3 @@ def test_changed_constants_are_chosen_by_confidence(found):
     assert both.selected(confident=True).retuned == (sure,)
     assert "with the findings" in repr(both)
     assert "with the findings" not in repr(replace(found, retuned=()))
-
-
-@pytest.mark.parametrize(("width", "n_sentences"), [(0.012, 1), (0.1, 0), (1.0, 1)])
-def test_a_constant_at_an_end_of_its_range_is_said_unless_it_was_given(
-    width, n_sentences
-):
-    text = f"stribeck_friction:2@vs={width}"
-    effects = parse_effects(text, sdp.load_problem("two_link").robot)
-    said = constants_at_an_end("stribeck_friction:2", effects)
-    assert len(said) == n_sentences
-    assert all("vs lies at an end of its range, 0.012 to 1 rad/s" in x for x in said)
-    assert not constants_at_an_end(text, effects)

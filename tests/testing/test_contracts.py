@@ -99,6 +99,22 @@ def test_an_effect_of_the_links_torque_hides_in_the_true_links(registered):
     assert not torque[:, 0].any()
 
 
+def test_a_constant_at_an_end_of_its_range_is_said(registered):
+    """Friction of the load that does not fall with speed: v_ls has no upper end."""
+    runs = sdp.simulate("two_link", "load_dependent_friction:2")
+    bare = sdp.identify("two_link", runs.train, check=False)
+    assert not bare.constants_at_ends
+    said = "rad/s of load stribeck on joint 2: at an end of the range"
+    with pytest.warns(UserWarning, match=said):
+        grown = sdp.add(bare, "load_stribeck:2", runs.train)
+    assert said in grown.constants_at_ends
+    assert said in " ".join(str(grown).split())
+    assert said in dict(grown.held_by_bounds)["constants"]
+    assert said in sdp.add(grown, "joint_spring:1", runs.train).constants_at_ends
+    given = sdp.add(bare, "load_stribeck:2@v_ls=2", runs.train)
+    assert not given.constants_at_ends
+
+
 def test_what_is_no_plugin_is_refused(theirs):
     refusal(lambda: register(ModuleType("x")), "no plug-in", "SUFFIXES")
     refusal(lambda: contracts(theirs["ridge"]), "method ridge is not registered")

@@ -122,17 +122,13 @@ def _say_changes(
     time, in words, where its spans were left out; confident : whether only findings were
     added whose torque is certain.
     """
-    from sdp_vs_penalty.diagnosis.adding import constants_at_an_end
     from sdp_vs_penalty.effects import effect_in_words
     from sdp_vs_penalty.estimation.shapes import changed_constants_in_words
 
-    named_by_hand = isinstance(effects, str)
     added = bigger.model.effects[len(estimate.model.effects) :]
     if added:
         named = "; ".join(effect_in_words(e.brief) for e in added)
         console.paragraph(f"added: {named}")
-    for sentence in constants_at_an_end(effects, added) if named_by_hand else ():
-        console.warn(sentence)
     if acting:
         passes = "; ".join(acting)
         console.paragraph(f"identified without the spans of what passes: {passes}")
