@@ -127,3 +127,14 @@ def test_a_known_transmission_is_among_the_candidates():
     assert (1.0, -0.85, -0.85) in sought(coupled)
     assert (1.0, -0.85, -0.85) not in sought(ARM)
     assert (1.0, 1.0, 0.0) in sought(ARM)
+
+
+def test_ratios_of_joints_have_a_unit_where_their_positions_differ():
+    robot = robots()["tree"]
+    kinds = [joint.kind for joint in robot.joints]
+    turns, slides = kinds.index("revolute"), kinds.index("prismatic")
+    effect = effect_types()["transmission_friction"](robot, [turns, slides])
+    units = {k: s.unit for k, s in effect.shapes.items() if k != "law"}
+    first, other = sorted([turns, slides])
+    ratio = f"{robot.position_units[first]}/{robot.position_units[other]}"
+    assert units == {f"c{first + 1}": "-", f"c{other + 1}": ratio}

@@ -393,3 +393,9 @@ def test_a_held_joints_link_keeps_its_inertial_in_an_edited_urdf(tmp_path):
     tip = '<link name="tip"><inertial><mass value="0.1"/></inertial></link>'
     assert tip in TREE
     assert tip in out.read_text()
+
+
+def test_a_table_of_friction_needs_friction_over_velocity(tmp_path):
+    estimate = estimate_of(load_problem("two_link").robot, "rigid_body", 3)
+    with pytest.raises(InputError, match="no friction that follows the velocity alone"):
+        export(estimate, tmp_path / "friction.csv")

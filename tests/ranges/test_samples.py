@@ -23,6 +23,7 @@ from sdp_vs_penalty.ranges.samples import (
     dispersed_starts,
     masses_by_bounds,
 )
+from sdp_vs_penalty.ranges.worth import Worth, worth_sentence
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.constraint import ConstraintSet
@@ -167,3 +168,14 @@ def test_a_saved_model_finds_the_files_of_its_runs(two_link, tmp_path):
     path.unlink()
     with pytest.raises(InputError, match="no files of them that are still there"):
         find_ranges(model, functions=["m2"])
+
+
+def test_the_measurement_that_would_tell_most_is_named_beside_motion():
+    found = [
+        Worth("a scale", 1.0, 2.0, 0.2),
+        Worth("any motion, as long as you like", 1.0, 9.0, 0.75),
+    ]
+    assert worth_sentence(found) == (
+        "Most would tell: a scale (leaves 20 % of this length); motion, however long,"
+        " leaves 75 %."
+    )
