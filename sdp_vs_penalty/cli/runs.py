@@ -132,7 +132,9 @@ def runs_from_options(
     runs = load_answers(list(named.files), joints=n) or load_measurements(
         *named.files, joints=n, names=problem.channel_names, as_written=named.as_written
     )
-    return runs, windowed(runs, windows) if isinstance(runs, Measurements) else runs
+    if not isinstance(runs, Measurements):  # answers have no time
+        return runs, runs
+    return runs, windowed(runs, windows)
 
 
 def model_from_options(

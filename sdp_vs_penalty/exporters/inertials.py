@@ -296,14 +296,11 @@ def _contradictions(link: Any) -> tuple[str, ...]:
     found = []
     for name in PRODUCTS:
         mirrored = f"i{name[2]}{name[1]}"
-        texts = [None if tensor is None else tensor.get(k) for k in (mirrored, name)]
-        if texts[0] is None:
+        if tensor is None or tensor.get(mirrored) is None:
             continue
-        first, second = (numbers_of(text or "0", 1)[0] for text in texts)
-        if first != second:
-            found.append(
-                f'{mirrored}="{texts[0]}" contradicts {name}="{texts[1] or 0}"'
-            )
+        text, mirrored_text = tensor.get(name) or "0", tensor.get(mirrored)
+        if numbers_of(text, 1)[0] != numbers_of(mirrored_text or "0", 1)[0]:
+            found.append(f'{mirrored}="{mirrored_text}" contradicts {name}="{text}"')
     return tuple(found)
 
 

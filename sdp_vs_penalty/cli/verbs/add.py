@@ -91,8 +91,11 @@ def verb(
 
 
 def _refuse_harm(before: Any, after: Any, what: str) -> None:
-    """Raise InputError if findings raise the error (RMS) of a joint on some runs, where
-    it slides, to more than counts as noise, and no joint's error falls by more.
+    """Raise InputError if findings make a joint's error much larger than they make any
+    other's smaller.
+
+    Errors are RMS on some runs, where the joint slides; one that noise explains does not
+    count.
 
     before, after : comparisons of the models with the runs; what : the runs, in words.
     """
@@ -104,11 +107,13 @@ def _refuse_harm(before: Any, after: Any, what: str) -> None:
     errors = after.errors_sliding
     ratios = np.nan_to_num(errors.rmse / before.errors_sliding.rmse, nan=1.0)
     rises = np.where(errors.exceeds_noise, ratios, 1.0)
-    if rises.max() > 1.0 + MAX_JOINT_HARM and rises.max() * ratios.min() > 1.0:
-        joint = int(rises.argmax())
+    joint = int(rises.argmax())
+    harm = float(rises[joint])
+    # The largest benefit is 1 / ratios.min().
+    if harm > 1.0 + MAX_JOINT_HARM and harm * ratios.min() > 1.0:
         raise InputError(
             f"not added: with these findings joint {joint + 1} errs by"
-            f" {formatting.percent(rises[joint] - 1.0, 2)} more on {what} while it slides",
+            f" {formatting.percent(harm - 1.0, 2)} more on {what} while it slides",
             "choose findings with --only, or name an effect yourself",
         )
 
