@@ -978,7 +978,7 @@ class Diagnosis(Record, JsonRecord):
             words = f"add the {len(texts)} that are sure"
             if any(f.rating != "confident" for f in self.sure):
                 words = f"add the {len(texts)} whose torque is sure"
-            open_sizes = [f for f in self.effects if f.size_may_be_zero]
+            open_sizes = [f for f in self.effects if f.size_is_open]
             if n_open := len([f for f in open_sizes if f.torque_is_certain]):
                 words = f"add the {len(texts)} that help; the size of {n_open} is open"
         change = Change(

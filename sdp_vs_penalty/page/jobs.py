@@ -401,7 +401,7 @@ def motion(job: JobRequest) -> Answer:
         "file": name,
         "words": (
             f"{name} is in your downloads: {trajectory.duration:.3g} s of t, q, dq and ddq"
-            f" within the robot's limits, at most {formatting.number(speeds[fastest])}"
+            f" within the limits of the robot's file, at most {formatting.number(speeds[fastest])}"
             f" {unit} (joint {fastest + 1}). Look at it in a simulator, run it on the arm,"
             " and bring the log under Measure."
         ),

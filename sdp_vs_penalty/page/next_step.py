@@ -18,6 +18,7 @@ from sdp_vs_penalty.page.view import (
     graded,
     identified,
     label_of,
+    label_of_motion,
     look_in_words,
     set_aside_in_words,
     spoken,
@@ -91,6 +92,8 @@ def _of_runs(session: Session) -> NextStep:
         label = label_of(change.words)
         level = "bad" if session.meaningless else "usable"
         text = graded(remedy.problem, remedy.certainty)
+        if len(change.arguments.get("apply", ())) > 1:
+            text = graded(session.faults_in_words, remedy.certainty)
         effect = session.outcome_of(change.to_dict())
         return NextStep(f"{text} {effect}".strip(), label, "check", do, level=level)
     of_check = checked(session)
@@ -111,7 +114,10 @@ def _of_runs(session: Session) -> NextStep:
         do = partial(session.start, session.identify_anyway)
         return NextStep(text, "Identify anyway", "identify", do, level="bad")
     do = partial(session.start, session.identify)
-    label = "Identify the model"
+    is_unscaled = any(
+        remedy.change.arguments.get("scale") == {"tau": None} for remedy in remedies
+    )
+    label = "Identify without units" if is_unscaled else "Identify the model"
     return NextStep(of_check.text, label, "identify", do, level=of_check.level)
 
 
@@ -203,7 +209,7 @@ def _motion_to_record(view: View) -> NextStep | None:
             do = partial(session.start, session.make_motion, change, view.download)
             return NextStep(
                 graded(remedy["problem"], "certain"),
-                label_of(change["words"]),
+                label_of_motion(change),
                 "measure",
                 do,
             )

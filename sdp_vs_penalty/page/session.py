@@ -73,7 +73,11 @@ _DROPPED = (
     "{} dropped, since identified from what was there before: Undo brings it back."
 )
 #: Endings of files by what they are for, in the order in which they are opened.
-ENDINGS = {"robot": ROBOT_FILE_ENDINGS, "runs": suffixes(), "model": (".json",)}
+ENDINGS = {
+    "robot": ROBOT_FILE_ENDINGS,
+    "runs": (*suffixes(), ".txt", ".tsv", ".dat", ".log"),  # tables as text
+    "model": (".json",),
+}
 #: File of a motion to record.
 MOTION = "trajectory.csv"
 #: File of a session's state in its folder.
@@ -145,6 +149,21 @@ def _training_of(runs: Iterable[Mapping[str, Any]]) -> list[tuple[Any, ...]]:
     return [(run["file"], run["use"] == "split" and run["split"]) for run in used]
 
 
+def _alike_once(texts: Iterable[str]) -> tuple[str, ...]:
+    """Return each sentence once, with all files that it is about: "a.csv and b.csv: ..."."""
+    files_of = dict[str, list[str]]()
+    for text in texts:
+        name, colon, said = text.partition(": ")
+        is_about_file = bool(colon and Path(name).suffix)
+        files = files_of.setdefault(said if is_about_file else text, [])
+        if is_about_file and name not in files:
+            files.append(name)
+    return tuple(
+        f"{formatting.words(files)}: {said}" if files else said
+        for said, files in files_of.items()
+    )
+
+
 def _words_of_reading(change: Mapping[str, Any]) -> str:
     """Return in words the units that a change reads columns in, which a person has
     named; "" of another change."""
@@ -153,8 +172,10 @@ def _words_of_reading(change: Mapping[str, Any]) -> str:
         name = {"tau": "the torque", "q": "positions"}.get(column, column)
         gains = str(unit or "").replace(":", ", ")
         is_factor = gains[:1].isdigit() or gains[:1] in ("-", ".")
-        texts.append(f"{name} {'by' if is_factor else 'in'} {gains}")
-    return f"read {formatting.words(texts)}" if texts else ""
+        texts.append(
+            f"multiply {name} by {gains}" if is_factor else f"read {name} in {gains}"
+        )
+    return formatting.words(texts) if texts else ""
 
 
 def read_state(folder: Path) -> dict[str, Any]:
@@ -478,7 +499,7 @@ class Session:
         Without sentences the notice disappears; the same sentence about several files
         stands once. error : whether the notice is an error or a remark.
         """
-        texts = tuple(dict.fromkeys(map(self.in_words, texts)))
+        texts = _alike_once(map(self.in_words, texts))
         self.notice = PageNotice(texts, error) if texts else None
         self.changed()
 
@@ -850,8 +871,9 @@ class Session:
             raise
         self.arrived |= {file["name"]: Path(file["path"]) for file in files}
         again = {file["run"] for file in files}
-        self.assigned = {**self.assigned, json.dumps(columns): options}
         await self.read_files({**self.reading, **options}, again)
+        if all(mapping["columns"] != columns for mapping in self.refused):
+            self.assigned = {**self.assigned, json.dumps(columns): options}
 
     async def simulate(
         self,
@@ -1022,6 +1044,34 @@ class Session:
         return [issue for issue in issues if issue["severity"] != "note"]
 
     @property
+    def issues(self) -> list[tuple[dict[str, Any], list[dict[str, Any]]]]:
+        """Each issue of the check once, with the runs that have it.
+
+        Issues are the same if kind, place and remedy are equal; the first run's sentence
+        stands for all. Example: [({"kind": "torque sign", ...}, [run 1, run 2])].
+        """
+        groups = dict[
+            tuple[str, str, str], tuple[dict[str, Any], list[dict[str, Any]]]
+        ]()
+        for run in self.runs:
+            for issue in run["findings"]:
+                key = (issue["kind"], issue["where"], issue["remedy"])
+                groups.setdefault(key, (issue, []))[1].append(run)
+        return list(groups.values())
+
+    @property
+    def faults_in_words(self) -> str:
+        """What can be repaired, in a few words each: "run2.csv: torque sign (joint 4)"."""
+        texts = []
+        for issue, runs in self.issues:
+            verbs = [remedy["change"]["verb"] for remedy in issue["remedies"]]
+            names = formatting.words([shown_name(run["name"]) for run in runs])
+            names = "all runs" if len(runs) == len(self.runs) > 1 else names
+            if "transform" in verbs:
+                texts.append(f"{names}: {issue['kind']} ({issue['where']})")
+        return "; ".join(texts)
+
+    @property
     def kinds_of_issue(self) -> list[str]:
         """Kinds of what the check found in the runs, each once."""
         return sorted({issue["kind"] for issue in self.warnings})
@@ -1145,6 +1195,9 @@ class Session:
         commands = self._commands_of(change, request["files"])
         models = await self._judged_on(answer["runs"], answer["robot"])
         dropped = self._dropped(models)
+        done = words
+        if len(change["arguments"].get("apply", ())) > 1:  # the words count them
+            done = f"{words} ({self.faults_in_words})"
         self._step_from_here(words)
         self._take(answer)
         self._keep_models(models)
@@ -1152,7 +1205,7 @@ class Session:
             self.prepared = [*self.prepared, *commands]
         self.new = ("check", "check")
         self.seen_issues = self.kinds_of_issue
-        self.repairs = [*self.repairs, [words, answer["effect"]]]
+        self.repairs = [*self.repairs, [done, answer["effect"]]]
         self.say(*dropped, error=False)
 
     def _commands_of(

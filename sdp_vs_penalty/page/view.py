@@ -166,6 +166,12 @@ def label_of(words: str) -> str:
     return formatting.sentence(words).rstrip(".")
 
 
+def label_of_motion(change: Mapping[str, Any]) -> str:
+    """Return the label of the button that makes a motion to record."""
+    decides = " that decides it" if change["arguments"].get("separate") else ""
+    return f"Make a motion{decides}"
+
+
 def look_in_words(session: Session) -> str:
     """Return what looks for a load, or another change, with the model as it is."""
     names = formatting.words([shown_name(run["name"]) for run in session.runs_since])

@@ -78,7 +78,7 @@ for (const name of ["dragenter", "dragover", "dragleave", "drop"]) {
 }
 document.addEventListener("dragstart", (event) => {
   const column = event.target.closest?.(".of-file");
-  if (column) event.dataTransfer.setData("text/plain", column.textContent);
+  if (column) event.dataTransfer.setData("text/plain", column.dataset.column);
 });
 document.addEventListener("click", (event) => {
   const link = event.target.closest?.("[data-to]");

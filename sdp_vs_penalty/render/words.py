@@ -171,6 +171,9 @@ def describe_finding(
         arm = f"{ON_THE_ARM}these act together, and the runs show their sum alone."
         size = ""
         said_by = together[0].number if finding != together[0] else 0
+    elif finding.size_may_be_zero:
+        arm = f"{ON_THE_ARM}it helps, and these runs do not tell its size from zero."
+        size = ""
     return FindingWords(
         title=title,
         said_by=said_by,
@@ -224,10 +227,13 @@ def _evidence_for(
     if rising := _rising_joints(diagnosis, before, after):
         beside = "what is sure" if finding.torque_is_certain else "it"
         evidence.append((f"{rising} with {beside}.", False))
-    power = min(int(finding.gain / 2.0 / np.log(10.0)), _MOST_ODDS)
-    odds = f"{10**power:,}".replace(",", " ")
-    searched = "Odds for it in the runs that were searched"
-    evidence.append((f"{searched}: more than {odds} to 1.", True))
+    if finding.size_may_be_zero:
+        evidence.append(("Its size is not told from zero.", False))
+    else:
+        power = min(int(finding.gain / 2.0 / np.log(10.0)), _MOST_ODDS)
+        odds = f"{10**power:,}".replace(",", " ")
+        searched = "Odds for it in the runs that were searched"
+        evidence.append((f"{searched}: more than {odds} to 1.", True))
     if size:
         evidence.append((f"Size {size}.", not finding.size_is_open))
     if rivals := finding.rivals_in_words:

@@ -542,12 +542,7 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
 def test_the_folder_is_offered_and_kept_as_it_is(tmp_path):
     """Its runs, robots and problems, and nothing from outside it."""
     folder = tmp_path / "mine"
-    for name in (
-        "mine/arm.urdf",
-        "mine/run.csv",
-        "mine/notes.txt",
-        "else/problem.toml",
-    ):
+    for name in ("mine/arm.urdf", "mine/run.csv", "mine/notes.md", "else/problem.toml"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("")
     (folder / "other").symlink_to(tmp_path / "else")

@@ -22,6 +22,7 @@ from sdp_vs_penalty.page.view import (
     View,
     identified,
     label_of,
+    label_of_motion,
     look_in_words,
     requires_model,
     spoken,
@@ -158,14 +159,15 @@ def _card(
     with draw.tag("li", style=f"card finding-card{done}"):
         # What is said of several weak findings at once calls them by their numbers.
         number = "" if finding.torque_is_certain else f"{finding.number}. "
-        with _head(f"{number}{words.title}", f"card-{k}", is_open, words):
+        title = f"{number}{words.title}"
+        with _head(title, f"card-{k}", is_open and not is_added, words):
             draw.tag("p", words.on_the_arm, "on-the-arm")
             _picture(session, finding)
             draw.tag("h5", "Evidence")
             with draw.tag("ul", style="evidence"):
                 for sentence, speaks_for_it in words.evidence:
                     draw.tag("li", sentence, "for" if speaks_for_it else "against")
-            if words.test and not is_added:
+            if words.test:
                 _telling(view, finding, words.test, f"tell-{k}")
             if words.physics or words.constants:
                 with draw.details("What this effect is, and does", f"physics-{k}"):
@@ -206,7 +208,7 @@ def _telling(view: View, finding: Finding, words: str, key: str) -> None:
         return
     change = {"arguments": {"separate": finding.undecided.split(",")}}
     make = partial(session.start, session.make_motion, change, view.download)
-    draw.button("Make a motion that decides it", make, key)
+    draw.button(label_of_motion(change), make, key)
 
 
 def _adding(
@@ -250,7 +252,8 @@ def _curves(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     texts = session.diagnosed.curve_texts
     curves = zip(diagnosis.curves, words.curves, texts, strict=True)
     for k, (curve, sentence, text) in enumerate(curves):
-        with draw.tag("div", style="card finding-card"):
+        done = " done" if text in session.current.effects else ""
+        with draw.tag("div", style=f"card finding-card{done}"):
             name = f"Missing torque without a name, joint {curve.joint}"
             with _head(name, f"card-curve-{k}", is_open=not diagnosis.sure):
                 draw.tag("p", formatting.sentence(sentence))

@@ -26,6 +26,7 @@ from sdp_vs_penalty.page.view import (
     checked,
     graded,
     label_of,
+    label_of_motion,
     set_aside_in_words,
 )
 from sdp_vs_penalty.render.words import plain_name
@@ -231,9 +232,10 @@ def _mapping(session: Session, mapping: dict[str, Any]) -> None:
         begin = "Filled in with what is recognised, or by their order: look at it."
     draw.note(f"{begin} Drag a column to its place, or choose it there.")
     with draw.tag("div", style="row"):
-        for name in columns:
-            draw.tag("span", name, "of-file", draggable="true")
-    described = zip(columns, mapping["cells"], strict=True)
+        described = [*zip(columns, mapping["cells"], strict=True)]
+        for name, cells in described:
+            chip = {"draggable": "true", "data_column": name, "title": cells}
+            draw.tag("span", f"{name}: {cells.partition(',')[0]}", "of-file", **chip)
     options = [("", "not there")]
     options += [(name, f"{name}: {cells} ...") for name, cells in described]
     with draw.tag("div", style="fields"):
@@ -393,7 +395,7 @@ def _split_bar(session: Session, run: dict[str, Any], k: int) -> None:
                 place = f"left:{part['left']:.2f}%;width:{part['width']:.2f}%"
                 draw.tag("i", style=part["side"]).style(place)
         draw.slider(
-            "Share to identify from [%]",
+            f"Share of the motion to identify from: {split['share']:.0%}",
             f"{split['share']:.0%}".rstrip("%"),
             partial(session.start, session.split, run["file"]),
             key=f"split-{k}",
@@ -477,7 +479,7 @@ def _findings(view: View) -> None:
     if first and len(first[0]["change"]["arguments"].get("apply", ())) > 1:
         with draw.tag("div", style="row"):
             _remedy(view, first[0], "remedy-all")
-    for k, (issue, runs) in enumerate(_issues_with_runs(session)):
+    for k, (issue, runs) in enumerate(session.issues):
         names = formatting.words([shown_name(run["name"]) for run in runs])
         with draw.tag("div", style=f"finding {issue['severity']}"):
             grade, _, why = issue["certainty"].partition(": ")
@@ -504,6 +506,8 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
     session = view.session
     change = remedy["change"]
     label = label_of(change["words"])
+    if change["verb"] == "record":
+        label = label_of_motion(change)
     asked = [k for k, v in change["arguments"].get("scale", {}).items() if not v]
     if change["verb"] == "record":
         make = partial(session.start, session.make_motion, change, view.download)
@@ -548,22 +552,6 @@ def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:
         for j in gains:
             label = f"Joint {j} [N m per A or count]"
             draw.text_field(label, gains[j], partial(put, gains, j), f"{key}-gain-{j}")
-
-
-def _issues_with_runs(
-    session: Session,
-) -> list[tuple[dict[str, Any], list[dict[str, Any]]]]:
-    """Return each issue of the check once, with the runs that have it.
-
-    Issues are the same if kind, place and remedy are equal; the first run's sentence
-    stands for all. Example: [({"kind": "torque sign", ...}, [run 1, run 2])].
-    """
-    groups: dict[tuple[str, str, str], tuple[dict[str, Any], list[dict[str, Any]]]] = {}
-    for run in session.runs:
-        for issue in run["findings"]:
-            key = (issue["kind"], issue["where"], issue["remedy"])
-            groups.setdefault(key, (issue, []))[1].append(run)
-    return list(groups.values())
 
 
 def _checked(session: Session) -> StageVerdict:

@@ -17,7 +17,7 @@ from sdp_vs_penalty.results.table import Table
 #: Files and what they are for.
 FILES = {
     "report.html": "what was found, to be read and handed on",
-    "model.h": "for a controller: all of the model in C",
+    "model.h": "for a controller: the model in C",
     "robot.urdf": "for ROS and simulators",
     "robot.xml": "for MuJoCo",
     "model.json": "for this program",
