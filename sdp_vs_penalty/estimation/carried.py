@@ -41,10 +41,10 @@ def payload_in_words(estimate: Estimate) -> str:
 
 
 def doubts_of_payload(estimate: Estimate) -> list[str]:
-    """Say why a payload should not be used as it is, a sentence each.
+    """Say why the mass of a payload is none, a sentence each: the data do not determine
+    it, or its 95 % interval holds zero.
 
-    A mass that the data do not determine, or whose 95 % interval holds zero, shows no
-    load. Then there is the density (:func:`doubts_of_bodies`).
+    Its inertia is another matter (:func:`doubts_of_bodies`): a mass is as good without.
 
     Returns
     -------
@@ -57,18 +57,17 @@ def doubts_of_payload(estimate: Estimate) -> list[str]:
     index, theta = found
     mass = f"{formatting.number(theta[0])} kg"
     half_width = NORMAL_95 * estimate.uncertainty.std[index]
-    doubts = []
     if estimate.sources[index] != "data":
-        doubts.append(
+        return [
             f"payload: these data do not determine its mass of {mass}: move the joints"
             " that carry it against gravity"
-        )
-    elif half_width >= theta[0]:
-        doubts.append(
+        ]
+    if half_width >= theta[0]:
+        return [
             f"payload: its mass of {mass} may be zero (± {half_width:.2g} kg): measure"
             " with the load on"
-        )
-    return [*doubts, *_doubt_of_density("payload", theta)]
+        ]
+    return []
 
 
 def doubts_of_bodies(estimate: Estimate) -> list[str]:
@@ -83,6 +82,8 @@ def doubts_of_bodies(estimate: Estimate) -> list[str]:
         The sentences, none for bodies that can be made.
     """
     doubts = doubts_of_payload(estimate)
+    if found := payload_parameters(estimate):
+        doubts += _doubt_of_density("payload", found[1])
     for number, theta in enumerate(estimate.links, start=1):
         doubts += _doubt_of_density(f"link {number}", theta)
     return doubts
@@ -95,8 +96,8 @@ def _doubt_of_density(name: str, theta: Array) -> list[str]:
         return []
     return [
         f"{name}: no material is as dense as its mass and inertia need (at least"
-        f" {_density_in_words(density)}): set its inertia from its drawing, or move the"
-        " arm so that its inertia shows"
+        f" {_density_in_words(density)}): the torque does not show its inertia; set it"
+        " from its drawing, or move the arm so that it shows"
     ]
 
 

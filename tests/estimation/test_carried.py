@@ -79,8 +79,9 @@ def test_the_mass_of_a_payload_is_said_with_its_interval(loaded):
 
 def test_a_payload_that_no_material_could_make_is_doubted(loaded):
     thin = with_payload(loaded, ball(1.5, 1e-5, (0.1, 0.02, 0.0)), 0.01)
-    (doubt,) = doubts_of_payload(thin)
+    (doubt,) = doubts_of_bodies(thin)
     assert "no material is as dense" in doubt
+    assert doubts_of_payload(thin) == []  # its mass is as good
     light = with_payload(loaded, ball(1e-3, 0.035, (0.1, 0.02, 0.0)), 0.01)
     (doubt,) = doubts_of_payload(light)
     assert "its mass of 0.001 kg may be zero (± 0.02 kg)" in doubt
