@@ -8,13 +8,15 @@ the divergence from the nominal links with the weight k of the default method's 
 
 Hit-and-run (Smith, Operations Research 1984): along a random direction the density is a
 Gaussian on an interval, whose ends are eigenvalues of small matrices. A direction in which all
-parameters move at random meets some constraint at once. Directions are therefore of two kinds, in
-turn: a column of the covariance, which moves one parameter and the others as they follow it, with
-the precision A^T A / s^2 plus the barrier's Hessian at the chains' mean, fixed after the warm-up;
-and a parameter that the fewest others counter, so that no torque shows it. An entropic prior enters
-by a Metropolis step. Many chains run as one array, from starts near the set's boundary. They are
-judged by the split R^ of Gelman and Rubin (Bayesian Data Analysis, 3rd ed., 11.4) and the
-effective sample size of Geyer's initial positive sequence.
+parameters move at random meets some constraint at once. Directions are therefore of three kinds,
+in turn: a column of the covariance, which moves one parameter and the others as they follow it,
+with the precision A^T A / s^2 plus the barrier's Hessian at the chains' mean; a parameter that the
+fewest others counter, so that no torque shows it; and a principal axis of the states that the
+second half of the warm-up has met, along which the set is long. All are fixed after the warm-up.
+An entropic prior enters by a Metropolis step. Many chains run as one array, from starts near the
+set's boundary. All their states are judged, one a sweep, by the split R^ of Gelman and Rubin
+(Bayesian Data Analysis, 3rd ed., 11.4) and the effective sample size of Geyer's initial positive
+sequence: R^ of the few states that are returned would be above 1 by chance.
 """
 
 from __future__ import annotations
@@ -36,7 +38,7 @@ from sdp_vs_penalty.ranges.allowed import AllowedSet, allowed_set
 from sdp_vs_penalty.ranges.interior_point import barrier_hessian, split
 from sdp_vs_penalty.ranges.table import training_of
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array, Indices
+from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
 from sdp_vs_penalty.solvers.small_cones import ORDER, SmallCones
 
 PRIORS = ("flat", "entropic")
@@ -204,15 +206,16 @@ def sample_models(
         _divergence(allowed.task) if prior == "entropic" else None,
         allowed.unseen[:, allowed.unseen.any(axis=0)],
     )
-    drawn = chains.draw(max(-(-n // _CHAINS), 4), longer)
-    flat = drawn.reshape(-1, drawn.shape[2])
+    # As long as the warm-up at least, so that R^ has states to judge.
+    apart = longer * _BETWEEN
+    drawn = chains.draw(max(apart * -(-n // _CHAINS), longer * _WARM_UP), longer)
+    flat = drawn[apart - 1 :: apart].reshape(-1, drawn.shape[2])
     chosen = chains.rng.permutation(len(flat))[:n]
     r_hat, effective = diagnose_chains(drawn)
-    share = n / len(flat)
     return Samples(
         flat[chosen],
         prior,
-        effective * share,
+        np.minimum(effective, n),
         r_hat,
         seed,
         chains.n_steps,
@@ -311,26 +314,34 @@ class Chains:
         self._refresh()
         self._aim()
 
-    def draw(self, count: int, longer: int = 1) -> Array:
-        """Return samples (count, chains, p) after a warm-up; chains run ``longer`` times
-        as long for them."""
-        for _ in range(4):
-            self._run(longer * _WARM_UP // 4)
-            self._aim()
-        return np.array([self._run(longer * _BETWEEN) for _ in range(count)])
+    def draw(self, sweeps: int, longer: int = 1) -> Array:
+        """Return the states (sweeps, chains, p) after each sweep that follows a warm-up,
+        which is ``longer`` times as long as by default."""
+        quarter = longer * _WARM_UP // 4
+        self._run(quarter)
+        self._aim()
+        self._run(quarter)
+        self._aim()
+        met = self._run(quarter)
+        self._aim(met)
+        self._aim(np.concatenate([met, self._run(quarter)]))
+        return self._run(sweeps)
 
-    def _aim(self) -> None:
+    def _aim(self, met: Array | None = None) -> None:
         """Set the directions by the data, and by the barrier at the chains' mean: columns
-        of the covariance, and unseen ones."""
+        of the covariance, unseen ones, and the principal axes of the states
+        (sweeps, chains, p) that were met."""
         barrier = barrier_hessian(self.cones, self.theta.mean(axis=0))
         precision = self.A.T @ self.A + barrier
         unit = np.sqrt(np.diagonal(precision))
         covariance = np.linalg.pinv(precision / np.outer(unit, unit), hermitian=True)
-        self.moves = [
-            _Move.along(directions / unit[:, None], self.cones, self.A)
-            for directions in (covariance, self.unseen * unit[:, None])
-            if directions.size
-        ]
+        directions = [covariance / unit[:, None], self.unseen]
+        if met is not None:
+            states = met.reshape(-1, met.shape[2])
+            std = nonzero_or_one(states.std(axis=0))
+            _, axes = np.linalg.eigh(np.cov((states / std).T))
+            directions.append(std[:, None] * axes)
+        self.moves = [_Move.along(d, self.cones, self.A) for d in directions if d.size]
 
     def _refresh(self) -> None:
         """Evaluate slacks and residuals anew, so that rounding does not add up."""
@@ -339,13 +350,16 @@ class Chains:
         self.residual = self.theta @ self.A.T - self.a
 
     def _run(self, sweeps: int) -> Array:
-        """Make sweeps; return the states (chains, p) after them."""
+        """Make sweeps; return the states (sweeps, chains, p) after each."""
+        states = np.empty((sweeps, *self.theta.shape))
         p = self.theta.shape[1]
-        self.n_steps += sweeps * p
-        for k in range(sweeps * p):
-            self._step(self.moves[k % len(self.moves)])
-        self._refresh()
-        return self.theta.copy()
+        for sweep in range(sweeps):
+            for _ in range(p):
+                self._step(self.moves[self.n_steps % len(self.moves)])
+                self.n_steps += 1
+            self._refresh()
+            states[sweep] = self.theta
+        return states
 
     def _step(self, move: _Move) -> None:
         """Move each chain along a direction of its own."""

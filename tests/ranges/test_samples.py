@@ -54,7 +54,7 @@ def test_a_flat_link_has_the_moments_of_its_cone():
     chains = Chains(
         cones, np.zeros((1, 10)), np.zeros(1), start, np.random.default_rng(0)
     )
-    drawn = chains.draw(250)
+    drawn = chains.draw(500)
     r_hat, effective = diagnose_chains(drawn)
     assert r_hat.max() < 1.1
     P = inertia.pseudo_inertia(drawn.reshape(-1, 10))
@@ -86,7 +86,7 @@ def test_a_normal_distribution_keeps_its_moments():
     cones = SmallCones(None, ConstraintSet((bound,)), 2)
     A = np.array([[1.0, 0.5], [0.0, 2.0]])
     chains = Chains(cones, A, A @ [1.0, 2.0], np.zeros(2), np.random.default_rng(0))
-    flat = chains.draw(600).reshape(-1, 2)
+    flat = chains.draw(1200).reshape(-1, 2)
     assert_allclose(flat.mean(axis=0), [1.0, 2.0], atol=0.1)
     assert_allclose(np.cov(flat.T), np.linalg.inv(A.T @ A), atol=0.12)
 
