@@ -45,7 +45,13 @@ from sdp_vs_penalty.estimation.shapes import (
 )
 from sdp_vs_penalty.estimation.sources import parameter_sources
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty, beside_held
-from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, no_progress
+from sdp_vs_penalty.estimators.estimator import (
+    Estimator,
+    Progress,
+    Task,
+    fitted,
+    no_progress,
+)
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
@@ -514,7 +520,7 @@ def _fit_new_effects(
         torque_left = compress(runs, model).given_first(estimate.theta)
         task = task_beside(estimate, model_of_new, torque_left, seed, progress)
         progress("estimating the new effects")
-        theta, certificate = certify(task, estimator.fit(task))
+        theta, certificate = certify(task, fitted(estimator, task))
     return _FitBeside(model, model_of_new, task, estimator, theta, certificate)
 
 

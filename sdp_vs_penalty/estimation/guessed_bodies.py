@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from sdp_vs_penalty.estimation.constants import CHANGES
-from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, fitted
 
 #: Factor by which a guess that costs too much grows at once [-].
 _GROWTH = 2.0
@@ -30,18 +30,18 @@ def fit_in_bodies(task: Task, estimator: Estimator) -> tuple[Task, Fit]:
     Fit
         The estimate within them.
     """
-    fit = estimator.fit(task)
+    fit = fitted(estimator, task)
     tight = _tight_guesses(task, fit)
     if not tight:
         return task, fit
-    free = estimator.fit(replace(task, link_bodies=()))
+    free = fitted(estimator, replace(task, link_bodies=()))
     tolerated = (1.0 + CHANGES) ** 2 * task.data.loss(free.theta)
     while tight and task.data.loss(fit.theta) > tolerated:
         bodies = list(task.link_bodies)
         for k in tight:
             bodies[k] = bodies[k].larger(_GROWTH)
         task = replace(task, link_bodies=tuple(bodies))
-        fit = estimator.fit(task)
+        fit = fitted(estimator, task)
         tight = _tight_guesses(task, fit)
     return task, fit
 

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import require_known
+from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.problem.constants import FAR_MASS
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
@@ -214,6 +214,29 @@ class Estimator(ABC):
         InputError
             Where the constraints admit no parameters.
         """
+
+
+def fitted(estimator: Estimator, task: Task) -> Fit:
+    """Estimate the parameters of a task by a method, which anyone may have written.
+
+    Raises
+    ------
+    InputError
+        If the method returns no Fit, or no p finite parameters.
+    """
+    fit = estimator.fit(task)
+    who, p = f"method {estimator.name}", len(task.bound)
+    if not isinstance(fit, Fit):
+        what = f"{who} returned {type(fit).__name__}, no Fit"
+        raise InputError(what, "return Fit(theta, task.problem)")
+    if np.shape(fit.theta) != (p,):
+        what = f"{who} returned theta of the shape {np.shape(fit.theta)}"
+        raise InputError(what, f"return ({p},), one number a parameter of task.model")
+    if not np.isfinite(fit.theta).all():
+        k = int(np.argmin(np.isfinite(fit.theta)))
+        what = f"{who} returned {fit.theta[k]} for {task.model.parameters[k].name}"
+        raise InputError(what, "return finite numbers; task.ols and task.nominal are")
+    return fit
 
 
 def make_task(

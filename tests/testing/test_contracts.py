@@ -19,6 +19,7 @@ from sdp_vs_penalty.api.registration import REGISTRIES
 from sdp_vs_penalty.data.formats import FORMATS
 from sdp_vs_penalty.data.log import log_of_arrays
 from sdp_vs_penalty.estimators import LmiSdp
+from sdp_vs_penalty.estimators.estimator import Fit
 from sdp_vs_penalty.simulation.worlds.world import TrueMotion
 from sdp_vs_penalty.testing import ContractError, contracts
 from sdp_vs_penalty.testing.effect_contract import check_needs_are_declared, variants
@@ -113,6 +114,20 @@ def test_a_constant_at_an_end_of_its_range_is_said(registered):
     assert said in sdp.add(grown, "joint_spring:1", runs.train).constants_at_ends
     given = sdp.add(bare, "load_stribeck:2@v_ls=2", runs.train)
     assert not given.constants_at_ends
+
+
+@pytest.mark.parametrize(
+    ("returned", "words"),
+    [
+        (lambda task: task.ols, "ridge returned ndarray, no Fit"),
+        (lambda task: Fit(task.ols[1:], task.problem), r"theta of the shape \(25,\)"),
+        (lambda task: Fit(np.nan * task.ols, task.problem), "returned nan for m1"),
+    ],
+)
+def test_an_answer_that_is_none_is_one_sentence(theirs, returned, words):
+    kind = type("Ridge", (theirs["ridge"],), {"fit": lambda self, task: returned(task)})
+    with pytest.raises(InputError, match=words):
+        identify("two_link", small_run(), kind())
 
 
 def test_what_is_no_plugin_is_refused(theirs):
