@@ -291,8 +291,8 @@ def find_ranges(
     model : Estimate, str or Path
         A model, or its file: effects, filters and constraints.
     data : path, arrays, Measurements, optional
-        Measurements; default: those that the model was identified from, as long as the
-        program runs.
+        Default: those that the model was identified from, which the program holds or
+        whose files are still there.
     functions : sequence of str
         Names such as "m4", "c4x", "I4xx", "total mass" and each parameter's, or
         "masses", "centres", "inertias", "moments", "parameters", "base".
@@ -312,7 +312,8 @@ def find_ranges(
     Raises
     ------
     InputError
-        For an unknown function, and for a model from a file without data.
+        For an unknown function, and where the model's own data are gone and no others
+        are named.
 
     Examples
     --------
