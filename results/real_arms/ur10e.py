@@ -25,9 +25,17 @@ import numpy as np
 import pandas
 from benchmarks.rivals import base_script, cvxpy_script
 from numpy.typing import NDArray
-from real_arms import joint_errors, read_options, ur10e_splits
+from real_arms import Split, joint_errors, read_options, ur10e_splits
 
-from sdp_vs_penalty import Estimate, Measurements, add, diagnose, export, identify
+from sdp_vs_penalty import (
+    Estimate,
+    Measurements,
+    add,
+    compare,
+    diagnose,
+    export,
+    identify,
+)
 from sdp_vs_penalty.estimation.nominal import nominal_model
 from sdp_vs_penalty.estimators import LmiSdp
 from sdp_vs_penalty.exporters.export import as_exported, effects_left_out
@@ -187,6 +195,22 @@ def microseconds_a_call(model: Estimate) -> float:
         return float(done.stdout.split()[0])
 
 
+def torque_rms(runs: Measurements, filtered_as: Estimate) -> Array:
+    """Return each joint's RMS torque (n,) [N m], behind the filters of a model."""
+    (judged,) = compare(filtered_as, runs)
+    return np.sqrt(np.mean(np.square(judged.signals.measured), axis=0))
+
+
+def by_joint(values: Array) -> dict[str, object]:
+    """Return a cell a joint."""
+    return {f"joint_{k}": x for k, x in enumerate(values.tolist(), start=1)}
+
+
+def name_of(split: Split) -> str:
+    """Return the file that a split judges on."""
+    return split.name.split()[-1]
+
+
 def table(rows: pandas.DataFrame) -> list[str]:
     """Return a table a judged run: a row a way, a column a joint [N m]."""
     text: list[str] = []
@@ -207,12 +231,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = read_options(parser, arguments)
     splits = list(ur10e_splits())
     models = ways(splits[0].train, options.data / splits[0].file)
-    made = []
+    made: list[dict[str, object]] = []
     for split in splits:
+        made.append({"judged_on": name_of(split), "model": "the torque itself"})
+        made[-1] |= by_joint(torque_rms(split.unseen, models["identify"]))
         for name, model in models.items():
             errors = joint_errors(model, split.unseen, models["identify"])
-            joints = {f"joint_{k}": e for k, e in enumerate(errors.tolist(), start=1)}
-            made.append({"judged_on": split.name.split()[-1], "model": name, **joints})
+            row = {"judged_on": name_of(split), "model": name, **by_joint(errors)}
+            made.append(row)
     rows = pandas.DataFrame(made)
     in_c = models["with what C holds, as C"]
     rows.to_csv(options.out / "ur10e.csv", index=False, float_format="%.6g")
