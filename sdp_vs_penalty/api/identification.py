@@ -239,7 +239,10 @@ def _identify_one(
     options: Mapping[str, Any],
     log: tuple[str, Source],
 ) -> Estimate:
-    """Identify the model of one log (name, runs)."""
+    """Identify the model of one log, (name, runs); what is refused names the log.
+
+    A worker takes one argument, so that both are one.
+    """
     name, source = log
     try:
         return identify(problem, source, method, **options)

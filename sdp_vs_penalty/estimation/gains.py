@@ -130,8 +130,8 @@ def drive_gains(estimate: Estimate) -> Iterator[GainInterval]:
 def drive_torque_errors(
     model: Model, theta: Array, covariance: Array, regression: Regression
 ) -> list[float | None]:
-    """Return how well the servo gains of a model without logged torque determine the
-    drives' torque.
+    """Return how uncertain the servo gains of a model without logged torque leave the
+    drives' torque, joint by joint.
 
     A servo's torque is a small difference of large terms (kp times the control error
     less kd times the velocity), so that gains within some per cent may leave it open.
@@ -146,9 +146,8 @@ def drive_torque_errors(
     Returns
     -------
     list of float or None
-        Of each joint, the standard deviation of the drive's torque over that torque,
-        root mean squares along the training motion; None if the gains have no
-        covariance.
+        The standard deviation of a joint's drive torque over that torque, root mean
+        squares along the training motion; None if the gains have no covariance.
     """
     is_drive = model.drives
     # A gain that is given as exact has no deviation.

@@ -94,10 +94,10 @@ def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
     """Find by how much the clock of one track differs from that of another with the
     same motion.
 
-    The track ``a`` has instants (M,) [s] and positions (M, n) [rad or m].
-
     Parameters
     ----------
+    a : (t (M,), q (M, n))
+        Instants [s] and positions [rad or m] of a track.
     b : (t (N,), q (N, n))
         The track that may repeat ``a``.
     slip : float
@@ -115,6 +115,7 @@ def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
     if scale is None or min(len(t_a), len(t_b)) < 3:
         return None
     step = float(np.median(np.diff(t_a)))
+    # At the largest lag to either side the tracks still overlap by _SHORTEST seconds.
     back = int(min(slip, float(t_a[-1] - t_a[0]) - _SHORTEST) / step)
     forward = int(min(slip, float(t_b[-1] - t_b[0]) - _SHORTEST) / step)
     if min(back, forward) <= 0:

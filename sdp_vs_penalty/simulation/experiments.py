@@ -152,13 +152,16 @@ class Sensor:
         """
         noisy = torque + self.noise(len(q), rng)
         if self.log_step is None:
-            # Rounding must not lose the last sample.
+            # Every sample of the controller is logged; rounding must not lose the last.
             n_steps = int(np.floor(duration * self.rate * (1.0 + 1e-12)))
             times = np.arange(n_steps + 1) / self.rate
         else:
-            n_entries = int(1.2 * duration / self.log_step) + 10  # enough for jitter
+            # Steps vary, so that some more are drawn than fill the duration on average.
+            n_entries = int(1.2 * duration / self.log_step) + 10
             steps = rng.normal(self.log_step, self.log_jitter, n_entries)
-            times = np.cumsum(np.maximum(steps, 0.2 * self.log_step)) - self.log_step
+            # A clock does not stand still: no step is shorter than a fifth of the mean.
+            steps = np.maximum(steps, 0.2 * self.log_step)
+            times = np.cumsum(steps) - self.log_step
             times = np.concatenate([[0.0], times[times > 0.0]])
             times = times[times <= duration]
         # The controller's sample that is current at each entry; 1e-9 against rounding.
@@ -166,8 +169,8 @@ class Sensor:
         rows = np.clip(last_renewed, 0, len(q) - 1)
         return (
             times,
-            _counted(q[rows], self.position_step),
-            _counted(noisy[rows], self.torque_step),
+            _rounded_to(q[rows], self.position_step),
+            _rounded_to(noisy[rows], self.torque_step),
         )
 
 
@@ -191,7 +194,7 @@ def innovation_share(poles: Array) -> float:
     return float(1.0 / np.sum(response**2))
 
 
-def _counted(values: Array, step: ArrayLike) -> Array:
+def _rounded_to(values: Array, step: ArrayLike) -> Array:
     """Round values to multiples of a step, as an encoder does; a step of 0 leaves
     them.
     """

@@ -413,11 +413,11 @@ def _matrix_scale(
 def _row_scale(group: ConeGroup, theta_scale: Array) -> Array:
     """Return (g, rows) factors that bring the terms of rows to size one.
 
-    ``theta_scale`` (g, k, 1) are the units of the group's parameters. The rows of a
+    ``theta_scale`` (g, k, 1) are the units of the group's k parameters. The rows of a
     second-order cone share one factor, which leaves the cone as it is.
     """
-    coefficients = np.abs(group.coefficients * theta_scale).max(axis=1)
-    size = coefficients + np.abs(group.constant)
+    in_units = group.coefficients * theta_scale  # (g, k, rows)
+    size = np.abs(in_units).max(axis=1) + np.abs(group.constant)
     if group.cone == "soc":
         size = np.maximum(size, size.max(axis=1, keepdims=True))
     return 1.0 / nonzero_or_one(size)

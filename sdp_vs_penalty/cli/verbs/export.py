@@ -148,14 +148,15 @@ def _warn_of_names(out: Path) -> None:
     A model.json holds names of joints only.
     """
 
-    ending = out.suffix.lower()
-    if ending not in (".urdf", ".xml", ".sdf"):
-        return
-    hint = {
+    hints = {
         ".urdf": "; --urdf robot.urdf edits your own URDF and keeps its names and meshes",
         ".xml": "; --mjcf robot.xml edits your own MJCF and keeps its names, meshes and"
         " actuators",
-    }.get(ending, "")
+        ".sdf": "",  # no SDF is edited
+    }
+    hint = hints.get(out.suffix.lower())
+    if hint is None:
+        return
     console.warn(
         "Moving links are named link1, link2 ...: a model.json holds only the joints'"
         f" names{hint}."

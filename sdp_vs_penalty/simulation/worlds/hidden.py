@@ -110,7 +110,7 @@ class Hidden:
             added = np.concatenate([out.torque(world, motion) for motion in motions])
             rms = np.sqrt(np.mean(added**2, axis=0))
             ratio = float((rms / world.noise).max())
-            if ratio < 1e-9:
+            if ratio < 1e-9:  # nothing but rounding
                 return self
             out = replace(out, size=out.size * factor / ratio)
         return out

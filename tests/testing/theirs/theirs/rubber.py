@@ -1,4 +1,4 @@
-"""A spring that stiffens: its columns are its C code, its world is stated beside them."""
+"""A spring that stiffens."""
 
 import numpy as np
 
@@ -19,9 +19,3 @@ class RubberSpring(JointEffect):
     def column(self, motion: Motion, joint: int) -> Array:
         """Return q_0 sinh(q / q_0) (N,) [rad, m]."""
         return self.shape["q_0"] * np.sinh(motion.q[:, joint] / self.shape["q_0"])
-
-    @staticmethod
-    def hidden_torque(motion, joint, sign, q_0):
-        """Return q_0 sinh(q / q_0) (N,) by exponentials."""
-        stretched = np.exp(motion.q[:, joint] / q_0)
-        return q_0 * (stretched - 1.0 / stretched) / 2.0
