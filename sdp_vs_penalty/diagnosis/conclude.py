@@ -244,12 +244,13 @@ class Conclusion:
         return tuple(text for text in sentences if text)
 
 
-def least_help_of(finding: Finding) -> float:
-    """Return by how much a finding has to lower the sum of log errors to be added.
+def least_help_of(finding: Finding) -> float | None:
+    """Return by how much a finding has to lower the sum of log errors to be added, on a
+    test run by more than the spread as well; None if it is not doubted.
 
     A torque that may not be there has to lower it by 5 %, one whose size may be zero by
-    1 %; where both are in doubt it is not added, and this is infinite. Without such
-    doubts it is 0.
+    1 %; where both are in doubt it is not added, and this is infinite. Any other one may
+    raise it by less than 1 %.
     """
     may_be_zero = Doubt("insignificant") in finding.doubts
     is_forbidden = any(doubt.forbids_adding for doubt in finding.doubts)
@@ -257,7 +258,9 @@ def least_help_of(finding: Finding) -> float:
         return np.inf
     if finding.has_open_torque:
         return SURE_HELP
-    return MINOR if may_be_zero else 0.0
+    if may_be_zero:
+        return MINOR
+    return -MINOR if finding.doubts else None
 
 
 def _weakened(finding: Finding, reason: str) -> Finding:

@@ -38,6 +38,9 @@ LAW_TOLERANCE = 0.04
 #: Candidates that are looked at closely.
 MAX_CANDIDATES_REFINED = 4
 
+#: Parts of a log over which sizes and help scatter, as the check's repairs do.
+PARTS = 8
+
 # Data left out.
 
 #: Folds by phase that decide what is offered: they leave much out (Shao, JASA 1993), or

@@ -20,7 +20,11 @@ from sdp_vs_penalty.diagnosis.explanation import (
     held_out_errors,
 )
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.held_out import HeldOutData, harm
+from sdp_vs_penalty.diagnosis.held_out import (
+    HeldOutData,
+    harm,
+    least_squares_parameters,
+)
 from sdp_vs_penalty.diagnosis.late_torque import refer_columns_to_current_model
 from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.diagnosis.passing.cause import (
@@ -316,9 +320,8 @@ class DiagnosisRuns:
         """Return the RMS errors (n,) of the model on the test run [N m or N], fitted to
         the searched rows by least squares."""
         judge = HeldOutData(self.estimate, self.test_rows, self.frozen)
-        return judge.held_out_errors(self.rows, (), self.estimate).least_squares_errors(
-            ()
-        )
+        held_out = judge.held_out_errors(self.rows, (), self.estimate)
+        return held_out.errors((), fitted=least_squares_parameters)
 
     @property
     def subsample_remark(self) -> str | None:

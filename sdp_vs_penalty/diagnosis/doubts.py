@@ -17,7 +17,7 @@ REASONS: Mapping[str, str] = {
     "small_here": "its gain is small here, though it lowers the error on data left out",
     "not_held_out": "adding it lowers no joint's error on data left out by 1 %",
     "raises": "on data left out its joints' errors rise more than they fall with it",
-    "alone": "beside what is added it does not lower the error on data left out, or"
+    "alone": "beside what is added it does not clearly lower the error on data left out, or"
     " raises a joint's",
     "held": "its joint hardly moves: dry friction that does not slide holds any torque",
     "sticks": "where the joints slide it has another size, or is not evident: friction"

@@ -27,7 +27,12 @@ from sdp_vs_penalty.diagnosis.constants import (
     MINOR,
 )
 from sdp_vs_penalty.diagnosis.explanation import Explanation
-from sdp_vs_penalty.diagnosis.held_out import HeldOut, HeldOutData, harm
+from sdp_vs_penalty.diagnosis.held_out import (
+    HeldOut,
+    HeldOutData,
+    harm,
+    least_squares_parameters,
+)
 from sdp_vs_penalty.diagnosis.library import Batch, Candidate, may_join
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.refine import refine_constants
@@ -157,8 +162,8 @@ def _predicts_as_well(
     replaced = {t.text for t in group.terms}
     all_numbers = range(len(explanation.terms))
     others = [k for k in all_numbers if explanation.terms[k].text not in replaced]
-    error_before = held_out.least_squares_errors(all_numbers)
-    error_after = held_out.least_squares_errors([*others, rival])
+    error_before = held_out.errors(all_numbers, fitted=least_squares_parameters)
+    error_after = held_out.errors([*others, rival], fitted=least_squares_parameters)
     return harm(error_before, error_after) < MINOR
 
 

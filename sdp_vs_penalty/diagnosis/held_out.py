@@ -1,7 +1,8 @@
 """The last word: errors on data left out, with one finding after the other.
 
 A finding that does harm on the test run goes only where folds of the training motion
-agree.
+agree. One that is doubted has to help on the test run by more than its help scatters
+there between stretches of time.
 
 At each step the model is fitted as ``add`` fits it, by its own method under its
 problem's constraints. A test run is filtered as the runs that were searched; without
@@ -25,6 +26,7 @@ from sdp_vs_penalty.diagnosis.constants import (
     FEWEST_SLIDING,
     MAX_JOINT_HARM,
     MINOR,
+    PARTS,
     SURE_HELP,
     THIRDS,
 )
@@ -41,6 +43,7 @@ from sdp_vs_penalty.estimators.estimator import (
     no_progress,
     weighted_by_residuals,
 )
+from sdp_vs_penalty.regression.evidence import jackknifed, student_95
 from sdp_vs_penalty.regression.products import ProductRegression
 from sdp_vs_penalty.regression.regression import Regression
 from sdp_vs_penalty.robot.arrays import Array
@@ -50,8 +53,8 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 @dataclass(frozen=True)
 class HeldOutSplit:
-    """Rows to fit to (train), and rows to judge on: one regression a recording (tests),
-    and those of them, and of the rows fitted to, in which the joints slide.
+    """Rows to fit to (train), and rows to judge on: one regression a stretch of a recording
+    (tests), and those of them, and of the rows fitted to, in which the joints slide.
 
     Their columns are those of the model, then those of ``effects``; the target is the
     torque. If the model is held fixed (``frozen``), the columns are those of the
@@ -62,9 +65,9 @@ class HeldOutSplit:
     effects: tuple[Effect, ...]
     #: The rows to fit to.
     train: Regression
-    #: The rows to judge on, one regression a recording.
+    #: The rows to judge on, one regression a stretch, recording after recording.
     tests: tuple[Regression, ...]
-    #: The rows of each recording and, last, those fitted to, in which the joints slide.
+    #: The rows of each stretch and, last, those fitted to, in which the joints slide.
     sliding: tuple[Regression, ...]
     #: Whether the model is held fixed.
     frozen: bool
@@ -134,8 +137,8 @@ class Columns(NamedTuple):
         return out
 
 
-#: Errors (n,) of a choice of effects (their numbers), in the rows that tell of one.
-_Errors = Callable[[Sequence[int], int], Array]
+#: Fits effects to several sets of rows, as :func:`fitted_parameters` does.
+_Fitted = Callable[..., list[Array]]
 
 
 @dataclass
@@ -153,6 +156,8 @@ class HeldOut:
     splits: Sequence[HeldOutSplit]
     #: "test" (a test run) or "folds" (by the phase of the motion).
     source: str
+    #: How many stretches each recording has among the rows to judge on.
+    n_stretches: int = 1
     #: Computes such errors for folds of the training motion, the second opinion before
     #: an effect is removed; None if there is none.
     make_second: Callable[[], HeldOut] | None = None
@@ -168,15 +173,25 @@ class HeldOut:
         """
         return None if self.make_second is None else self.make_second()
 
-    def errors(self, chosen: Sequence[int], judged: int | None = None) -> Array:
+    def errors(
+        self,
+        chosen: Sequence[int],
+        judged: int | None = None,
+        fitted: _Fitted | None = None,
+    ) -> Array:
         """Return the RMS errors (n,) [N m or N] of the joints on data left out.
 
         The model with the chosen effects (their numbers) is fitted by the model's
-        method, under its constraints. Each choice is computed once. Rows fitted to and
-        judged on are those that tell of the effect ``judged``, or all.
+        method, under its constraints, or as ``fitted`` says. Rows fitted to and judged
+        on are those that tell of the effect ``judged``, or all.
         """
         sliding = self._is_told_by_sliding(judged)
-        return self._rms(self._squares(chosen, sliding), sliding)
+        n_rows = self._by_stretch(self._n_rows, sliding).sum(axis=0)
+        squares = self._squares(chosen, sliding, fitted)
+        mean_squares = self._by_stretch(squares, sliding).sum(axis=0) / np.maximum(
+            n_rows, 1.0
+        )
+        return np.asarray(np.sqrt(mean_squares))
 
     def _is_told_by_sliding(self, judged: int | None) -> bool:
         """Return whether the rows in which the joints slide tell of an effect (its
@@ -191,14 +206,12 @@ class HeldOut:
         numbers = range(len(split.effects))
         return [split.acts_in_slow_rows(k) for k in numbers]
 
-    def _rms(self, squares: Array, sliding: bool) -> Array:
-        """Return the root mean squares (n,) of errors, whose sums of squares are given,
-        of the rows left out or of those in which the joints slide."""
+    def _by_stretch(self, values: Array, sliding: bool) -> Array:
+        """Return sums (S, n) over all splits of values (splits, 2 S + 1, n) of S stretches
+        left out: those of all their rows, or of the ones in which the joints slide."""
         n_tests = len(self.splits[0].tests)
-        which = slice(n_tests, 2 * n_tests) if sliding else slice(0, n_tests)
-        n_rows = self._n_rows[:, which].sum(axis=(0, 1))
-        mean_squares = squares[:, which].sum(axis=(0, 1)) / np.maximum(n_rows, 1)
-        return np.asarray(np.sqrt(mean_squares))
+        first = n_tests if sliding else 0
+        return np.asarray(values[:, first : first + n_tests].sum(axis=0))
 
     def errors_by_recording(self, chosen: Sequence[int]) -> Array:
         """Return the RMS errors (R + 1, n) [N m or N] of each of R recordings left out,
@@ -210,26 +223,27 @@ class HeldOut:
         the numbers of the effects.
         """
         n_tests = len(self.splits[0].tests)
-        squares = self._squares(chosen, False)[:, n_tests:].sum(axis=0)
-        n_rows = self._n_rows[:, n_tests:].sum(axis=0)
+        first_stretches = np.arange(0, n_tests + 1, self.n_stretches)
+        squares, n_rows = (
+            np.add.reduceat(values[:, n_tests:].sum(axis=0), first_stretches)
+            for values in (self._squares(chosen, False), self._n_rows)
+        )
         return np.asarray(np.sqrt(squares / np.maximum(n_rows, 1)))
 
     @cached_property
-    def _n_rows(self) -> NDArray[np.int64]:
-        """(splits, 2 R + 1, n) number of rows, joint by joint: of each split those of
-        its recordings in order, then those where the joints slide.
+    def _n_rows(self) -> Array:
+        """(splits, 2 S + 1, n) number of rows, joint by joint: of each split those of
+        its stretches in order, then those where the joints slide.
         """
         return np.array(
-            [[x.joint_rows() for x in (*s.tests, *s.sliding)] for s in self.splits]
+            [[x.joint_rows() for x in (*s.tests, *s.sliding)] for s in self.splits],
+            float,
         )
 
     def _squares(
-        self,
-        chosen: Sequence[int],
-        sliding: bool,
-        fitted: Callable[..., list[Array]] | None = None,
+        self, chosen: Sequence[int], sliding: bool, fitted: _Fitted | None = None
     ) -> Array:
-        """Return the sums (splits, 2 R + 1, n) of squared errors [(N m)^2 or N^2] on these
+        """Return the sums (splits, 2 S + 1, n) of squared errors [(N m)^2 or N^2] on these
         rows.
 
         The model with the chosen effects (their numbers) is fitted to each split's
@@ -255,21 +269,35 @@ class HeldOut:
             self._known_squares[key] = np.array(squares)
         return self._known_squares[key]
 
-    def least_squares_errors(
-        self, chosen: Sequence[int], judged: int | None = None
-    ) -> Array:
-        """Return the RMS errors (n,) [N m or N] on data left out, by least squares.
+    def change(
+        self,
+        before: Sequence[int],
+        after: Sequence[int],
+        judged: int,
+        fitted: _Fitted | None = None,
+    ) -> Change:
+        """Return how the sum over joints of their log errors changes from one choice of
+        effects (their numbers) to another, in the rows that tell of the effect
+        ``judged``; without a spread on folds, whose motion has chosen the effects.
 
-        This is faster than :meth:`errors`: no constraints apply, only priors from the
-        effects' plausible sizes. ``chosen`` are the numbers of the effects, ``judged``
-        is that whose rows count. Each choice is computed once.
+        Parameters
+        ----------
+        fitted
+            How both are fitted; default: by the model's method.
         """
         sliding = self._is_told_by_sliding(judged)
-        squares = self._squares(chosen, sliding, least_squares_parameters)
-        return self._rms(squares, sliding)
+        squares = (
+            self._by_stretch(self._squares(chosen, sliding, fitted), sliding)
+            for chosen in (before, after)
+        )
+        change = change_of(*squares)
+        return change if self.source == "test" else change._replace(spread=0.0)
 
     def drop_harmful(
-        self, candidates: Sequence[int], least_help: Mapping[int, float]
+        self,
+        candidates: Sequence[int],
+        least_help: Mapping[int, float],
+        doubted: Set[int] = frozenset(),
     ) -> list[int]:
         """Drop effects that raise the error on data left out, the most harmful first,
         and those in doubt that do not lower it.
@@ -278,17 +306,20 @@ class HeldOut:
         without it), beside all others, in the rows that tell of it. After each drop the
         others are judged again: those that helped by much (SURE_HELP) only if no other
         one does harm. An effect stays if it helps on the second data, folds of the
-        training motion: one motion alone does not decide.
+        training motion: one motion alone does not decide. A doubted one stays only if a
+        test run shows its help, beyond the spread.
 
-        Without doubt, least squares suffice for an effect that helps by far, or has
-        helped by much (SURE_HELP) in a fit under all constraints and still does.
+        Least squares suffice for an effect that helps by far, or has helped by much
+        (SURE_HELP) in a fit under all constraints and still does.
 
         Parameters
         ----------
         least_help
-            By the number of an effect in doubt: by how much it has to lower the sum of
-            log errors to stay. Any other one is dropped only if it raises it by MINOR
+            By the number of an effect: by how much it has to lower the sum of log
+            errors to stay. Any other one is dropped only if it raises it by MINOR
             (1 %).
+        doubted
+            Numbers of the effects whose help a test run has to show.
 
         Returns
         -------
@@ -299,16 +330,16 @@ class HeldOut:
         confirmed = set[int]()  # by the second data: they stay
         sure = set[int]()  # they helped by much in the last round
         while accepted:
-            in_doubt = set(accepted) - confirmed
-            harms = self._harms(in_doubt - sure, accepted, least_help, -CLEAR_HELP)
+            judged = set(accepted) - confirmed
+            least = partial(self._harms, accepted, least_help, doubted)
+            harms = least(judged - sure, -CLEAR_HELP)
             if max(harms.values(), default=-np.inf) < 0.0:
-                harms |= self._harms(in_doubt & sure, accepted, least_help, -SURE_HELP)
-            helped = {k for k, x in harms.items() if x < -SURE_HELP}
-            sure |= helped.difference(least_help)
+                harms |= least(judged & sure, -SURE_HELP)
+            sure |= {k for k, x in harms.items() if x < -SURE_HELP}
             worst = max(harms, key=harms.__getitem__, default=None)
             if worst is None or harms[worst] < 0.0:
                 break
-            if self._helps_elsewhere(worst, accepted, least_help):
+            if self._helps_elsewhere(worst, accepted, least_help, doubted):
                 confirmed.add(worst)
             else:
                 accepted.remove(worst)
@@ -316,66 +347,70 @@ class HeldOut:
 
     def _harms(
         self,
-        judged: Set[int],
         accepted: Sequence[int],
         least_help: Mapping[int, float],
+        doubted: Set[int],
+        judged: Set[int],
         by_least_squares: float,
     ) -> dict[int, float]:
         """Return the harm of each of the ``judged`` effects beside all accepted ones,
         above what is allowed to it.
 
         It is the sum over joints of log(error with it / error without it), less MINOR,
-        or plus the least help of an effect in doubt. Errors are those of fits under all
-        constraints, but for effects without doubt whose harm by least squares is below
+        or plus the least help of an effect in doubt, or its spread. Errors are those of
+        fits under all constraints, but for effects whose harm by least squares is below
         ``by_least_squares``.
         """
         out = {}
         for k in accepted:
             if k not in judged:
                 continue
-            allowed = -least_help.get(k, -MINOR)
-            out[k] = self._harm_of(k, self.least_squares_errors, accepted) - allowed
-            if k in least_help or out[k] >= by_least_squares:
-                out[k] = self._harm_of(k, self.errors, accepted) - allowed
+            for fitted in (least_squares_parameters, None):
+                change = self.change(_without(accepted, k), accepted, k, fitted)
+                least = least_help.get(k, -MINOR)
+                if k in doubted:
+                    least = max(least, change.spread)
+                out[k] = change.rise + least
+                if out[k] < by_least_squares:
+                    break
         return out
 
-    @staticmethod
-    def _harm_of(k: int, errors: _Errors, accepted: Sequence[int]) -> float:
-        """Return the harm of effect k of those accepted, by errors (n,) of such choices
-        in the rows that tell of it."""
-        return harm(errors(_without(accepted, k), k), errors(accepted, k))
-
     def _helps_elsewhere(
-        self, k: int, accepted: Sequence[int], least_help: Mapping[int, float]
+        self,
+        k: int,
+        accepted: Sequence[int],
+        least_help: Mapping[int, float],
+        doubted: Set[int],
     ) -> bool:
         """Return whether effect k lowers the error on the second data by 1 % (MINOR), or
-        by the least help of an effect in doubt.
+        by its least help.
 
         These are folds of the training motion. ``accepted`` are the numbers of all
-        effects of the fit, k among them. False if there are no second data.
+        effects of the fit, k among them. False if there are no second data, or if the
+        effect is doubted.
         """
-        if self.second is None:
+        if self.second is None or k in doubted:
             return False
-        harm_elsewhere = self._harm_of(k, self.second.errors, accepted)
-        return harm_elsewhere < -least_help.get(k, MINOR)
+        change = self.second.change(_without(accepted, k), accepted, k)
+        return change.rise < -least_help.get(k, MINOR)
 
     def with_helpful(
-        self, accepted: Sequence[int], in_doubt: Mapping[int, float], floor: Array
+        self, accepted: Sequence[int], in_doubt: Sequence[int], floor: Array
     ) -> list[int]:
         """Add effects in doubt, one or two at once, while they lower the error on data
         left out.
 
         Two that help together alone, and two that cancel, are measured as one candidate.
         It is taken if it lowers the sum of the joints' log errors, in the rows that tell
-        of them, on these data and on the second ones, folds of the training motion, on
-        one of them by the least help of its effects, and raises no joint's error on a
-        recording left out, or on the rows fitted to, by more than 5 % (MAX_JOINT_HARM).
-        The best by least squares is judged first.
+        of them, on these data, beyond the spread of a test run, and on the second ones,
+        folds of the training motion, on one of them by 5 % for each effect (SURE_HELP),
+        and raises no joint's error on a recording left out, or on the rows fitted to, by
+        more than 5 % (MAX_JOINT_HARM). The best by least squares is judged first.
 
         Parameters
         ----------
         in_doubt
-            By the number of an effect in doubt: its least help.
+            Numbers of the effects in doubt.
         floor
             (n,) noise [N m or N]; errors below it count as that large.
 
@@ -386,31 +421,37 @@ class HeldOut:
         """
         accepted = list(accepted)
 
-        def fall(errors: _Errors, added: Sequence[int]) -> float:
-            """Return by how much effects lower the sum of log errors."""
+        def told_by(added: Sequence[int]) -> int:
+            """Return the effect whose rows tell of all that are added."""
             by_all_rows = (k for k in added if not self._is_told_by_sliding(k))
-            judged = next(by_all_rows, added[0])
-            before = errors(accepted, judged)
-            return -harm(before, errors([*accepted, *added], judged))
+            return next(by_all_rows, added[0])
 
         def helps(added: Sequence[int]) -> bool:
             """Return whether effects help under all constraints, and harm no joint."""
+            choices = accepted, [*accepted, *added]
             before, after = (
                 np.maximum(self.errors_by_recording(chosen), floor)
-                for chosen in (accepted, [*accepted, *added])
+                for chosen in choices
             )
             if error_ratios(before, after).max() > 1.0 + MAX_JOINT_HARM:
                 return False
             judges = [judge for judge in (self, self.second) if judge is not None]
-            falls = [fall(judge.errors, added) for judge in judges]
-            return min(falls) > 0.0 and max(falls) >= sum(in_doubt[k] for k in added)
+            changes = [judge.change(*choices, told_by(added)) for judge in judges]
+            is_shown = all(change.rise < -change.spread for change in changes)
+            largest_fall = max(-change.rise for change in changes)
+            return is_shown and largest_fall >= SURE_HELP * len(added)
 
         while True:
             rest = [k for k in in_doubt if k not in accepted]
             candidates = [*combinations(rest, 1), *combinations(rest, 2)]
-            falls = {x: fall(self.least_squares_errors, x) for x in candidates}
-            promising = [x for x in candidates if falls[x] > 0.0]
-            promising.sort(key=lambda x: -falls[x])
+            rises = {
+                x: self.change(
+                    accepted, [*accepted, *x], told_by(x), least_squares_parameters
+                ).rise
+                for x in candidates
+            }
+            promising = [x for x in candidates if rises[x] < 0.0]
+            promising.sort(key=lambda x: rises[x])
             added = next(filter(helps, promising), None)
             if added is None:
                 return accepted
@@ -481,6 +522,31 @@ def lowers(before: Array, after: Array) -> bool:
     before, after (n,) : errors of the joints.
     """
     return bool(np.any(after <= (1.0 - MINOR) * before))
+
+
+class Change(NamedTuple):
+    """How the sum over joints of their log errors changes."""
+
+    #: The change: 0.01 is about one joint's error rising by 1 %.
+    rise: float
+    #: Half its 95 % interval.
+    spread: float
+
+
+def change_of(before: Array, after: Array) -> Change:
+    """Return the change from errors whose sums of squares in stretches of time are
+    ``before`` (S, n) to those of ``after``, with its spread between the stretches, by the
+    jackknife."""
+
+    def rise(before: Array, after: Array) -> Array:
+        """Return half the sum over joints of log(after / before), of sums of squares."""
+        return np.asarray(0.5 * np.sum(np.log(error_ratios(before, after)), axis=-1))
+
+    sums = before.sum(axis=0), after.sum(axis=0)
+    n_stretches = len(before)
+    _, std = jackknifed(rise(sums[0] - before, sums[1] - after))
+    half = student_95(n_stretches) * float(std) if n_stretches > 1 else np.inf
+    return Change(float(rise(*sums)), half)
 
 
 def harm(before: Array, after: Array) -> float:
@@ -590,24 +656,24 @@ class HeldOutData:
         # Torque-dependent columns follow from the same model as in the searched rows.
         test = _Table(self.test.with_model(*rows.attached), estimate, self.frozen)
         test_slides = where_joints_slide(test.rows)
+        stretches, n_stretches = rows_by_stretch(test.rows)
         split = HeldOutSplit(
             effects=tuple(effects),
             train=table.compressed(effects, rows.keep),
-            tests=tuple(
-                test.compressed(effects, rows_of_run)
-                for rows_of_run in rows_by_run(test.rows)
-            ),
+            tests=tuple(test.compressed(effects, x) for x in stretches),
             sliding=(
-                *(
-                    test.compressed(effects, rows_of_run & test_slides)
-                    for rows_of_run in rows_by_run(test.rows)
-                ),
+                *(test.compressed(effects, x & test_slides) for x in stretches),
                 table.compressed(effects, where_joints_slide(rows)),
             ),
             frozen=self.frozen,
         )
         return HeldOut(
-            estimate, self.frozen, splits=(split,), source="test", make_second=by_folds
+            estimate,
+            self.frozen,
+            splits=(split,),
+            source="test",
+            n_stretches=n_stretches,
+            make_second=by_folds,
         )
 
     def _by_folds(
@@ -629,6 +695,7 @@ class HeldOutData:
         """
         fold = folds_of(table.rows, THIRDS)
         slides = where_joints_slide(table.rows)
+        stretches, n_stretches = rows_by_stretch(table.rows)
         splits = []
         for f in range(fold.max() + 1):
             effects_of_fold = effects
@@ -644,19 +711,19 @@ class HeldOutData:
                 train=table.compressed(effects_of_fold, train_rows),
                 tests=tuple(
                     table.compressed(effects_of_fold, test_rows & its_rows)
-                    for its_rows in rows_by_run(table.rows)
+                    for its_rows in stretches
                 ),
                 sliding=tuple(
                     table.compressed(effects_of_fold, its_rows & slides)
                     for its_rows in (
-                        *(test_rows & run for run in rows_by_run(table.rows)),
+                        *(test_rows & its_rows for its_rows in stretches),
                         train_rows,
                     )
                 ),
                 frozen=self.frozen,
             )
             splits.append(split)
-        return HeldOut(table.estimate, self.frozen, splits, "folds")
+        return HeldOut(table.estimate, self.frozen, splits, "folds", n_stretches)
 
     def outside(
         self, rows: SegmentedRuns, effect: Effect, by_fold: Sequence[Effect]
@@ -708,11 +775,22 @@ def where_joints_slide(rows: SegmentedRuns) -> NDArray[np.bool_]:
     return np.where(has_enough, slides, rows.keep)
 
 
-def rows_by_run(rows: SegmentedRuns) -> list[NDArray[np.bool_]]:
-    """Return for each recording the flags (M, n): which of its rows count for which
-    joint.
+def rows_by_stretch(rows: SegmentedRuns) -> tuple[list[NDArray[np.bool_]], int]:
+    """Return for each stretch of each recording the flags (M, n): which of its rows count
+    for which joint; and the number of stretches of a recording.
+
+    Recordings are cut so that there are PARTS (8) stretches or more in all.
     """
-    return [rows.keep & (rows.run == number)[:, None] for number in np.unique(rows.run)]
+    runs = np.unique(rows.run)
+    n_stretches = -(-PARTS // len(runs))
+    out = []
+    for number in runs:
+        its_rows = np.flatnonzero(rows.run == number)
+        for stretch in np.array_split(its_rows, n_stretches):
+            is_in_it = np.zeros((len(rows.run), 1), bool)
+            is_in_it[stretch] = True
+            out.append(rows.keep & is_in_it)
+    return out, n_stretches
 
 
 def with_replaced_joints(

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import SIGNIFICANT, UNCERTAIN
+from sdp_vs_penalty.diagnosis.constants import PARTS, SIGNIFICANT, UNCERTAIN
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.nuisances import share_of_one_misfit
 from sdp_vs_penalty.diagnosis.search import Search
@@ -44,9 +44,6 @@ from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, free_constan
 from sdp_vs_penalty.regression.evidence import cluster_sums, student_95
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.segments import SegmentedRuns
-
-#: Parts of a log over which sizes may scatter, as the check's repairs do.
-PARTS = 8
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from sdp_vs_penalty.diagnosis import (
 )
 from sdp_vs_penalty.diagnosis.conclude import _standstill, least_help_of
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.held_out import HeldOutSplit
+from sdp_vs_penalty.diagnosis.held_out import Change, HeldOutSplit, change_of, harm
 from sdp_vs_penalty.diagnosis.sizes import TorqueMade
 from sdp_vs_penalty.signals import REPETITION
 
@@ -101,20 +101,21 @@ def test_events_are_left_out():
 
 
 class Told(HeldOut):
-    """Errors by a rule of the effects that are chosen, in the place of fits."""
+    """Errors by a rule of the effects that are chosen, in the place of fits, whose every
+    change has one spread."""
 
-    def __init__(self, rule):
+    def __init__(self, rule, spread=0.0):
         super().__init__(None, False, (), "folds")
         self.rule = rule
+        self.spread = spread
 
-    def errors(self, chosen, judged=None):
-        return np.array(self.rule(frozenset(chosen)), float)
+    def change(self, before, after, judged, fitted=None):
+        errors = (np.array(self.rule(frozenset(x)), float) for x in (before, after))
+        return Change(harm(*errors), self.spread)
 
     def errors_by_recording(self, chosen):
         """One recording, unless the rule returns a row of errors for each."""
         return np.atleast_2d(self.rule(frozenset(chosen))).astype(float)
-
-    least_squares_errors = errors
 
     def _is_told_by_sliding(self, judged):
         return True
@@ -136,11 +137,6 @@ class Told(HeldOut):
             [0],
         ),  # only the size of one may be zero
         (
-            lambda c: [1.0 - 0.3 * (0 in c), 1.0 - 0.03 * (1 in c)],
-            {1: 0.05},
-            [0],
-        ),  # whether one is there is in doubt
-        (
             lambda c: [1.1 if c == {0} else 1.0 - 0.1 * len(c)],
             {},
             [0, 1],
@@ -161,13 +157,36 @@ def test_what_raises_errors_beside_all_others_is_not_offered(rule, least_help, k
     assert Told(rule).drop_harmful(range(2), least_help) == kept
 
 
-@pytest.mark.parametrize(("elsewhere", "kept"), [(0.7, [0, 1]), (1.0, [0])])
-def test_what_helps_on_another_split_of_the_motion_stays(elsewhere, kept):
-    """One test run alone has not the last word."""
-    held_out = Told(lambda c: [1.0 - 0.3 * (0 in c) + 0.02 * (1 in c)])
-    second = Told(lambda c: [elsewhere if 1 in c else 1.0])
-    held_out.make_second = lambda: second
-    assert held_out.drop_harmful(range(2), {}) == kept
+@pytest.mark.parametrize(
+    ("here", "elsewhere", "doubted", "kept"),
+    [
+        (1.02, 0.7, {}, [0, 1]),
+        (1.02, 1.0, {}, [0]),
+        (0.99, 0.7, {}, [0, 1]),
+        pytest.param(0.99, 0.7, {1}, [0], id="help within its spread"),
+        pytest.param(0.97, 1.0, {1}, [0, 1], id="help beyond its spread"),
+    ],
+)
+def test_one_test_run_alone_has_the_last_word_on_what_is_doubted(
+    here, elsewhere, doubted, kept
+):
+    held_out = Told(
+        lambda c: [(1.0 - 0.3 * (0 in c)) * (here if 1 in c else 1.0)], spread=0.02
+    )
+    held_out.make_second = lambda: Told(lambda c: [elsewhere if 1 in c else 1.0])
+    assert held_out.drop_harmful(range(2), {}, doubted) == kept
+
+
+def test_help_has_a_spread_between_stretches():
+    """Two joints' errors fall by a tenth in every stretch, or in one of eight."""
+    before = np.ones((8, 2))
+    everywhere = change_of(before, 0.81 * before)
+    assert everywhere.rise == pytest.approx(2.0 * np.log(0.9))
+    assert everywhere.spread < 1e-9
+    once = before.copy()
+    once[3] = 0.1
+    assert -change_of(before, once).rise < change_of(before, once).spread
+    assert np.isinf(change_of(before[:1], once[:1]).spread)
 
 
 @pytest.mark.parametrize(
@@ -200,6 +219,9 @@ def test_what_raises_one_joints_error_by_a_twentieth_goes(rule, floor, kept):
         pytest.param(lambda c: [1.0 - 0.04 * (0 in c), 1.0], 0.97, [], id="too little"),
         pytest.param(lambda c: [1.0 - 0.04 * (0 in c), 1.0], 0.9, [0], id="elsewhere"),
         pytest.param(
+            lambda c: [1.0 - 0.01 * (0 in c), 1.0], 0.9, [], id="within the spread"
+        ),
+        pytest.param(
             lambda c: [1.0 - 0.3 * (0 in c), 1.0], 1.01, [], id="nothing elsewhere"
         ),
         pytest.param(
@@ -225,17 +247,16 @@ def test_what_raises_one_joints_error_by_a_twentieth_goes(rule, floor, kept):
 def test_what_is_in_doubt_is_added_where_it_helps_alone_or_in_pairs(
     rule, elsewhere, added
 ):
-    held_out = Told(rule)
+    held_out = Told(rule, spread=0.02)
     held_out.make_second = lambda: Told(lambda c: [elsewhere if c else 1.0])
-    in_doubt = {0: 0.05, 1: 0.05}
-    assert held_out.with_helpful([], in_doubt, np.zeros(1)) == added
+    assert held_out.with_helpful([], [0, 1], np.zeros(1)) == added
 
 
 @pytest.mark.parametrize(
     ("reasons", "least"),
     [
-        ((), 0.0),
-        (("rivals", "uncertain"), 0.0),
+        ((), None),
+        (("rivals", "uncertain"), -0.01),
         (("insignificant",), 0.01),
         (("sticks", "uncertain"), 0.05),
         (("sticks", "insignificant"), np.inf),
@@ -283,7 +304,7 @@ def test_a_torque_of_sliding_is_judged_where_joints_slide(monkeypatch):
     held_out = HeldOut(None, False, [split], "test")
     fitted = []
 
-    def squares_of_fit(self, chosen, sliding):
+    def squares_of_fit(self, chosen, sliding, fitted_by):
         fitted.append(split.fitted_rows(sliding).rows)
         return np.array([[[x.squares] for x in (*split.tests, *split.sliding)]])
 

@@ -32,7 +32,7 @@ from sdp_vs_penalty.diagnosis.curves.laws import (
     law_in_words,
     recognise_law,
 )
-from sdp_vs_penalty.diagnosis.held_out import HeldOutData, harm
+from sdp_vs_penalty.diagnosis.held_out import HeldOutData
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, margin
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import folds_of
@@ -539,9 +539,9 @@ def accept_curves(
 
     A curve is a torque in doubt, and has to help as such a finding: it lowers the sum of
     the joints' log errors on data left out, in the rows in which they slide, by 5 %
-    (SURE_HELP). And most of the data left out lie where the curve was measured
-    (elsewhere, the table is held constant). Each curve is judged together with those
-    accepted before it.
+    (SURE_HELP) and beyond the spread of a test run. And most of the data left out
+    lie where the curve was measured (elsewhere, the table is held constant). Each curve is
+    judged together with those accepted before it.
 
     Parameters
     ----------
@@ -577,8 +577,8 @@ def accept_curves(
             replaced.update(other.replaced)
         findings = [i for i, t in enumerate(terms) if t not in replaced]
         with_curve = [*findings, *accepted, number]
-        before, after = (held_out.errors(x, number) for x in (chosen, with_curve))
-        if harm(before, after) > -SURE_HELP:
+        change = held_out.change(chosen, with_curve, number)
+        if change.rise > -max(SURE_HELP, change.spread):
             continue
         share_outside = judge.outside(search.data.rows, curve.table, curve.by_fold)
         if share_outside <= MOSTLY_NEW:
