@@ -13,7 +13,7 @@ in turn: a column of the covariance, which moves one parameter and the others as
 with the precision A^T A / s^2 plus the barrier's Hessian at the chains' mean; a parameter that the
 fewest others counter, so that no torque shows it; and a principal axis of the states that the
 second half of the warm-up has met, along which the set is long. All are fixed after the warm-up.
-An entropic prior enters by a Metropolis step. Many chains run as one array, from starts near the
+An entropic prior enters by a slice of it. Many chains run as one array, from starts near the
 set's boundary. All their states are judged, one a sweep, by the split R^ of Gelman and Rubin
 (Bayesian Data Analysis, 3rd ed., 11.4) and the effective sample size of Geyer's initial positive
 sequence: R^ of the few states that are returned would be above 1 by chance.
@@ -53,6 +53,8 @@ STATIONARY = 1.1
 _PILED_UP = 2.0
 #: Share of the way from the centre to the boundary at which chains start.
 _DISPERSION = 0.9
+#: Draws of a move, at most, until one lies within the prior's slice.
+_DRAWS = 30
 #: Eigenvalues of the metric below this share of the largest are rounding.
 _THIN = 1e-14
 
@@ -315,9 +317,11 @@ class Chains:
         self._aim()
 
     def draw(self, sweeps: int, longer: int = 1) -> Array:
-        """Return the states (sweeps, chains, p) after each sweep that follows a warm-up,
-        which is ``longer`` times as long as by default."""
-        quarter = longer * _WARM_UP // 4
+        """Return the states (sweeps, chains, p) after each sweep that follows a warm-up.
+
+        That is ``longer`` times as long as by default, and half as long as what follows
+        at least: a principal axis is known as well as the states that were met."""
+        quarter = max(longer * _WARM_UP, sweeps // 2) // 4
         self._run(quarter)
         self._aim()
         self._run(quarter)
@@ -372,14 +376,46 @@ class Chains:
         low, high = _chord(self.rows[:, move.rows], rows, self.mats[:, move.mats], mats)
         square = np.maximum(np.sum(torque**2, axis=1), 1e-300)
         mean = -np.sum(torque * self.residual, axis=1) / square
-        t = _along(mean, 1.0 / np.sqrt(square), low, high, self.rng)
-        if self.penalty is not None:
-            rise = self.penalty(self.theta + t[:, None] * d) - self.penalty(self.theta)
-            t = np.where(np.log(self.rng.random(len(t))) < -0.5 * rise, t, 0.0)
+        std = 1.0 / np.sqrt(square)
+        if self.penalty is None:
+            t = _along(mean, std, low, high, self.rng)
+        else:
+            t = self._within_slice(self.penalty, d, mean, std, low, high)
         self.theta += t[:, None] * d
         self.rows[:, move.rows] += t[:, None] * rows
         self.mats[:, move.mats] += t[:, None, None, None] * mats
         self.residual += t[:, None] * torque
+
+    def _within_slice(
+        self,
+        penalty: Penalty,
+        d: Array,
+        mean: Array,
+        std: Array,
+        low: Array,
+        high: Array,
+    ) -> Array:
+        """Return moves (chains,) along directions d (chains, p) that leave the normal
+        distributions on [low, high] times the prior as they are.
+
+        Where the prior's density exceeds a random share of the present one, the slice
+        (Neal, Annals of Statistics 2003), is an interval, since the prior is log-concave.
+        The normal distribution is drawn from until it meets the slice; a draw beside it
+        is the next end.
+        """
+        highest = penalty(self.theta) - 2.0 * np.log(self.rng.random(len(d)))
+        t = np.zeros(len(d))
+        is_open = np.ones(len(d), bool)
+        for _ in range(_DRAWS):
+            drawn = _along(mean, std, low, high, self.rng, reflects=False)
+            inside = penalty(self.theta + drawn[:, None] * d) <= highest
+            t = np.where(is_open & inside, drawn, t)
+            is_open &= ~inside
+            if not is_open.any():
+                break
+            high = np.where(is_open & (drawn > 0.0), drawn, high)
+            low = np.where(is_open & (drawn < 0.0), drawn, low)
+        return t
 
 
 @dataclass(frozen=True)
@@ -427,12 +463,18 @@ def _chord(
 
 
 def _along(
-    mean: Array, std: Array, low: Array, high: Array, rng: np.random.Generator
+    mean: Array,
+    std: Array,
+    low: Array,
+    high: Array,
+    rng: np.random.Generator,
+    reflects: bool = True,
 ) -> Array:
     """Return moves from 0 that leave normal distributions on [low, high] as they are.
 
     Half of the moves are samples; the others reflect the present quantile u to 1 - u
-    (overrelaxation: Neal 1998), which keeps chains from wandering.
+    (overrelaxation: Neal 1998), which keeps chains from wandering. Without ``reflects``
+    all are samples.
     """
     a, b, now = ((x - mean) / std for x in (low, high, np.zeros_like(mean)))
     # Mirrored to the lower tail, where the distribution function has its digits.
@@ -448,7 +490,8 @@ def _along(
     with np.errstate(invalid="ignore", divide="ignore"):
         u = (np.exp(log_now - log_right) - lowest) / (1.0 - lowest)
     u = np.where(is_flat, np.where(sign > 0.0, share, 1.0 - share), u)
-    u = np.where(rng.random(len(mean)) < 0.5, rng.random(len(mean)), 1.0 - u)
+    is_sample = rng.random(len(mean)) < (0.5 if reflects else 1.0)
+    u = np.where(is_sample, rng.random(len(mean)), 1.0 - u)
     u = np.clip(u, 0.0, 1.0)
     quantile = lowest + u * (1.0 - lowest)
     x = scipy.special.ndtri_exp(log_right + np.log(np.maximum(quantile, 1e-300)))

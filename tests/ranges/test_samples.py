@@ -40,21 +40,24 @@ def model(hidden):
     return identify("two_link", hidden.train[:1], check=False)
 
 
-@pytest.mark.long
-def test_a_flat_link_has_the_moments_of_its_cone():
-    """Uniform on {P >= 0, tr P <= 1}: tr P has the density 10 x^9, and E P = 10/44 1."""
+def chains_of_a_link(largest_trace, penalty=None):
+    """Chains over {P >= 0, tr P <= largest_trace}, without data."""
     link = np.arange(10)
     trace = inertia.PSEUDO_INERTIA_BASIS.trace(axis1=1, axis2=2)
     constraints = (
         build.pseudo_inertia("link", link),
-        build.linear("bound", "trace", link, -trace[:, None], [1.0]),
+        build.linear("bound", "trace", link, -trace[:, None], [largest_trace]),
     )
     cones = SmallCones(None, ConstraintSet(constraints), 10)
     start = inertia.from_pseudo_inertia(0.2 * np.eye(4))
-    chains = Chains(
-        cones, np.zeros((1, 10)), np.zeros(1), start, np.random.default_rng(0)
-    )
-    drawn = chains.draw(500)
+    rng = np.random.default_rng(0)
+    return Chains(cones, np.zeros((1, 10)), np.zeros(1), start, rng, penalty)
+
+
+@pytest.mark.long
+def test_a_flat_link_has_the_moments_of_its_cone():
+    """Uniform on {P >= 0, tr P <= 1}: tr P has the density 10 x^9, and E P = 10/44 1."""
+    drawn = chains_of_a_link(1.0).draw(500)
     r_hat, effective = diagnose_chains(drawn)
     assert r_hat.max() < 1.1
     P = inertia.pseudo_inertia(drawn.reshape(-1, 10))
@@ -63,6 +66,29 @@ def test_a_flat_link_has_the_moments_of_its_cone():
     assert_allclose(P.mean(axis=0), 10.0 / 44.0 * np.eye(4), atol=close)
     mean_trace = np.trace(P, axis1=1, axis2=2).mean()
     assert mean_trace == pytest.approx(10.0 / 11.0, abs=close)
+
+
+@pytest.mark.long
+def test_an_entropic_link_has_the_moments_of_wishart():
+    """exp(-k (tr P - log det P) / 2) is Wishart's density with nu = k + 5 degrees of
+    freedom and the scale 1/k: E P = nu / k 1, and tr P has the variance 8 nu / k^2."""
+    k = 2.0
+
+    def penalty(theta):
+        P = inertia.pseudo_inertia(theta)
+        return k * (np.trace(P, axis1=1, axis2=2) - np.linalg.slogdet(P)[1])
+
+    drawn = chains_of_a_link(100.0, penalty).draw(250)
+    r_hat, effective = diagnose_chains(drawn)
+    assert r_hat.max() < 1.1
+    P = inertia.pseudo_inertia(drawn.reshape(-1, 10))
+    trace = np.trace(P, axis1=1, axis2=2)
+    nu = k + 5.0
+    std = np.sqrt(8.0 * nu) / k
+    close = 5.0 / np.sqrt(effective.min())
+    assert_allclose(P.mean(axis=0), nu / k * np.eye(4), atol=close * std / 2.0)
+    assert trace.mean() == pytest.approx(4.0 * nu / k, abs=close * std)
+    assert trace.std() == pytest.approx(std, rel=close)
 
 
 def test_chains_start_near_the_boundary_of_the_set(model):
