@@ -139,8 +139,8 @@ class InputError(ValueError):
 class RepairableError(InputError):
     """Measurements that cannot be used as they are, and that `check --fix` can repair.
 
-    apply : the words of `--apply` that the repair needs, if any; is_known : whether the
-    repair is known before the check has compared several.
+    - ``apply``: the words of `--apply` that the repair needs, if any.
+    - ``is_known``: whether the repair is known before the check has compared several.
     """
 
     def __init__(
@@ -153,8 +153,9 @@ class RepairableError(InputError):
     ) -> None:
         """Compose the sentence of an InputError, and keep what `check --fix` needs.
 
-        apply : words for the option `--apply`, without which the repair is not made;
-        is_known : False where only the check tells which repair is right.
+        - ``apply``: words for the option `--apply`, without which the repair is not
+          made.
+        - ``is_known``: False where only the check tells which repair is right.
         """
         super().__init__(what, remedy, where)
         self.apply = apply
@@ -208,9 +209,10 @@ class ColumnsRemark(Remark):
 class Infeasible(InputError):  # noqa: N818 (the field's word)
     """The constraints admit no parameters. told : as of InputError.
 
-    families : those that exclude each other; proof : the problem without data and
-    the multipliers that prove it (Farkas), where they do: then nothing satisfies all constraints;
-    without, they leave no room at best.
+    - ``families``: those that exclude each other.
+    - ``proof``: the problem without data and the multipliers that prove it (Farkas),
+      where they do: then nothing satisfies all constraints; without, they leave no room
+      at best.
     """
 
     def __init__(

@@ -130,9 +130,10 @@ def _uncertainty(
 ) -> Uncertainty:
     """Return the intervals and the covariance of an estimate theta (p,).
 
-    is_feasible : whether theta satisfies all constraints, as its intervals do then;
-    sources : what determines each parameter; workers : compress the columns of the
-    shape constants.
+    - ``is_feasible``: whether theta satisfies all constraints, as its intervals do
+      then.
+    - ``sources``: what determines each parameter.
+    - ``workers``: processes that compress the columns of the shape constants.
     """
     task = posed.task
     wide = None

@@ -414,8 +414,8 @@ class _ConstantFit:
 class _Descent:
     """Gauss-Newton steps (d,) of the constants from those of ``begin``.
 
-    theta (p,) : the parameters at the last constants; variances : of the noise, by the
-    steps at which it was estimated.
+    - ``theta`` (p,): the parameters at the last constants.
+    - ``variances``: of the noise, each by the steps at which it was estimated.
     """
 
     def __init__(self, fit: _ConstantFit, begin: tuple[Effect, ...]) -> None:

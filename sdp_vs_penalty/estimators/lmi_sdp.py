@@ -228,10 +228,13 @@ class LmiSdpTwoStep(Estimator):
 class PosedSdp:
     """A problem that is solved once, or again with other data.
 
-    solver : None: our own interior-point method, then Clarabel where that is not tight.
-    interior (p,) : strictly inside; cones : for our own method (None: another one was
-    asked for, or a cone is larger than it takes). Raises InputError where the
-    constraints admit no interior point.
+    - ``solver``: its name; None: our own interior-point method, then Clarabel where
+      that is not tight.
+    - ``interior`` (p,): a theta strictly inside the constraints.
+    - ``cones``: for our own method (None: another one was asked for, or a cone is
+      larger than it takes).
+
+    Raises InputError where the constraints admit no interior point.
     """
 
     def __init__(

@@ -106,7 +106,9 @@ class PenalisedOptimum:
 class PenalisedProblem:
     """The published problem of a task for every weight.
 
-    data : the loss f; two_step : whether f is the distance to the base parameters.
+    - ``data``: the loss f.
+    - ``two_step``: whether f is the distance to the base parameters.
+
     Slacks stand behind theta: one a link, then one an entry of each soft demand.
     """
 

@@ -61,8 +61,9 @@ class BlackBox:
     def from_links(cls, robot: Robot, links: ArrayLike, q: ArrayLike) -> BlackBox:
         """Return the answers that known links would give.
 
-        robot : Robot with n joints; links : (links, 10) standard parameters; q : (K, n)
-        configurations [rad, m].
+        - ``robot``: Robot with n joints.
+        - ``links``: (links, 10) standard parameters.
+        - ``q``: (K, n) configurations [rad, m].
         """
         q = np.asarray(q, float)
         zero = np.zeros_like(q)

@@ -364,9 +364,11 @@ def _itself(chunk: FilteredChunk) -> FilteredChunk:
 def _chunk(filters: RunFilter, part: Stretch, at: Indices, keep: Mask) -> FilteredChunk:
     """Filter a stretch of the log around some of its samples.
 
-    at (K,) : samples of the stretch, which has no gaps; keep (K,) : which of them
-    become rows. Both column grids begin half a kernel before the first sample, so that
-    a row that lies s samples after it has the place s / stride + half on a grid.
+    - ``at`` (K,): samples of the stretch, which has no gaps.
+    - ``keep`` (K,): which of them become rows.
+
+    Both column grids begin half a kernel before the first sample, so that a row that
+    lies s samples after it has the place s / stride + half on a grid.
     """
     motion, smooth_motion = filters.around(part, at)
     since_first = at[keep] - at[0]  # samples of the log

@@ -406,9 +406,10 @@ class _RepeatedRows:
 def _carried(suspect: Mask, runs: SegmentedRuns, shown: SegmentedRuns) -> Mask:
     """Return the suspect rows (M, n) of windows from those of the complete runs.
 
-    suspect : of the rows of ``runs``; shown : windows of these runs, whose rows lie at
-    other instants. A window's row is suspect if one of its two neighbours in ``runs``
-    is.
+    - ``suspect``: flags of the rows of ``runs``.
+    - ``shown``: windows of these runs, whose rows lie at other instants.
+
+    A window's row is suspect if one of its two neighbours in ``runs`` is.
     """
     of_windows = []
     for window in shown.segments:

@@ -579,8 +579,9 @@ def subsample_sentence(
     """Return the sentence that a result rests on windows of a long recording, and on
     how many; None if it rests on the complete recording.
 
-    part : the windows; measurements : the recording; what : subject and verb, such as
-    "the noise is measured on".
+    - ``part``: the windows.
+    - ``measurements``: the recording.
+    - ``what``: subject and verb, such as "the noise is measured on".
     """
     measurements = measurements.cut_at_pauses
     if part is measurements:

@@ -97,7 +97,8 @@ def _refuse_harm(before: Any, after: Any, what: str) -> None:
     Errors are RMS on some runs, where the joint slides; one that noise explains does not
     count.
 
-    before, after : comparisons of the models with the runs; what : the runs, in words.
+    - ``before``, ``after``: comparisons of the models with the runs.
+    - ``what``: the runs, in words.
     """
     import numpy as np
 
@@ -123,9 +124,9 @@ def _say_changes(
 ) -> None:
     """Print what the bigger of two models has that the other has not.
 
-    effects : what was to be added, as text or as a diagnosis; acting : what acts for a
-    time, in words, where its spans were left out; confident : whether only findings were
-    added whose torque is certain.
+    - ``effects``: what was to be added, as text or as a diagnosis.
+    - ``acting``: what acts for a time, in words, where its spans were left out.
+    - ``confident``: whether only findings were added whose torque is certain.
     """
     from sdp_vs_penalty.effects import effect_in_words
     from sdp_vs_penalty.estimation.shapes import changed_constants_in_words

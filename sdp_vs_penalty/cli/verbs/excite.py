@@ -155,7 +155,8 @@ def _separate(
 ) -> None:
     """Design the motion that distinguishes two effects, and write it as CSV.
 
-    effects : both, as `add` takes them; urdf : shapes for the check of self-collision.
+    - ``effects``: both, as `add` takes them.
+    - ``urdf``: shapes for the check of self-collision.
     """
     from sdp_vs_penalty.estimation.constants import LEVEL
     from sdp_vs_penalty.estimation.estimate import load_estimate

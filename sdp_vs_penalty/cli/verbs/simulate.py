@@ -79,7 +79,8 @@ def _follow(
 ) -> None:
     """Simulate a model along measured runs, and print the errors of its motion.
 
-    drive : "torque", "pd" or "servo"; out : file for the motion of the first free run.
+    - ``drive``: "torque", "pd" or "servo".
+    - ``out``: file for the motion of the first free run.
     """
     from sdp_vs_penalty.cli.next_step import say_what_follows
     from sdp_vs_penalty.cli.runs import NamedRuns

@@ -97,7 +97,8 @@ def _errors(study: Study, data: Data, estimator: str | Estimator) -> Row:
 def _independent_runs(runs: Sequence[Mapping[str, float]], optimum: float) -> Row:
     """Return the cells on a multi-start method: number of runs, and where they ended.
 
-    runs : loss and violation of each; optimum : certified lower bound of the loss.
+    - ``runs``: loss and violation of each.
+    - ``optimum``: certified lower bound of the loss.
     """
     frame = pandas.DataFrame(runs, columns=["loss", "violation"]).astype(float)
     excess = 100.0 * (frame["loss"] / optimum - 1.0)

@@ -341,8 +341,8 @@ def _rows_of(
     """Return the table's rows of phi_1, phi_2 and phi_3, each with the ends of its 95 %
     interval if ``ends``.
 
-    what : data of the fit, such as "simulated". covered : (3,) share of intervals that
-    hold the truth [%].
+    - ``what``: data of the fit, such as "simulated".
+    - ``covered``: (3,) share of intervals that hold the truth [%].
     """
     rows = []
     for k, unit in enumerate(("N*m", "s/rad", "rad/s")):

@@ -192,7 +192,8 @@ def _published(
     """Return the paper's columns as printed, with its condition numbers and errors
     below.
 
-    keys : names of all rows of the table; base : number of base parameters.
+    - ``keys``: names of all rows of the table.
+    - ``base``: number of base parameters.
     """
     names = [*keys[:base], *(row["coefficient"] for row in printed[base:])]
     fits = pandas.DataFrame(_PUBLISHED_FITS, [_CONDITION, _ERROR])
