@@ -1,6 +1,7 @@
 """The recipes of CONTRIBUTING: one new file is found by everything that lists, runs and
 compares."""
 
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -114,6 +115,9 @@ def test_an_effect_of_one_file_is_in_mjcf(two_link, added, tmp_path, ours):
     if ours:
         options["mjcf"] = tmp_path / "robot.xml"
         export(estimate_of(robot, FULL, 1), options["mjcf"])
+        text = options["mjcf"].read_text()
+        flagged = re.sub("(<option [^>]*)/>", r"\1><flag/></option>", text)
+        options["mjcf"].write_text(flagged)
     estimate = estimate_of(robot, f"{FULL},torque_offset,{IN_ONE_FILE}:2@q_0=0.2", 4)
     assert export(estimate, out, **options) == ()
     rows = states(robot, 20, 1)
@@ -125,6 +129,7 @@ def test_an_effect_of_one_file_is_in_mjcf(two_link, added, tmp_path, ours):
     assert found == [None, "0.02"]
     assert [x.get("gear") for x in root.iter("motor")] == [None, "1.0"]
     assert root.find("option").get("impratio") == "2.0"
+    assert (root.find("option/flag") is not None) == ours
 
 
 def test_an_effect_of_one_file_has_words_and_contracts(two_link, added):

@@ -145,8 +145,9 @@ def _add_body(parent: Any, part: LinkPart) -> Any:
 
 
 def edit_mjcf(path: str | Path, robot: Robot, content: Content) -> bytes:
-    """Return the user's MJCF with the model's inertials, armature, damping, dry friction
-    and springs; actuators, meshes, names and every other byte stay.
+    """Return the user's MJCF with the model's inertials, armature, damping, dry friction and
+    springs, and other attributes that its effects declare; actuators, meshes, names and
+    every other byte stay.
 
     A body fixed to a moving one gets a mass of zero, because its mass is part of the
     moving one's. A body whose joint was held keeps its inertial, and the moving one gets
@@ -260,7 +261,7 @@ def _put_joints(
     order: list[int],
 ) -> None:
     """Give the driven joints of a file the model's damping, dry friction, armature and
-    springs.
+    springs, and joints, actuators and option what else its effects declare.
 
     Where the file counts in degrees, a hinge's springref does, too.
     """
@@ -279,7 +280,11 @@ def _put_joints(
             for x in document.root.iterfind(f"actuator/*[@joint='{joint.name}']"):
                 document.change(x, _written(of_actuator))
     if of_option := content.mjcf_attributes("option"):
-        document.put(document.root, "option", _written(of_option))
+        option = document.root.find("option")
+        if option is None:
+            document.put(document.root, "option", _written(of_option))
+        else:
+            document.change(option, _written(of_option))
 
 
 def _written(values: Mapping[str, float]) -> dict[str, str]:
