@@ -145,7 +145,7 @@ def _add_body(parent: Any, part: LinkPart) -> Any:
 
 
 def edit_mjcf(path: str | Path, robot: Robot, content: Content) -> bytes:
-    """Return the user's MJCF with the model's inertials, armature, damping, dry friction and
+    """Return the user's MJCF with the model's inertials, armature, damping, dry friction,
     springs, and other attributes that its effects declare; actuators, meshes, names and
     every other byte stay.
 
