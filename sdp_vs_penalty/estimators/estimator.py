@@ -310,11 +310,12 @@ def _prior_links(problem: Problem, model: Model) -> Array:
 
 
 def _with_known(data: LeastSquares, model: Model, bound: Array) -> LeastSquares:
-    """Return data, given what is known, whose optimum holds the known parameters at
-    their values.
+    """Return data whose optimum has the known parameters at their values.
 
-    Nothing else depends on theta_k of a known k, so that the term |tau|^2 ((theta_k -
-    value) / bound_k)^2 is zero there; ``bound`` (p,) is its scale.
+    In ``data`` the torque of the known ones is subtracted already, and their columns are
+    zero. So the terms |tau|^2 ((theta_k - value_k) / bound_k)^2 that are added here
+    alone decide these theta_k, and are zero at the optimum. ``bound`` (p,) is their
+    scale.
     """
     if not model.known_values:
         return data

@@ -87,6 +87,7 @@ def smoothing_kernel(half: int, period: float) -> Array:
         Weights of the value, its rate [1/s] and its acceleration [1/s^2].
     """
     t = np.arange(-half, half + 1) * period
+    # Rows: the polynomial's coefficients. Its second derivative is twice the third one.
     fit = np.linalg.pinv(np.vander(t, 4, increasing=True))
     return np.ascontiguousarray(fit[:3] * np.array([[1.0], [1.0], [2.0]]))
 

@@ -126,9 +126,9 @@ def joint_places(robot: Robot, link: int) -> Array:
             places += [
                 child.placement[:3, 3] + s * axis for s in _ends_of_stroke(child)
             ]
-    return np.concatenate(
-        [np.zeros((1, 3)), np.array(places) @ into_link[:3, :3].T + into_link[:3, 3]]
-    )
+    in_link_frame = np.array(places) @ into_link[:3, :3].T + into_link[:3, 3]
+    origin = np.zeros((1, 3))
+    return np.concatenate([origin, in_link_frame])
 
 
 def _ends_of_stroke(joint: Joint) -> list[float]:

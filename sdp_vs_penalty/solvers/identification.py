@@ -542,6 +542,7 @@ def _independent_rows(matrix: Array, rho: Array) -> tuple[Array, Array, float]:
     diagonal = np.abs(np.diagonal(r))
     rank = 0
     if diagonal[0] > 0.0:
+        # Less than 1e-13 of the largest is rounding.
         rank = int(np.sum(diagonal > 1e-13 * diagonal[0]))
     rows = np.zeros((rank, matrix.shape[1]))
     rows[:, pivots] = r[:rank]
