@@ -100,10 +100,11 @@ class Samples:
                 "not yet stationary: the slowest parameters' spread may be off;"
                 f" {self._advice}"
             )
+        least, most = (f"{x:.0f}" for x in (self.effective.min(), self.effective.max()))
+        number = least if least == most else f"{least} to {most} by parameter"
         text = (
             f"{len(self.theta)} consistent models from likelihood and {self.prior} prior;"
-            f" effective number {self.effective.min():.0f} to"
-            f" {self.effective.max():.0f} by parameter, split R^ at most"
+            f" effective number {number}, split R^ at most"
             f" {self.r_hat.max():.3f} ({word})"
         )
         if self.bounded:
