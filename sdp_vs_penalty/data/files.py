@@ -134,7 +134,7 @@ def as_measurements(
     sources = list[Any]()
     for part in several:
         is_path = isinstance(part, str | Path)
-        sources += run_files(part) if is_path else [part]
+        sources += run_files(part, names or ()) if is_path else [part]
     if not sources:
         raise InputError("no run is given", "pass at least one", what)
 
@@ -284,7 +284,7 @@ def training_runs(source: Source) -> Source:
     return train
 
 
-def run_files(path: str | Path) -> list[Path]:
+def run_files(path: str | Path, joints: Sequence[str] = ()) -> list[Path]:
     """List the files of runs for which a path stands.
 
     Parameters
@@ -292,6 +292,8 @@ def run_files(path: str | Path) -> list[Path]:
     path : str | Path
         A file; a pattern like runs/*.csv; a folder of runs; or files of one run joined
         by plus signs, or a folder with a file for each quantity.
+    joints : Sequence[str]
+        Names of the robot's joints: the files of a folder may be called by them.
 
     Returns
     -------
@@ -305,7 +307,7 @@ def run_files(path: str | Path) -> list[Path]:
         A pattern that matches no file.
     """
     path = Path(path)
-    if _is_joined(path):
+    if _is_joined(path, joints):
         return [path]
     if os.path.isdir(path) and format_of(path) is None:
         return sorted(p for p in path.iterdir() if p.suffix.lower() in suffixes()) or [
@@ -320,14 +322,14 @@ def run_files(path: str | Path) -> list[Path]:
     return [path]
 
 
-def _is_joined(path: Path) -> bool:
+def _is_joined(path: Path, joints: Sequence[str] = ()) -> bool:
     """Tell whether a path stands for one run in several files: "a.csv+b.csv", or a
-    folder with a file for each quantity."""
+    folder with a file for each quantity or joint."""
     if not path.is_dir() and FILE_SEPARATOR not in str(path):
         return False
     from sdp_vs_penalty.data.formats.joined import files_of_run
 
-    return bool(files_of_run(path))
+    return bool(files_of_run(path, joints))
 
 
 def windowed(
@@ -439,10 +441,10 @@ def read_run(
         names, topic, rename, rate, scale, options, as_written, unit_of_others
     )
     path = Path(path)
-    if _is_joined(path):
+    if _is_joined(path, names or ()):
         from sdp_vs_penalty.data.formats.joined import files_of_run, joined_log
 
-        run = run_of(joined_log(path, files_of_run(path)), choice)
+        run = run_of(joined_log(path, files_of_run(path, names or ())), choice)
     else:
         with reading(path) as path:
             run = _run_of_file(path, choice)
@@ -454,8 +456,24 @@ def read_run(
         _require_joints(run, names, path)
     run = _without_silent_channels(path, run)
     if joints is not None and run.n != joints:
-        raise other_robot(run.n, joints, path, names=names or ())
+        raise _of_one_joint(path, names) or other_robot(
+            run.n, joints, path, names=names or ()
+        )
     return without_traces(run)
+
+
+def _of_one_joint(path: Path, joints: Sequence[str] | None) -> InputError | None:
+    """Return the error of a file that holds one joint of the robot, with the command that
+    joins it to those of the others beside it; None where they are not all there."""
+    from sdp_vs_penalty.data.formats.joined import files_called_by
+
+    there = path.parent.iterdir() if path.parent.is_dir() else ()
+    files = files_called_by(joints or (), [x for x in there if x.suffix == path.suffix])
+    if path not in files:
+        return None
+    command = formatting.convert_command(FILE_SEPARATOR.join(map(str, files)))
+    what = "the file holds one joint, as those beside it do"
+    return InputError(what, f"join them with `{command}`", path)
 
 
 def _run_of_file(path: Path, choice: Choice) -> Measurements:

@@ -117,11 +117,17 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
     run = replace(
         run, reading=f"{log.path.name}: {sentence}", unit_by_arm=found.unit_by_arm
     )
-    if "q" not in found.unsaid:
-        return run
-    asking = replace(choice, scale={**(choice.scale or {}), "q": "UNIT"})
-    asked = repeating_command(log, found.without_unit("q"), asking)
+    asked = _asking_command(log, found, choice) if "q" in found.unsaid else ""
     return replace(run, unit_command=asked)
+
+
+def _asking_command(log: Log, found: Recognition, choice: Choice) -> str:
+    """Format the command that states the unit of positions, which nothing says."""
+    stated = found.possible_scale or {"q": "UNIT"}
+    for group in stated:
+        found = found.without_unit(group)
+    asking = replace(choice, scale={**(choice.scale or {}), **stated})
+    return repeating_command(log, found, asking)
 
 
 def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recognition]:
@@ -135,13 +141,33 @@ def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recogn
         found = found.without_unit(group)  # which the user says
     if choice.as_written and found.unless_confirmed is not None:
         raise found.unless_confirmed
+    refusal = found.unless_confirmed
     try:
         run, found = _run_of_columns(log, found, choice)
     except InputError as error:
-        raise found.unless_confirmed or error from None
+        if log.names[:1] != ["#1"] or refusal is None:
+            raise refusal or error from None
+        run, found = _run_in_another_order(log, found, choice)
     if found.unless_confirmed is not None:
         raise found.unless_confirmed
     return log, run, found
+
+
+def _run_in_another_order(
+    log: Log, found: Recognition, choice: Choice
+) -> tuple[Measurements, Recognition]:
+    """Return the run of a table without a header in the one order of its columns that the
+    arm confirms; raise the error of the usual order where it confirms none, or several."""
+    from sdp_vs_penalty.data.hypotheses.proposals import other_orders
+
+    confirmed = list[Recognition]()
+    for order in other_orders(found):
+        with warnings.catch_warnings(action="ignore"), suppress(InputError):
+            _run_of_columns(log, order, choice)
+            confirmed.append(order)
+    if len(confirmed) != 1 and found.unless_confirmed is not None:
+        raise found.unless_confirmed
+    return _run_of_columns(log, confirmed[0], choice)
 
 
 def _run_of_columns(
@@ -718,6 +744,9 @@ def _as_the_arm_says(
             found = _with_unit_of_clock(found, t, blocks, choice.rate)
         found = by_arm.with_unit_of_velocities(found, t, blocks)
     fit = by_arm.fit_of(robot, lambda _: seconds(found))
+    is_side_given = not {"--motors", "--motor-side"}.isdisjoint(choice.options)
+    if robot is not None and not found.unit_by_arm and not is_side_given:
+        found, blocks = by_arm.with_joint_side(found, blocks, robot, fit)
     found, blocks = by_arm.with_channel_of_torque(found, blocks, channels, fit)
     if robot is not None and not found.is_identity:
         found, blocks = by_arm.with_signed_register(found, blocks, fit)
@@ -782,8 +811,11 @@ def sentence_and_command(
             f"joints {', '.join(found.joints)}{other if found.has_other_joints else ''}"
         )
     sentence = "; ".join(said)
-    command = "" if log.remedy else repeating_command(log, found, choice)
-    repeated = f"; the same by `{command}`" if command else ""
+    is_possible = bool(found.possible_scale)
+    format_command = _asking_command if is_possible else repeating_command
+    command = "" if log.remedy else format_command(log, found, choice)
+    how = "if so, convert it by" if is_possible else "the same by"
+    repeated = f"; {how} `{command}`" if command else ""
     return sentence, f"{log.path}: {sentence}{repeated}"
 
 

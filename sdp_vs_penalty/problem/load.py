@@ -636,6 +636,8 @@ def convert(
         )
     elif motors and problem is not None:
         transmission = as_problem(problem).robot.transmission
+        if transmission is not None:
+            transmission = transmission.at_motors(joint_torque=joint_torque)
     if motors and transmission is None:
         remedy = (
             "name a problem that has one, or write each motor's position, such as 50"

@@ -114,7 +114,8 @@ class WrittenInertial:
 
         In shapes a mass is no denser than osmium, and with its centre c in [a, b] along
         an axis its second moment is at most (b - c)(c - a). Without shapes its radius
-        of gyration is at most what the joints around it leave.
+        of gyration is at most what the joints around it leave, and at least a ball's of
+        osmium.
         """
         mass = float(barycentric[0])
         second = _second(barycentric)
@@ -144,6 +145,13 @@ class WrittenInertial:
                     f" from its centre along one axis, and its shapes allow {np.sqrt(drawn):.3g} m"
                 )
         gyration = float(np.sqrt(max(np.trace(second), 0.0)))
+        # Of all bodies of one density the ball has the least radius of gyration.
+        ball = np.cbrt(0.75 * mass / np.pi / inertia.DENSEST)
+        if gyration < np.sqrt(0.6) * ball:
+            return (
+                f"denser than any metal: its radius of gyration is {gyration:.2g} m, and"
+                f" that of {mass:.4g} kg at least {np.sqrt(0.6) * ball:.2g} m"
+            )
         if gyration > self.reach:
             return (
                 f"implausible: radius of gyration {gyration:.3g} m for {mass:.3g} kg, and"

@@ -9,7 +9,7 @@ wrist, a differential, a parallelogram.
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -399,6 +399,14 @@ class Transmission(JsonRecord):
         if not np.all(rows > 0.0) or any(np.linalg.cond(m) > 1e9 for m in matrices):
             what = "transmission: the joints do not follow from the motors"
             raise InputError(what, "give independent motors")
+
+    def at_motors(self, *, joint_torque: bool = False) -> "Transmission":
+        """Return it for logs of motors, where it does not say which channels are theirs;
+        with ``joint_torque`` the torques are the joints' already."""
+        if "motor" in {*self.positions, *self.torques}:
+            return self
+        torques = self.torques if joint_torque else ("motor",) * self.n
+        return replace(self, positions=("motor",) * self.n, torques=torques)
 
     @property
     def n(self) -> int:

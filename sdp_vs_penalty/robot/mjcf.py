@@ -28,6 +28,7 @@ from sdp_vs_penalty.robot.joint import (
 )
 from sdp_vs_penalty.robot.robot import Robot, check_held
 from sdp_vs_penalty.robot.rotation import joint_motion, rotation_of_quaternion
+from sdp_vs_penalty.robot.urdf import not_read
 
 #: The arrays of MuJoCo's model that are needed, by its own names.
 _ARRAYS = (
@@ -70,6 +71,8 @@ _ARRAYS = (
 _N_BYTES = 2**26
 _NEEDS_MEMORY = "MuJoCo needs more than 2 GB of memory for it"
 _MESHES_REMEDY = "write an <inertial> into each body: their meshes are then not read"
+#: By what of MuJoCo's model a tendon pulls without a drive.
+_PULLS = ("tendon_stiffness", "tendon_damping", "tendon_frictionloss", "tendon_limited")
 #: MuJoCo's numbers of kinds (mjtJoint, mjtEq, mjtTrn, mjtBias).
 _SLIDE = 2
 _HINGE = 3
@@ -93,6 +96,8 @@ class MujocoModel:
     joint_names: tuple[str, ...]
     #: What each equality of the model couples, in words.
     equalities: tuple[str, ...]
+    #: Tendons that pull on joints by themselves, in words.
+    tendons: tuple[str, ...]
     #: Arrays of the model by the names of MuJoCo's fields of mjModel.
     arrays: Arrays
 
@@ -134,9 +139,9 @@ def load_mjcf(
     path: str | Path,
     gravity: Sequence[float] | None = None,
     held: Mapping[str, float] | None = None,
-) -> tuple[Robot, Array, dict[str, float]]:
-    """Read the robot of an MJCF file, its nominal links, and nominal values of its
-    joints.
+) -> tuple[Robot, Array, dict[str, float], str]:
+    """Read the robot of an MJCF file, its nominal links, nominal values of its joints, and
+    what is left out.
 
     A body without joints belongs to its parent; what is fixed to the world is dropped.
     Joints of an equality follow one another.
@@ -159,6 +164,8 @@ def load_mjcf(
     values : dict
         Parameters by name: armature I_a1 [kg m^2], damping f_v1 [N m s/rad], friction
         loss f_c1 [N m], gains of position actuators kp1 [N m/rad], kd1 [N m s/rad].
+    couplings : str
+        Which tendons between joints are left out; "" for none.
 
     Raises
     ------
@@ -167,7 +174,8 @@ def load_mjcf(
         at all.
     """
     model, robot, links, _ = _load(path, gravity, held)
-    return robot, links, _values(model, robot.joint_names)
+    values = _values(model, robot.joint_names)
+    return robot, links, values, not_read(model.tendons)
 
 
 def load_bodies(
@@ -275,6 +283,7 @@ def _compiled(path: Path) -> MujocoModel:
         gravity=(x, y, z),
         joint_names=tuple(joint_names),
         equalities=tuple(names["equalities"]),
+        tendons=tuple(names["tendons"]),
         arrays=arrays,
     )
 
@@ -302,8 +311,8 @@ def model_arrays(path: str, folder: str) -> Iterator[Arrays]:
     ------
     dict of str to array
         "gravity" (3,) [m/s^2]; the fields of MuJoCo's ``mjModel`` that are read, such
-        as "body_mass" [kg]; "names" (bytes,), JSON with "model", "joints", and
-        "equalities": what each of them couples.
+        as "body_mass" [kg]; "names" (bytes,), JSON with "model", "joints", "tendons" that
+        pull, and "equalities": what each of them couples.
 
     Raises
     ------
@@ -329,6 +338,11 @@ def model_arrays(path: str, folder: str) -> Iterator[Arrays]:
         "model": _name_of_model(model),
         "joints": [model.joint(k).name for k in range(model.njnt)],
         "equalities": [_equality_words(model, k) for k in range(model.neq)],
+        "tendons": [
+            f"tendon {model.tendon(k).name!r}"
+            for k in range(model.ntendon)
+            if any(np.any(getattr(model, x)[k]) for x in _PULLS)
+        ],
     }
     name_bytes = np.array([*json.dumps(names).encode()], float)
     yield {"gravity": np.array(model.opt.gravity, float), "names": name_bytes, **fields}

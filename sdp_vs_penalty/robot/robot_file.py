@@ -77,8 +77,8 @@ def load_robot(
     if format_of(read_bytes(path)) == "mjcf":
         from sdp_vs_penalty.robot.mjcf import load_mjcf
 
-        robot, links, values = load_mjcf(path, gravity, held)
-        return RobotFile(robot, links, values=values)
+        robot, links, values, couplings = load_mjcf(path, gravity, held)
+        return RobotFile(robot, links, values=values, couplings=couplings)
     down = STANDARD_GRAVITY if gravity is None else gravity
     with as_urdf(Path(path)) as file:
         robot, links = load_urdf(file, down, held)

@@ -7,6 +7,7 @@ frame, and everything in the link moves by J^-1 X.
 
 import re
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +21,7 @@ from sdp_vs_penalty.robot.rotation import (
     rotation_of_rpy,
     rpy_of,
 )
-from sdp_vs_penalty.robot.urdf import numbers_of
+from sdp_vs_penalty.robot.urdf import coupling_elements, numbers_of
 
 #: The frame of the model, and what does not move.
 _MODEL = "__model__"
@@ -121,6 +122,10 @@ class _Model:
             etree.SubElement(robot, "link", name=_WORLD)
         for link in self._links():
             self._add_link(robot, link, frames[str(link.get("name"))])
+        # What a simulator's plug-in couples stays, so that it is named as a URDF's is.
+        etree.SubElement(robot, "gazebo").extend(
+            map(deepcopy, coupling_elements(self.element))
+        )
         for joint in joints:
             parent, child = ends[str(joint.get("name"))]
             self._add_joint(robot, joint, parent, child, frames.get(parent, np.eye(4)))

@@ -286,22 +286,28 @@ def couplings_left_out(root: Any) -> str:
         Such as "<connect body1='a' body2='b'> (line 7): not read: ..."; "" without any.
     """
     out = []
-    for element in root.iter():
-        if not isinstance(element.tag, str):
-            continue
+    for element in coupling_elements(root):
         tag = etree.QName(element).localname
-        in_extension = element.getparent() is not None and (
-            element.getparent().tag in ("gazebo", "equality")
-        )
+        words = [tag, *(f"{k}={v!r}" for k, v in element.attrib.items())]
+        out.append(f"<{' '.join(words)[:100]}> (line {element.sourceline})")
+    return not_read(out)
+
+
+def coupling_elements(root: Any) -> list[Any]:
+    """List the XML elements that couple links of a robot beside its tree of joints."""
+    found = []
+    for element in root.iter(etree.Element):
+        tag, parent = etree.QName(element).localname, element.getparent()
+        in_extension = parent is not None and parent.tag in ("gazebo", "equality")
         if _COUPLING.search(tag) or (in_extension and tag == "joint"):
-            words = [tag, *(f"{k}={v!r}" for k, v in element.attrib.items())]
-            out.append(f"<{' '.join(words)[:100]}> (line {element.sourceline})")
-    if not out:
-        return ""
-    return (
-        f"{', '.join(out)}: not read: the arm is the tree of joints, without what couples"
-        " its links besides"
-    )
+            found.append(element)
+    return found
+
+
+def not_read(couplings: Sequence[str]) -> str:
+    """Say that couplings of links are not read; "" without any."""
+    tree = "the arm is the tree of joints, without what couples its links besides"
+    return f"{', '.join(couplings)}: not read: {tree}" if couplings else ""
 
 
 def _weighed(parts: Sequence[Parts]) -> tuple[list[Array], tuple[int, ...]]:

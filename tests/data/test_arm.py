@@ -44,7 +44,8 @@ def table(path, **blocks):
         head += [f"{name}_{k + 1}" if wide else name for k in range(block.shape[1])]
         columns.append(block)
     text = "\n".join(",".join(map(repr, x)) for x in np.hstack(columns).tolist())
-    path.write_text(f"{','.join(head)}\n{text}\n")
+    header = f"{','.join(head)}\n" if any(blocks) else ""
+    path.write_text(f"{header}{text}\n")
     return path
 
 
@@ -244,6 +245,10 @@ CERTAIN = {
         lambda x: {"time": x.t, "x": np.hstack([x.q, x.dq]), "u": x.tau},
         "dq1..dq3 = x_4 .. x_6, tau1..tau3 = u_1 .. u_3",
     ),
+    "without a header, torques first": (
+        lambda x: {"": np.hstack([x.t[:, None], x.tau, x.q])},
+        "t = #1, q1..q3 = #5 .. #7, tau1..tau3 = #2 .. #4",
+    ),
     "letters": (
         lambda x: {"time": x.t, "P": x.q, "V": x.dq, "M": x.tau},
         "columns recognised (by letters and order)",
@@ -269,6 +274,94 @@ def test_what_the_arm_tells_for_certain_is_taken_and_said(case, tmp_path):
     np.testing.assert_allclose(got.tau, motion.tau)
     with suppress(InputError):
         assert words not in reading(path, problem, as_written=True)[1]
+
+
+def test_counts_whose_size_is_likely_bring_the_command(tmp_path):
+    """Encoders of other sizes are as possible: the user decides."""
+    problem = limited_arm(tmp_path)
+    motion = small_run(problem, seconds=8.0)
+    counts = np.round(2048.0 + 4096.0 / (2.0 * np.pi) * motion.q)
+    columns = {"time": motion.t, "pos": counts, "vel": 10.0 * motion.dq}
+    path = table(tmp_path / "run.csv", **columns, trq=motion.tau)
+    got, said = reading(path, problem)
+    np.testing.assert_allclose(got.q, counts)
+    assert "4096 a turn, the middle at 2048" in said
+    assert got.unit_command in said
+    words = [*shlex.split(got.unit_command)[1:-1], str(tmp_path / "si.csv")]
+    assert run_cli(*words) == 0
+    got = read_run(words[-1], 3)
+    np.testing.assert_allclose(got.q, motion.q, atol=1e-3)
+    np.testing.assert_allclose(got.dq, motion.dq, rtol=0.01)
+
+
+@pytest.mark.parametrize("side", ["motor", "joint"])
+def test_channels_of_motors_are_the_joints_by_the_robot_s_transmission(side, tmp_path):
+    """By the file's reductions, where positions are in the joints' ranges only so; once."""
+    ratios = np.array([50.0, 80.0, 30.0])
+    text = (
+        (tmp_path / limited_arm(tmp_path).robot.name).with_suffix(".urdf").read_text()
+    )
+    gears = "".join(
+        f"<transmission name='t{k}'><joint name='{x}'/><actuator name='m{k}'>"
+        f"<mechanicalReduction>{ratios[k]}</mechanicalReduction></actuator></transmission>"
+        for k, x in enumerate(limited_arm(tmp_path).robot.joint_names)
+    )
+    arm = tmp_path / "geared.urdf"
+    arm.write_text(text.replace("</robot>", f"{gears}</robot>"))
+    problem = load_problem(arm)
+    motion = small_run(problem, seconds=8.0)
+    tau = motion.tau / ratios if side == "motor" else motion.tau
+    columns = {"time": motion.t, "motor pos [rad]": ratios * motion.q}
+    path = table(tmp_path / "run.csv", **columns, trq=tau)
+    got, said = reading(path, problem)
+    words = "q and tau are" if side == "motor" else "q are"
+    assert f"{words} the motors': the robot's transmission makes" in said
+    np.testing.assert_allclose(got.q, motion.q)
+    np.testing.assert_allclose(got.tau, motion.tau)
+    flags = ["--motor-side", *["--joint-torque"] * (side == "joint")]
+    out = tmp_path / "si.csv"
+    assert run_cli("convert", path, "--problem", arm, *flags, "--out", out) == 0
+    np.testing.assert_allclose(read_run(out, 3).tau, motion.tau, rtol=1e-6)
+
+
+def test_arms_of_one_file_are_told_apart_by_a_word(tmp_path):
+    """The command takes the first one, in the robot's order of joints."""
+    problem = limited_arm(tmp_path)
+    motion = small_run(problem, seconds=2.0)
+    columns = {
+        f"{arm}_{joint}.{name}": sign * block[:, k]
+        for arm, sign in (("left", 1.0), ("right", -1.0))
+        for k, joint in reversed([*enumerate(problem.robot.joint_names)])
+        for name, block in (("pos", motion.q), ("eff", motion.tau))
+    }
+    path = table(tmp_path / "run.csv", time=motion.t, **columns)
+    with pytest.raises(InputError, match=r"q could be left_.* or right_") as refused:
+        reading(path, problem)
+    command = re.findall("`(.*)`", str(refused.value))[0]
+    words = [*shlex.split(command)[1:-1], str(tmp_path / "left.csv")]
+    assert run_cli(*words) == 0
+    np.testing.assert_allclose(read_run(words[-1], 3).q, motion.q, rtol=1e-6)
+
+
+def test_files_called_by_the_joints_are_one_run(tmp_path):
+    arm = write_urdf(tmp_path / "arm.urdf", "arm", (TURN, SHOULDER, ELBOW))
+    words = {"joint1": "turn", "joint2": "shoulder", "joint3": "elbow"}
+    arm.write_text(re.sub("joint[123]", lambda x: words[x[0]], arm.read_text()))
+    problem = load_problem(arm)
+    motion = small_run(problem, seconds=2.0)
+    folder = tmp_path / "log"
+    folder.mkdir()
+    for k, joint in enumerate(problem.robot.joint_names):
+        columns = {"pos": motion.q[:, k], "trq": motion.tau[:, k]}
+        table(folder / f"{joint}.csv", time=motion.t, **columns)
+    got = as_measurements(folder, names=problem.channel_names)
+    np.testing.assert_allclose(got.q, motion.q)
+    with pytest.raises(InputError, match="the file holds one joint") as refused:
+        reading(folder / f"{joint}.csv", problem)
+    command = re.findall("`(.*)`", str(refused.value))[0]
+    words = [*shlex.split(command)[1:-1], str(tmp_path / "all.csv")]
+    assert run_cli(*words) == 0
+    np.testing.assert_allclose(read_run(words[-1], 3).tau, motion.tau, rtol=1e-6)
 
 
 def test_runs_of_one_recorder_are_in_one_unit(tmp_path):

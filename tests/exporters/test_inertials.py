@@ -137,6 +137,15 @@ def test_moments_about_exchanged_axes_are_a_finding_without_a_fix(tmp_path, caps
     assert fixed == path.read_text()
 
 
+def test_a_lost_point_of_a_mass_is_named(tmp_path):
+    """A ball of 1 kg and 5 cm, as its moments have it: of 10 kg none is so small."""
+    moments = ("0.001", "0", "0", "0.001", "0", "0.001")
+    (_, check) = check_urdf(write(tmp_path, body("10", *moments)))
+    assert "denser than any metal: its radius of gyration is 0.012 m" in check.misfit
+    (_, check) = check_urdf(write(tmp_path, body("1", *moments)))
+    assert not check.misfit
+
+
 def test_a_link_that_is_fixed_to_another_is_judged_in_its_own_frame(tmp_path):
     """And a link without shapes not at all, since it may be anywhere."""
     tool = (

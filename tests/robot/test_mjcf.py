@@ -1,6 +1,7 @@
 """Robots from MJCF: the torque is MuJoCo's own to 1e-9 for arms in a row, with a mimic
 joint, a slide, armature and two trees; names of robot_descriptions."""
 
+import re
 import sys
 from types import ModuleType
 
@@ -72,7 +73,7 @@ def write(folder, name):
 
 @pytest.mark.parametrize("name", ARMS)
 def test_torques_are_mujoco_s(name, tmp_path):
-    robot, links, values = load_mjcf(write(tmp_path, name))
+    robot, links, values, _ = load_mjcf(write(tmp_path, name))
     q, dq, ddq = np.random.default_rng(0).normal(size=(3, 30, robot.n))
     matrix = np.eye(robot.n) if robot.mechanism is None else robot.mechanism.matrix
     whole = robot.tree_state(q, dq, ddq)
@@ -98,8 +99,8 @@ def test_joint_values_are_nominal_ones(tmp_path):
 
 def test_a_held_joint_s_links_belong_to_the_parent(tmp_path):
     path = write(tmp_path, "mimic")
-    whole, links, _ = load_mjcf(path)
-    held, fewer, _ = load_mjcf(path, held={"left": 0.2})
+    whole, links, *_ = load_mjcf(path)
+    held, fewer, *_ = load_mjcf(path, held={"left": 0.2})
     q, dq, ddq = np.random.default_rng(0).normal(size=(3, 10, 1))
     zeros = np.zeros((10, 1))
     full = np.hstack([q, zeros + 0.2]), np.hstack([dq, zeros]), np.hstack([ddq, zeros])
@@ -189,6 +190,20 @@ def test_a_mesh_of_which_a_body_is_made_may_lie_two_folders_down(tmp_path):
         )
     )
     assert load_mjcf(path)[1][0, 0] == pytest.approx(4188.8e-3, rel=0.01)
+
+
+def test_a_tendon_that_pulls_is_named(tmp_path):
+    """Its torque is left out; one that only a drive pulls couples nothing."""
+    path = write(tmp_path, "slide")
+    joints = re.findall('<joint name="([^"]*)"', path.read_text())
+    tendon = (
+        f'<tendon><fixed name="strap"{{}}><joint joint="{joints[0]}" coef="1"/></fixed>'
+    )
+    text = path.read_text()
+    for pull, named in ((' stiffness="9"', True), ("", False)):
+        end = f"{tendon.format(pull)}</tendon></mujoco>"
+        path.write_text(text.replace("</mujoco>", end))
+        assert ("tendon 'strap': not read" in load_mjcf(path)[3]) == named
 
 
 def test_mujoco_leaves_no_log_in_the_folder(tmp_path, monkeypatch):

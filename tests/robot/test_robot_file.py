@@ -247,3 +247,10 @@ def test_what_couples_links_besides_is_named(end, words, tmp_path):
     with pytest.warns(Remark, match="not read: the arm is the tree of joints") as said:
         load_problem(path)
     assert words in str(said[0].message)
+
+
+def test_what_couples_links_of_an_sdf_is_named(tmp_path):
+    path = tmp_path / "arm.sdf"
+    plugin = '<plugin name="p"><constraint type="loop"/></plugin></model>'
+    path.write_text(SDF.replace("</model>", plugin))
+    assert "<constraint type='loop'>" in load_robot(path).couplings

@@ -12,6 +12,7 @@ import numpy as np
 from sdp_vs_penalty.data.formats import FILE_SEPARATOR, format_of, open_log
 from sdp_vs_penalty.data.hypotheses.recognition import find_clock, recognise
 from sdp_vs_penalty.data.log import Column, Log, Values
+from sdp_vs_penalty.data.words.joints import match_joints
 from sdp_vs_penalty.data.words.names import is_word_for_joint, quantity_of
 from sdp_vs_penalty.data.words.stamps import units_of_parts
 from sdp_vs_penalty.data.words.tokens import group_of, parts_of, split_tokens
@@ -58,16 +59,17 @@ class _Part:
         return {stem if is_alone else f"{stem}/{k}": x for k, x in numbered}
 
 
-def files_of_run(path: Path) -> list[Path]:
+def files_of_run(path: Path, joints: Sequence[str] = ()) -> list[Path]:
     """List the files that one argument joins to one run: "positions.csv+torques.csv", or
     a folder with one file for each quantity, whose names say the quantity ("dataQ.txt",
-    "dataCur.txt"), or with one for each joint ("joint1.csv", "joint2.csv"). Empty where
-    the argument is an ordinary file or folder."""
+    "dataCur.txt"), or with one for each joint ("joint1.csv", "joint2.csv"), perhaps called
+    by the robot's ``joints``. Empty where the argument is an ordinary file or folder."""
     if path.is_dir():
         if format_of(path):
             return []
         tables = [p for p in sorted(path.iterdir()) if p.suffix.lower() in _TABLES]
-        return _files_of_joints(tables) or _files_of_quantities(tables)
+        of_joints = _files_of_joints(tables) or files_called_by(joints, tables)
+        return of_joints or _files_of_quantities(tables)
     names = str(path).split(FILE_SEPARATOR)
     if len(names) < 2 or path.exists() or not all(names):
         return []
@@ -124,6 +126,15 @@ def _files_of_joints(files: Sequence[Path]) -> list[Path]:
     is_of_joint = positions is not None and len(positions) < 2
     is_of_joint &= all(x.kind != "list" for x in positions or ())
     return [of_number[number] for number in numbers] if is_of_joint else []
+
+
+def files_called_by(joints: Sequence[str], files: Sequence[Path]) -> list[Path]:
+    """List the files that are called by a robot's joints, in their order; empty where not
+    each of two or more joints has one."""
+    by_stem = {file.stem: file for file in files}
+    found = match_joints(joints, list(by_stem))
+    is_whole = 1 < len(joints) == len(found)
+    return [by_stem[found[joint]] for joint in joints] if is_whole else []
 
 
 def joined_log(path: Path, files: Sequence[Path]) -> Log:

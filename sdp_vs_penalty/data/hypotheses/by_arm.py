@@ -2,6 +2,7 @@
 which of several sets of channels is the torque, whether a register has a sign bit, and
 whether columns are at all what their order or their letters suggest."""
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,6 +18,7 @@ from sdp_vs_penalty.data.hypotheses.arm import (
 )
 from sdp_vs_penalty.data.hypotheses.channels import Recognition
 from sdp_vs_penalty.data.hypotheses.recognition import is_current, with_torque
+from sdp_vs_penalty.data.hypotheses.renaming import factors_and_zeros
 from sdp_vs_penalty.data.hypotheses.weighing import (
     DEGREES_OR_PERCENT,
     EXPLAINS_NONE,
@@ -31,21 +33,26 @@ from sdp_vs_penalty.data.plausibility import (
     radians_per_percent,
 )
 from sdp_vs_penalty.data.words.tokens import group_of
-from sdp_vs_penalty.data.words.units import ENCODER_BITS, UNITS
+from sdp_vs_penalty.data.words.units import ENCODER_BITS, UNITS, unit_of_factor
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
-#: Odds from which a reading is certain.
-_CERTAIN = 1e3
+#: Odds from which a reading is certain; those of gears up to which a unit is possible.
+_CERTAIN, _POSSIBLE = 1e3, 30.0
 #: Shares of logs whose positions are in a unit, where no name says one: of numbers that are
 #: not radians; of a servo's; of turns, and of counts of one size.
 _DEGREES, _OF_SERVO, _RARE = 0.5, 0.5, 1e-2
 #: Share of logs whose zeros put a joint outside its range.
 _BESIDE_RANGE = 1e-2
-#: Factors beside a unit's that are tried, as gears have: of all joints, where the unit has
-#: to explain most; and of one, with the odds from which it is not certain.
-_OF_ALL, _OF_ONE, _ODDS_OF_ONE = (0.6, 0.75, 0.91, 1.1, 1.33, 1.7), (0.6, 1.7), 5.0
+#: Factors beside a unit's that are tried, as gears have, of all joints and of one, each
+#: with the odds from which the unit is not certain: far ones have to explain far less, or
+#: the log tells no size.
+_OF_ALL = {0.6: 0.1, 0.75: 0.1, 0.91: 1.0, 1.1: 1.0, 1.33: 0.1, 1.7: 0.1}
+_OF_ONE = {0.6: 5.0, 1.7: 5.0}
 _TURN = 2.0 * np.pi
+
+#: How the sentence of a unit begins that is not certain.
+_Q_MAY_BE = "q may be of motors behind gears, or in "
 
 #: Fits the arm to torques (N, n), by positions (N, n).
 Fit = Callable[[Array, Array], ChannelFit | None]
@@ -65,6 +72,18 @@ class _Unit:
     def in_si(self, q: Array) -> Array:
         """Return positions (N, n) in SI, continued where they were cut at a turn."""
         return np.unwrap(self.scale * q + self.middle, axis=0)
+
+    def scale_words(self, robot: Robot) -> str:
+        """Format the value of ``--scale q=`` that makes SI units of them."""
+        words = list[str]()
+        zeros = (-self.middle / self.scale).tolist()
+        for joint, factor, zero in zip(
+            robot.joints, self.scale.tolist(), zeros, strict=True
+        ):
+            is_mm = joint.kind == "prismatic" and factor == UNITS["mm"]
+            unit = "mm" if is_mm else unit_of_factor(factor, "q") or f"{factor:.9g}"
+            words.append(f"{unit}@{zero:g}" if zero else unit)
+        return words[0] if len({*words}) == 1 else ":".join(words)
 
 
 def fit_of(
@@ -123,17 +142,27 @@ def with_unit_of_positions(
     of_best, best = fitted[int(np.argmax(weights))]
     share = of_best.share
     others = sorted(weights)[:-1]
-    if share > EXPLAINS_NONE or np.all(best.scale == 1.0) or best.is_of_any_size:
+    if share > EXPLAINS_NONE or np.all(best.scale == 1.0):
         return found, blocks
-    if others and max(weights) < _CERTAIN * others[-1]:
-        return found, blocks
-    is_of_others = best.words == of_others
-    if not is_of_others and _may_be_behind_gears(best, share, q, torques, fit):
-        return found, blocks
-    found = replace(found, unit_by_arm=best.words)
+    lengths = np.delete(best.scale, _revolute(robot))
+    mm = ", lengths in mm" if np.any(lengths != 1.0) else ""
     why = f"the arm leaves {100.0 * share:.2g} % of the torques"
     if is_impossible:
         why = f"outside the joints' ranges as radians, and {why}"
+    is_clear = not others or max(weights) >= _CERTAIN * others[-1]
+    of_gears = 0.0
+    if best.words != of_others:
+        of_gears = _odds_of_gears(best, share, q, torques, fit)
+    if best.is_of_any_size or not is_clear or of_gears > 1.0:
+        if is_impossible and "q" in found.unsaid and of_gears <= _POSSIBLE:
+            may_be = f"{_Q_MAY_BE}{best.words}{mm}: {why}"
+            found = replace(
+                found,
+                said=(*found.said, may_be),
+                possible_scale={"q": best.scale_words(robot)},
+            )
+        return found, blocks
+    found = replace(found, unit_by_arm=best.words)
     if "tau" in found.unsaid and of_best.size > 0.0:
         said = (
             "tau in N m, which no name says: they are"
@@ -142,33 +171,80 @@ def with_unit_of_positions(
         found = replace(found, said=(*found.said, said))
     if best.words in UNITS and np.all(best.scale == UNITS[best.words]):
         return found.with_unit("q", ColumnHypothesis(best.words, 1.0, why)), blocks
-    lengths = np.delete(best.scale, _revolute(robot))
-    mm = ", lengths in mm" if np.any(lengths != 1.0) else ""
     said = f"q in {best.words}{mm}: {why}"
     found = replace(found, said=(*found.said, said), is_of_arm=True)
     return found, {**blocks, "q": best.scale * q + best.middle}
 
 
-def _may_be_behind_gears(
+def with_joint_side(
+    found: Recognition, blocks: dict[str, Array], robot: Robot, fit: Fit
+) -> tuple[Recognition, dict[str, Array]]:
+    """Bring positions and torques of the motors to the joints by the robot's transmission,
+    where positions are in the joints' ranges only so, and the arm explains the torques.
+
+    Their names have to say motors, or a unit: others may be in degrees. Torques may be the
+    joints' already: then the arm leaves more of those that are brought there.
+    """
+    q, tau = blocks["q"] * found.factors("q", blocks["q"].shape[1]), blocks["tau"]
+    is_open = "q" in found.unsaid and not any(map(_says_motors, found.said))
+    if robot.transmission is None or is_open or is_in_ranges(robot, q):
+        return found, blocks
+    sides = {
+        text: robot.transmission.at_motors(joint_torque=text == "q")
+        for text in ("q and tau", "q")
+    }
+    fits = dict[str, ChannelFit]()
+    for text, side in sides.items():
+        at_joints = side.joint_positions(q)
+        of_arm = fit(at_joints, side.joint_torques(tau))
+        if of_arm is not None and is_in_ranges(robot, at_joints):
+            fits[text] = of_arm
+    if not fits:
+        return found, blocks
+    text = min(fits, key=lambda x: fits[x].share)
+    share = fits[text].share
+    if share > EXPLAINS_NONE:
+        return found, blocks
+    side = sides[text]
+    by_side = {"q": False, "qcmd": False, "dq": True, "dqcmd": True}
+    blocks = {**blocks, "tau": side.joint_torques(tau)}
+    for group, rates in by_side.items():
+        if group in blocks:
+            factors = found.factors(group, q.shape[1])
+            blocks[group] = side.joint_positions(factors * blocks[group], rates=rates)
+            found = found.without_unit(group)
+    said = (
+        f"{text} are the motors': the robot's transmission makes the joints' of them, of"
+        f" which the arm leaves {100.0 * share:.2g} %"
+    )
+    kept = [x for x in found.said if not (_says_motors(x) or x.startswith(_Q_MAY_BE))]
+    return replace(found, said=(*kept, said), possible_scale={}, is_of_arm=True), blocks
+
+
+def _says_motors(said: str) -> bool:
+    """Tell whether a sentence is that of columns whose names say motors."""
+    return said.startswith(("q are the motors'", "tau are the motors'"))
+
+
+def _odds_of_gears(
     unit: _Unit, share: float, q: Array, torques: Sequence[Array], fit: Fit
-) -> bool:
-    """Return whether gears explain the torques clearly better than ``share``, what the
-    arm leaves of them in a unit.
+) -> float:
+    """Return how much likelier gears are than a unit in which the arm leaves ``share`` of
+    the torques.
 
     The positions q (N, n) in that unit are multiplied by factors that gears have, of
     all joints or of a single one.
     """
+    most = 0.0
     n = q.shape[1]
-    factors = [(np.full(n, factor), 1.0) for factor in _OF_ALL]
-    if n > 1:
-        ones = (1.0 + (x - 1.0) * row for x in _OF_ONE for row in np.eye(n))
-        factors += [(x, _ODDS_OF_ONE) for x in ones]
+    factors = [(np.full(n, x), odds) for x, odds in _OF_ALL.items()]
+    for x, odds in _OF_ONE.items() if n > 1 else ():
+        factors += [(1.0 + (x - 1.0) * row, odds) for row in np.eye(n)]
     for factor, odds in factors:
         beside = replace(unit, scale=factor * unit.scale)
         for other in filter(None, (fit(beside.in_si(q), x) for x in torques)):
-            if (share / other.share) ** N_PARTS > odds:
-                return True
-    return False
+            most = max(most, (share / other.share) ** N_PARTS / odds)
+    return most
 
 
 #: Positions that are less may be turns [rad].
@@ -219,16 +295,27 @@ def with_unit_of_velocities(
     found: Recognition, t: Array, blocks: Mapping[str, Array]
 ) -> Recognition:
     """Add to velocities the unit that the arm has told of positions, where by it they are
-    the derivative of these."""
-    unit = found.units.get("q")
-    if unit is None or "dq" not in blocks or "dq" in found.units:
+    the derivative of these; where it is only possible, what makes them that."""
+    unit, possible = found.units.get("q"), found.possible_scale.get("q")
+    if not (unit or possible) or "dq" not in blocks or "dq" in found.units:
         return found
-    factors = np.array(found.factors("q", blocks["q"].shape[1]))
-    rate = rate_from_velocities(blocks["q"] * factors, factors * blocks["dq"])
+    n = blocks["q"].shape[1]
+    factors, zeros = np.array(found.factors("q", n)), np.zeros(n)
+    if possible:
+        factors, zeros = factors_and_zeros("q", possible, n)
+    rate = rate_from_velocities(factors * (blocks["q"] - zeros), factors * blocks["dq"])
     step = float(np.median(np.diff(t))) * found.scale.get("t", 1.0)
-    is_derivative = rate is not None and abs(rate * step - 1.0) < _NEARLY
-    so = replace(unit, why="the derivative of q")
-    return found.with_unit("dq", so) if is_derivative else found
+    if rate is None or not step > 0.0:
+        return found
+    is_derivative = abs(rate * step - 1.0) < _NEARLY
+    if possible:
+        ratio = 1.0 if is_derivative else 1.0 / (rate * step)
+        words = ":".join(f"{ratio * x:.3g}" for x in factors.tolist())
+        words = re.sub("@[^:]*", "", possible) if is_derivative else words
+        return replace(found, possible_scale={**found.possible_scale, "dq": words})
+    if unit is None or not is_derivative:
+        return found
+    return found.with_unit("dq", replace(unit, why="the derivative of q"))
 
 
 #: Velocities are the derivative of positions to this share.

@@ -51,6 +51,8 @@ class Recognition:
     is_of_arm: bool = False
     #: Unit of positions that the arm has told; empty: it has told none.
     unit_by_arm: str = ""
+    #: Words of ``--scale`` by group that the arm finds possible, not certain.
+    possible_scale: Mapping[str, str] = field(default_factory=dict)
     #: Those of q and tau whose unit neither names, metadata nor the program that wrote the
     #: file say.
     unsaid: frozenset[str] = frozenset()

@@ -1,7 +1,9 @@
 """The command that names columns which nothing recognises: by their words as far as they
 go, else by their order."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 
@@ -299,6 +301,23 @@ def names_without_header(
         inferred={"t": TIME},
         unless_confirmed=error,
     )
+
+
+def other_orders(found: Recognition) -> Iterator[Recognition]:
+    """Yield the other orders of a table's channel groups, behind its clock: group by group,
+    or joint by joint."""
+    usual, theirs = list(found.rename), list(found.rename.values())
+    groups = list(dict.fromkeys(x for x in map(group_of, usual) if x != "t"))
+    n_clocks = usual.count("t")
+    joints = range(1, (len(usual) - n_clocks) // len(groups) + 1)
+    for order in permutations(groups):
+        by_group = [f"{x}{k}" for x in order for k in joints]
+        by_joint = [f"{x}{k}" for k in joints for x in order]
+        for ours in (by_group, by_joint):
+            if ours != usual[n_clocks:]:
+                names = zip(usual[:n_clocks] + ours, theirs, strict=True)
+                in_order = sorted(names, key=lambda pair: usual.index(pair[0]))
+                yield replace(found, rename=dict(in_order))
 
 
 def _naming_command(log: Log, layout: Sequence[str], rate: float | None) -> str:

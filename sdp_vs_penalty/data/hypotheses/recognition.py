@@ -146,14 +146,6 @@ def recognise(
     if choice is None:
         return None
     pairs = {} if clock is None else {"t": clock}
-    if choice.rivals:
-        for quantity, x in choice.sets.items():
-            for k, (key, name) in enumerate(x.columns.items(), start=1):
-                pairs[_our_name(quantity, key, k)] = name
-        sets = (choice.sets["q"], *choice.rivals)
-        shown = " or ".join(x.first_to_last for x in sets)
-        words = rename_words(pairs, list(pairs.values()))
-        raise AmbiguousColumnsError(f"q could be {shown}", words)
     joint_names, keys, order, is_known = _joints_of_words(choice, columns, joints)
 
     def by_our_names(quantity: str, names: Mapping[Hashable, str]) -> dict[str, str]:
@@ -163,6 +155,11 @@ def recognise(
 
     for quantity, column_set in choice.sets.items():
         pairs |= by_our_names(quantity, column_set.columns)
+    if choice.rivals:
+        sets = (choice.sets["q"], *choice.rivals)
+        shown = " or ".join(x.first_to_last for x in sets)
+        words = rename_words(pairs, list(pairs.values()))
+        raise AmbiguousColumnsError(f"q could be {shown}", words)
     torques = (
         [choice.sets["tau"], *choice.other_torques] if choice.other_torques else []
     )
@@ -465,7 +462,13 @@ def with_units(
         # One alone may have its joint's letter: trq_a, trq_b, ...
         if torques and all(map(is_current, torques)):
             torque_unit = "A"
-            remarks.append("tau is a current in A: --scale tau=... makes torques of it")
+            has_unit = "tau" in units or any(
+                x in said and said[x].unit for x in torques
+            )
+            of_unit = "in A" if has_unit else "(in A, where it is not raw)"
+            remarks.append(
+                f"tau is a current {of_unit}: --scale tau=... makes torques of it"
+            )
     return replace(
         found,
         scale=scale,
@@ -492,9 +495,10 @@ def _of_motors(groups: Mapping[str, Mapping[str, str]]) -> list[str]:
     )
     if q:
         behind = "" if tau else " (--joint-torque: tau is the joints' already)"
+        ratios = ",".join(f"RATIO {x}" for x in groups["q"])
         return [
-            "q are the motors' positions: behind a gear, --motors makes the joints' of"
-            f" them{behind}"
+            f"q are the motors' positions: behind a gear, --motors '{ratios}' makes the"
+            f" joints' of them{behind}"
         ]
     said = (
         "tau are the motors' torques: behind a gear, --scale tau=... makes the joints'"

@@ -114,14 +114,16 @@ def scaled(run: Measurements, factors: Mapping[str, str]) -> Measurements:
     ----------
     factors : mapping of str to str
         By our names (t, q, q1 ...): a unit, a number, or one number a joint separated
-        by colons, as ``--scale q=deg,tau=10:10.7:8.5`` has them. InputError names a word
-        that is neither, and a column that the run does not have.
+        by colons, as ``--scale q=deg,tau=10:10.7:8.5`` has them; behind @ the reading at
+        zero, ``q=0.0879@2048``. InputError names a word that is neither, and a column that
+        the run does not have.
     """
     groups = {"t": run.t[:, None], **run.groups}
     for our_name, word in factors.items():
         group = group_of(our_name)
         require_known("channel", group, groups, "scale")
-        groups[group] = groups[group] * _factors(our_name, word, groups[group].shape[1])
+        of_joints, zeros = factors_and_zeros(our_name, word, groups[group].shape[1])
+        groups[group] = (groups[group] - zeros) * of_joints
     clock = groups.pop("t")[:, 0]
     in_si = run.with_channels(clock, groups)
     degrees = [
@@ -132,22 +134,27 @@ def scaled(run: Measurements, factors: Mapping[str, str]) -> Measurements:
     return unwrapped(in_si, run.names[0], degrees)
 
 
-def _factors(our_name: str, word: str, n_columns: int) -> np.ndarray:
-    """Return the factors (n,) of a group's columns that one entry of ``--scale`` means,
-    or (1,) where all joints have the same; for one joint's name, "tau2", the others get
-    1."""
-    values = [UNITS.get(x.lower()) or _number(our_name, x) for x in word.split(":")]
+def factors_and_zeros(our_name: str, word: str, n_columns: int) -> np.ndarray:
+    """Return the factors and zeros (2, n) of a group's columns that one entry of
+    ``--scale`` means, or (2, 1) where all joints have the same; for one joint's name,
+    "tau2", the others get 1 and 0."""
+    values = list[tuple[float, float]]()
+    for text in word.split(":"):
+        unit, _, zero = text.partition("@")
+        factor = UNITS.get(unit.lower()) or _number(our_name, unit)
+        values.append((factor, _number(our_name, zero) if zero else 0.0))
     number = our_name.removeprefix(group_of(our_name))  # "2" of "tau2", "" of "tau"
     joint = int(number or 1)
     if not 1 <= joint <= n_columns:
         what = f"--scale {our_name}: the run has no such column"
         raise InputError(what, "name t, q, dq or tau")
     if number:
-        return np.where(np.arange(n_columns) == joint - 1, values[0], 1.0)
+        is_named = np.arange(n_columns) == joint - 1
+        return np.where(is_named, np.reshape(values[0], (2, 1)), [[1.0], [0.0]])
     if len(values) not in (1, n_columns):
         what = f"--scale {our_name}={word}: {len(values)} factors"
         raise InputError(what, f"give one, or {n_columns}")
-    return np.array(values)
+    return np.transpose(values)
 
 
 def _number(our_name: str, word: str) -> float:

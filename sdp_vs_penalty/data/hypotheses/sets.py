@@ -96,10 +96,11 @@ def column_sets(
                 )
             ):
                 parts = _split(names, starred)
-        for part in parts:
+        of_arms = _of_arms(names, said, n_joints) if style == "name" else {}
+        for further, part in of_arms.items() or ((others, x) for x in parts):
             if columns := _columns_by_joint(style, part, said, n_joints):
                 kind = "number" if all(isinstance(x, int) for x in columns) else style
-                found = ColumnSet(quantity, rank, kind, others, columns, n_words)
+                found = ColumnSet(quantity, rank, kind, further, columns, n_words)
                 sets.append(found)
     sets = [replace(x, is_qualified=any(map(x.qualifies, sets))) for x in sets]
     return sorted(sets, key=lambda column_set: column_set.preference)
@@ -114,6 +115,22 @@ def _split(names: Sequence[str], key: Any) -> list[list[str]]:
     for name in names:
         groups.setdefault(key(name), []).append(name)
     return list(groups.values()) if len(groups) > 1 else []
+
+
+def _of_arms(
+    names: Sequence[str], said: Mapping[str, Meaning], n_joints: int | None
+) -> dict[tuple[str, ...], list[str]]:
+    """Split the columns of several arms, each with the robot's number of joints, by the
+    word that tells the arms apart ("left" and "right"); empty where none does."""
+    words = {x: said[x].other_words for x in names}
+    for place in range(min(map(len, words.values()))):
+        arms = dict[tuple[str, ...], list[str]]()
+        for name in names:
+            arms.setdefault(words[name][place : place + 1], []).append(name)
+        is_of_arms = len(arms) > 1 and (n_joints or 0) > 1
+        if is_of_arms and {*map(len, arms.values())} == {n_joints}:
+            return arms
+    return {}
 
 
 def _styles_of(meaning: Meaning) -> list[tuple[str, tuple[str, ...]]]:
