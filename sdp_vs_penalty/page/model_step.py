@@ -78,6 +78,16 @@ class ModelStep(JsonRecord):
         return facts_from_json(self.comparison)
 
     @property
+    def torque(self) -> Array | None:
+        """(n,) RMS torque of each joint [N m, N], where errors are judged by it: without
+        a noise floor; None elsewhere."""
+        if self.facts["error_over_noise"].value is not None:
+            return None
+        shares = np.array(self.facts["error_beyond_noise"].value, float)
+        torque = 100.0 * np.array(self.comparison["rmse"]) / shares
+        return torque if np.isfinite(torque).all() else None
+
+    @property
     def where_it_fails(self) -> Failures:
         """Where and why the model fails, joint by joint."""
         return Failures.from_dict({"units": (), "joints": self.failures})

@@ -26,6 +26,7 @@ from sdp_vs_penalty.page.view import (
 from sdp_vs_penalty.records import from_json, to_json
 from sdp_vs_penalty.render.words import describe_outcome, describe_taken
 from sdp_vs_penalty.results.remedy import Change, Remedy
+from sdp_vs_penalty.signals.noise import NOISE_UNKNOWN
 
 
 @dataclass(frozen=True)
@@ -171,6 +172,8 @@ def _of_model(view: View) -> NextStep:
             return NextStep(text, label, "diagnose", do, level=level)
         if diagnosis.noise_known and not diagnosis.is_open:
             text = f"{of_model.word}."  # the cause names the error
+        if NOISE_UNKNOWN in cause:  # the reason says it too
+            text = text.replace(f"; {NOISE_UNKNOWN}", "")
         text = f"{text} {cause}"
         if level != "good" and (other := _motion_to_record(view)) is not None:
             return replace(other, text=f"{text} {other.text}", level=level)

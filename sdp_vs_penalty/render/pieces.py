@@ -89,26 +89,33 @@ def bars(
     units: Sequence[str],
     scope: str = "",
     chosen: int | None = None,
+    torque: Array | None = None,
 ) -> Markup:
-    """Draw one bar for each joint: its error over its noise, before (grey), after (blue),
-    and both in N m or N.
+    """Draw one bar for each joint: its error over its noise, or as a share of its torque
+    where no noise is known, before (grey), after (blue), and both in N m or N.
 
     Parameters
     ----------
     before, after : (n,) sequence
         RMS errors [N m or N]; ``after`` is None for one model alone.
     floor : (n,) sequence or None
-        RMS noise of each joint. Where one is unknown, errors stand in their own units.
+        RMS noise of each joint. Where one is unknown, errors stand over the torque, or
+        without that in their own units.
     units : sequence of str
         Torque unit of each joint.
     scope : str
         What the errors are of, such as "on unseen motion".
     chosen : int or None
         Index of the joint that is shown, where each bar is a button; None: no buttons.
+    torque : (n,) array or None
+        RMS torque of each joint [N m or N].
     """
     errors_of_both = np.array([before, before if after is None else after], float)
     ratios = over_noise(errors_of_both, floor)
     is_known = ratios is not None
+    unit = ""
+    if ratios is None and torque is not None:
+        ratios, unit = 100.0 * errors_of_both / torque, " %"
     old_errors, new_errors = errors_of_both if ratios is None else ratios
     scale = _Scale.for_errors(np.concatenate([old_errors, new_errors]), is_known)
     rows = []
@@ -120,6 +127,9 @@ def bars(
             has_change=after is not None,
             is_known=is_known,
         )
+        of_models = (old_errors, new_errors) if after is not None else (new_errors,)
+        times = f"{' → '.join(number(x[j]) for x in of_models)}{unit}"
+        row["times"] = "" if ratios is None else times
         row |= {"name": f"joint {j + 1}", "number": j + 1}
         row |= {"is_chosen": j == chosen}
         errors = [before[j]] if after is None else [before[j], after[j]]
@@ -127,7 +137,7 @@ def bars(
         rows.append(row)
     return piece(
         "bars.html",
-        caption=_caption_of_bars(scope, is_known, after is not None),
+        caption=_caption_of_bars(scope, is_known, bool(unit), after is not None),
         rows=rows,
         has_buttons=chosen is not None,
         has_change=after is not None,
@@ -154,24 +164,24 @@ def _bar(
     if is_known:
         sizes["noise"] = 1.0
     shapes = {kind: scale.place(size) for kind, size in sizes.items()}
-    errors = [old, new] if has_change else [new]
-    times = " → ".join(map(number, errors)) if is_known else ""
     if not has_change:
-        return {"shapes": shapes, "times": times, "change": "", "kind": ""}
+        return {"shapes": shapes, "change": "", "kind": ""}
     return {
         "shapes": shapes,
-        "times": times,
         "change": change_of(old, new),
         "kind": _kind_of_change(old, new),
     }
 
 
-def _caption_of_bars(scope: str, is_known: bool, has_change: bool) -> str:
+def _caption_of_bars(
+    scope: str, is_known: bool, is_share: bool, has_change: bool
+) -> str:
     """Return the caption of bars: what the errors are of, their scale, and the colours
     where two models are drawn. Errors are multiples of the noise where that
-    ``is_known``."""
+    ``is_known``, or shares of the torque."""
     what = f"Error of each joint {scope}".rstrip()
-    caption = f"{what} (RMS, noise unknown; logarithmic)"
+    unit = "% of its torque (RMS)" if is_share else "RMS"
+    caption = f"{what}, {unit} (noise unknown; logarithmic)"
     if is_known:
         caption = f"{what}, in multiples of its noise (shaded; logarithmic)"
     if has_change:

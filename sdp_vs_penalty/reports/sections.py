@@ -231,6 +231,7 @@ def verdict(data: ReportData) -> Context:
             last.noise_floor,
             data.units,
             last.kind_of_error,
+            torque=last.errors.torque if last.errors.torque.all() else None,
         ),
         "lines": [*map(str, record.lines[1:])],  # the first one is the headline
         "remark": record.remark,

@@ -172,6 +172,9 @@ def test_bars_are_errors_over_noise_cut_at_the_floor():
     assert "noise unknown" in alone
     assert 'class="noise"' not in alone
     assert "1.25 N m" in alone
+    of_torque = bars([0.1, 1.25], None, None, UNITS, torque=np.array([0.5, 25.0]))
+    assert "20 %<small>0.1 N m" in of_torque
+    assert "% of its torque" in of_torque
 
 
 def test_a_judged_run_keeps_columns_where_its_band_is_drawn(two_link):

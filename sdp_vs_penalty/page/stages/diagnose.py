@@ -62,7 +62,9 @@ def models(view: View) -> None:
         remedy = next_remedy(diagnosis.remedies)
         before, after = diagnosis.held_out_rmse_before, remedy and remedy.after
         scope = "on data left out" if diagnosis.held_out_source != "test" else scope
-    ui.html(bars(before, after, floor, units, scope), sanitize=False)
+    torque = history[-1].torque
+    drawn = bars(before, after, floor, units, scope, torque=torque)
+    ui.html(drawn, sanitize=False)
     if len(history) == 1:
         return
     facts = {str(k): model.facts for k, model in enumerate(history, start=1)}

@@ -268,7 +268,9 @@ class _Fit:
         before = history[0].comparison["rmse"]
         floor = comparison["noise_floor"]
         scope = self.model.scope
-        self.bars.content = pieces.bars(before, after, floor, units, scope, chosen=j)
+        self.bars.content = pieces.bars(
+            before, after, floor, units, scope, chosen=j, torque=self.model.torque
+        )
 
     def _draw_torques(
         self, j: int, units: Sequence[str], recordings: Sequence[Any]
