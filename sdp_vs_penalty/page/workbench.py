@@ -226,7 +226,7 @@ class Workbench:
 
         def draw_next() -> None:
             """Draw the verdict and the button."""
-            tag("p", step.text, f"now-words {step.level}", title=step.text, tabindex=0)
+            tag("p", step.text, f"now-words {step.level}", title=step.text, tabindex=-1)
             at = {"data_to": step.stage, "data_opens": step.opens or False}
             do = step.do or (lambda: None)
             button(step.label, do, "next", "primary", **at)
