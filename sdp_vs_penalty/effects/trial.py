@@ -7,6 +7,7 @@ from sdp_vs_penalty.effects import EFFECTS
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.motion import Command, CurrentModel, Motion
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.formatting import words
 from sdp_vs_penalty.robot.robot import Robot
 
 #: What an effect declares to need, and the fields of a motion that it then has.
@@ -40,9 +41,10 @@ def try_effect(kind: type[Effect], robot: Robot) -> None:
         cannot be computed from what the effect declares that it needs, and columns of
         another length than the motion.
     """
-    for word in _WORDS:
-        if not isinstance(getattr(kind, word, None), str):
-            raise InputError(f"{_title(kind)} has no {word}", f'write {word} = "..."')
+    lacks = [w for w in _WORDS if not isinstance(getattr(kind, w, None), str)]
+    if lacks:
+        texts = "; ".join(f'{word} = "..."' for word in lacks)
+        raise InputError(f"{_title(kind)} has no {words(lacks)}", f"write {texts}")
     try:
         effect = kind(robot)
         names = {p.name for p in effect.parameters}

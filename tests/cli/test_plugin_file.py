@@ -110,6 +110,12 @@ class Drag(JointEffect):
     [
         ("need", "    needs_links = True\n", "", "write needs_links = True"),
         ("word", "    reference", "    # ", "Drag has no reference"),
+        (
+            "words",
+            '    explanation = "Drag that grows with the load."\n    reference',
+            "    # ",
+            'has no explanation and reference: write explanation = "..."; reference',
+        ),
         ("symbol", '"f_drag"', '"f_v"', "symbol 'f_v' is that of viscous_friction"),
         ("without", "    symbol", "    # ", "no attribute 'symbol'"),
         ("short", "[:, joint]\n", "[:, joint][1:]\n", "its columns cannot be computed"),
