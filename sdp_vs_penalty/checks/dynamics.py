@@ -40,9 +40,10 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.evidence import Evidence
 from sdp_vs_penalty.race.kinds import KINDS, SHOWN_BY_A_POOR_MOTION, list_faults, order
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.race import Claim, Race, RaceOutcome
+from sdp_vs_penalty.race.race import Claim, RaceOutcome, hold_race
 from sdp_vs_penalty.race.rows import RegressionData
 from sdp_vs_penalty.results.remedy import Change
 
@@ -132,13 +133,13 @@ class LoggerJudge:
         elif any(self.reports[k].lockstep is not None for k in self.logs):
             # Channels that move in proportion look the same.
             kinds = tuple(kind for kind in KINDS if kind is not order)
-        race = Race([*self.logs.values()], kinds, self.is_poor_motion)
-        verdict = race.run()
+        verdict = hold_race([*self.logs.values()], kinds, self.is_poor_motion)
         self._report(verdict)
         for number in self.logs:
             report = self.reports[number]
             if command := report.repaired_all.unit_command:
-                asked = unit_asked_for(race.all, verdict.fit, command)
+                evidence = Evidence(self.common.with_all_laws)
+                asked = unit_asked_for(evidence, verdict.fit, command)
                 self.reports[number] = with_issues(report, asked)
         return self.reports
 

@@ -12,11 +12,12 @@ from types import ModuleType
 import numpy as np
 from scipy.special import log_ndtr
 
+from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.kinds import KINDS, list_faults
-from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.likelihood import Likelihood, keep_recent
 from sdp_vs_penalty.race.records import Further, Hypothesis, LogView
 from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
 
@@ -33,6 +34,8 @@ _MORE_ODDS = 100.0
 _ROUNDS_OF_COLUMNS = 3
 #: Units of positions that differ by less are one (natural logarithm).
 _NEAR_UNIT = 0.1
+#: Races whose outcomes are kept: of a log, and of its copy.
+_RACES_KEPT = 2
 #: A step that looks for a size far off is not held back by its prior.
 _LOOSE = 10.0
 
@@ -126,6 +129,23 @@ class RaceOutcome:
                 if fault.name == name:
                     chain = fault.without
         return chain
+
+
+#: Races that were held last, by their rows: the robot, and what the race said.
+_held: dict[object, tuple[Problem, RaceOutcome]] = {}
+
+
+def hold_race(
+    logs: Sequence[Likelihood], kinds: tuple[ModuleType, ...], is_doubtful: bool
+) -> RaceOutcome:
+    """Hold a race, see :class:`Race`, or return what it said last of the same rows: those
+    of a repaired copy are the ones that were judged as they would be repaired."""
+    problem = logs[0].problem
+    key = tuple(log.data.digest for log in logs), kinds, is_doubtful
+    held = _held.get(key)
+    if held is None or held[0] is not problem:
+        held = problem, Race(logs, kinds, is_doubtful).run()
+    return keep_recent(_held, key, held, _RACES_KEPT)[1]
 
 
 class Race:

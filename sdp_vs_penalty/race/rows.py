@@ -10,8 +10,10 @@ explain is the model's matter, and no fault of the log.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,6 +99,20 @@ class RegressionData:
     def count(self) -> int:
         """Number M of rows."""
         return len(self.motion.t)
+
+    @cached_property
+    def digest(self) -> bytes:
+        """A hash of all rows and channels: those of one robot with the same one are the
+        same."""
+        motion, torque = self.motion, self.torque
+        states = motion.t, motion.q, motion.dq, motion.ddq
+        columns = self.own_columns, self.laws, self.torque_mask
+        channels = torque.x, torque.c, self.moving, self.largest
+        numbers = np.array([self.cutoff, self.seconds, self.velocity_sign])
+        digest = hashlib.sha256()
+        for array in (*states, *columns, *channels, self.run, numbers):
+            digest.update(array.tobytes())
+        return digest.digest()
 
     def select_rows(self, rows: slice) -> RegressionData:
         """Return the data of a slice of the rows."""

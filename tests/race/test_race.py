@@ -14,7 +14,8 @@ from sdp_vs_penalty import check, load_problem
 from sdp_vs_penalty.race import Hypothesis, Likelihood, Number, Part, Race
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence
-from sdp_vs_penalty.race.kinds import effects
+from sdp_vs_penalty.race.kinds import KINDS, effects
+from sdp_vs_penalty.race.race import hold_race
 from sdp_vs_penalty.race.records import Further, LogView
 from sdp_vs_penalty.race.rows import RegressionData
 
@@ -62,6 +63,18 @@ def test_rows_are_given_back_without_the_garbage_collector():
         assert [x() for x in kept] == 4 * [None]
     finally:
         gc.enable()
+
+
+def test_the_same_rows_of_one_robot_race_once():
+    """A repaired copy is judged by the race that was held for the log."""
+    said = hold_race([rows_of(RUN)], KINDS, False)
+    assert hold_race([rows_of(replace(RUN))], KINDS, False) is said
+    twin = replace(PROBLEM)  # of other bodies, for all that is known
+    assert hold_race([Likelihood(twin, rows_of(RUN).data)], KINDS, False) is not said
+    assert hold_race([rows_of(RUN)], KINDS[:1], False) is not said
+    flipped = scaled(RUN, (1.0, -1.0))
+    (claim,) = hold_race([rows_of(flipped)], KINDS, False).claims
+    assert claim.hypothesis.kind == "torque sign"
 
 
 def test_a_clean_log_has_nothing_wrong():
