@@ -237,6 +237,8 @@ SHARED_WORK = {
     "tables III IV VIII IX": ["tables"],
     "shootout --quick": ["shootout", "--quick"],
 }  # fmt: skip
+#: Of these what is also given to a cluster.
+WORK_OF_CLUSTERS = ("cross-validate, the penalty, 80 folds", "Monte Carlo of methods")
 
 
 def jobs(inputs: Inputs) -> list[Figure]:
@@ -257,11 +259,11 @@ def jobs(inputs: Inputs) -> list[Figure]:
             os.environ["SDP_VS_PENALTY_CACHE"] = str(Path(folder, f"{what}{way} kept"))
             return run_process(words).wall
 
-        ways = {"two": "two processes"}
-        if address is not None:
-            ways["dask"] = "two workers of Dask"
         for what in SHARED_WORK:
             alone = wall(what, "one")
+            ways = {"two": "two processes"}
+            if address is not None and what in WORK_OF_CLUSTERS:
+                ways["dask"] = "two workers of Dask"
             for way, by in ways.items():
                 pairs = np.array([[wall(what, way), alone]])
                 note = "wall; other: by one process"
