@@ -94,7 +94,7 @@ def _of_runs(session: Session) -> NextStep:
         level = "bad" if session.meaningless else "usable"
         text = graded(remedy.problem, remedy.certainty)
         if len(change.arguments.get("apply", ())) > 1:
-            text = graded(session.faults_in_words, remedy.certainty)
+            text = graded(f"{session.faults_in_words}.", remedy.certainty)
         effect = session.outcome_of(change.to_dict())
         return NextStep(f"{text} {effect}".strip(), label, "check", do, level=level)
     of_check = checked(session)
