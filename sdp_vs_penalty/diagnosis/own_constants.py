@@ -25,12 +25,12 @@ from sdp_vs_penalty.diagnosis.white_rows import ConstantErrors, WhiteData
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.effects.shape import at_end
 from sdp_vs_penalty.estimation.constants import TURNS
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sensitivity import prior_deviation
 from sdp_vs_penalty.estimation.shapes import (
     ShapeEstimate,
-    at_end,
     changed_constant_in_words,
     with_shapes,
 )

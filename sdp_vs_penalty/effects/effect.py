@@ -797,12 +797,15 @@ class Effect(ABC):
     @property
     def constants(self) -> str:
         """The shape constants that measurements can determine, as text for sentences:
-        "vs = 0.1 rad/s, delta = 2". Units are those of the effect's first joint."""
+        "vs = 0.1 rad/s, delta = 4 (an end of its range)". Units are those of the
+        effect's first joint."""
         kind = self.robot.joints[self.joints[0]].kind
-        return ", ".join(
-            f"{k} = {self.shapes[k].format_with_unit(self.shape[k], kind)}"
-            for k in self.searched
-        )
+        texts = []
+        for key in self.searched:
+            value, constant = self.shape[key], self.shapes[key]
+            ends = " (an end of its range)" * constant.is_at_end(value, kind)
+            texts.append(f"{key} = {constant.format_with_unit(value, kind)}{ends}")
+        return ", ".join(texts)
 
     def remark(self, size: float) -> str:
         """Say what is worth knowing about an effect of this size.

@@ -10,6 +10,8 @@ import numpy as np
 #: Units of what depends on the kind of joint: revolute, prismatic.
 POSITION = ("rad", "m")
 VELOCITY = ("rad/s", "m/s")
+#: Share of a range's length: nearer to an end than this, a shape constant is at it.
+AT_END = 0.02
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,15 @@ class ShapeConstant:
             return f"must be above 0, not {value:g}"
         return None
 
+    def is_at_end(self, value: float, kind: str) -> bool:
+        """Return whether a value lies at an end of the bounds on one kind of joint, as
+        widths, exponents and times do that data bound on one side only."""
+        bounds = self.on(kind).bounds
+        if bounds is None or self.scale != "log":
+            return False
+        low, high = np.log(bounds)
+        return at_end(float(np.log(value)), float(low), float(high))
+
     def parsed(self, text: str) -> float:
         """Parse the written value of the constant: a number, or one of its words
         ("viscous"), which stand for whole numbers; ValueError if the text is neither.
@@ -131,6 +142,28 @@ class ShapeConstant:
         unit = self.unit_on(kind)
         words = "" if unit == "-" else unit.replace("1/", "per ")
         return f"{value:.4g} {words}".strip()
+
+
+def at_end(u: float, low: float, high: float) -> bool:
+    """Return whether a shape constant lies at an end of the range that was searched.
+
+    Parameters
+    ----------
+    u : float
+        The constant, on the scale of its range (for example ln u).
+    low : float
+        Lower end of the range, on the same scale.
+    high : float
+        Upper end of the range, on the same scale.
+
+    Returns
+    -------
+    bool
+        True within the share AT_END of the range's length from either end.
+    """
+    margin = AT_END * (high - low)
+    is_inside = low + margin < u < high - margin
+    return not is_inside
 
 
 def choice(*words: str, count: int = 0) -> ShapeConstant:

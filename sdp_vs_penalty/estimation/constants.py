@@ -43,8 +43,6 @@ DIFFERENCE = float(np.cbrt(np.finfo(float).eps))
 #: [-]; stretches of it whose errors an interval takes for independent, where no torque
 #: is logged.
 SHAPE_FOLDS = 10
-#: Share of a range's logarithm: nearer to an end than this, a shape constant is at it.
-AT_END = 0.02
 
 #: Least cut-off of positions over the highest harmonic of the command, where no torque
 #: is logged [-]: the motion that answers it has harmonics of its own, from gravity and

@@ -31,8 +31,8 @@ import scipy
 from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.effects.shape import ShapeConstant
-from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS
+from sdp_vs_penalty.effects.shape import ShapeConstant, at_end
+from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.records import JsonRecord
@@ -89,28 +89,6 @@ class ShapeEstimate(JsonRecord):
         """Effect, index of the joint, and constant: by which models look constants
         up."""
         return self.effect, self.index, self.shape
-
-
-def at_end(u: float, low: float, high: float) -> bool:
-    """Return whether a shape constant lies at an end of the range that was searched.
-
-    Parameters
-    ----------
-    u : float
-        The constant, on the scale of its range (for example ln u).
-    low : float
-        Lower end of the range, on the same scale.
-    high : float
-        Upper end of the range, on the same scale.
-
-    Returns
-    -------
-    bool
-        True within the share AT_END of the range's length from either end.
-    """
-    margin = AT_END * (high - low)
-    is_inside = low + margin < u < high - margin
-    return not is_inside
 
 
 def estimate_shapes(
@@ -779,16 +757,8 @@ def constants_at_ends(model: Model) -> list[ConstantKey]:
         for effect in model.effects
         for joint in effect.joints
         for name, value in effect.shape.items()
-        if _is_at_end(effect.shapes[name].on(effect.robot.joints[joint].kind), value)
+        if effect.shapes[name].is_at_end(value, effect.robot.joints[joint].kind)
     ]
-
-
-def _is_at_end(constant: ShapeConstant, value: float) -> bool:
-    """Return whether the value of a constant lies at an end of its bounds."""
-    if constant.bounds is None or constant.scale != "log":
-        return False
-    low, high = np.log(constant.bounds)
-    return at_end(float(np.log(value)), float(low), float(high))
 
 
 def constants_in_words(model: Model, keys: Collection[ConstantKey]) -> list[str]:

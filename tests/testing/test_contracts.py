@@ -18,6 +18,7 @@ from sdp_vs_penalty import InputError, plugins, register
 from sdp_vs_penalty.api.registration import REGISTRIES
 from sdp_vs_penalty.data.formats import FORMATS
 from sdp_vs_penalty.data.log import log_of_arrays
+from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.estimators import LmiSdp
 from sdp_vs_penalty.estimators.estimator import Fit
 from sdp_vs_penalty.simulation.worlds.world import TrueMotion
@@ -112,6 +113,8 @@ def test_a_constant_at_an_end_of_its_range_is_said(registered):
     assert said in " ".join(str(grown).split())
     assert said in dict(grown.held_by_bounds)["constants"]
     assert said in sdp.add(grown, "joint_spring:1", runs.train).constants_at_ends
+    (effect,) = parse_effects("load_stribeck:2@v_ls=2", bare.robot)
+    assert effect.constants == "v_ls = 2 rad/s (an end of its range)"
     given = sdp.add(bare, "load_stribeck:2@v_ls=2", runs.train)
     assert not given.constants_at_ends
 
