@@ -32,7 +32,8 @@ def verb(
     --joints a,b,c: Joint names of a ROS bag, in the order wanted.
     --topic: JointState topic, where a ROS bag has several.
     --rename t=time,q*=pos_*: Columns that are t, q, dq, tau (or q1 ...); common loggers' are recognised.
-    --scale, --units q=deg,tau=10:10.7:8.5: Units (deg, ms, mNm), factors, or one a joint (drive gains); raw counts FACTOR@ZERO.
+    --scale, --units q=deg,tau=10:10.7:8.5: Units (deg, ms, mNm), factors, or one a joint (drive gains);
+        of raw counts FACTOR@ZERO.
     --motors '50 q1,32 q2+32 q1': Motor positions by joint positions, for a log of motor positions and
         torques.
     --joint-torque: The torques are the joints' already; --motors is of the positions alone.
