@@ -130,18 +130,15 @@ class Conclusion:
         The verdict is "unknown_effect" if a joint has unexplained torque or a measured
         curve, else "effect_missing" if there are findings, else "nothing_missing". A
         finding becomes weak if it raises the error on data left out when it joins the
-        certain findings alone. One that is refuted is not told: it stands for errors
-        that the others are judged beside, such as of friction that sticks. A curve that
-        was measured beside it, and not in its place, would not be right without it.
+        certain findings alone. One that is doubted and does not help is not told: it
+        stands for errors that the others are judged beside, such as of friction that
+        sticks. A curve that was measured beside it, and not in its place, would not be
+        right without it.
         """
         remaining = self.left
         noise = self.data.noise
         held_out = self.ladder.held_out
-        # A law of dry friction may show at reversals alone.
-        is_refuted = [
-            f.is_refuted and not term.form.effect.is_dry_friction
-            for term, f in zip(self.search.terms, self.findings, strict=True)
-        ]
+        is_refuted = [finding.is_refuted for finding in self.findings]
         places = np.flatnonzero(np.logical_not(is_refuted)).tolist()
         beside_told = all(
             CURVE in self.findings[k].indistinguishable_from

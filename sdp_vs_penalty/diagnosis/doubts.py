@@ -60,10 +60,6 @@ TORQUE_IS_OPEN = {
 }
 
 
-#: Reasons of which each says that a torque is not there as it was found.
-REFUTES = {"sticks", "no_torque"}
-
-
 @dataclass(frozen=True)
 class Doubt(JsonRecord):
     """A reason to doubt a finding or a re-estimated constant."""

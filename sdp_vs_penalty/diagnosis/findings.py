@@ -12,7 +12,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
-from sdp_vs_penalty.diagnosis.doubts import NAME_IS_OPEN, REFUTES, SIZE_IS_OPEN, Doubt
+from sdp_vs_penalty.diagnosis.doubts import NAME_IS_OPEN, SIZE_IS_OPEN, Doubt
 from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.notices import Notice
 from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, Span, spans_in_words
@@ -116,9 +116,9 @@ class Rated(JsonRecord):
 
     @property
     def is_refuted(self) -> bool:
-        """Whether its torque is not there as it was found, and adding it does not help."""
+        """Whether it is doubted for itself, and adding it does not help."""
         reasons = {doubt.reason for doubt in self.doubts}
-        return not self.helps and not reasons.isdisjoint(REFUTES)
+        return not self.helps and bool(reasons - {"alone"})
 
     @property
     def torque_is_certain(self) -> bool:

@@ -1,8 +1,8 @@
 """The last word: errors on data left out, with one finding after the other.
 
 A finding that does harm on the test run goes only where folds of the training motion
-agree. One that is doubted has to help on the test run by more than its help scatters
-there between stretches of time.
+agree. One that is doubted has to help on both, on one of them by more than its help
+scatters on the test run between stretches of time.
 
 At each step the model is fitted as ``add`` fits it, by its own method under its
 problem's constraints. A test run is filtered as the runs that were searched; without
@@ -306,8 +306,8 @@ class HeldOut:
         without it), beside all others, in the rows that tell of it. After each drop the
         others are judged again: those that helped by much (SURE_HELP) only if no other
         one does harm. An effect stays if it helps on the second data, folds of the
-        training motion: one motion alone does not decide. A doubted one stays only if a
-        test run shows its help, beyond the spread.
+        training motion: one motion alone does not decide. A doubted one has to help on both, on one
+        of them beyond the spread of a test run.
 
         Least squares suffice for an effect that helps by far, or has helped by much
         (SURE_HELP) in a fit under all constraints and still does.
@@ -319,7 +319,7 @@ class HeldOut:
             errors to stay. Any other one is dropped only if it raises it by MINOR
             (1 %).
         doubted
-            Numbers of the effects whose help a test run has to show.
+            Numbers of the effects whose help has to be shown.
 
         Returns
         -------
@@ -357,8 +357,8 @@ class HeldOut:
         above what is allowed to it.
 
         It is the sum over joints of log(error with it / error without it), less MINOR,
-        or plus the least help of an effect in doubt, or its spread. Errors are those of
-        fits under all constraints, but for effects whose harm by least squares is below
+        or plus the least help of an effect in doubt. Errors are those of fits under all
+        constraints, but for effects whose harm by least squares is below
         ``by_least_squares``.
         """
         out = {}
@@ -366,14 +366,37 @@ class HeldOut:
             if k not in judged:
                 continue
             for fitted in (least_squares_parameters, None):
-                change = self.change(_without(accepted, k), accepted, k, fitted)
+                choices = _without(accepted, k), accepted
                 least = least_help.get(k, -MINOR)
                 if k in doubted:
-                    least = max(least, change.spread)
-                out[k] = change.rise + least
+                    out[k] = self._missing_help(*choices, k, least, fitted)
+                else:
+                    out[k] = self.change(*choices, k, fitted).rise + least
                 if out[k] < by_least_squares:
                     break
         return out
+
+    def _missing_help(
+        self,
+        before: Sequence[int],
+        after: Sequence[int],
+        judged: int,
+        least: float,
+        fitted: _Fitted | None = None,
+    ) -> float:
+        """Return by how much a change of the effects falls short of the help that a
+        doubted one needs; negative if it does not.
+
+        It has to lower the sum of log errors on these data and on the second ones, folds
+        of the training motion, on one of them by ``least`` and beyond the spread of a
+        test run.
+        """
+        here = self.change(before, after, judged, fitted)
+        falls = [-here.rise]
+        if self.second is not None:
+            falls.append(-self.second.change(before, after, judged, fitted).rise)
+        missing = max(least, here.spread) - max(falls)
+        return missing if len(falls) == 1 else max(missing, -min(falls))
 
     def _helps_elsewhere(
         self,
@@ -402,10 +425,11 @@ class HeldOut:
 
         Two that help together alone, and two that cancel, are measured as one candidate.
         It is taken if it lowers the sum of the joints' log errors, in the rows that tell
-        of them, on these data, beyond the spread of a test run, and on the second ones,
-        folds of the training motion, on one of them by 5 % for each effect (SURE_HELP),
-        and raises no joint's error on a recording left out, or on the rows fitted to, by
-        more than 5 % (MAX_JOINT_HARM). The best by least squares is judged first.
+        of them, on these data and on the second ones, folds of the training motion, on
+        one of them by 5 % for each effect (SURE_HELP) and beyond the spread of a test
+        run. It must raise no joint's error on a recording left out, or on the rows
+        fitted to, by more than 5 % (MAX_JOINT_HARM). The best by least squares is judged
+        first.
 
         Parameters
         ----------
@@ -435,11 +459,8 @@ class HeldOut:
             )
             if error_ratios(before, after).max() > 1.0 + MAX_JOINT_HARM:
                 return False
-            judges = [judge for judge in (self, self.second) if judge is not None]
-            changes = [judge.change(*choices, told_by(added)) for judge in judges]
-            is_shown = all(change.rise < -change.spread for change in changes)
-            largest_fall = max(-change.rise for change in changes)
-            return is_shown and largest_fall >= SURE_HELP * len(added)
+            least = SURE_HELP * len(added)
+            return self._missing_help(*choices, told_by(added), least) <= 0.0
 
         while True:
             rest = [k for k in in_doubt if k not in accepted]
