@@ -40,11 +40,10 @@ SAME_FIT = 0.2
 
 # -- the race
 #: Log-odds from which on a hypothesis is taken, and from which on it is called likely: arms
-#: have what no hypothesis has, and odds are too bold (results/reliability/odds.md).
+#: have what no hypothesis has, and odds are too bold (results/reliability/odds.md). One that
+#: is less likely than the best by no more than it takes to be taken is told with it.
 LOG_ODDS_OF_A_CLAIM = 20.0
 LIKELY = 45.0
-#: Hypotheses that are less likely than the best by no more are told with it.
-AS_LIKELY = 6.0
 #: Hypotheses that are looked at on all rows, and the least log-odds at the first look (with
 #: 4 a drift of half a standard deviation is lost, whose log-odds are 48 on all rows).
 LOOKS = 12

@@ -201,7 +201,9 @@ class Race:
             return None
         rivals: dict[object, Claim] = {}
         for x in likely:
-            if best.log_odds - x.log_odds < c.AS_LIKELY and not _is_same(x, best):
+            if best.log_odds - x.log_odds < c.LOG_ODDS_OF_A_CLAIM and not _is_same(
+                x, best
+            ):
                 rivals.setdefault(x.hypothesis.key, x)
         rivals.pop(best.hypothesis.key, None)
         return replace(best, rivals=tuple(rivals.values()))
