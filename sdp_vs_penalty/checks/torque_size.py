@@ -244,7 +244,7 @@ def _issues_of_size(
         return  # another issue says that the arm does not explain them
     best = min(runs, key=lambda fit: fit.unexplained)
     if leaves_more_than_usual(log, best):
-        # A current is small, too, but the arm's dynamics explain it in each run.
+        # A current is small, too, but the arm explains it where no fault hides that.
         yield external(
             f"{are}the arm's dynamics leave {100.0 * best.unexplained**0.5:.2g} % of them,"
             " more than of a motor's current: what is left where a model was subtracted"

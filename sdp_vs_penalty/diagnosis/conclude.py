@@ -138,11 +138,11 @@ class Conclusion:
         remaining = self.left
         noise = self.data.noise
         held_out = self.ladder.held_out
-        is_refuted = [finding.is_refuted for finding in self.findings]
-        places = np.flatnonzero(np.logical_not(is_refuted)).tolist()
+        is_not_told = [finding.is_not_told for finding in self.findings]
+        places = np.flatnonzero(np.logical_not(is_not_told)).tolist()
         beside_told = all(
             CURVE in self.findings[k].indistinguishable_from
-            for k in np.flatnonzero(is_refuted)
+            for k in np.flatnonzero(is_not_told)
         )
         errors = [self.ladder.errors_with(places[:k]) for k in range(len(places) + 1)]
         findings = [
@@ -246,8 +246,8 @@ def least_help_of(finding: Finding) -> float | None:
     test run by more than the spread as well; None if it is not doubted.
 
     A torque that may not be there has to lower it by 5 %, one whose size may be zero by
-    1 %; where both are in doubt it is not added, and this is infinite. Any other one may
-    raise it by less than 1 %.
+    1 %; where both are in doubt it is not added, and this is infinite. Any other one
+    that is doubted has to lower it at all.
     """
     may_be_zero = Doubt("insignificant") in finding.doubts
     is_forbidden = any(doubt.forbids_adding for doubt in finding.doubts)
@@ -257,7 +257,7 @@ def least_help_of(finding: Finding) -> float | None:
         return SURE_HELP
     if may_be_zero:
         return MINOR
-    return -MINOR if finding.doubts else None
+    return 0.0 if finding.doubts else None
 
 
 def _weakened(finding: Finding, reason: str) -> Finding:

@@ -115,7 +115,7 @@ class Rated(JsonRecord):
         return any(doubt.leaves_torque_open for doubt in self.doubts)
 
     @property
-    def is_refuted(self) -> bool:
+    def is_not_told(self) -> bool:
         """Whether it is doubted for itself, and adding it does not help."""
         reasons = {doubt.reason for doubt in self.doubts}
         return not self.helps and bool(reasons - {"alone"})
@@ -353,7 +353,7 @@ class Finding(Rated):
     def on_the_arm(self) -> str:
         """A sentence on what the effect is mechanically on the arm, with its size."""
         if self.size_may_be_zero:
-            return f"{ON_THE_ARM}how large it is, these runs do not tell."
+            return f"{ON_THE_ARM}these runs do not tell its size from zero."
         fitted = FittedEffect(
             name=self.effect,
             joints=self.joints,

@@ -172,7 +172,6 @@ def describe_finding(
         size = ""
         said_by = together[0].number if finding != together[0] else 0
     elif finding.size_may_be_zero:
-        arm = f"{ON_THE_ARM}it helps, and these runs do not tell its size from zero."
         size = ""
     return FindingWords(
         title=title,
