@@ -77,8 +77,9 @@ def add(
     extended = add_effects(
         model, effects, runs, frozen=frozen, seed=seed, progress=progress
     )
-    if extended.constants_at_ends != model.constants_at_ends:
-        warnings.warn(extended.constants_at_ends, stacklevel=3)
+    said = extended.constants_at_ends
+    if said and said != model.constants_at_ends:
+        warnings.warn(said, stacklevel=3)
     if isinstance(effects, Diagnosis):
         runs = beside_spans(runs, effects.left_out)
     progress("comparing measured with modelled")

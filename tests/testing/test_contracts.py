@@ -4,6 +4,7 @@ import importlib
 import subprocess
 import sys
 import venv
+import warnings
 import zipfile
 from pathlib import Path
 from types import ModuleType
@@ -115,8 +116,12 @@ def test_a_constant_at_an_end_of_its_range_is_said(registered):
     assert said in sdp.add(grown, "joint_spring:1", runs.train).constants_at_ends
     (effect,) = parse_effects("load_stribeck:2@v_ls=2", bare.robot)
     assert effect.constants == "v_ls = 2 rad/s (an end of its range)"
-    given = sdp.add(bare, "load_stribeck:2@v_ls=2", runs.train)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        given = sdp.add(bare, "load_stribeck:2@v_ls=2", runs.train)
+        inside = sdp.add(grown, "load_stribeck:2@v_ls=0.3", runs.train)
     assert not given.constants_at_ends
+    assert not inside.constants_at_ends
 
 
 @pytest.mark.parametrize(
