@@ -458,7 +458,7 @@ def _torque_of(
     """Return the torque (N, n) of an effect of a size, each of its parameters as large:
     by the second statement of its law where there is one, else by its columns on the
     true robot: its links, its torque without the effect, its temperature."""
-    law = effect.hidden_torque
+    law = type(effect).hidden_torque
     if law is None:
         seen = Motion(
             motion.t,

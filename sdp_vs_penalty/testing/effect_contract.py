@@ -490,8 +490,11 @@ def check_hidden_torque(kind: type[Effect], forms: Forms) -> None:
             if len(effect.parameters) == len(effect.joints):
                 sizes = np.ones(len(effect.parameters))
             left = np.linalg.norm(torque - columns @ sizes)
-            same = left < _ROUNDING * np.linalg.norm(torque)
-            demand(same, f"hidden_torque is not the torque of {effect.text}")
+            same = left <= _ROUNDING * np.linalg.norm(torque)
+            acts_alike = columns.any() == torque.any()
+            demand(
+                same and acts_alike, f"hidden_torque is not the torque of {effect.text}"
+            )
 
 
 #: Each is asked of an effect's class and of the forms that are tried.

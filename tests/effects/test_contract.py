@@ -2,6 +2,7 @@
 without a word here."""
 
 import effect_contract
+import numpy as np
 import pytest
 
 from sdp_vs_penalty.effects import effect_types, parse_effects
@@ -86,6 +87,21 @@ def test_a_second_statement_shares_nothing_with_the_columns():
     copied = type("_Spring", (_Wrong,), {"hidden_torque": same})
     with pytest.raises(ContractError, match="hidden_torque uses kind"):
         contracts.check_hidden_torque(copied, lambda robot: [copied(robot)])
+
+
+def test_a_second_statement_is_zero_where_its_columns_are():
+    far = {
+        "column": lambda self, m, j: np.maximum(m.q[:, j] - 1e3, 0.0),
+        "hidden_torque": lambda m, j, sign: np.maximum(m.q[:, j] - 1e3, 0.0),
+    }
+    unreached = type("_Stop", (_Wrong,), far)
+    contracts.check_hidden_torque(unreached, lambda robot: [unreached(robot)])
+    # Of two parameters a joint, the statement may be any sum, but not nothing.
+    nothing = {"hidden_torque": lambda m, j, sign, **shape: 0.0 * m.q[:, j]}
+    kind = effect_types()["torque_ripple"]
+    silent = type("_Ripple", (kind,), {"name": "torque_ripple", **nothing})
+    with pytest.raises(ContractError, match="is not the torque of torque_ripple"):
+        contracts.check_hidden_torque(silent, lambda robot: [silent(robot)])
 
 
 @pytest.mark.parametrize(

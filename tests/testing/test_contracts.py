@@ -102,6 +102,21 @@ def test_an_effect_of_the_links_torque_hides_in_the_true_links(registered):
     assert not torque[:, 0].any()
 
 
+def test_a_second_statement_may_be_a_plain_function(registered, monkeypatch):
+    kind = registered["rubber"]
+    monkeypatch.setattr(
+        kind, "hidden_torque", lambda m, j, sign, q_0: q_0 * np.sinh(m.q[:, j] / q_0)
+    )
+    contracts(kind)["check_hidden_torque"]()
+    runs = sdp.simulate("two_link", "rubber_spring:2")
+    (hidden,) = runs.hidden
+    q = np.linspace(-1.0, 1.0, 50)[:, None] + [0.0, 0.2]
+    motion = TrueMotion(np.arange(50.0), q, 0.0 * q, 0.0 * q)
+    torque = hidden.torque(runs.world, motion)
+    np.testing.assert_allclose(torque[:, 1], hidden.size * 0.5 * np.sinh(q[:, 1] / 0.5))
+    assert not torque[:, 0].any()
+
+
 def test_a_constant_at_an_end_of_its_range_is_said(registered):
     """Friction of the load that does not fall with speed: v_ls has no upper end."""
     runs = sdp.simulate("two_link", "load_dependent_friction:2")
