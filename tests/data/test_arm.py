@@ -364,6 +364,17 @@ def test_files_called_by_the_joints_are_one_run(tmp_path):
     np.testing.assert_allclose(read_run(words[-1], 3).tau, motion.tau, rtol=1e-6)
 
 
+def test_whole_runs_called_by_the_joints_stay_runs(two_link, tmp_path):
+    names = ("shoulder", "elbow")
+    motions = [small_run(two_link, seed=seed, seconds=2.0) for seed in (0, 1)]
+    for name, run in zip(names, motions, strict=True):
+        table(tmp_path / f"{name}.csv", t=run.t, q=run.q, tau=run.tau)
+    runs = as_measurements(tmp_path, names=names).runs()
+    assert len(runs) == 2
+    for got, name in zip(runs, sorted(names), strict=True):
+        np.testing.assert_allclose(got.q, motions[names.index(name)].q)
+
+
 def test_runs_of_one_recorder_are_in_one_unit(tmp_path):
     """Alone the torques of the second one, with much noise, tell nothing for certain."""
     problem = limited_arm(tmp_path)

@@ -122,19 +122,24 @@ def _files_of_joints(files: Sequence[Path]) -> list[Path]:
     is_whole = first < 2 and numbers == list(range(first, first + len(numbers)))
     if not is_whole or len(words_of_files) > 1 or len(numbers) < 2:
         return []
-    positions = _positions_of_run(of_number[first])
-    is_of_joint = positions is not None and len(positions) < 2
-    is_of_joint &= all(x.kind != "list" for x in positions or ())
-    return [of_number[number] for number in numbers] if is_of_joint else []
+    return _of_one_joint([of_number[number] for number in numbers])
 
 
 def files_called_by(joints: Sequence[str], files: Sequence[Path]) -> list[Path]:
     """List the files that are called by a robot's joints, in their order; empty where not
-    each of two or more joints has one."""
+    each of two or more joints has one, or where they hold several joints."""
     by_stem = {file.stem: file for file in files}
     found = match_joints(joints, list(by_stem))
     is_whole = 1 < len(joints) == len(found)
-    return [by_stem[found[joint]] for joint in joints] if is_whole else []
+    return _of_one_joint([by_stem[found[x]] for x in joints]) if is_whole else []
+
+
+def _of_one_joint(files: list[Path]) -> list[Path]:
+    """Return files called by joints; empty where the first is no run of one joint."""
+    positions = _positions_of_run(files[0])
+    is_of_joint = positions is not None and len(positions) < 2
+    is_of_joint &= all(x.kind != "list" for x in positions or ())
+    return files if is_of_joint else []
 
 
 def joined_log(path: Path, files: Sequence[Path]) -> Log:
