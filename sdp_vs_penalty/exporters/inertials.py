@@ -405,10 +405,10 @@ def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
     return [*remarks, f"Units: {in_degrees}."] if in_degrees else remarks
 
 
-def coupling_remarks(path: str | Path) -> list[str]:
+def coupling_remarks(path: str | Path, *, has_lines: bool) -> list[str]:
     """Name in one sentence, or none, what couples links of a URDF in addition to its
-    tree of joints."""
-    left_out = couplings_left_out(parse_urdf(path))
+    tree of joints; with lines where the file is the user's."""
+    left_out = couplings_left_out(parse_urdf(path), has_lines=has_lines)
     return [f"{left_out}."] if left_out else []
 
 

@@ -83,9 +83,9 @@ def load_robot(
     with as_urdf(Path(path)) as file:
         robot, links = load_urdf(file, down, held)
         geometry = link_geometry(file, held)
-        return RobotFile(
-            robot, links, geometry, couplings=couplings_left_out(parse_urdf(file))
-        )
+        has_lines = file == Path(path)
+        couplings = couplings_left_out(parse_urdf(file), has_lines=has_lines)
+        return RobotFile(robot, links, geometry, couplings=couplings)
 
 
 @contextmanager

@@ -123,9 +123,10 @@ class _Model:
         for link in self._links():
             self._add_link(robot, link, frames[str(link.get("name"))])
         # What a simulator's plug-in couples stays, so that it is named as a URDF's is.
-        etree.SubElement(robot, "gazebo").extend(
-            map(deepcopy, coupling_elements(self.element))
-        )
+        # A copy holds what lies inside.
+        couplings = coupling_elements(self.element)
+        outer = [x for x in couplings if not {*x.iterancestors()} & {*couplings}]
+        etree.SubElement(robot, "gazebo").extend(map(deepcopy, outer))
         for joint in joints:
             parent, child = ends[str(joint.get("name"))]
             self._add_joint(robot, joint, parent, child, frames.get(parent, np.eye(4)))

@@ -276,9 +276,14 @@ def placed_links(
     return [elements for k, elements in enumerate(parts) if k not in massless]
 
 
-def couplings_left_out(root: Any) -> str:
+def couplings_left_out(root: Any, *, has_lines: bool) -> str:
     """Say what couples links of a URDF beside its tree of joints, and is not read:
     constraints and loops of its extensions.
+
+    Parameters
+    ----------
+    has_lines : bool
+        Whether lines are those of the user's file: a URDF made of another file has others.
 
     Returns
     -------
@@ -289,7 +294,8 @@ def couplings_left_out(root: Any) -> str:
     for element in coupling_elements(root):
         tag = etree.QName(element).localname
         words = [tag, *(f"{k}={v!r}" for k, v in element.attrib.items())]
-        out.append(f"<{' '.join(words)[:100]}> (line {element.sourceline})")
+        line = f" (line {element.sourceline})" if has_lines else ""
+        out.append(f"<{' '.join(words)[:100]}>{line}")
     return not_read(out)
 
 

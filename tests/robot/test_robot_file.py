@@ -251,6 +251,24 @@ def test_what_couples_links_besides_is_named(end, words, tmp_path):
 
 def test_what_couples_links_of_an_sdf_is_named(tmp_path):
     path = tmp_path / "arm.sdf"
-    plugin = '<plugin name="p"><constraint type="loop"/></plugin></model>'
+    plugin = (
+        '<plugin name="p"><constraint type="loop"><connect body1="a"/></constraint>'
+        "</plugin></model>"
+    )
     path.write_text(SDF.replace("</model>", plugin))
-    assert "<constraint type='loop'>" in load_robot(path).couplings
+    said = load_robot(path).couplings
+    assert said.startswith("<constraint type='loop'>, <connect body1='a'>: not read")
+
+
+def test_only_a_file_s_own_lines_of_couplings_are_said(tmp_path, capsys):
+    """Those of the URDF that is made of an SDF are no lines of the user's."""
+    coupling = '<constraint type="loop"/>'
+    urdf = with_end(arm(tmp_path), f"{coupling}</robot>")
+    sdf = tmp_path / "arm.sdf"
+    sdf.write_text(SDF.replace("</model>", f"{coupling}</model>"))
+    for path, has_lines in ((urdf, True), (sdf, False)):
+        assert ("(line " in load_robot(path).couplings) == has_lines
+        run_cli("check-urdf", path)
+        said = capsys.readouterr().out
+        assert "<constraint type='loop'>" in said
+        assert ("(line " in said) == has_lines

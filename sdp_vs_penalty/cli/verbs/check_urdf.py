@@ -29,7 +29,7 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
         massless = inertials.massless_links(file)
         units = inertials.unit_remarks(file, checks)
         verdict, *remarks = inertials.sentences(checks, massless, units)
-        couplings = inertials.coupling_remarks(file)
+        couplings = inertials.coupling_remarks(file, has_lines=file == urdf)
         if units:
             verdict = f"{verdict[:-1]}; units are not m, kg and rad."
         console.say(verdict, style="bold")
