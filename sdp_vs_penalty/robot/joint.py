@@ -402,11 +402,12 @@ class Transmission(JsonRecord):
 
     def at_motors(self, *, joint_torque: bool = False) -> "Transmission":
         """Return it for logs of motors, where it does not say which channels are theirs;
-        with ``joint_torque`` the torques are the joints' already."""
-        if "motor" in {*self.positions, *self.torques}:
-            return self
-        torques = self.torques if joint_torque else ("motor",) * self.n
-        return replace(self, positions=("motor",) * self.n, torques=torques)
+        with ``joint_torque`` the torques are the joints' already, whatever it says."""
+        out = self
+        if "motor" not in {*self.positions, *self.torques}:
+            motors = ("motor",) * self.n
+            out = replace(self, positions=motors, torques=motors)
+        return replace(out, torques=("joint",) * self.n) if joint_torque else out
 
     @property
     def n(self) -> int:

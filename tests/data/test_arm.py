@@ -5,6 +5,7 @@ import re
 import shlex
 import warnings
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,7 +15,7 @@ from arms import ELBOW, SHOULDER, TURN, write_urdf
 from commands import run_cli
 from small_runs import small_run
 
-from sdp_vs_penalty import Problem, load_measurements
+from sdp_vs_penalty import Problem, convert, load_measurements
 from sdp_vs_penalty.data import read_run
 from sdp_vs_penalty.data.files import as_measurements, read_in_one_unit
 from sdp_vs_penalty.errors import ColumnsRemark, InputError
@@ -294,9 +295,9 @@ def test_counts_whose_size_is_likely_bring_the_command(tmp_path):
     np.testing.assert_allclose(got.dq, motion.dq, rtol=0.01)
 
 
-@pytest.mark.parametrize("side", ["motor", "joint"])
-def test_channels_of_motors_are_the_joints_by_the_robot_s_transmission(side, tmp_path):
-    """By the file's reductions, where positions are in the joints' ranges only so; once."""
+def geared_log(tmp_path, side):
+    """An arm's file with reductions, a motion, and its log of the motors' positions with
+    torques of one side."""
     ratios = np.array([50.0, 80.0, 30.0])
     text = (
         (tmp_path / limited_arm(tmp_path).robot.name).with_suffix(".urdf").read_text()
@@ -308,11 +309,17 @@ def test_channels_of_motors_are_the_joints_by_the_robot_s_transmission(side, tmp
     )
     arm = tmp_path / "geared.urdf"
     arm.write_text(text.replace("</robot>", f"{gears}</robot>"))
-    problem = load_problem(arm)
-    motion = small_run(problem, seconds=8.0)
+    motion = small_run(load_problem(arm), seconds=8.0)
     tau = motion.tau / ratios if side == "motor" else motion.tau
     columns = {"time": motion.t, "motor pos [rad]": ratios * motion.q}
-    path = table(tmp_path / "run.csv", **columns, trq=tau)
+    return arm, motion, table(tmp_path / "run.csv", **columns, trq=tau)
+
+
+@pytest.mark.parametrize("side", ["motor", "joint"])
+def test_channels_of_motors_are_the_joints_by_the_robot_s_transmission(side, tmp_path):
+    """By the file's reductions, where positions are in the joints' ranges only so; once."""
+    arm, motion, path = geared_log(tmp_path, side)
+    problem = load_problem(arm)
     got, said = reading(path, problem)
     words = "q and tau are" if side == "motor" else "q are"
     assert f"{words} the motors': the robot's transmission makes" in said
@@ -322,6 +329,30 @@ def test_channels_of_motors_are_the_joints_by_the_robot_s_transmission(side, tmp
     out = tmp_path / "si.csv"
     assert run_cli("convert", path, "--problem", arm, *flags, "--out", out) == 0
     np.testing.assert_allclose(read_run(out, 3).tau, motion.tau, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("declared", "side"), [("motor", "motor"), ("motor", "joint"), ("joint", "joint")]
+)
+def test_torques_can_be_the_joints_where_a_problem_declares_channels(
+    declared, side, tmp_path
+):
+    arm, motion, path = geared_log(tmp_path, side)
+    problem = load_problem(arm)
+    positions, torques = ("motor",) * 3, (declared,) * 3
+    transmission = replace(
+        problem.robot.transmission, positions=positions, torques=torques
+    )
+    robot = replace(problem.robot, transmission=transmission)
+    problem = replace(problem, robot=robot)
+    got, said = reading(path, problem)
+    is_joint = side == "joint"
+    assert "are the motors': the robot's transmission makes" in said
+    assert ("q and tau are" in said) != is_joint
+    converted = convert(path, problem=problem, motors=True, joint_torque=is_joint)
+    for run in (got, converted):
+        np.testing.assert_allclose(run.q, motion.q)
+        np.testing.assert_allclose(run.tau, motion.tau)
 
 
 def test_arms_of_one_file_are_told_apart_by_a_word(tmp_path):

@@ -189,10 +189,9 @@ def with_joint_side(
     is_open = "q" in found.unsaid and not any(map(_says_motors, found.said))
     if robot.transmission is None or is_open or is_in_ranges(robot, q):
         return found, blocks
-    sides = {
-        text: robot.transmission.at_motors(joint_torque=text == "q")
-        for text in ("q and tau", "q")
-    }
+    at_motors = robot.transmission.at_motors
+    possible = [at_motors(joint_torque=x) for x in (False, True)]
+    sides = {"q and tau" if "motor" in x.torques else "q": x for x in possible}
     fits = dict[str, ChannelFit]()
     for text, side in sides.items():
         at_joints = side.joint_positions(q)
