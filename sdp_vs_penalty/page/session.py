@@ -242,8 +242,6 @@ class Session:
     name: str = ""
     #: When it was begun [s since 1970].
     begun: float = field(default_factory=time.time)
-    #: Whether the user has named its folder.
-    is_named_by_user: bool = False
     #: The runs, as ``keep`` of jobs.py answers.
     runs: list[dict[str, Any]] = field(default_factory=list)
     #: The effect that was hidden in simulated runs, as `add` writes it; "" for others.

@@ -118,6 +118,8 @@ class Sessions:
                     shutil.rmtree(folder, ignore_errors=True)
         self.root = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-"))
         self.projects = projects
+        #: Folders that the user has named, which may hold more than a project.
+        self._named = set[Path]()
         self._all: dict[str, Session] = {}
 
     def new(self) -> Session:
@@ -154,7 +156,7 @@ class Sessions:
         """Take a session out of memory; what was made in it stays if it is a project's."""
         del self._all[session.token]
         stays = self.projects is not None and session.robot
-        if stays or session.is_named_by_user:
+        if stays or session.folder.resolve() in self._named:
             session.save()
         else:
             shutil.rmtree(session.folder, ignore_errors=True)
@@ -176,16 +178,17 @@ class Sessions:
                 raise InputError(what, "name a folder that is new", folder)
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             session = Session(token, folder, self.pool, name=folder.name)
-        session.is_named_by_user = True
+        self._named.add(folder.resolve())
         return self._add(session)
 
     def saved(self) -> list[Project]:
         """List the projects that can be opened, the one saved last first: those of the
         user's folder, and the one whose folder was named."""
-        named = [s.folder for s in self._all.values() if s.is_named_by_user]
-        files = [x / STATE_FILE for x in named if (x / STATE_FILE).is_file()]
+        folders = [*self._named]
         if self.projects is not None:
-            files += self.projects.glob(f"*/{STATE_FILE}")
+            folders += self.projects.glob("*")
+        each_once = {folder.resolve(): folder for folder in folders}.values()
+        files = [x / STATE_FILE for x in each_once if (x / STATE_FILE).is_file()]
         files.sort(key=lambda file: file.stat().st_mtime, reverse=True)
         listed = []
         for file in files[:_MOST_LISTED]:
@@ -202,17 +205,20 @@ class Sessions:
                 listed.append(Project(content["token"], name, text, file.parent))
         return listed
 
-    def delete(self, token: str) -> bool:
-        """Delete a project with its folder; False where a tab shows it, which keeps it."""
-        known = self._all.get(token)
+    def delete(self, project: Project) -> None:
+        """Delete a project with its folder.
+
+        Raises InputError where a tab shows it, and for a folder that the user has named:
+        that may hold other files.
+        """
+        known = self._all.get(project.token)
         if known is not None and any(tab.present for tab in known.watchers):
-            return False
-        saved = self.saved()
-        self._all.pop(token, None)
-        for project in saved:
-            if project.token == token:
-                shutil.rmtree(project.folder, ignore_errors=True)
-        return True
+            raise InputError(f"{project.name} is open in a tab", "close that first")
+        if project.folder.resolve() in self._named:
+            what = f"{project.name} is in a folder that you have named"
+            raise InputError(what, f"remove {project.folder} by yourself")
+        self._all.pop(project.token, None)
+        shutil.rmtree(project.folder, ignore_errors=True)
 
     def get(self, token: str) -> Session | None:
         """Return the session with this token, opened from its folder if need be; None if

@@ -57,8 +57,8 @@ class View:
     forms: Forms
     #: Projects that can be opened, the last one first.
     projects: Sequence[Project] = ()
-    #: Deletes a project by its token; False where a tab shows it.
-    delete: Callable[[str], bool] = lambda token: False
+    #: Deletes a project; InputError where it must stay.
+    delete: Callable[[Project], None] = lambda project: None
     #: Index of the joint that every part shows, from 0; None before one is chosen.
     joint: int | None = None
     #: File of the model whose worst joint was selected.

@@ -791,11 +791,27 @@ def test_a_project_has_a_name_runs_and_verdict_and_is_deleted(kept, hidden, tmp_
     assert project.name == "arm on the bench"
     assert project.about.startswith("a.csv: no model yet; ")
     s.watchers.append(SimpleNamespace(present=True))
-    assert not kept.delete(s.token)
+    refusal(lambda: kept.delete(project), project.name, "is open in a tab")
     s.watchers[0].present = False  # a tab that was closed
-    assert kept.delete(s.token)
+    kept.delete(project)
     assert kept.saved() == []
     assert not s.folder.exists()
+
+
+@pytest.mark.parametrize("place", ["projects/mine", "mine", "link"])
+def test_a_named_folder_is_listed_once_and_never_deleted(kept, tmp_path, place):
+    """It may hold what its owner has put there, and lie among the other projects."""
+    (tmp_path / "projects" / "mine").mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path / "projects" / "mine")
+    s = kept.open_folder(tmp_path / place)
+    do(s, lambda: s.choose_robot("two_link"))
+    notes = s.folder / "notes.txt"
+    notes.write_text("of the owner")
+    (project,) = kept.saved()
+    refusal(lambda: kept.delete(project), "that you have named", str(project.folder))
+    assert notes.read_text() == "of the owner"
+    assert kept.get(s.token) is s
+    assert kept.saved() == [project]
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from typing import Any
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.explain import NOT_REPAIRED
 from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import ArmScene, chart_and_arm
@@ -137,10 +138,12 @@ def _projects(view: View) -> None:
     """Draw the projects that can be opened again, the last one first."""
 
     def delete(project: Project, row: Any) -> None:
-        if view.delete(project.token):
-            row.delete()
+        try:
+            view.delete(project)
+        except InputError as error:
+            view.session.say(str(error))
         else:
-            view.session.say(f"{project.name} is open in a tab: close that first.")
+            row.delete()
 
     with draw.tag("ul", style="projects"):
         for project in view.projects:
