@@ -251,16 +251,17 @@ def read(job: JobRequest) -> Answer:
         job.progress(f"reading {file['name']}")
         path = Path(file["path"])
         try:
-            names = _names_of_columns(path)
-            how = {**job["assigned"].get(json.dumps(names), {}), **job["options"]}
             with warnings.catch_warnings(record=True) as heard:
                 warnings.simplefilter("always", Remark)
+                names = _names_of_columns(path)
+                how = {**job["assigned"].get(json.dumps(names), {}), **job["options"]}
                 try:
                     part = _load_run(how, state.problem, path)
                 except MissingJoints as error:
                     state = _holding(state, dict.fromkeys(error.joints, 0.0), remarks)
                     part = _load_run(how, state.problem, path)
-            said = [w.message for w in heard if isinstance(w.message, Remark)]
+            each_once = {str(w.message): w.message for w in heard}.values()
+            said = [remark for remark in each_once if isinstance(remark, Remark)]
             remarks += map(str, said)
             check_torque(part)
             _refuse_duplicate(part, state.runs, path)

@@ -56,14 +56,12 @@ KEPT = (
     "effects",
     "method",
     "mappings",
+    "assigned",
     "history",
     "hidden",
 )
 #: What is chosen besides.
-CHOSEN = (
-    *("options", "reading", "assigned", "anyway", "seen_issues"),
-    *("names", "name", "begun"),
-)
+CHOSEN = (*("options", "reading", "anyway", "seen_issues"), *("names", "name", "begun"))
 #: Steps back that are kept.
 MOST_STEPS = 20
 #: Samples of all runs with which remedies are tried before anyone asks.
@@ -753,6 +751,7 @@ class Session:
         self.remedies = []
         self.prepared = []
         self.repairs = []
+        self.assigned = {}
         self.effects = list(answer["effects"])
         self.method = DEFAULT_METHOD
 

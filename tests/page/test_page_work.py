@@ -695,6 +695,44 @@ def test_a_file_is_read_by_the_columns_that_were_chosen(here, strange, hidden):
     assert "convert strange.csv --rename 't=#1,q1=#2" in command
 
 
+def test_columns_that_were_chosen_hold_until_undo_and_for_one_robot(
+    here, strange, tmp_path
+):
+    """A later file with these columns is read as chosen, but not after the choice was
+    taken back, nor for another robot."""
+    s = opened(here, "two_link", **{"strange.csv": strange})
+    columns = s.mappings[0]["columns"]
+    for ours, theirs in {"t": "t", "tau1": "alpha", "tau2": "beta"}.items():
+        s.choose_column(columns, ours, theirs)
+    do(s, lambda: s.read_mapped(columns))
+    chosen = s.assigned
+    assert [*chosen] == [json.dumps(columns)]
+    s.undo()
+    assert not s.assigned
+    s.redo()
+    assert s.assigned == chosen
+    assert Sessions(Here()).open_folder(s.folder).assigned == chosen
+    do(s, lambda: s.choose_robot("two_link"))
+    assert not s.assigned
+    later = tmp_path / "later.csv"
+    head, *rows = strange.read_text().splitlines()
+    later.write_text("\n".join([head, *rows[:-100]]) + "\n")
+    s.arrived["later.csv"] = later
+    do(s, s.read_files)
+    assert not s.runs
+    assert s.mappings[-1]["columns"] == columns
+
+
+def test_what_a_reader_assumes_is_said_once(here, hidden, tmp_path, recwarn):
+    (path,) = saved(tmp_path, hidden.runs[:1], "run.csv").values()
+    head, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([head, *rows[:500], head, *rows[500:]]) + "\n")
+    s = opened(here, "two_link", **{"run.csv": path})
+    (said,) = s.notice.texts
+    assert said.endswith("run.csv: 1 repeated header left out.")
+    assert not recwarn
+
+
 @pytest.fixture
 def wide(here, hidden, tmp_path):
     """The screen of two tables without a header, of a clock and five columns a joint."""
