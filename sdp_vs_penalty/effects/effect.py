@@ -102,10 +102,12 @@ class SimulatorTerm(NamedTuple):
     field: SimulatorField
     #: Number of the joint, from 0; -1 for the whole robot.
     joint: int
-    #: The number, in SI units; those of all effects add up.
+    #: The number, in SI units; those of all effects for one field, or one attribute of an
+    #: "mjcf" term, add up.
     value: float
     #: Element and attribute of an "mjcf" term, such as "option" and "viscosity"; the
-    #: element is the joint, its actuator, or the option.
+    #: element is the joint, its actuator, or the option. It replaces what a field writes
+    #: there ("damping"), and is replaced by a channel's gain (a motor's "gear").
     attribute: tuple[Literal["joint", "actuator", "option"], str] = ("joint", "")
 
 
@@ -659,7 +661,8 @@ class Effect(ABC):
 
     def simulator_terms(self, theta: Array) -> Iterable[SimulatorTerm]:
         """List the numbers by which simulators' files hold the effect's whole torque;
-        nothing where they cannot.
+        nothing where they cannot. Their fields are the same for all parameters: those at
+        zeros decide which files hold the effect.
 
         Parameters
         ----------

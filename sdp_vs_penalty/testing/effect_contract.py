@@ -497,6 +497,18 @@ def check_hidden_torque(kind: type[Effect], forms: Forms) -> None:
             )
 
 
+def check_simulator_fields(kind: type[Effect], forms: Forms) -> None:
+    """Its terms in simulators' files have the same fields for all parameters, zeros
+    included: by these it is decided which files hold the effect."""
+    effect = kind(robots()["tree"])
+    count = len(effect.parameters)
+    at_zeros, at_ones = (
+        {term.field for term in effect.simulator_terms(theta)}
+        for theta in (np.zeros(count), np.ones(count))
+    )
+    demand(at_zeros == at_ones, "simulator_terms has other fields for parameters of 0")
+
+
 #: Each is asked of an effect's class and of the forms that are tried.
 CONTRACTS: tuple[Callable[..., None], ...] = (
     check_shape_constants,
@@ -510,4 +522,5 @@ CONTRACTS: tuple[Callable[..., None], ...] = (
     check_frozen_only,
     check_constraints,
     check_hidden_torque,
+    check_simulator_fields,
 )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.effects import effect_types, parse_effects
+from sdp_vs_penalty.effects.effect import SimulatorTerm
 from sdp_vs_penalty.simulation import MAKERS
 from sdp_vs_penalty.testing import effect_contract as contracts
 from sdp_vs_penalty.testing.demand import ContractError
@@ -66,6 +67,11 @@ WRONG = {
     },
     "check_constraints": {"constraints": lambda self, *_: []},
     "check_written_form": {"text": "coulomb_friction"},
+    "check_simulator_fields": {
+        "simulator_terms": lambda self, theta: [
+            SimulatorTerm("stiffness", 0, x) for x in theta if x
+        ]
+    },
     "check_hidden_torque": {
         "hidden_torque": staticmethod(
             lambda motion, joint, sign: motion.q[:, joint] ** 2
