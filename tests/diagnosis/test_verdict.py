@@ -1,6 +1,7 @@
 """What is left is told from noise, on the rows that are evidence."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,7 +17,13 @@ from sdp_vs_penalty.diagnosis import (
 )
 from sdp_vs_penalty.diagnosis.conclude import _standstill, least_help_of
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.held_out import Change, HeldOutSplit, change_of, harm
+from sdp_vs_penalty.diagnosis.held_out import (
+    Change,
+    HeldOutSplit,
+    change_of,
+    harm,
+    rows_by_stretch,
+)
 from sdp_vs_penalty.diagnosis.sizes import TorqueMade
 from sdp_vs_penalty.signals import REPETITION
 
@@ -311,6 +318,66 @@ def test_a_torque_of_sliding_is_judged_where_joints_slide(monkeypatch):
     errors = [held_out.errors([0, 1, 2, 3], k)[0] for k in range(4)]
     assert errors == [1.0, 5.0, 1.0, 5.0]
     assert fitted == ["sliding", "all", "sliding", "all"]
+
+
+@pytest.fixture
+def two_recordings(monkeypatch):
+    """Errors of two joints on two folds of two recordings of five rows, one of which is
+    left out on joint 2; and squared errors (10, 2) without and with effect 0."""
+    keep = np.ones((10, 2), bool)
+    keep[1, 1] = False
+    slides = keep & (np.arange(10) % 5 != 2)[:, None]
+    stretches, n_stretches = rows_by_stretch(
+        SimpleNamespace(run=np.repeat([3, 7], 5), keep=keep)
+    )
+    assert n_stretches == 4
+    counted = [np.flatnonzero(x[:, 0]).tolist() for x in stretches]
+    assert counted == [[0, 1], [2], [3], [4], [5, 6], [7], [8], [9]]
+    assert np.flatnonzero(stretches[0][:, 1]).tolist() == [0]
+    fold = (np.arange(10) % 2)[:, None]
+    rows_of_splits = [
+        [
+            *(x & (fold == f) for x in stretches),
+            *(x & (fold == f) & slides for x in stretches),
+            slides & (fold != f),
+        ]
+        for f in (0, 1)
+    ]
+    splits = []
+    for rows in rows_of_splits:
+        parts = [SimpleNamespace(joint_rows=lambda x=x: x.sum(axis=0)) for x in rows]
+        splits.append(HeldOutSplit((), None, (*parts[:8],), (*parts[8:],), False))
+    squares = np.random.default_rng(0).uniform(1.0, 2.0, (2, 10, 2))
+
+    def sums(self, chosen, sliding, fitted=None):
+        own = squares[len(chosen)]
+        return np.array([[(own * x).sum(axis=0) for x in xs] for xs in rows_of_splits])
+
+    monkeypatch.setattr(HeldOut, "_squares", sums)
+    monkeypatch.setattr(HeldOut, "_acts_in_slow_rows", [True])
+    held_out = HeldOut(None, False, splits, "folds", n_stretches)
+    return held_out, squares, keep, slides
+
+
+def test_errors_by_recording_are_of_all_its_stretches_and_folds(two_recordings):
+    held_out, squares, _, slides = two_recordings
+    for chosen in ([], [0]):
+        own = np.where(slides, squares[len(chosen)], np.nan)
+        parts = own[:5], own[5:], own  # each row is fitted to in one of two folds
+        expected = [np.sqrt(np.nanmean(x, axis=0)) for x in parts]
+        np.testing.assert_allclose(held_out.errors_by_recording(chosen), expected)
+
+
+def test_a_change_has_a_spread_on_a_test_run_alone(two_recordings):
+    held_out, squares, keep, _ = two_recordings
+    before, after = (squares * keep).sum(axis=1)
+    on_folds = held_out.change([], [0], 0)
+    assert on_folds.rise == pytest.approx(0.5 * np.log(after / before).sum())
+    assert on_folds.spread == 0.0
+    on_test = replace(held_out, source="test").change([], [0], 0)
+    assert on_test.rise == on_folds.rise
+    assert np.isfinite(on_test.spread)
+    assert on_test.spread > 0.0
 
 
 #: What is changed of a finding that nothing speaks against, and what then does.
