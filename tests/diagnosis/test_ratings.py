@@ -97,14 +97,16 @@ def test_a_size_whose_interval_holds_zero_is_not_called_sure():
     assert (
         found.remedies[0].change.words == "add the 2 that help; the size of 1 is open"
     )
-    for words, is_known in zip(
-        describe_diagnosis(found, ["N m"] * 7).findings, (True, False), strict=True
-    ):
-        (size,) = (
-            x for x in words.evidence if x[0].startswith(("Size ", "Its size is not"))
-        )
-        assert size[1] == is_known
-        assert any(text.startswith("Odds ") for text, _ in words.evidence) == is_known
+    known, unknown = (
+        words.evidence for words in describe_diagnosis(found, ["N m"] * 7).findings
+    )
+    size, not_told = "Size 1 ± 0.2 N m (95 %).", "Its size is not told from zero."
+    assert (size, True) in known
+    assert (not_told, False) in unknown
+    assert not any(text == not_told for text, _ in known)
+    assert not any(text.startswith("Size ") for text, _ in unknown)
+    assert any(text.startswith("Odds ") for text, _ in known)
+    assert not any(text.startswith("Odds ") for text, _ in unknown)
 
 
 def test_the_cause_of_the_whole_robot_names_no_joint():
