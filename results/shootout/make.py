@@ -24,33 +24,15 @@ from sdp_vs_penalty.shootout import runner, summary
 
 HERE = Path(__file__).parent
 OUTSIDER = "results/shootout/outsider.py"
-#: What the kept runs do not have, which the program has now; empty it with runs.csv.
+#: What runs.csv does not hold.
 KEPT = (
-    "SCS's first call was not warmed: its library is opened inside the clock, in each run."
-    " CVXOPT, Clarabel and SDPA were imported before, not called. That needs new runs.",
-    "The files' time of csdp, dsdp and sdpa-program holds the rewriting of the form as well,"
-    " which their medians lack and those of all others hold. That needs new runs.",
     "SCS's linear solver is not kept: it chose by itself (AUTO), likely MKL, which its wheel"
     " holds.",
-    "The status of DSDP lacks its reason, but in runs of a later make. 22 runs of SDPA that end"
-    " in pdINF, and one of DSDP, are of that make: machine.txt has a note of each.",
-    "Load and processor of the timed runs are not kept, but for these 23, made later at load"
-    " 5.6.",
     "csdp, dsdp and sdpa-program are Debian's builds, sdpa is the wheel sdpa-python, whose"
     " conversion is in its clock; which BLAS they call is not kept.",
     "Residuals in the solvers' own norms are not kept: that a far answer met its own rule is"
     " judged by DIMACS errors.",
 )
-#: Words of summary.md that do not hold of the kept runs, and what does; empty it likewise.
-KEPT_WORDS = {
-    "One tiny solve before the clock pays for what only a first call pays for.": (
-        "What only a first call pays for is in the clock of SCS, CVXOPT, SDPA and Clarabel (see"
-        " the end); of cvxpy, qics and lmi-sdp one tiny solve before the clock pays for it."
-    ),
-    "rewriting, the program's start, its reading and solving": (
-        "the program's start, its reading, solving and writing"
-    ),
-}
 HEAD = "## What the kept runs do not have\n\n"
 BEGIN, END = "<!-- sentences: begin -->\n", "<!-- sentences: end -->\n"
 
@@ -111,11 +93,7 @@ def with_sentences(readme: str) -> str:
 
 
 def with_kept(text: str) -> str:
-    """summary.md in words that hold of the kept runs, and with what these do not have."""
-    for said, holds in KEPT_WORDS.items():
-        if said not in text and holds not in text:
-            raise ValueError(f"summary.md no longer says: {said}")
-        text = text.replace(said, holds)
+    """summary.md with what the kept runs do not have."""
     lines = "".join(f"- {sentence}\n" for sentence in KEPT)
     return text.partition(f"\n{HEAD}")[0] + f"\n{HEAD}{lines}"
 
