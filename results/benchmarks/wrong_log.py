@@ -133,9 +133,10 @@ class Wrong:
 
 
 def by_check(problem: Problem, run: Measurements) -> str:
-    """What `check` says, without its notes."""
+    """What `check` says, and what it says is as likely, without its notes."""
     said = [
         f"{issue.kind}, {issue.where} ({issue.certainty.grade})"
+        + "".join(f"; as likely: {text}" for text in issue.equivalents)
         for report in check(problem, run)
         for issue in report.issues
         if issue.severity != "note"

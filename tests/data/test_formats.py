@@ -477,3 +477,12 @@ def test_a_stated_factor_stands_in_the_place_of_a_recognised_one(two_link, tmp_p
     with pytest.warns(Remark, match="--scale q=0.5"):
         half = convert(tmp_path / "log.csv", scale={"q": "0.5"})
     np.testing.assert_allclose(half.q, 0.5 * np.degrees(run.q), rtol=1e-6)
+
+
+def test_a_joint_s_force_stands_beside_torques():
+    """A rail's force was left out, and the moving rail held still."""
+    joints = ["rail_joint", "turn_joint"]
+    names = ["t", "rail_joint_pos", "turn_joint_pos"]
+    names += ["rail_joint_force [N]", "turn_joint_torque [Nm]"]
+    rename, _ = recognised(names, joints)
+    assert (rename["tau1"], rename["tau2"]) == (names[3], names[4])

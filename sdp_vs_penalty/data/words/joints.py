@@ -47,7 +47,8 @@ def hide_joints(
     for name in names:
         found = ((x, word) for _, word, x in forms if x.search(name))
         if match := next(found, None):
-            hidden[name] = match[0].sub(f" {match[1]} ", name, count=1)
+            # "rail_force" is a joint's force, as "joint_force" is.
+            hidden[name] = match[0].sub(f" {match[1]} joint ", name, count=1)
     return hidden, joint_of
 
 
