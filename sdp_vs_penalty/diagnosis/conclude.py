@@ -247,7 +247,7 @@ def least_help_of(finding: Finding) -> float | None:
 
     A torque that may not be there has to lower it by 5 %, one whose size may be zero by
     1 %; where both are in doubt it is not added, and this is infinite. Any other one
-    that is doubted has to lower it at all.
+    that is doubted may raise it by less than 1 % where no test run has a spread.
     """
     may_be_zero = Doubt("insignificant") in finding.doubts
     is_forbidden = any(doubt.forbids_adding for doubt in finding.doubts)
@@ -257,7 +257,7 @@ def least_help_of(finding: Finding) -> float | None:
         return SURE_HELP
     if may_be_zero:
         return MINOR
-    return 0.0 if finding.doubts else None
+    return -MINOR if finding.doubts else None
 
 
 def _weakened(finding: Finding, reason: str) -> Finding:

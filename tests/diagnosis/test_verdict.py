@@ -262,7 +262,7 @@ def test_what_is_in_doubt_is_added_where_it_helps_alone_or_in_pairs(
     ("reasons", "least"),
     [
         ((), None),
-        (("rivals", "uncertain"), 0.0),
+        (("rivals", "uncertain"), -0.01),
         (("insignificant",), 0.01),
         (("sticks", "uncertain"), 0.05),
         (("sticks", "insignificant"), np.inf),

