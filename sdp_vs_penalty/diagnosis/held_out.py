@@ -275,7 +275,7 @@ class HeldOut:
         after: Sequence[int],
         judged: int,
         fitted: _Fitted | None = None,
-    ) -> Change:
+    ) -> ErrorChange:
         """Return how the sum over joints of their log errors changes from one choice of
         effects (their numbers) to another, in the rows that tell of the effect
         ``judged``; without a spread on folds, whose motion has chosen the effects.
@@ -545,7 +545,7 @@ def lowers(before: Array, after: Array) -> bool:
     return bool(np.any(after <= (1.0 - MINOR) * before))
 
 
-class Change(NamedTuple):
+class ErrorChange(NamedTuple):
     """How the sum over joints of their log errors changes."""
 
     #: The change: 0.01 is about one joint's error rising by 1 %.
@@ -554,7 +554,7 @@ class Change(NamedTuple):
     spread: float
 
 
-def change_of(before: Array, after: Array) -> Change:
+def change_of(before: Array, after: Array) -> ErrorChange:
     """Return the change from errors whose sums of squares in stretches of time are
     ``before`` (S, n) to those of ``after``, with its spread between the stretches, by the
     jackknife."""
@@ -567,7 +567,7 @@ def change_of(before: Array, after: Array) -> Change:
     n_stretches = len(before)
     _, std = jackknifed(rise(sums[0] - before, sums[1] - after))
     half = student_95(n_stretches) * float(std) if n_stretches > 1 else np.inf
-    return Change(float(rise(*sums)), half)
+    return ErrorChange(float(rise(*sums)), half)
 
 
 def harm(before: Array, after: Array) -> float:

@@ -18,7 +18,7 @@ from sdp_vs_penalty.diagnosis import (
 from sdp_vs_penalty.diagnosis.conclude import _standstill, least_help_of
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.held_out import (
-    Change,
+    ErrorChange,
     HeldOutSplit,
     change_of,
     harm,
@@ -118,7 +118,7 @@ class Told(HeldOut):
 
     def change(self, before, after, judged, fitted=None):
         errors = (np.array(self.rule(frozenset(x)), float) for x in (before, after))
-        return Change(harm(*errors), self.spread)
+        return ErrorChange(harm(*errors), self.spread)
 
     def errors_by_recording(self, chosen):
         """One recording, unless the rule returns a row of errors for each."""
