@@ -12,15 +12,13 @@ import os
 from pathlib import Path
 
 import numpy as np
-from wrong_log import MISTAKES, script_rows
+from wrong_log import MISTAKES, script_rows, write_page
 
 from benchmarks.parts import Inputs
 from benchmarks.rivals import cvxpy_script
 from sdp_vs_penalty import Estimate, Measurements, Problem, check, identify
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.results.table import markdown_lines
 
 HERE = Path(__file__).parent
 
@@ -81,16 +79,12 @@ def main() -> None:
         "`identify` of the mended log: error on the right one [%]",
         "`identify` with its check",
     ]
-    text = [
-        "# What is made of a log with one mistake, and of the mended one",
-        "",
+    about = (
         "The logs and the rows of [wrong_log.md](wrong_log.md)."
-        " By `python results/benchmarks/mended_log.py`.",
-        "",
-        *markdown_lines(heads, table),
-        "",
-    ]
-    write_text(options.out / "mended_log.md", "\n".join(text))
+        " By `python results/benchmarks/mended_log.py`."
+    )
+    title = "What is made of a log with one mistake, and of the mended one"
+    write_page(options.out / "mended_log.md", title, about, heads, table)
 
 
 if __name__ == "__main__":

@@ -144,6 +144,14 @@ def by_check(problem: Problem, run: Measurements) -> str:
     return "; ".join(said) or "no problem"
 
 
+def write_page(
+    path: Path, title: str, about: str, heads: list[str], table: list[list[str]]
+) -> None:
+    """Write a page of Markdown with one table."""
+    text = [f"# {title}", "", about, "", *markdown_lines(heads, table), ""]
+    write_text(path, "\n".join(text))
+
+
 def main() -> None:
     """Ask all tools, and write the table."""
     parser = argparse.ArgumentParser(usage=__doc__)
@@ -169,18 +177,14 @@ def main() -> None:
             table.append([mistake, ours, *by_tools, by_script])
             print(table[-1], flush=True)
     heads = ["mistake", "`check`", "FIGAROH", "mujoco.sysid", "script with CVXPY"]
-    text = [
-        "# What is said of a log with one mistake",
-        "",
+    about = (
         "The Panda's run. The other tools get its rows, fit them without a word or end with"
         " an error. Of a fit: its relative error on the rows of the wrong log, which a user"
         " sees, and on those of the right one."
-        " By `python results/benchmarks/wrong_log.py --rivals PYTHON`.",
-        "",
-        *markdown_lines(heads, table),
-        "",
-    ]
-    write_text(options.out / "wrong_log.md", "\n".join(text))
+        " By `python results/benchmarks/wrong_log.py --rivals PYTHON`."
+    )
+    title = "What is said of a log with one mistake"
+    write_page(options.out / "wrong_log.md", title, about, heads, table)
 
 
 if __name__ == "__main__":

@@ -157,20 +157,15 @@ def is_law_of(name: str, other: str) -> bool:
 _WIDE = 0.1
 
 
-def format_size(size: float, std: float, unit: str) -> str:
-    """Write a size with its 95 % interval, as every place shows it.
+def _amount(size: float, std: float, unit: str) -> str:
+    """Write a size with half its 95 % interval; a pure number in per cent, as sentences
+    do.
 
     Examples
     --------
-    >>> format_size(3.1234, 0.25, "N m")
-    '3.12 ± 0.49 N m (95 %)'
+    >>> _amount(3.1234, 0.25, "N m")
+    '3.12 ± 0.49 N m'
     """
-    return f"{_amount(size, std, unit)} (95 %)"
-
-
-def _amount(size: float, std: float, unit: str) -> str:
-    """Write a size with half its 95 % interval, "3.12 ± 0.49 N m"; a pure number in per
-    cent, as sentences do."""
     scale, unit = (1.0, plain_unit(unit)) if plain_unit(unit) else (100.0, "%")
     half = scale * NORMAL_95 * std
     digits = formatting.digits_beside(scale * size, half)
@@ -259,15 +254,11 @@ class Finding(Rated):
         Where the torque is known far better than the size, which follows the shape
         constants, it is said too. A size that may be zero is not said.
         """
-        if self.size_may_be_zero:
-            amount = "size open"
-            if not self._torque_tells_more:
-                return amount
-        elif not self._torque_tells_more:
-            return format_size(self.size, self.std, self.unit)
-        else:
-            amount = _amount(self.size, self.std, self.unit)
-        return f"{amount}, {self.torque_text} (95 %)"
+        is_open = self.size_may_be_zero
+        amount = "size open" if is_open else _amount(self.size, self.std, self.unit)
+        if self._torque_tells_more:
+            return f"{amount}, {self.torque_text} (95 %)"
+        return amount if is_open else f"{amount} (95 %)"
 
     @property
     def torque_text(self) -> str:

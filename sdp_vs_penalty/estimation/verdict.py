@@ -146,7 +146,7 @@ class Verdict(JsonRecord):
     @property
     def headline(self) -> str:
         """Grade and reason, as a sentence."""
-        return f"{self.grade[0].upper()}{self.grade[1:]}. {self.reason}"
+        return f"{formatting.sentence(self.grade)}. {self.reason}"
 
     def __str__(self) -> str:
         """Return the headline, then each line with its grade."""
@@ -438,7 +438,7 @@ class ErrorsBesideNoise:
             formatting.plain_unit(self.units[worst - 1]),
             self.kind,
         )
-        return f"{text[0].upper()}{text[1:]}"
+        return formatting.sentence(text)
 
     def share_in_words(self) -> str:
         """Say which joints are unusable, and by how much the worst one errs."""

@@ -400,7 +400,7 @@ def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
         if np.isfinite(c.inertial_given.about_com).all()
     ]
     odd = odd_units(sizes, longest)
-    remarks = [f"Units: {x.what} {x.remedy[0].upper()}{x.remedy[1:]}." for x in odd]
+    remarks = [f"Units: {x.what} {formatting.sentence(x.remedy)}." for x in odd]
     in_degrees = limits_in_degrees(robot.joints)
     return [*remarks, f"Units: {in_degrees}."] if in_degrees else remarks
 

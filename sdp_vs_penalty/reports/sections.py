@@ -466,9 +466,9 @@ def findings(data: ReportData) -> Context:
         replace(run.motion, torque=run.modelled) for run in data.judged[data.name]
     ]
     curves = []
-    for curve, sentence in zip(diagnosis.curves, described.curves, strict=True):
+    for curve, words_of_curve in zip(diagnosis.curves, described.curves, strict=True):
         plot = charts.missing_figure(curve, data.units, motions)
-        caption = f"{sentence[0].upper()}{sentence[1:]}"
+        caption = formatting.sentence(words_of_curve)
         curves.append(pieces.figure(plot, caption, 360))
     cards = [
         {"words": finding_words, "picture": _picture_of_finding(data, finding)}

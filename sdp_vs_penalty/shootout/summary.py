@@ -22,7 +22,7 @@ import pandas
 from sdp_vs_penalty.colours import PALETTE
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.files import write_text, writing
-from sdp_vs_penalty.formatting import count, number, words
+from sdp_vs_penalty.formatting import count, number, sentence, words
 from sdp_vs_penalty.results.table import markdown_lines
 from sdp_vs_penalty.shootout.catalogue import everything
 from sdp_vs_penalty.shootout.contestants import Contestant, contestants
@@ -325,7 +325,7 @@ def _doubtful(table: pandas.DataFrame, cells: pandas.DataFrame) -> str:
     said = ""
     for kind, what in DOUBTFUL.items():
         if by := _by_count(table, kind, cells[cells["class"] == kind]):
-            said += f". {what[:1].upper()}{what[1:]}: {by}"
+            said += f". {sentence(what)}: {by}"
     return said
 
 
@@ -714,7 +714,7 @@ def write_summary(
     timeouts = runs["status"][runs["outcome"] == "timeout"]
     template = Path(__file__).with_suffix(".md").read_text("utf-8")
     content = template.format(
-        sentences="".join(f"- {sentence}\n" for sentence in sentences(runs)),
+        sentences="".join(f"- {said}\n" for said in sentences(runs)),
         limits=" and ".join(f"{x:g}" for x in sorted(runs["time_limit"].unique())),
         timeouts=len(timeouts),
         not_run=timeouts.str.startswith("not run").sum(),
