@@ -29,7 +29,6 @@ from sdp_vs_penalty.exporters.content import Content
 from sdp_vs_penalty.exporters.mjcf import make_mjcf
 from sdp_vs_penalty.exporters.urdf import make_urdf
 from sdp_vs_penalty.problem.published import published_links
-from sdp_vs_penalty.race import race
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
 from sdp_vs_penalty.signals.phases import phase_folds
@@ -118,7 +117,6 @@ def scripts(inputs: Inputs) -> list[Figure]:
         return estimate_parameters(inputs.problem, read_and_filter(inputs.problem, run))
 
     def identified(check: bool) -> Estimate:
-        race._held.clear()  # a call of the same runs again would not be checked anew
         run = load_measurements(judge.folder, joints=7)
         return identify(inputs.problem, run, check=check)
 

@@ -23,6 +23,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.problem.check_command import CheckCommand
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.race.race import HeldRaces
 from sdp_vs_penalty.results.remedy import Change, Remedy, Verb
 
 
@@ -134,8 +135,10 @@ def _transformed(change: Change, state: State) -> State:
     """Repair the runs as `check --fix --apply` does: what is certain, and what is
     named."""
     problem = state.problem
-    reports = check_runs(problem, state.runs, thorough=False)
-    repaired = fix_runs(problem, state.runs, reports, change.arguments.get("apply", ()))
+    races = HeldRaces()
+    reports = check_runs(problem, state.runs, thorough=False, races=races)
+    named = change.arguments.get("apply", ())
+    repaired = fix_runs(problem, state.runs, reports, named, races)
     return replace(state, runs=repaired.runs, effect=repaired.sentence)
 
 

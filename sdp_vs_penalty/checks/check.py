@@ -42,6 +42,7 @@ from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.kinds.position_unit import KINDS_OF_UNITS
+from sdp_vs_penalty.race.race import HeldRaces
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, joined
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.threads import on_one_thread
@@ -110,6 +111,7 @@ def check_runs(
     runs: Sequence[Measurements],
     thorough: bool = True,
     are_plausible: bool = False,
+    races: HeldRaces | None = None,
 ) -> list[Report]:
     """Check runs that have been read; of a long run, judge windows.
 
@@ -121,6 +123,8 @@ def check_runs(
         Single runs of one logger.
     are_plausible : bool
         Whether their positions are known to be possible for this robot.
+    races : HeldRaces, optional
+        Those held for other copies of the runs, which a repair checks again.
 
     Returns
     -------
@@ -146,7 +150,7 @@ def check_runs(
         of_run.append((run, slice(first, len(windows))))
     for k, issue in find_overlaps([w.original or w.repaired_all for w in windows]):
         windows[k] = with_issues(windows[k], [issue])
-    windows = judge_dynamics(problem, windows)
+    windows = judge_dynamics(problem, windows, races or HeldRaces())
     windows = [judge_ranges(problem, report, are_plausible) for report in windows]
     if thorough:
         windows = [judge_excitation(problem, report) for report in windows]

@@ -43,7 +43,7 @@ from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence
 from sdp_vs_penalty.race.kinds import KINDS, SHOWN_BY_A_POOR_MOTION, list_faults, order
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.race import Claim, RaceOutcome, hold_race
+from sdp_vs_penalty.race.race import Claim, HeldRaces, RaceOutcome
 from sdp_vs_penalty.race.rows import RegressionData
 from sdp_vs_penalty.results.remedy import Change
 
@@ -57,7 +57,9 @@ TWO_ARMS = "two arms"
 NO_TORQUE = "external torque"
 
 
-def judge_dynamics(problem: Problem, reports: Sequence[Report]) -> list[Report]:
+def judge_dynamics(
+    problem: Problem, reports: Sequence[Report], races: HeldRaces
+) -> list[Report]:
     """Explain the torques of all runs together: search for faults of the logger, and of
     single runs.
 
@@ -67,6 +69,8 @@ def judge_dynamics(problem: Problem, reports: Sequence[Report]) -> list[Report]:
         Of the robot that was logged.
     reports : sequence of Report
         Of all runs, with their facts.
+    races : HeldRaces
+        Those held for other copies of the runs.
 
     Returns
     -------
@@ -77,7 +81,7 @@ def judge_dynamics(problem: Problem, reports: Sequence[Report]) -> list[Report]:
     if units:
         return [with_issues(report, units) for report in reports]
     judge = LoggerJudge(problem, reports)
-    return judge.judge() if judge.logs else judge.reports
+    return judge.judge(races) if judge.logs else judge.reports
 
 
 class LoggerJudge:
@@ -117,8 +121,10 @@ class LoggerJudge:
         """The rows of all runs, one after the other."""
         return Likelihood.of_all_runs([*self.logs.values()])
 
-    def judge(self) -> list[Report]:
+    def judge(self, races: HeldRaces) -> list[Report]:
         """Hold the race of all explanations; return the reports with what it says.
+
+        races : those held for other copies of the runs.
 
         If the torques are no measured ones (a controller's gravity model), that is the
         only explanation.
@@ -133,7 +139,7 @@ class LoggerJudge:
         elif any(self.reports[k].lockstep is not None for k in self.logs):
             # Channels that move in proportion look the same.
             kinds = tuple(kind for kind in KINDS if kind is not order)
-        verdict = hold_race([*self.logs.values()], kinds, self.is_poor_motion)
+        verdict = races.hold([*self.logs.values()], kinds, self.is_poor_motion)
         self._report(verdict)
         for number in self.logs:
             report = self.reports[number]
@@ -156,7 +162,7 @@ class LoggerJudge:
         and the unexplained torque are reported. If it shows another unit of all
         torques, gains and units of single torques are left out.
         """
-        net = verdict.told(self.common)
+        net = verdict.without_usual(self.common)
         runs = [
             (self.reports[number].run, log, self._of_run(number, net))
             for number, log in self.logs.items()

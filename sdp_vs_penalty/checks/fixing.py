@@ -15,6 +15,7 @@ from sdp_vs_penalty.checks.report import Report
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.race.race import HeldRaces
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.runs import sample_rate
 
@@ -75,6 +76,7 @@ def fix_runs(
     runs: Sequence[Measurements],
     reports: Sequence[Report],
     apply: Sequence[str] = (),
+    races: HeldRaces | None = None,
 ) -> Repaired:
     """Repair copies of runs: what is certain by a fact, and what the user names.
 
@@ -86,6 +88,8 @@ def fix_runs(
         What :func:`check_runs` says of them.
     apply : sequence of str
         Explanations to repair as well, by their words (``sign:tau3``).
+    races : HeldRaces, optional
+        Those that were held for the reports.
 
     Returns
     -------
@@ -106,7 +110,9 @@ def fix_runs(
     copies = tuple(run for run, _ in repaired)
     remaining: list[tuple[str, Issue]] = []
     if any(issues):
-        copies, remaining = _checked_again(problem, copies, issues)
+        copies, remaining = _checked_again(
+            problem, copies, issues, races or HeldRaces()
+        )
     for run, copy, report in zip(runs, copies, reports, strict=True):
         lost = 1.0 - len(copy.t) / max(len(run.t), 1)
         if lost > MOST_LOST:
@@ -188,6 +194,7 @@ def _checked_again(
     problem: Problem,
     copies: tuple[Measurements, ...],
     issues: Sequence[Sequence[Issue]],
+    races: HeldRaces,
 ) -> tuple[tuple[Measurements, ...], list[tuple[str, Issue]]]:
     """Check repaired copies, and repair facts of the same kinds again: a large fault
     may hide smaller ones.
@@ -209,7 +216,7 @@ def _checked_again(
         {(f.kind, f.where) for f in done if not f.can_fix} for done in issues
     ]
     for number in range(_PASSES + 1):
-        reports = check_runs(problem, copies, thorough=False)
+        reports = check_runs(problem, copies, thorough=False, races=races)
         left = [
             [f for f in report.errors_and_warnings if f.can_fix and f.kind in kinds]
             for report, kinds in zip(reports, facts, strict=True)

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,17 @@ _GUESSED = 3.0
 _TINY = 1e-280
 #: Place of the offset among a joint's own columns, which has no direction.
 _OFFSET = 1
+
+
+class _Prior(NamedTuple):
+    """What is known of s parameters beforehand: N(mean, inverse^-1)."""
+
+    #: (s,) what they are expected to be.
+    mean: Array
+    #: (s, s) inverse of their covariance.
+    inverse: Array
+    #: Natural logarithm of the inverse's determinant.
+    log_determinant: float
 
 
 @dataclass(frozen=True)
@@ -115,6 +127,129 @@ class ViewFit:
         return np.asarray(self.shares > c.POORLY)
 
 
+@dataclass(frozen=True)
+class _Arms:
+    """Arms that are fitted to K views, each to n moving joints, of s parameters."""
+
+    #: (K, s) parameters.
+    theta: Array
+    #: (K,) size of the arm beside the nominal one [-].
+    scale: Array
+    #: (K, s) unit of each parameter: that size of links, 1 of further columns.
+    unit: Array
+    #: (K, n) squared residuals.
+    left: Array
+    #: (K, n) weights of the rows with which they were fitted.
+    weights: Array
+    #: (K, s, s) inverse covariance of the parameters beforehand, of links of that size.
+    prior: Array
+    #: (K, s, s) information on the parameters, prior included.
+    information: Array
+    #: (K, s) the nominal parameters times the information of the rows alone.
+    nominal: Array
+    #: (K,) product of the arm with the nominal one, by what the rows show.
+    likeness: Array
+
+
+@dataclass(frozen=True)
+class _Products:
+    """Products of columns and torques of K views, of n moving joints and s columns."""
+
+    #: Places of the views of one motion, and their Gram matrix (n, s, s).
+    grams: list[tuple[slice, Array]]
+    #: (K, n, s) products of columns and torque.
+    cross: Array
+    #: (K, n) squared torque beside own columns.
+    energy: Array
+    #: (K, n) squared torque.
+    total: Array
+    #: (K, n, s) products of the probe of friction with the columns.
+    probe_on_columns: Array
+    #: (K, n) products of the probe with the torque.
+    probe_on_torque: Array
+
+    @classmethod
+    def of_views(cls, views: Sequence[ViewFit], moving: NDArray[np.bool_]) -> _Products:
+        """Stack the products of views; those of one motion follow each other."""
+        grams: list[tuple[slice, Array]] = []
+        first = 0
+        for _, of_motion in groupby(views, lambda x: id(x.columns)):
+            columns = [x.columns for x in of_motion]
+            places = slice(first, first + len(columns))
+            grams.append((places, columns[0].rows.gram[moving]))
+            first = places.stop
+        return cls(
+            grams=grams,
+            cross=np.stack([x.cross for x in views])[:, moving],
+            energy=np.stack([x.energy for x in views])[:, moving],
+            total=np.stack([x.total for x in views])[:, moving],
+            probe_on_columns=np.stack([x.columns.power for x in views])[:, moving],
+            probe_on_torque=np.stack([x.probed for x in views])[:, moving],
+        )
+
+    def fit_arms(
+        self, n_rows: Array, prior: _Prior, n_links: int, rounds: int
+    ) -> _Arms:
+        """Fit an arm to each view, of n_rows (K, n) independent rows of each joint.
+
+        Each round weights a joint's rows by its residual, and scales the prior of the
+        first ``n_links`` parameters, the links', by how large the fitted arm is beside
+        the nominal one.
+        """
+        mean, inverse, _ = prior
+        s, count = len(mean), len(n_rows)
+        is_link = np.arange(s) < n_links
+        left = np.maximum(self.energy, c.FLOOR * self.total)
+        scale = np.ones(count)
+        shown, change = np.empty((count, s, s)), np.empty_like(left)
+        for _ in range(rounds):
+            weights = n_rows / left  # (K, n)
+            for at, gram in self.grams:
+                flat = weights[at] @ gram.reshape(-1, s * s)
+                shown[at] = flat.reshape(-1, s, s)
+            unit = np.where(is_link, scale[:, None], 1.0)  # (K, s)
+            scaled_inverse = inverse / (unit[:, :, None] * unit[:, None, :])
+            right = (weights[:, None] @ self.cross)[:, 0] + (inverse @ mean) / unit
+            information = shown + scaled_inverse
+            theta = np.linalg.solve(information, right[..., None])[..., 0]
+            for at, gram in self.grams:
+                image = (theta[at] @ gram).swapaxes(0, 1)  # (k, n, s)
+                slope = image - 2.0 * self.cross[at]
+                change[at] = (slope @ theta[at, :, None])[..., 0]
+            left = np.maximum(self.energy + change, c.FLOOR * self.total)
+            nominal = shown @ mean  # (K, s)
+            likeness = np.sum(theta * nominal, axis=1)
+            scale = np.abs(likeness) / nonzero_or_one(nominal @ mean)
+            scale = np.clip(nonzero_or_one(scale), 1e-9, 1e9)
+        return _Arms(
+            theta=theta,
+            scale=scale,
+            unit=unit,
+            left=left,
+            weights=weights,
+            prior=scaled_inverse,
+            information=information,
+            nominal=nominal,
+            likeness=likeness,
+        )
+
+
+def _evidence_of_fit(arms: _Arms, total: Array, n_rows: Array, prior: _Prior) -> Array:
+    """Return the log evidence (K,) of fitted arms without that of friction, as in the
+    module's equation, where another size of the whole arm has a price as well.
+
+    total, n_rows (K, n) : squared torques, and numbers of independent rows.
+    """
+    away = arms.theta - prior.mean * arms.unit
+    value = -0.5 * np.sum(n_rows * np.log(arms.left / total), axis=1)
+    value -= 0.5 * np.sum(away * (arms.prior @ away[..., None])[..., 0], axis=1)
+    value -= 0.5 * (np.linalg.slogdet(arms.information)[1] - prior.log_determinant)
+    value -= np.sum(np.log(arms.unit), axis=1)
+    cost_of_scale = 0.5 * (np.log(arms.unit[:, 0]) / c.MASSES_KNOWN) ** 2
+    value -= np.minimum(cost_of_scale, c.LOG_ODDS_AGAINST_FAULT)
+    return np.asarray(value)
+
+
 class Evidence:
     """The evidence of views of one log, of M rows and n joints.
 
@@ -136,9 +271,8 @@ class Evidence:
 
     # -- what is known beforehand
 
-    def _prior_of_links(self) -> tuple[Array, Array, float]:
-        """Return mean (s,), inverse covariance (s, s) and its log determinant of the
-        links' independent parameters.
+    def _prior_of_links(self) -> _Prior:
+        """Return the prior of the links' independent parameters.
 
         Of each nominal link the mass is known to a half, its centre to a fifth of the
         joint's reach, its inertia to that of two fifths of it; of a guess to three times
@@ -146,7 +280,7 @@ class Evidence:
         """
         data, problem = self.log.data, self.log.problem
         if data.shared is None:
-            return np.zeros(0), np.zeros((0, 0)), 0.0
+            return _Prior(np.zeros(0), np.zeros((0, 0)), 0.0)
         dependence = data.dependence
         links = problem.prior_links
         reach = np.maximum(problem.robot.link_reach(), 0.05)
@@ -170,25 +304,26 @@ class Evidence:
         inverse = np.linalg.inv(covariance)
         inverse = 0.5 * (inverse + inverse.T)
         log_determinant = -float(np.linalg.slogdet(covariance)[1])
-        return dependence @ mean, inverse, log_determinant
+        return _Prior(dependence @ mean, inverse, log_determinant)
 
     @property
     def covariance_of_links(self) -> Array:
         """(s, s) covariance of the links' independent parameters beforehand."""
-        return np.asarray(np.linalg.inv(self._prior[1]), float)
+        return np.asarray(np.linalg.inv(self._prior.inverse), float)
 
-    def _prior_of(self, view: LogView) -> tuple[Array, Array, float]:
+    def _prior_of(self, view: LogView) -> _Prior:
         """Return the prior of a view's parameters: those of the links, then the sizes of
         its further columns about zero."""
-        mean, inverse, log_determinant = self._prior
+        links = self._prior
         if not view.further:
-            return self._prior
+            return links
         sd = np.concatenate([further.sd for further in view.further])
-        s = len(mean)
-        joint = np.diag(np.concatenate([np.zeros(s), sd**-2.0]))
-        joint[:s, :s] = inverse
-        log_determinant -= 2.0 * float(np.sum(np.log(sd)))
-        return np.concatenate([mean, np.zeros(len(sd))]), joint, log_determinant
+        s = len(links.mean)
+        inverse = np.diag(np.concatenate([np.zeros(s), sd**-2.0]))
+        inverse[:s, :s] = links.inverse
+        log_determinant = links.log_determinant - 2.0 * float(np.sum(np.log(sd)))
+        mean = np.concatenate([links.mean, np.zeros(len(sd))])
+        return _Prior(mean, inverse, log_determinant)
 
     # -- rows as seen
 
@@ -237,14 +372,16 @@ class Evidence:
             torque = np.where(at, of_part, torque)
         return torque
 
-    def _total(self, view: LogView, total: Array) -> Array:
-        """Return the squared torque (n,), to which what is left is compared; total (n,) :
-        that of the view.
+    def _total(self, view: LogView, squares: Array) -> Array:
+        """Return the squared torque (n,) to which what is left is compared, so that the
+        evidence is free of gains; squares (n,) : of the view's torque.
 
-        It makes the evidence free of gains; a part's gain counts in its rows.
+        Where parts have gains of their own it is that of all rows without these, times
+        the gains, each by the share of its rows.
         """
-        if view.parts:
-            total = np.sum(self.log.channels(view.chain) ** 2, axis=1)
+        if not view.parts:
+            return np.maximum(squares, _TINY)
+        total = np.sum(self.log.channels(view.chain) ** 2, axis=1)
         for part, beside in view.parts:
             share = np.mean(self.rows_of(part))
             total = total * np.abs(beside.gain) ** (2.0 * share)
@@ -312,94 +449,51 @@ class Evidence:
         self, products: Sequence[ViewFit], v: float, rounds: int = _ROUNDS
     ) -> list[ViewFit]:
         """Fit one arm to each of K views with known products, for v rows that are worth
-        one; see :meth:`values`.
-
-        Each round weights a joint's rows by its residual, and scales the prior of the
-        links by how large the fitted arm is beside the nominal one.
-        """
+        one; see :meth:`values`."""
         moving = self.log.moving
-        mean, inverse, log_determinant = self._prior_of(products[0].view)
-        s, count = len(mean), len(products)
-        # Views of one motion, one after the other, have one Gram matrix.
-        places: list[tuple[slice, Array]] = []
-        for _, group in groupby(products, lambda x: id(x.columns)):
-            first = places[-1][0].stop if places else 0
-            of_motion = [*group]
-            gram = of_motion[0].columns.rows.gram[moving]
-            places.append((slice(first, first + len(of_motion)), gram))
-        cross = np.stack([x.cross for x in products])[:, moving]
-        energy = np.stack([x.energy for x in products])[:, moving]
-        total = np.stack([x.total for x in products])[:, moving]
+        stacked = _Products.of_views(products, moving)
         n_rows = np.stack([self._independent(x, v) for x in products])[:, moving]
-        left = np.maximum(energy, c.FLOOR * total)
-        is_link = np.arange(s) < len(self._prior[0])
-        scale = np.ones(count)  # of the arm beside the nominal one
-        summed, change = np.empty((count, s, s)), np.empty_like(left)
-        for _ in range(rounds):
-            weights = n_rows / left  # (K, n)
-            for at, gram in places:
-                flat = weights[at] @ gram.reshape(-1, s * s)
-                summed[at] = flat.reshape(-1, s, s)
-            unit = np.where(is_link, scale[:, None], 1.0)  # (K, s)
-            prior = inverse / (unit[:, :, None] * unit[:, None, :])
-            information = summed + prior
-            right = (weights[:, None] @ cross)[:, 0] + (inverse @ mean) / unit
-            theta = np.linalg.solve(information, right[..., None])[..., 0]
-            for at, gram in places:
-                image = (theta[at] @ gram).swapaxes(0, 1)  # (k, n, s)
-                slope = image - 2.0 * cross[at]
-                change[at] = (slope @ theta[at, :, None])[..., 0]
-            left = np.maximum(energy + change, c.FLOOR * total)
-            nominal = summed @ mean  # (K, s), by what the rows show
-            likeness = np.sum(theta * nominal, axis=1)
-            scale = np.abs(likeness) / nonzero_or_one(nominal @ mean)
-            scale = np.clip(nonzero_or_one(scale), 1e-9, 1e9)
-        away = theta - mean * unit
-        value = -0.5 * np.sum(n_rows * np.log(left / total), axis=1)
-        value -= 0.5 * np.sum(away * (prior @ away[..., None])[..., 0], axis=1)
-        value -= 0.5 * (np.linalg.slogdet(information)[1] - log_determinant)
-        value -= np.sum(np.log(unit), axis=1)
-        cost_of_scale = 0.5 * (np.log(unit[:, 0]) / c.MASSES_KNOWN) ** 2
-        value -= np.minimum(cost_of_scale, c.LOG_ODDS_AGAINST_FAULT)
+        prior = self._prior_of(products[0].view)
+        arms = stacked.fit_arms(n_rows, prior, len(self._prior.mean), rounds)
+        value = _evidence_of_fit(arms, stacked.total, n_rows, prior)
         value -= [self._price_of_events(x, v) for x in products]
         value += [self._of_velocity(x.chain) for x in products]
-        # Friction: its mean power (K, n), and that over its standard deviation.
-        slopes = np.stack([x.columns.power for x in products])[:, moving]
-        power = np.stack([x.probed for x in products])[:, moving]
-        power = power - (slopes @ theta[..., None])[..., 0]
-        known = np.concatenate([slopes, nominal[:, None]], axis=1).swapaxes(1, 2)
-        spread = np.sum(known * np.linalg.solve(information, known), axis=1)
-        variance = left / n_rows + spread[:, :-1]
-        directions = np.where([x.chain.reversed for x in products], -1.0, 1.0)
-        power_over_sd = (
-            directions[:, None] * power / np.sqrt(np.maximum(variance, _TINY))
+        # Each mean power of friction (K, n), and the likeness of the links (K,).
+        of_arms = (stacked.probe_on_columns @ arms.theta[..., None])[..., 0]
+        power = stacked.probe_on_torque - of_arms
+        known = np.concatenate(
+            [stacked.probe_on_columns, arms.nominal[:, None]], axis=1
         )
-        log_odds = np.log(2.0) + log_ndtr(power_over_sd)
+        known = known.swapaxes(1, 2)
+        variance = np.sum(known * np.linalg.solve(arms.information, known), axis=1)
+        directions = np.where([x.chain.reversed for x in products], -1.0, 1.0)
+        sd_of_power = np.sqrt(np.maximum(arms.left / n_rows + variance[:, :-1], _TINY))
+        log_odds = np.log(2.0) + log_ndtr(directions[:, None] * power / sd_of_power)
         physics = np.sum(np.maximum(log_odds, -c.MAX_PHYSICS_LOG_ODDS), axis=1)
         # The links: they are like the nominal ones, and not like their mirror image.
-        likeness_over_sd = likeness / np.sqrt(np.maximum(spread[:, -1], _TINY))
-        log_odds_of_mirror = np.log(2.0) + log_ndtr(likeness_over_sd)
+        sd_of_likeness = np.sqrt(np.maximum(variance[:, -1], _TINY))
+        log_odds_of_mirror = np.log(2.0) + log_ndtr(arms.likeness / sd_of_likeness)
         value += np.maximum(log_odds_of_mirror, -c.MAX_LIKENESS_LOG_ODDS)
         # A controller that compensates friction leaves little of it: more costs.
-        shares = power / np.sqrt(total)
+        shares = power / np.sqrt(stacked.total)
         cost = np.minimum(0.5 * (shares / c.COMPENSATED) ** 2, c.MAX_PHYSICS_LOG_ODDS)
         is_real = np.array([x.view.is_friction_real for x in products])
-        counted = np.where(is_real, physics, -np.sum(cost, axis=1))
+        of_friction = np.where(is_real, physics, -np.sum(cost, axis=1))
         fits = []
         for k, of_view in enumerate(products):
-            of_all = of_view.total.copy()
-            of_all[moving] = left[k]
-            of_rows = np.zeros(len(of_all))
-            of_rows[moving] = weights[k]
+            left = of_view.total.copy()
+            left[moving] = arms.left[k]
+            weights = np.zeros(len(left))
+            weights[moving] = arms.weights[k]
             fit = replace(
                 of_view,
                 v=v,
-                theta=theta[k],
-                scale=float(scale[k]),
-                left=of_all,
-                weights=of_rows,
-                information=information[k],
-                value=float(value[k] + counted[k]),
+                theta=arms.theta[k],
+                scale=float(arms.scale[k]),
+                left=left,
+                weights=weights,
+                information=arms.information[k],
+                value=float(value[k] + of_friction[k]),
                 physics=float(physics[k]),
             )
             fits.append(fit)
@@ -462,6 +556,7 @@ class Evidence:
         alike: dict[tuple[Number | None, float, bool], list[int]] = {}
         for k, (h, size) in enumerate(zip(hypotheses, sizes, strict=True)):
             alike.setdefault((h.number, size, h.part is None), []).append(k)
+        # Places of columns, step of their number, transform at the size and a step on.
         moved: list[tuple[list[int], float, LogTransform, LogTransform]] = []
         for (number, size, _), places in alike.items():
             assert number is not None
@@ -487,8 +582,8 @@ class Evidence:
     def score_test(
         self, fit: ViewFit, columns: Array, sd: Array
     ) -> tuple[Array, Array]:
-        """Return the likeliest sizes (r,) of further columns (n, M, r), each alone, the
-        noise as it is, and what the rows tell of them (r,).
+        """Return the likeliest sizes (r,) of further columns (n, M, r), each alone, with
+        the noise as it is, and the information of the rows on each (r,).
 
         Parameters
         ----------
@@ -497,13 +592,13 @@ class Evidence:
         """
         moving = self.log.moving
         rows = fit.columns.rows
-        z = rows.project_out_own(columns)[moving]
-        weighted = fit.weights[moving][:, None, None] * z
+        beside_own = rows.project_out_own(columns)[moving]
+        weighted = fit.weights[moving][:, None, None] * beside_own
         with_arm = np.tensordot(rows.projected[moving], weighted, ((0, 1), (0, 1)))
-        alone = np.einsum("jmr,jmr->r", z, weighted)
-        taken = np.sum(with_arm * np.linalg.solve(fit.information, with_arm), axis=0)
+        alone = np.einsum("jmr,jmr->r", beside_own, weighted)
+        of_arm = np.sum(with_arm * np.linalg.solve(fit.information, with_arm), axis=0)
         # Rounding leaves nothing of what the arm's parameters span.
-        information = np.maximum(alone - taken, 1e-9 * alone)
+        information = np.maximum(alone - of_arm, 1e-9 * alone)
         score = np.einsum("jmr,jm->r", weighted, self.residual(fit)[moving])
         return score / np.maximum(information + sd**-2.0, _TINY), information
 
@@ -523,9 +618,9 @@ class Evidence:
             Of each its columns (n, M, r), and the standard deviations (r,) of their
             sizes x beforehand.
         """
-        columns = np.concatenate([x for x, _ in groups], axis=2)
-        sd = np.concatenate([x for _, x in groups])
-        sizes = [len(x) for _, x in groups]
+        columns = np.concatenate([of_group for of_group, _ in groups], axis=2)
+        sd = np.concatenate([of_group for _, of_group in groups])
+        sizes = [len(of_group) for _, of_group in groups]
         moving = self.log.moving
         rows = fit.columns.rows
         arm = rows.projected[moving]
@@ -539,6 +634,7 @@ class Evidence:
         score = (residual[:, None, :] @ z)[:, 0]
         odds, first = np.empty(len(sizes)), np.empty(len(sizes))
         begins = np.cumsum(sizes) - sizes
+        # Groups of as many columns are solved at once.
         for size in {*sizes}:
             alike = np.flatnonzero(np.equal(sizes, size))
             places = begins[alike][:, None] + np.arange(size)  # (G, size)
@@ -601,25 +697,28 @@ class Evidence:
         """
         moving = self.log.moving
         rows = fit.columns.rows
-        columns = [rows.basis, rows.raw, self._torque(fit.view)[:, :, None]]
-        if further is not None:
-            columns.insert(2, further)
-        together = np.concatenate(columns, axis=2)[moving]
-        grams = np.zeros((c.PARTS, len(together), *2 * together.shape[2:]))
-        at = np.ones(together.shape[1], bool)
+        beside = [] if further is None else [further]
+        torque = self._torque(fit.view)[:, :, None]
+        columns = np.concatenate([rows.basis, rows.raw, *beside, torque], axis=2)[
+            moving
+        ]
+        grams = np.zeros((c.PARTS, len(columns), *2 * columns.shape[2:]))
+        is_inside = np.ones(columns.shape[1], bool)
         if span is not None:
-            at = self.rows_of(span)
-        for rows_ in (together[:, at], together[:, ~at]):
-            for k, part in enumerate(np.array_split(rows_, c.PARTS, axis=1)):
+            is_inside = self.rows_of(span)
+        # Each part has its share of the rows in the span, and of those outside of it.
+        for of_part in (columns[:, is_inside], columns[:, ~is_inside]):
+            for k, part in enumerate(np.array_split(of_part, c.PARTS, axis=1)):
                 grams[k] += part.swapaxes(1, 2) @ part
         others = NormalEquations.eliminating(
             grams.sum(axis=0) - grams, rows.basis.shape[2]
         )
-        known, precision, _ = self._prior_of(fit.view)
-        s = others.cross.shape[-1]
+        # Of the sizes of ``further``, which come last, nothing is known beforehand.
+        prior = self._prior_of(fit.view)
+        n_known, s = len(prior.mean), others.cross.shape[-1]
         mean, inverse = np.zeros(s), np.zeros((s, s))
-        mean[: len(known)] = known
-        inverse[: len(known), : len(known)] = precision
+        mean[:n_known] = prior.mean
+        inverse[:n_known, :n_known] = prior.inverse
         weights = (fit.columns.count / fit.v / fit.left)[moving]
         gram, cross = others.normal(weights)
         right = (cross + inverse @ mean)[..., None]

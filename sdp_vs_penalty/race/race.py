@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain as chained
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import log_ndtr
@@ -17,8 +18,8 @@ from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.kinds import KINDS, list_faults
-from sdp_vs_penalty.race.likelihood import Likelihood, keep_recent
-from sdp_vs_penalty.race.records import Further, Hypothesis, LogView
+from sdp_vs_penalty.race.likelihood import Likelihood
+from sdp_vs_penalty.race.records import Further, Hypothesis, LogView, Number
 from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
 
 #: Steps of Newton by which a size is found on few rows, and share of its standard
@@ -34,8 +35,6 @@ _MORE_ODDS = 100.0
 _ROUNDS_OF_COLUMNS = 3
 #: Units of positions that differ by less are one (natural logarithm).
 _NEAR_UNIT = 0.1
-#: Races whose outcomes are kept: of a log, and of its copy.
-_RACES_KEPT = 2
 #: A step that looks for a size far off is not held back by its prior.
 _LOOSE = 10.0
 
@@ -62,8 +61,8 @@ class Claim:
     rivals: tuple[Claim, ...] = ()
 
     def beside(self, before: ViewFit, fit: ViewFit) -> Claim:
-        """Return it with its odds beside another fit of the incumbent, both with the
-        same number of rows worth one."""
+        """Return the claim with its odds by these fits, without it and with it, both
+        with the same number of rows worth one."""
         odds = fit.value - before.value + self.hypothesis.log_prior + self.occam
         return replace(self, log_odds=odds, fit=fit, before=before)
 
@@ -116,36 +115,67 @@ class RaceOutcome:
         """List what differs in a part of the log, by more than is usual."""
         return [x for x in self.claims if x.hypothesis.part and not x.is_usual]
 
-    def told(self, log: Likelihood) -> LogTransform:
-        """Return the transform of all rows that undoes what is claimed, without numbers
-        that are usual."""
+    def without_usual(self, log: Likelihood) -> LogTransform:
+        """Return the transform of all rows that undoes what is claimed, but for sizes that
+        are usual of arms and loggers: they are no fault of the log."""
         chain = self.view.chain
-        usual = {claim.hypothesis.key[:2] for claim in self.claims if claim.is_usual}
-        beyond = {
-            claim.hypothesis.key[:2] for claim in self.claims if not claim.is_usual
-        }
-        for name in usual - beyond:
+        usual = {x.hypothesis.name for x in self.claims if x.is_usual}
+        unusual = {x.hypothesis.name for x in self.claims if not x.is_usual}
+        for name in usual - unusual:
             for fault in list_faults(log, chain):
                 if fault.name == name:
                     chain = fault.without
         return chain
 
 
-#: Races that were held last, by their rows: the robot, and what the race said.
-_held: dict[object, tuple[Problem, RaceOutcome]] = {}
+class HeldRaces:
+    """The races that were held in one call, for the copies of a log that it judges.
+
+    A repaired copy often has the very rows that the log was judged by, as they would be
+    repaired: its race is that of the log.
+    """
+
+    def __init__(self) -> None:
+        """Begin without any race."""
+        self._held: dict[object, tuple[Problem, RaceOutcome]] = {}
+
+    def hold(
+        self,
+        logs: Sequence[Likelihood],
+        kinds: tuple[ModuleType, ...],
+        is_doubtful: bool,
+    ) -> RaceOutcome:
+        """Hold a race, see :class:`Race`, or return the outcome of the one about the same
+        rows of the same robot."""
+        problem = logs[0].problem
+        key = tuple(log.data.digest for log in logs), kinds, is_doubtful
+        held = self._held.get(key)
+        if held is None or held[0] is not problem:
+            held = problem, Race(logs, kinds, is_doubtful).run()
+            self._held[key] = held
+        return held[1]
 
 
-def hold_race(
-    logs: Sequence[Likelihood], kinds: tuple[ModuleType, ...], is_doubtful: bool
-) -> RaceOutcome:
-    """Hold a race, see :class:`Race`, or return what it said last of the same rows: those
-    of a repaired copy are the ones that were judged as they would be repaired."""
-    problem = logs[0].problem
-    key = tuple(log.data.digest for log in logs), kinds, is_doubtful
-    held = _held.get(key)
-    if held is None or held[0] is not problem:
-        held = problem, Race(logs, kinds, is_doubtful).run()
-    return keep_recent(_held, key, held, _RACES_KEPT)[1]
+class _Look(NamedTuple):
+    """What the first look, at few rows, says of a hypothesis."""
+
+    #: Natural logarithm of its odds against the incumbent.
+    log_odds: float
+    #: What is looked at.
+    hypothesis: Hypothesis
+    #: Change of its size to first order; 0 where it has none, or is at its size.
+    step: float = 0.0
+
+
+class _Size(NamedTuple):
+    """The best size of a hypothesis."""
+
+    #: In its own unit.
+    size: float = 0.0
+    #: Its standard deviation.
+    spread: float = 0.0
+    #: Natural logarithm of the odds that the freedom of the size costs.
+    occam: float = 0.0
 
 
 class Race:
@@ -195,16 +225,15 @@ class Race:
         are as likely; None where nothing is."""
         ranking = self.rank(fit, explained)
         likely = [x for x in ranking if x.log_odds > c.LOG_ODDS_OF_A_CLAIM]
-        witnessed = (self._witnessed(x, fit) for x in likely)
-        best = next((x for x in witnessed if x is not None), None)
+        witnessed = (self._witnessed(claim, fit) for claim in likely)
+        best = next((claim for claim in witnessed if claim is not None), None)
         if best is None:
             return None
         rivals: dict[object, Claim] = {}
-        for x in likely:
-            if best.log_odds - x.log_odds < c.LOG_ODDS_OF_A_CLAIM and not _is_same(
-                x, best
-            ):
-                rivals.setdefault(x.hypothesis.key, x)
+        for claim in likely:
+            is_as_likely = best.log_odds - claim.log_odds < c.LOG_ODDS_OF_A_CLAIM
+            if is_as_likely and not _is_same(claim, best):
+                rivals.setdefault(claim.hypothesis.key, claim)
         rivals.pop(best.hypothesis.key, None)
         return replace(best, rivals=tuple(rivals.values()))
 
@@ -215,140 +244,149 @@ class Race:
         Two are compared with as many rows worth one as the whitest residual says.
         """
         view = replace(fit.view, further=tuple(map(_thinned, fit.view.further)))
-        few = self.few.fit(view, 1.0)
-        looks = self._screen(fit, few, explained)
-        tried = [self._exact(h, size, fit, few) for h, size in looks]
-        exact = [x for x in tried if x is not None]
+        few_fit = self.few.fit(view, 1.0)
+        looks = self._screen(fit, few_fit, explained)
+        tried = [self._exact(look, fit, few_fit) for look in looks]
+        exact = [claim for claim in tried if claim is not None]
         likely = [x.fit.v for x in exact if x.log_odds > c.WORTH_A_LOOK]
         v = min([fit.v, *likely])
-        base = self.all.worth(fit, v)
-        ranking = [x.beside(base, self.all.worth(x.fit, v)) for x in exact]
-        return sorted(ranking, key=lambda x: -x.log_odds)
+        incumbent = self.all.worth(fit, v)
+        ranking = [x.beside(incumbent, self.all.worth(x.fit, v)) for x in exact]
+        return sorted(ranking, key=lambda claim: -claim.log_odds)
 
-    def _screen(
-        self, fit: ViewFit, base: ViewFit, explained: float
-    ) -> list[tuple[Hypothesis, float]]:
-        """List the hypotheses that are worth a look at all rows, of each key the best,
-        with the change of its size to first order.
+    def _screen(self, fit: ViewFit, few_fit: ViewFit, explained: float) -> list[_Look]:
+        """List the hypotheses that are worth a look at all rows, of each key the best.
 
         What a wrong incumbent leaves errs slowly, and what is right may leave white
-        noise: here each row is worth one (the fit base). Changes that were less likely than by
-        ``explained`` [log-odds] before are not looked at again.
+        noise: in ``few_fit``, the incumbent on few rows, each row is worth one. Changes
+        that were less likely than by ``explained`` [log-odds] before are not looked at
+        again.
         """
-        few, chain, view = self.few, fit.chain, base.view
-        of_all = _of_all(fit)
-        scored: list[tuple[float, Hypothesis, float]] = []
+        looks: list[_Look] = []
         numbers: list[Hypothesis] = []
-        columns: list[Hypothesis] = []
-        changed: dict[object, Hypothesis] = {}
+        with_columns: list[Hypothesis] = []
+        changes: dict[tuple[object, int], Hypothesis] = {}
         count: Counter[object] = Counter()
         for h in chained.from_iterable(x.propose(self.all, fit) for x in self.kinds):
             if h.further is not None:
-                columns.append(h)
+                with_columns.append(h)
             elif not h.is_friction_real:
-                scored.append((-base.physics + h.log_prior, h, 0.0))
-            elif h.number is not None and (h.part is not None or h.chain == chain):
+                looks.append(_Look(-few_fit.physics + h.log_prior, h))
+            elif h.number is not None and (h.part is not None or h.chain == fit.chain):
                 numbers.append(h)
             else:
                 count[h.key] += 1
+                key = h.key, count[h.key]
                 # What a claim explains, another cannot lack, nor much more.
-                if self.looked_at.get((h.key, count[h.key]), 0.0) > -explained:
-                    changed[h.key, count[h.key]] = h
-        sizes = [h.number.size_in(h.chain) for h in numbers if h.number]
-        slopes = few.slopes(base, numbers, sizes)
-        groups = [
-            (slopes[:, :, k : k + 1], np.array([h.number.sd]))
-            for k, h in enumerate(numbers)
-            if h.number
-        ]
-        further = [_thinned(h.further) for h in columns if h.further]
-        groups += [(x.columns, x.sd) for x in further]
-        if groups:
-            found = zip([*numbers, *columns], *few.screen(base, groups), strict=True)
-            for h, gain, step in found:
-                scored.append((of_all * gain + h.log_prior, h, float(step)))
-        views = [h.seen(view) for h in changed.values()]
-        values = few.values(views, 1.0, _ROUNDS_OF_A_LOOK)
-        for (key, h), value in zip(changed.items(), values, strict=True):
-            odds = float(of_all * (value - base.value) + h.log_prior)
+                if self.looked_at.get(key, 0.0) > -explained:
+                    changes[key] = h
+        rows_over_few = _rows_over_few(fit)
+        looks += self._look_to_first_order(
+            few_fit, numbers, with_columns, rows_over_few
+        )
+        views = [h.applied_to(few_fit.view) for h in changes.values()]
+        values = self.few.values(views, 1.0, _ROUNDS_OF_A_LOOK)
+        for (key, h), value in zip(changes.items(), values, strict=True):
+            odds = float(rows_over_few * (value - few_fit.value) + h.log_prior)
             self.looked_at[key] = odds
-            scored.append((odds, h, 0.0))
-        # A grid's neighbours, of instants or of sizes, must not crowd out another fault.
-        looks: dict[object, tuple[Hypothesis, float]] = {}
-        for odds, h, step in sorted(scored, key=lambda x: -x[0]):
-            is_instant = h.part is not None and h.part.after is not None
-            place = "an instant" if is_instant else h.part
-            if odds > c.WORTH_A_LOOK:
-                looks.setdefault((h.kind, h.joints, place), (h, step))
-        return [*looks.values()][: c.LOOKS]
+            looks.append(_Look(odds, h))
+        return _best_of_each_key(looks)
 
-    def _exact(
-        self, h: Hypothesis, step: float, fit: ViewFit, few: ViewFit
-    ) -> Claim | None:
-        """Return a hypothesis at its best size, on all rows; None where few rows, of which
-        the incumbent's fit is ``few``, speak against it at that size."""
-        number, size, spread, occam = h.number, 0.0, 0.0, 0.0
-        if number is not None:
-            farthest = _FIRST_STEP * number.sd
-            start = number.size_in(h.chain)
-            size = start + float(np.clip(step, -farthest, farthest))
-            size, _ = self._refined(self.few, few.view, h, size, 1.0, _STEPS)
-            seen = self.few.fit(h.seen(few.view, size), 1.0)
-            gain = _of_all(fit) * (seen.value - few.value)
-            if gain + h.log_prior < c.WORTH_A_LOOK:
-                return None
-            size, spread = self._refined(self.all, fit.view, h, size, fit.v, 1)
-            away = size - (start if h.part else number.size_in(fit.chain))
-            occam = float(np.log(min(1.0, spread / number.sd)))
-            reach = number.usual + c.NUMBER_SIGMAS * spread
-            reach = min(reach, number.rounded_within)
-            near = [x for x in number.round_sizes if abs(x - size) < reach]
-            size = min(near, key=lambda x: abs(x - size), default=size)
-            occam -= 0.5 * (0.0 if near else away / number.sd) ** 2
-            if near:  # a size that has half of the prior with its like
-                occam = max(occam, -float(np.log(2.0 * len(number.round_sizes))))
-        found = self.all.fit(h.seen(fit.view, size), fit.v)
+    def _look_to_first_order(
+        self,
+        few_fit: ViewFit,
+        numbers: Sequence[Hypothesis],
+        with_columns: Sequence[Hypothesis],
+        rows_over_few: float,
+    ) -> list[_Look]:
+        """Look at hypotheses about a number, and about further columns of torque, as
+        columns beside the incumbent's on few rows."""
+        about = [(h.number, h.number.size_in(h.chain)) for h in numbers if h.number]
+        slopes = self.few.slopes(few_fit, numbers, [size for _, size in about])
+        groups = [
+            (slopes[:, :, k : k + 1], np.array([number.sd]))
+            for k, (number, _) in enumerate(about)
+        ]
+        further = [_thinned(h.further) for h in with_columns if h.further]
+        groups += [(x.columns, x.sd) for x in further]
+        if not groups:
+            return []
+        screened = zip(*self.few.screen(few_fit, groups), strict=True)
+        return [
+            _Look(rows_over_few * gain + h.log_prior, h, float(step))
+            for h, (gain, step) in zip([*numbers, *with_columns], screened, strict=True)
+        ]
+
+    def _exact(self, look: _Look, fit: ViewFit, few_fit: ViewFit) -> Claim | None:
+        """Return a hypothesis at its best size, on all rows; None where few rows speak
+        against it at that size.
+
+        fit, few_fit : of the incumbent, to all rows and to few.
+        """
+        h = look.hypothesis
+        best: _Size | None = _Size()
+        if h.number is not None:
+            best = self._best_size(look, h.number, fit, few_fit)
+        if best is None:
+            return None
+        found = self.all.fit(h.applied_to(fit.view, best.size), fit.v)
         for _ in range(_ROUNDS_OF_COLUMNS if h.further_at else 0):
             assert h.further is not None
             assert h.further_at is not None
             # Sizes of further columns stand last in theta.
             first_size = float(found.theta[-len(h.further.sd)])
             h = replace(h, further=h.further_at(first_size))
-            found = self.all.fit(h.seen(fit.view), fit.v)
+            found = self.all.fit(h.applied_to(fit.view), fit.v)
         v = min(self.all.rows_worth_one(found), fit.v)
         found = self.all.worth(found, v)
         if h.further is not None:
-            place = len(found.theta) - len(h.further.sd)
-            size = float(found.theta[place])
-            covariance = np.linalg.inv(found.information)
-            spread = float(np.sqrt(covariance[place, place]))
-            if h.further.is_positive:
-                occam = float(np.log(2.0) + log_ndtr(size / spread))
-        base = self.all.worth(fit, v)
-        return Claim(h, 0.0, found, base, size, spread, occam).beside(base, found)
+            best = _size_of_columns(found, h.further, best.occam)
+        incumbent = self.all.worth(fit, v)
+        return Claim(h, 0.0, found, incumbent, *best).beside(incumbent, found)
+
+    def _best_size(
+        self, look: _Look, number: Number, fit: ViewFit, few_fit: ViewFit
+    ) -> _Size | None:
+        """Return the best size of a hypothesis about a number, a round one where it is as
+        good; None where few rows speak against it at that size."""
+        h = look.hypothesis
+        farthest = _FIRST_STEP * number.sd
+        start = number.size_in(h.chain)
+        size = start + float(np.clip(look.step, -farthest, farthest))
+        size, _ = self._refined(self.few, few_fit, h, size, _STEPS)
+        with_size = self.few.fit(h.applied_to(few_fit.view, size), 1.0)
+        gain = _rows_over_few(fit) * (with_size.value - few_fit.value)
+        if gain + h.log_prior < c.WORTH_A_LOOK:
+            return None
+        size, spread = self._refined(self.all, fit, h, size, 1)
+        away = size - (start if h.part else number.size_in(fit.chain))
+        occam = float(np.log(min(1.0, spread / number.sd)))
+        reach = number.usual + c.NUMBER_SIGMAS * spread
+        reach = min(reach, number.rounded_within)
+        near = [x for x in number.round_sizes if abs(x - size) < reach]
+        if not near:
+            return _Size(size, spread, occam - 0.5 * (away / number.sd) ** 2)
+        # Half of the prior is shared by the round sizes.
+        occam = max(occam, -float(np.log(2.0 * len(number.round_sizes))))
+        return _Size(min(near, key=lambda x: abs(x - size)), spread, occam)
 
     @staticmethod
     def _refined(
-        evidence: Evidence,
-        view: LogView,
-        h: Hypothesis,
-        size: float,
-        v: float,
-        steps: int,
+        evidence: Evidence, incumbent: ViewFit, h: Hypothesis, size: float, steps: int
     ) -> tuple[float, float]:
-        """Return the best size of a hypothesis, by Newton's steps from ``size``, and its
-        standard deviation; v : rows worth one."""
+        """Return the best size of a hypothesis beside an incumbent, by Newton's steps from
+        ``size``, and its standard deviation."""
         number = h.number
         assert number is not None
+        farthest = _LARGEST_STEP * number.sd
         spread = np.inf
         for _ in range(steps):
-            fit = evidence.fit(h.seen(view, size), v)
+            fit = evidence.fit(h.applied_to(incumbent.view, size), incumbent.v)
             slope = evidence.slopes(fit, [h], [size])
             sd = np.array([_LOOSE * number.sd])
             change, information = evidence.score_test(fit, slope, sd)
             spread = float(1.0 / np.sqrt(max(information[0], 1e-300)))
-            far = _LARGEST_STEP * number.sd
-            better = size + float(np.clip(change[0], -far, far))
+            better = size + float(np.clip(change[0], -farthest, farthest))
             better = float(np.clip(better, *number.limits))
             is_short = abs(better - size) < _SHORT * spread
             size = better
@@ -356,44 +394,46 @@ class Race:
                 break
         return size, spread
 
-    def _witnessed(self, x: Claim, fit: ViewFit) -> Claim | None:
-        """Return a hypothesis with the spread of its size that parts of the log show, if
-        this second witness speaks for it; else None.
+    def _witnessed(self, claim: Claim, fit: ViewFit) -> Claim | None:
+        """Return a claim with the spread of its size that parts of the log show, if
+        this second witness speaks for it against the incumbent's fit; else None.
 
         The error on parts that nothing was fitted to has to fall clearly and by a
         factor. It says nothing of what fits the same, and little of signs, which
         friction's power shows.
         """
-        number = x.hypothesis.number
+        h = claim.hypothesis
+        number = h.number
         if number is not None:
-            slope = self.all.slopes(x.fit, [x.hypothesis], [x.size])[:, :, 0]
-            spread = max(x.spread, self.all.jackknifed_spread(x.fit, slope))
-            x = replace(x, spread=spread)
-            before = x.hypothesis.chain if x.hypothesis.part else fit.chain
-            is_near = abs(x.size - number.size_in(before)) < c.NUMBER_SIGMAS * spread
-            is_at_limit = x.size in number.limits
+            slope = self.all.slopes(claim.fit, [h], [claim.size])[:, :, 0]
+            spread = max(claim.spread, self.all.jackknifed_spread(claim.fit, slope))
+            claim = replace(claim, spread=spread)
+            before = number.size_in(h.chain if h.part else fit.chain)
+            is_near = abs(claim.size - before) < c.NUMBER_SIGMAS * spread
+            is_at_limit = claim.size in number.limits
             if is_near or is_at_limit or 2.0 * spread > number.widest:
                 return None
-        return x if self._is_confirmed(x, fit) else None
+        return claim if self._is_confirmed(claim, fit) else None
 
-    def _is_confirmed(self, x: Claim, fit: ViewFit) -> bool:
-        """Whether parts of the log that nothing was fitted to confirm a hypothesis."""
-        number = x.hypothesis.number
-        part = x.hypothesis.part
-        span = part if part is not None and part.until is not None else None
-        before, after = (self.all.held_out(y, span=span)[0] for y in (fit, x.fit))
-        falls = np.log(before / after)
-        clearness = standard_errors_above_zero(falls.sum(axis=1))
+    def _is_confirmed(self, claim: Claim, fit: ViewFit) -> bool:
+        """Whether parts of the log that nothing was fitted to confirm a claim against the
+        incumbent's fit."""
+        h = claim.hypothesis
+        span = h.part if h.part is not None and h.part.until is not None else None
+        before, after = (
+            self.all.held_out(of, span=span)[0] for of in (fit, claim.fit)
+        )  # (PARTS, moving joints) each
+        clearness = standard_errors_above_zero(np.log(before / after).sum(axis=1))
         moving = fit.weights > 0.0
-        old, new = fit.shares[moving], x.fit.shares[moving]
+        old, new = fit.shares[moving], claim.fit.shares[moving]
         if np.all(np.abs(np.log(old / new)) < c.SAME_FIT):
             return True
-        if x.hypothesis.kind == "torque sign":
+        if h.kind == "torque sign":
             return bool(clearness > -c.WITNESS_SIGMAS)
         if (old - new).sum() < c.LEAST_SHARE:
             return False
         ratios = before.mean(axis=0) / after.mean(axis=0)
-        has_size = number is not None or x.hypothesis.further is not None
+        has_size = h.number is not None or h.further is not None
         least = c.LEAST_RATIO_WITH_SIZE if has_size else c.LEAST_RATIO
         if self.is_doubtful:
             least = c.LEAST_RATIO_IF_DOUBTFUL
@@ -401,22 +441,51 @@ class Race:
         return bool(clearness > c.WITNESS_SIGMAS and is_large)
 
 
-def _is_same(x: Claim, other: Claim) -> bool:
-    """Whether two hypotheses do the same to the log, but for a tenth of the positions'
-    unit: counts of an encoder may be thousandths of a degree."""
-    chains = x.fit.chain, other.fit.chain
-    ratios = np.divide(*(np.array(chain.scale) for chain in chains))
+def _best_of_each_key(looks: Sequence[_Look]) -> list[_Look]:
+    """List the best looks, LOOKS at most, the likeliest first. Neighbours on a grid, of
+    instants or of sizes, count as one: they must not crowd out another fault."""
+    best: dict[object, _Look] = {}
+    for look in sorted(looks, key=lambda look: -look.log_odds):
+        h = look.hypothesis
+        is_instant = h.part is not None and h.part.after is not None
+        place = "an instant" if is_instant else h.part
+        if look.log_odds > c.WORTH_A_LOOK:
+            best.setdefault((h.kind, h.joints, place), look)
+    return [*best.values()][: c.LOOKS]
+
+
+def _size_of_columns(fit: ViewFit, further: Further, occam: float) -> _Size:
+    """Return the first size of further columns that a fit has last, with its standard
+    deviation; occam : what it costs where it may have either sign."""
+    place = len(fit.theta) - len(further.sd)
+    size = float(fit.theta[place])
+    covariance = np.linalg.inv(fit.information)
+    spread = float(np.sqrt(covariance[place, place]))
+    if further.is_positive:
+        occam = float(np.log(2.0) + log_ndtr(size / spread))
+    return _Size(size, spread, occam)
+
+
+def _is_same(one: Claim, other: Claim) -> bool:
+    """Whether two claims do the same to the log, but for a tenth of the positions' unit:
+    counts of an encoder may be thousandths of a degree."""
+    first, second = one.fit.chain, other.fit.chain
+    ratios = np.divide(np.array(first.scale), np.array(second.scale))
     is_near = bool(np.all(np.abs(np.log(np.abs(ratios))) < _NEAR_UNIT))
-    return is_near and replace(chains[0], scale=chains[1].scale) == chains[1]
+    return is_near and replace(first, scale=second.scale) == second
 
 
-def _of_all(fit: ViewFit) -> float:
-    """Return the evidence of all rows over that of few."""
+def _rows_over_few(fit: ViewFit) -> float:
+    """Return how many times the evidence of few rows all rows have: few are every
+    THIN-th, and of the rows that are worth one a single one counts."""
     return c.THIN / min(fit.v, c.THIN)
 
 
 def _thinned(further: Further) -> Further:
     """Return further columns at the rows that are looked at first."""
-    columns, under = further.columns[:, :: c.THIN], further.under
-    thinned = under and (lambda chain: _thinned(under(chain)))
-    return replace(further, columns=columns, under=thinned)
+    under = further.under
+    return replace(
+        further,
+        columns=further.columns[:, :: c.THIN],
+        under=None if under is None else lambda chain: _thinned(under(chain)),
+    )

@@ -54,15 +54,14 @@ class Number:
     def at(self, chain: LogTransform, size: float) -> LogTransform:
         """Return the transform with another size; signs of factors stay."""
         value = float(np.exp(size)) if self.is_factor else size
-        if not self.joints:
-            changed: dict[str, Any] = {self.field: value}
-            return replace(chain, **changed)
-        entries = [*getattr(chain, self.field)]
-        for j in self.joints:
-            negative = self.is_factor and entries[j] < 0.0
-            entries[j] = -value if negative else value
-        changed = {self.field: tuple(entries)}
-        return replace(chain, **changed)
+        changed: Any = value
+        if self.joints:
+            entries = [*getattr(chain, self.field)]
+            for j in self.joints:
+                is_negative = self.is_factor and entries[j] < 0.0
+                entries[j] = -value if is_negative else value
+            changed = tuple(entries)
+        return replace(chain, **{self.field: changed})
 
 
 @dataclass(frozen=True)
@@ -94,9 +93,10 @@ class Part:
         t : (M,) array
             Instants of the rows [s].
         """
-        is_of_run = np.ones(len(t), bool) if self.run is None else runs == self.run
-        is_before = True if self.until is None else t <= self.until
-        return is_of_run & is_before & (True if self.after is None else t > self.after)
+        belongs = np.ones(len(t), bool) if self.run is None else runs == self.run
+        if self.after is not None:
+            belongs = belongs & (t > self.after)
+        return belongs if self.until is None else belongs & (t <= self.until)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,18 +132,18 @@ class LogView:
     @property
     def motion(self) -> LogView:
         """The view without what is done to torques alone: columns depend on no more."""
-        parts = ((part, c.motion_part) for part, c in self.parts)
-        moved = tuple(
-            (part, c) for part, c in parts if c != c.unchanged(c.n, c.gravity)
-        )
-        return LogView(self.chain.motion_part, moved, self.further)
+        moved = []
+        for part, transform in self.parts:
+            motion = transform.motion_part
+            if motion != motion.unchanged(motion.n, motion.gravity):
+                moved.append((part, motion))
+        return LogView(self.chain.motion_part, tuple(moved), self.further)
 
     def with_part(self, part: Part, chain: LogTransform) -> LogView:
         """Return the view with one more transform of a part, before what it has."""
         parts = dict(self.parts)
-        if part in parts:
-            chain = chain.followed_by(parts[part])
-        return replace(self, parts=(*(parts | {part: chain}).items(),))
+        parts[part] = chain.followed_by(parts[part]) if part in parts else chain
+        return replace(self, parts=tuple(parts.items()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,6 +183,11 @@ class Hypothesis:
     is_usual: bool = False
 
     @property
+    def name(self) -> tuple[str, tuple[int, ...]]:
+        """Kind and joints: the name of the fault that it corrects."""
+        return self.kind, self.joints
+
+    @property
     def key(self) -> tuple[str, tuple[int, ...], Part | None]:
         """Kind, joints and part: hypotheses of one key differ in their size alone."""
         return self.kind, self.joints, self.part
@@ -194,21 +199,21 @@ class Hypothesis:
         chain = self.number.at(self.chain, size)
         return chain if self.part is None else chain.followed_by(base)
 
-    def seen(self, view: LogView, size: float | None = None) -> LogView:
-        """Return how rows are seen where it holds beside what a view has.
+    def applied_to(self, view: LogView, size: float | None = None) -> LogView:
+        """Return how rows are seen where the hypothesis holds beside what a view has.
 
         Parameters
         ----------
         size : float, optional
             Of its number; default: that of its transform.
         """
-        chain = self.chain
-        if size is not None and self.number is not None:
-            chain = self.number.at(chain, size)
         if not self.is_friction_real:
             return replace(view, is_friction_real=False)
         if self.further is not None:
             return replace(view, further=(*view.further, self.further))
+        chain = self.chain
+        if size is not None and self.number is not None:
+            chain = self.number.at(chain, size)
         if self.part is not None:
             return view.with_part(self.part, chain)
         if chain == view.chain:

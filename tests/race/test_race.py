@@ -15,7 +15,7 @@ from sdp_vs_penalty.race import Hypothesis, Likelihood, Number, Part, Race
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence
 from sdp_vs_penalty.race.kinds import KINDS, effects
-from sdp_vs_penalty.race.race import hold_race
+from sdp_vs_penalty.race.race import HeldRaces
 from sdp_vs_penalty.race.records import Further, LogView
 from sdp_vs_penalty.race.rows import RegressionData
 
@@ -67,13 +67,14 @@ def test_rows_are_given_back_without_the_garbage_collector():
 
 def test_the_same_rows_of_one_robot_race_once():
     """A repaired copy is judged by the race that was held for the log."""
-    said = hold_race([rows_of(RUN)], KINDS, False)
-    assert hold_race([rows_of(replace(RUN))], KINDS, False) is said
+    races = HeldRaces()
+    said = races.hold([rows_of(RUN)], KINDS, False)
+    assert races.hold([rows_of(replace(RUN))], KINDS, False) is said
     twin = replace(PROBLEM)  # of other bodies, for all that is known
-    assert hold_race([Likelihood(twin, rows_of(RUN).data)], KINDS, False) is not said
-    assert hold_race([rows_of(RUN)], KINDS[:1], False) is not said
+    assert races.hold([Likelihood(twin, rows_of(RUN).data)], KINDS, False) is not said
+    assert races.hold([rows_of(RUN)], KINDS[:1], False) is not said
     flipped = scaled(RUN, (1.0, -1.0))
-    (claim,) = hold_race([rows_of(flipped)], KINDS, False).claims
+    (claim,) = races.hold([rows_of(flipped)], KINDS, False).claims
     assert claim.hypothesis.kind == "torque sign"
 
 
@@ -144,7 +145,7 @@ def test_a_usual_number_is_taken_and_not_told():
     tau = np.stack([np.interp(RUN.t - 0.005, RUN.t, x) for x in RUN.tau.T], axis=1)
     log = rows_of(replace(RUN, tau=tau))
     verdict = Race([log]).run()
-    assert verdict.told(log) == log.as_logged
+    assert verdict.without_usual(log) == log.as_logged
 
 
 def test_the_evidence_knows_no_unit_of_a_channel(evidence):
@@ -216,7 +217,9 @@ def test_a_negative_gain_keeps_its_sign():
 def test_a_hypothesis_of_a_part_leaves_other_rows():
     chain = NONE.with_multiplied("gain", (0,), -1.0)
     part = Part(run=1)
-    view = Hypothesis("torque sign", (0,), -6.0, chain, part=part).seen(LogView(NONE))
+    view = Hypothesis("torque sign", (0,), -6.0, chain, part=part).applied_to(
+        LogView(NONE)
+    )
     assert view == LogView(NONE, parts=((part, chain),))
     assert view.motion == LogView(NONE.motion_part)
 
@@ -243,6 +246,6 @@ def test_a_coupling_is_of_the_channels_of_another_order(evidence):
         for chain in (NONE, swapped)
     )
     swap = Hypothesis("joint order", (0, 1), -1.0, swapped)
-    seen = swap.seen(before.seen(LogView(NONE)))
+    seen = swap.applied_to(before.applied_to(LogView(NONE)))
     assert np.array_equal(seen.further[0].columns, after.further.columns)
     assert not np.array_equal(before.further.columns, after.further.columns)

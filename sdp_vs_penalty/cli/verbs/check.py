@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.checks.report import Report
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.problem.problem import Problem
+    from sdp_vs_penalty.race.race import HeldRaces
 
 
 def verb(
@@ -39,12 +40,14 @@ def verb(
     from sdp_vs_penalty.cli import printing
     from sdp_vs_penalty.data.files import run_files
     from sdp_vs_penalty.problem.check_command import CheckCommand
+    from sdp_vs_penalty.race.race import HeldRaces
     from sdp_vs_penalty.records import to_json
 
     files = [file for path in data for file in run_files(path)]
     _refuse(files, fix, apply)
+    races = HeldRaces()
     robot, runs, reports, hold = _read_and_check(
-        files, problem, gravity, hold, as_written=as_written
+        files, problem, gravity, hold, races, as_written=as_written
     )
     command = CheckCommand(
         problem=problem,
@@ -62,7 +65,7 @@ def verb(
     console.save_json(json_, content)
     copies = None
     if fix is not None:
-        copies = _write_copies(robot, files, runs, reports, fix, apply or [])
+        copies = _write_copies(robot, files, runs, reports, fix, apply or [], races)
     meaningless = any(report.meaningless for report in reports)
     if copies is not None:
         console.next_step(replace(command, runs=copies).words)
@@ -96,6 +99,7 @@ def _read_and_check(
     problem: str,
     gravity: str | None,
     hold: str | None,
+    races: HeldRaces,
     *,
     as_written: bool,
 ) -> tuple[Problem, list[Measurements], Sequence[Report], str | None]:
@@ -125,7 +129,7 @@ def _read_and_check(
         )
         runs = [run for run in measured if isinstance(run, Measurements)]
         progress(f"judging {len(runs)} runs" if len(runs) > 1 else files[0].name)
-        return robot, runs, check_runs(robot, runs), hold
+        return robot, runs, check_runs(robot, runs, races=races), hold
 
 
 def _write_copies(
@@ -135,6 +139,7 @@ def _write_copies(
     reports: Sequence[Report],
     fix: Path,
     apply: Sequence[str],
+    races: HeldRaces,
 ) -> list[Path] | None:
     """Write a repaired copy of each run, and a text file of what was changed.
 
@@ -149,7 +154,7 @@ def _write_copies(
         if report.is_long:
             remedy = "cut it into files of 250 000 rows"
             raise InputError("--fix: too long to be repaired", remedy, path)
-    repaired = fix_runs(robot, runs, reports, apply)
+    repaired = fix_runs(robot, runs, reports, apply, races)
     if not any(repaired.issues):
         _refuse_unrepaired(reports, fix)
         console.say(f"{repaired.sentence} No copy was written.")

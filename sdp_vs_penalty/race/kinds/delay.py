@@ -30,16 +30,15 @@ _SD = 0.05
 def _number(field: str, joints: tuple[int, ...]) -> Number:
     """Describe the size that is estimated: delay or time constant [s] of some joints'
     torques. That of a single joint is not negative."""
-    least = -1.0 if field == "lead" and len(joints) > 1 else 0.0
-    limits = (least, 1.0)
+    may_be_negative = field == "lead" and len(joints) > 1
     return Number(
         field,
         joints,
-        _SD,
+        sd=_SD,
         usual=c.USUAL_DELAY,
         usual_below=c.USUAL_LEAD,
         step=1e-3,
-        limits=limits,
+        limits=(-1.0 if may_be_negative else 0.0, 1.0),
     )
 
 
@@ -67,17 +66,15 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             others = "the positions" if is_all else "the other torques"
             if field == "lead":
                 when = "later" if seconds > 0.0 else "earlier"
-                what = (
-                    f"{_milliseconds(abs(seconds))} {when} than the motion: {channel};"
-                )
-                what = f"{what} {others} have not moved."
+                late = _milliseconds(abs(seconds))
+                what = f"{late} {when} than the motion: {channel}; {others} have not moved."
                 remedy = (
                     f"shift {channel} in time (and log all channels from one source)"
                 )
             else:
                 hertz = 1.0 / (2.0 * np.pi * max(seconds, 1e-6))  # corner frequency
-                what = f"a causal low-pass of {hertz:.2g} Hz ({_milliseconds(seconds)})"
-                what = f"{what} on {channel}; {others} have not one."
+                low_pass = f"{hertz:.2g} Hz ({_milliseconds(seconds)})"
+                what = f"a causal low-pass of {low_pass} on {channel}; {others} have not one."
                 remedy = (
                     f"log {channel} unfiltered, or filter every channel alike and without"
                     " lag"

@@ -11,6 +11,7 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
@@ -32,27 +33,38 @@ _PARAMETERS_OF_A_LINK, _STATIC = 10, 4
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield a force on the last link, and a coupling of each joint with each
-    neighbour."""
-    log, now = evidence.log, fit.chain
-    model = log.data.shared
+    """Yield a load without its weight, a force on the last link, and a coupling of each
+    joint with each neighbour."""
+    model = evidence.log.data.shared
     if model is None or not len(model.rigid_indices):
         return
-    if any(now.gravity):
-        still = replace(now, gravity=(0.0, 0.0, 0.0))
+    if any(fit.chain.gravity):
+        weightless = replace(fit.chain, gravity=(0.0, 0.0, 0.0))
         yield Hypothesis(
             kind="tool weight removed",
             joints=(),
             log_prior=prior_of_one_of(1),
-            chain=now,
-            further=load_on_last_link(evidence, fit, still),
+            chain=fit.chain,
+            further=load_on_last_link(evidence, fit, weightless),
             effect="a load on the last link whose weight the controller subtracted",
             by_controller="the torques hold the inertia of a load on the last link without"
             " its weight: the controller subtracted that",
         )
-    # A force F at the point r acts as the weight of a mass there would under a gravity
-    # along F: it is linear in F_k and r_i F_k.
-    static = model.rigid_indices[-_PARAMETERS_OF_A_LINK:][:_STATIC]
+    yield from _forces(evidence, fit, model.rigid_indices[-_PARAMETERS_OF_A_LINK:])
+    yield from _couplings(evidence.log, fit.chain)
+
+
+def _forces(
+    evidence: Evidence, fit: ViewFit, last_link: NDArray[np.intp]
+) -> Iterator[Hypothesis]:
+    """Yield a force on the last link, always and in the spans in which the arm errs most;
+    last_link (10,) : indices of its parameters.
+
+    A force F at the point r acts as the weight of a mass there would under a gravity
+    along F: it is linear in F_k and r_i F_k.
+    """
+    log, now = evidence.log, fit.chain
+    static = last_link[:_STATIC]
     columns = [
         log.columns(replace(now, gravity=tuple(axis)), is_still=True)[:, :, static]
         for axis in np.eye(3).tolist()
@@ -61,16 +73,18 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     force = Further(np.concatenate(columns, axis=2), sd)
     what = "a constant force on the last link"
     yield Hypothesis("force", (), prior_of_one_of(1), now, further=force, effect=what)
-    spans = _worst_spans(evidence, fit)
     odds = -c.LOG_ODDS_AGAINST_DIFFERENCE - float(np.log(c.ROWS))
-    for span in spans:
+    for span in _worst_spans(evidence, fit):
         at = evidence.rows_of(span)[None, :, None]
         pushed = Further(force.columns * at, force.sd, span=span)
         yield Hypothesis("passing force", (), odds, now, part=span, further=pushed)
-    for pair in pairwise(range(log.n)):
-        for a, b in (pair, pair[::-1]):
+
+
+def _couplings(log: Likelihood, now: LogTransform) -> Iterator[Hypothesis]:
+    """Yield gears that couple each joint with its neighbour, driven past either one."""
+    for first, second in pairwise(range(log.n)):
+        for a, b in ((first, second), (second, first)):
             further_at = partial(_coupling, log, a, b, now)
-            what = f"gears that couple joints {pair[0] + 1} and {pair[1] + 1}"
             yield Hypothesis(
                 kind="coupling",
                 joints=(a, b),
@@ -78,7 +92,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
                 chain=now,
                 further=further_at(0.0),
                 further_at=further_at,
-                effect=what,
+                effect=f"gears that couple joints {first + 1} and {second + 1}",
             )
 
 

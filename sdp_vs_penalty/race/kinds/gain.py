@@ -44,8 +44,8 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     for j in log.joints:
         prior = prior_of_one_of(log.n)
         yield from at_sizes("torque gain", prior, now, _number(j))
-        of_unit = _number(j, _SD_OF_UNITS), np.log(_GAINS)
-        yield from at_sizes("torque gain", prior - np.log(2.0), now, *of_unit)
+        unit, factors = _number(j, _SD_OF_UNITS), np.log(_GAINS)
+        yield from at_sizes("torque gain", prior - np.log(2.0), now, unit, factors)
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:

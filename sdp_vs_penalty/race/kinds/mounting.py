@@ -32,30 +32,42 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     gravity = np.array(now.gravity)
     size = float(np.linalg.norm(gravity))
     is_of_earth = _is_earths_gravity(size)
+    new_size = size if is_of_earth else _EARTH
     kind = "gravity direction" if is_of_earth else "gravity of the problem"
     prior = prior_of_one_of(1)
     for axis in (*np.eye(3), *-np.eye(3)):
-        chain = _with_gravity(now, (size if is_of_earth else _EARTH) * axis)
+        chain = _with_gravity(now, new_size * axis)
         if not np.allclose(chain.gravity, gravity):
             yield Hypothesis(kind, (), prior, chain)
             # A controller subtracts the weight of an arm that stands as assumed.
             subtracted = _with_gravity(chain, np.array(chain.gravity) - gravity)
             yield Hypothesis(kind, (), 2.0 * prior, subtracted)
-    if not is_of_earth:
-        return
+    if is_of_earth:
+        yield _tilted(evidence, fit, prior - _ODDS_AGAINST_TILT)
+
+
+def _tilted(evidence: Evidence, fit: ViewFit, odds: float) -> Hypothesis:
+    """Return Earth's gravity turned about the two axes across it, by the angles of a
+    first-order step; odds : prior log-odds."""
+    log, now = evidence.log, fit.chain
+    gravity = np.array(now.gravity)
+    size = float(np.linalg.norm(gravity))
     across = np.linalg.svd(gravity[None, :])[2][1:]  # (2, 3)
-    chains = [_with_gravity(now, gravity + size * _STEP * x) for x in across]
-    log = evidence.log
+    chains = [_with_gravity(now, gravity + size * _STEP * axis) for axis in across]
     log.prepare_columns(chains)
-    tilted = [log.unexplained(x, fit.links) for x in chains]
-    columns = log.unexplained(now, fit.links)[:, :, None] - np.stack(tilted, axis=2)
-    angles = evidence.score_test(fit, columns / _STEP, np.full(2, _SD))[0]
+    left_tilted = [log.unexplained(chain, fit.links) for chain in chains]
+    left = log.unexplained(now, fit.links)
+    slopes = (left[:, :, None] - np.stack(left_tilted, axis=2)) / _STEP
+    angles, _ = evidence.score_test(fit, slopes, np.full(2, _SD))
     angles = np.clip(angles, -_FIRST_ORDER, _FIRST_ORDER)
     turned = gravity + size * angles @ across
-    chain = _with_gravity(now, size * turned / np.linalg.norm(turned))
-    is_usual = bool(np.linalg.norm(angles) < 2.0 * c.CALIBRATED)
-    odds = prior - _ODDS_AGAINST_TILT
-    yield Hypothesis(kind, (), odds, chain, is_usual=is_usual)
+    return Hypothesis(
+        kind="gravity direction",
+        joints=(),
+        log_prior=odds,
+        chain=_with_gravity(now, size * turned / np.linalg.norm(turned)),
+        is_usual=bool(np.linalg.norm(angles) < 2.0 * c.CALIBRATED),
+    )
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
@@ -74,21 +86,22 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     if not _is_earths_gravity(size):
         kind = "gravity of the problem"
         remedy = f"{remedy}, or correct the problem's gravity"
-    measured, expected = (
-        ", ".join(f"{float(f'{entry:.3f}') + 0.0:g}" for entry in gravity)
-        for gravity in (g, assumed)
-    )
     yield Fault(
         kind=kind,
         joints=(),
-        what=f"the weight in the torques points along ({measured}) m/s^2, {angle:.0f}"
-        f" degrees away from the assumed ({expected}).",
+        what=f"the weight in the torques points along ({_in_words(g)}) m/s^2,"
+        f" {angle:.0f} degrees away from the assumed ({_in_words(assumed)}).",
         remedy=remedy,
         without=_with_gravity(chain, assumed),
         place="the base",
         is_repairable=False,
         figures={"angle_degrees": angle, "vector": vector},
     )
+
+
+def _in_words(gravity: Array) -> str:
+    """Write a gravity (3,) [m/s^2] with three decimals, and no negative zero."""
+    return ", ".join(f"{round(float(x), 3) + 0.0:g}" for x in gravity)
 
 
 def _is_earths_gravity(size: float) -> bool:

@@ -13,6 +13,7 @@ from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.kinds.zero import zero_number
+from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Further, Hypothesis, Number, Part
 
 #: Instants at which a run may change, in shares of its rows.
@@ -40,12 +41,12 @@ def parts_of(evidence: Evidence) -> list[Part]:
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield, of each part, a gain and a zero of each joint, a load, and of runs a sign of
-    each torque and an exchange of two."""
+    """Yield, of each part, a gain and a zero of each joint, and a load; of runs a delay
+    too. Of an arm that leaves much, another arm, and of runs signs and orders of torques."""
     log, none = evidence.log, evidence.log.as_logged
     parts = parts_of(evidence)
     odds = -c.LOG_ODDS_AGAINST_DIFFERENCE - float(np.log(len(parts)))
-    of_joint = odds - float(np.log(log.n))
+    odds_of_joint = odds - float(np.log(log.n))
     numbers = [
         Number("gain", (j,), _SD_OF_GAIN, c.CALIBRATED_GAIN, is_factor=True)
         for j in log.joints
@@ -54,34 +55,39 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     load = load_on_last_link(evidence, fit, fit.chain)
     arm = _another_arm(evidence, fit) if (fit.shares > c.BADLY).any() else None
     every = tuple(range(log.n))
-    contradicts = bool((fit.shares > _CONTRADICTS).any())
+    leaves_much = bool((fit.shares > _CONTRADICTS).any())
     for part in parts:
         at = evidence.rows_of(part)[None, :, None]
+        is_run = part.run is not None
         for number in numbers:
             kind = "torque gain" if number.field == "gain" else "encoder offset"
-            yield Hypothesis(kind, number.joints, of_joint, none, number, part)
-        if part.run is not None:
+            yield Hypothesis(kind, number.joints, odds_of_joint, none, number, part)
+        if is_run:
             late = Number("lead", every, _SD_OF_DELAY, c.USUAL_DELAY, step=1e-3)
             yield Hypothesis("delay", every, odds, none, late, part)
         if load is not None:
-            is_added = part.run is not None
-            further = Further(load.columns * at, load.sd, is_added)
+            # Of what follows an instant the load may have been put down.
+            further = Further(load.columns * at, load.sd, is_positive=is_run)
             yield Hypothesis("another load", (), odds, none, part=part, further=further)
-        if not contradicts:
-            continue
-        if arm is not None:
+        if leaves_much and arm is not None:
             further = Further(arm.columns * at, arm.sd)
             rare = odds - c.LOG_ODDS_AGAINST_DIFFERENCE
             yield Hypothesis("another arm", (), rare, none, part=part, further=further)
-        if part.run is None:
-            continue
-        for j in log.joints:
-            chain = none.with_multiplied("gain", (j,), -1.0)
-            yield Hypothesis("torque sign", (j,), of_joint, chain, part=part)
-        for pair in combinations(log.joints, 2):
-            chain = none.with_swap(*pair, "tau_order")
-            of_pair = of_joint - float(np.log(log.n))
-            yield Hypothesis("torque order", pair, of_pair, chain, part=part)
+        if leaves_much and is_run:
+            yield from _signs_and_orders(log, part, odds_of_joint)
+
+
+def _signs_and_orders(log: Likelihood, run: Part, odds: float) -> Iterator[Hypothesis]:
+    """Yield a sign of each torque and an exchange of each two in one run; odds : prior
+    log-odds of one joint's fault."""
+    none = log.as_logged
+    for j in log.joints:
+        turned = none.with_multiplied("gain", (j,), -1.0)
+        yield Hypothesis("torque sign", (j,), odds, turned, part=run)
+    odds_of_pair = odds - float(np.log(log.n))
+    for pair in combinations(log.joints, 2):
+        swapped = none.with_swap(*pair, "tau_order")
+        yield Hypothesis("torque order", pair, odds_of_pair, swapped, part=run)
 
 
 def _another_arm(evidence: Evidence, fit: ViewFit) -> Further | None:

@@ -1,6 +1,7 @@
 """A common factor of all positions: an encoder's counts a turn are any number, and a unit
 that nobody named, or one that was named wrongly, is a factor too."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -33,14 +34,14 @@ def _number(log: Likelihood) -> Number:
     )
 
 
-def _factor(size: float) -> str:
-    """Return a factor in words, by its natural logarithm."""
-    return f"a factor of {np.exp(size):.4g}"
+def _factor_in_words(log_factor: float) -> str:
+    """Write a factor, by its natural logarithm."""
+    return f"a factor of {np.exp(log_factor):.4g}"
 
 
-def _turns(size: float) -> str:
-    """Return the counts a turn in words, by the natural logarithm of a count [rad]."""
-    return f"{_TURN / np.exp(size):.5g}"
+def _counts_in_words(log_count: float) -> str:
+    """Write the counts a turn, by the natural logarithm of a count [rad]."""
+    return f"{_TURN / np.exp(log_count):.5g}"
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
@@ -56,27 +57,35 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     """Yield one fault about all revolute joints whose factor is no unit's."""
-    scales = np.abs(chain.scale)[log.revolute]
-    is_common = len(scales) > 1 and np.ptp(scales) == 0.0
-    if not is_common or scales[0] == 1.0 or undone_unit(log, chain)[1]:
+    scales = {abs(chain.scale[j]) for j in log.revolute}
+    if len(log.revolute) < 2 or len(scales) > 1 or scales == {1.0}:
         return
-    scale = float(scales[0])
+    _, joints_of_unit = undone_unit(log, chain)
+    if joints_of_unit:
+        return
+    (scale,) = scales
     kind, number = "position scale", _number(log)
     are = f"are {1.0 / scale:.3g} times too large"
     if scale < c.LARGEST_COUNT:
         kind, number = COUNTS, counts_a_turn(log)
         are = f"are in counts of an encoder with {_TURN / scale:.5g} a turn"
     channels = ", ".join(f"q{j + 1}" for j in log.revolute)
-    as_logged = np.where(np.isin(range(log.n), log.revolute), np.sign(chain.scale), 0.0)
-    entries = np.where(as_logged != 0.0, as_logged, chain.scale).tolist()
+    # The sign of a position is a fault of its own.
+    without = replace(
+        chain,
+        scale=tuple(
+            math.copysign(1.0, present) if j in log.revolute else present
+            for j, present in enumerate(chain.scale)
+        ),
+    )
     yield Fault(
         kind=kind,
         joints=tuple(log.revolute),
         what=f"the positions of all joints {are}.",
         remedy=f"multiply {channels} (and dq) by {scale:.5g}",
-        without=replace(chain, scale=tuple(entries)),
+        without=without,
         number=number,
-        in_words=_turns if kind == COUNTS else _factor,
+        in_words=_counts_in_words if kind == COUNTS else _factor_in_words,
         place=channels,
         figures={"factor": scale},
     )

@@ -33,7 +33,8 @@ _LITTLE = 0.5
 
 @dataclass(frozen=True)
 class PositionUnit:
-    """A unit of revolute positions: radians are scale times them, plus middle."""
+    """A unit of revolute positions: radians are scale times the logged number, plus
+    middle."""
 
     #: Kind of hypothesis and issue.
     kind: str
@@ -54,7 +55,9 @@ class PositionUnit:
         """Whether angles are larger numbers in it than in radians."""
         return self.scale <= 1.0
 
-    def of_joints(self, log: Likelihood) -> Mapping[int, tuple[float, float]] | None:
+    def scales_and_middles(
+        self, log: Likelihood
+    ) -> Mapping[int, tuple[float, float]] | None:
         """Return scale and middle [rad] of each revolute joint; None where one has no
         range to share, or moves farther in this unit than it can."""
         robot, q = log.problem.robot, log.data.motion.q
@@ -63,11 +66,11 @@ class PositionUnit:
             percent = radians_per_percent(robot, 0.0 * q)
             if percent is None:
                 return None
+            middle_percent = 100.0 * self.middle
             for j in log.revolute:
                 scale, middle = percent[j]
-                zero = middle + 100.0 * self.middle * scale
-                numbers[j] = self.scale * scale, zero
-                farthest = np.abs(self.scale * q[:, j] + 100.0 * self.middle).max()
+                numbers[j] = self.scale * scale, middle + middle_percent * scale
+                farthest = np.abs(self.scale * q[:, j] + middle_percent).max()
                 if farthest > LARGEST_PERCENT:
                     return None
         for j, (scale, _) in numbers.items():
@@ -154,41 +157,51 @@ def counts_a_turn(log: Likelihood) -> Number:
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield units of all revolute joints, and degrees of each single joint that moves
-    beyond a turn [rad]."""
+    """Yield millimetres of prismatic joints, units of all revolute joints, degrees of each
+    single joint that moves beyond a turn, and these units beside a sign where positions
+    are far beyond their ranges."""
     log, now = evidence.log, fit.chain
     largest = np.abs(now.positions(log.data.motion.q)).max(axis=0)  # (n,)
-    far = [j for j in _prismatic(log) if largest[j] > _farthest(log, j)]
-    if far:
-        chain = now.with_multiplied("scale", far, 1e-3)
-        yield Hypothesis(_MILLIMETRES, tuple(far), prior_of_one_of(1), chain)
-    beyond_a_turn = [j for j in log.revolute if largest[j] > _TURN]
-    if not beyond_a_turn and not fit.is_poorly_explained.any():
+    beyond_range = [j for j in range(log.n) if largest[j] > _farthest(log, j)]
+    long = tuple(j for j in _prismatic(log) if j in beyond_range)
+    if long:
+        chain = now.with_multiplied("scale", long, 1e-3)
+        yield Hypothesis(_MILLIMETRES, long, prior_of_one_of(1), chain)
+    beyond_turn = [j for j in log.revolute if largest[j] > _TURN]
+    if not beyond_turn and not fit.is_poorly_explained.any():
         return
-    is_in_radians = all(abs(now.scale[j]) == 1.0 for j in log.revolute)
-    found: list[Hypothesis] = []
-    for unit in UNITS if is_in_radians else ():
-        is_tried = (
-            unit.is_small if beyond_a_turn else not unit.is_small or unit is _DEGREES
-        )
-        numbers = unit.of_joints(log) if is_tried else None
-        if not numbers:
-            continue
-        number = counts_a_turn(log) if unit.kind == COUNTS and not unit.middle else None
-        chain = _in_radians(now, numbers)
-        prior = prior_of_one_of(1)
-        found.append(Hypothesis(unit.kind, tuple(numbers), prior, chain, number))
-    for j in beyond_a_turn if log.n > 1 else ():  # else the only joint is all joints
+    found = [*_units_of_all(log, now, bool(beyond_turn))]
+    for j in beyond_turn if log.n > 1 else ():  # else the only joint is all joints
         chain = now.with_multiplied("scale", (j,), _DEGREES.scale)
         found.append(Hypothesis("position unit", (j,), prior_of_one_of(log.n), chain))
     yield from found
+    if log.n == 1 or not any(j in log.revolute for j in beyond_range):
+        return
     # Positions far beyond a range have a unit, which a sign beside it may hide.
-    is_beyond_range = any(largest[j] > _farthest(log, j) for j in log.revolute)
-    for h in found if is_beyond_range else ():
-        for j in log.joints if log.n > 1 else ():
+    for h in found:
+        for j in log.joints:
             chain = h.chain.with_multiplied("scale", (j,), -1.0)
             odds = h.log_prior + prior_of_one_of(log.n)
             yield replace(h, log_prior=odds, chain=chain)
+
+
+def _units_of_all(
+    log: Likelihood, now: LogTransform, is_beyond_turn: bool
+) -> Iterator[Hypothesis]:
+    """Yield the units that all revolute positions may be in, where they are taken as
+    radians: small ones where some joint moves beyond a turn, else large ones and degrees."""
+    if any(abs(now.scale[j]) != 1.0 for j in log.revolute):
+        return
+    for unit in UNITS:
+        is_of_little_motion = not unit.is_small or unit is _DEGREES
+        if not (unit.is_small if is_beyond_turn else is_of_little_motion):
+            continue
+        numbers = unit.scales_and_middles(log)
+        if numbers:
+            has_any_count = unit.kind == COUNTS and not unit.middle
+            number = counts_a_turn(log) if has_any_count else None
+            chain, prior = _in_radians(now, numbers), prior_of_one_of(1)
+            yield Hypothesis(unit.kind, tuple(numbers), prior, chain, number)
 
 
 def _prismatic(log: Likelihood) -> list[int]:
@@ -197,7 +210,8 @@ def _prismatic(log: Likelihood) -> list[int]:
 
 
 def _farthest(log: Likelihood, j: int) -> float:
-    """Return twice the farthest that a joint can be from its zero [rad, m]."""
+    """Return twice the farthest that joint j can be from its zero [rad, m]: positions
+    beyond have another unit."""
     joint = log.problem.robot.joints[j]
     return 2.0 * max(abs(joint.lower), abs(joint.upper))
 
@@ -205,7 +219,8 @@ def _farthest(log: Likelihood, j: int) -> float:
 def _in_radians(
     chain: LogTransform, scale_and_middle: Mapping[int, tuple[float, float]]
 ) -> LogTransform:
-    """Return the transform with the scale and the middle of some joints' unit added."""
+    """Return the transform that brings joints from a unit, whose scale and middle [rad]
+    each has, to radians as well."""
     for j, (scale, middle) in scale_and_middle.items():
         chain = chain.with_multiplied("scale", (j,), scale)
         chain = chain.with_entries("zero", (j,), chain.zero[j] + middle)
@@ -218,12 +233,14 @@ def as_likely_as_radians(evidence: Evidence, fit: ViewFit) -> list[PositionUnit]
     and shares of the range where all move little."""
     log, now = evidence.log, fit.chain
     travel = float(np.ptp(log.data.motion.q[:, log.revolute], axis=0).max(initial=0.0))
-    if any(abs(x) != 1.0 for x in now.scale) or _LITTLE < travel < _TURN:
+    if any(abs(scale) != 1.0 for scale in now.scale) or _LITTLE < travel < _TURN:
         return []
-    units = [x for x in UNITS if not x.is_small] if travel < _TURN else [_DEGREES]
+    units = [unit for unit in UNITS if not unit.is_small]
+    if travel >= _TURN:
+        units = [_DEGREES]
     alike = list[PositionUnit]()
     for unit in units:
-        if numbers := unit.of_joints(log):
+        if numbers := unit.scales_and_middles(log):
             view = replace(fit.view, chain=_in_radians(now, numbers))
             if fit.value - evidence.fit(view, fit.v).value < _LEAST_TO_TELL:
                 alike.append(unit)
@@ -234,18 +251,20 @@ def undone_unit(
     log: Likelihood, chain: LogTransform
 ) -> tuple[PositionUnit, dict[int, tuple[float, float]]]:
     """Return the unit that a transform undoes, with scale and middle of each of its
-    joints.
+    joints: none where positions are in radians, or their factor is that of no unit.
 
-    Where a part of the joints has a unit, it is degrees. There are no joints where
-    positions are in radians, and where their factor is that of no unit.
+    Of several units with these factors it is the one whose middles are nearest. Where only
+    a part of the joints has a unit, it is degrees.
     """
     sizes = np.abs(chain.scale)
-    joints = [j for j in log.revolute if not np.isclose(sizes[j], 1.0)]
-    best, least = _DEGREES, np.inf
-    in_degrees = [j for j in joints if np.isclose(sizes[j], _DEGREES.scale)]
-    numbers = dict.fromkeys(in_degrees, (_DEGREES.scale, 0.0))
-    for unit in UNITS if joints and joints == log.revolute else ():
-        of_unit = unit.of_joints(log) or {}
+    changed = [j for j in log.revolute if not np.isclose(sizes[j], 1.0)]
+    in_degrees = [j for j in changed if np.isclose(sizes[j], _DEGREES.scale)]
+    best, numbers = _DEGREES, dict.fromkeys(in_degrees, (_DEGREES.scale, 0.0))
+    if not changed or changed != log.revolute:
+        return best, numbers
+    least = np.inf
+    for unit in UNITS:
+        of_unit = unit.scales_and_middles(log) or {}
         scales = [scale for scale, _ in of_unit.values()]
         if of_unit and np.allclose(sizes[list(of_unit)], scales, rtol=1e-6):
             away = sum(abs(chain.zero[j] - x) for j, (_, x) in of_unit.items())
@@ -257,19 +276,19 @@ def undone_unit(
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     """Yield one fault about all revolute joints, or those in degrees, and one about
     prismatic joints in millimetres."""
-    far = [j for j in _prismatic(log) if abs(chain.scale[j]) != 1.0]
-    if far:
-        lengths = ", ".join(f"q{j + 1}" for j in far)
+    long = [j for j in _prismatic(log) if abs(chain.scale[j]) != 1.0]
+    if long:
+        lengths = ", ".join(f"q{j + 1}" for j in long)
         yield Fault(
             kind=_MILLIMETRES,
-            joints=tuple(far),
-            what=f"the positions of {joints_text(far)} are in millimetres: they reach"
-            f" {np.abs(log.data.motion.q[:, far]).max():.4g}.",
+            joints=tuple(long),
+            what=f"the positions of {joints_text(long)} are in millimetres: they reach"
+            f" {np.abs(log.data.motion.q[:, long]).max():.4g}.",
             remedy=f"multiply {lengths} (and their dq) by 0.001",
-            without=chain.with_multiplied("scale", far, 1e3),
+            without=chain.with_multiplied("scale", long, 1e3),
             place=lengths,
         )
-    best, numbers = undone_unit(log, chain)
+    unit, numbers = undone_unit(log, chain)
     joints = tuple(numbers)
     if not joints:
         return
@@ -283,11 +302,11 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         places, are, they_reach = "position", "is", "it reaches"
     channels = ", ".join(f"q{j + 1}" for j in joints)
     yield Fault(
-        kind=best.kind if len(joints) == len(log.revolute) else "position unit",
+        kind=unit.kind if len(joints) == len(log.revolute) else "position unit",
         joints=joints,
-        what=f"the {places} of {joints_text(joints)} {are} in {best.words}:"
+        what=f"the {places} of {joints_text(joints)} {are} in {unit.words}:"
         f" {they_reach} {largest:.4g}.",
-        remedy=f"multiply {channels} (and dq) by {best.factor}",
+        remedy=f"multiply {channels} (and dq) by {unit.factor}",
         without=without,
         place=channels,
     )

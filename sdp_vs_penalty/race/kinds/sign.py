@@ -41,13 +41,15 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
             yield Hypothesis("position sign", (j,), prior, position)
             joint = position.with_multiplied("gain", (j,), -1.0)
             yield Hypothesis("joint sign", (j,), prior, joint)
-    if not 2 < len(log.joints) <= _MOST_JOINTS or fit.physics > _FRICTION_DRIVES:
+    are_few = 2 < len(log.joints) <= _MOST_JOINTS
+    if not are_few or fit.physics > _FRICTION_DRIVES:
         return
-    # A convention that differs is one mistake: single mistakes, or one pattern of 2^n.
-    of_one_pattern = -LOG_ODDS_AGAINST_FAULT - n * float(np.log(2.0))
+    # Joints that count the other way are as many single mistakes, or one mistake: another
+    # convention, of 2^n.
+    odds_of_convention = -LOG_ODDS_AGAINST_FAULT - n * float(np.log(2.0))
     for size in range(2, len(log.joints)):
         for joints in combinations(log.joints, size):
-            odds = max(size * prior, of_one_pattern)
+            odds = max(size * prior, odds_of_convention)
             pattern = now.with_multiplied("gain", joints, -1.0)
             yield Hypothesis("torque sign", joints, odds, pattern)
 
@@ -58,22 +60,22 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     is_q_turned = np.array(chain.scale) < 0.0
     is_tau_turned = np.array(chain.gain) < 0.0
     for j in np.flatnonzero(is_q_turned).tolist():
-        name = j + 1
+        number = j + 1
         right_q = chain.with_multiplied("scale", (j,), -1.0)
         if is_tau_turned[j]:
             yield Fault(
                 kind="joint sign",
                 joints=(j,),
-                what=f"joint {name} counts the other way, position and torque alike.",
-                remedy=f"flip the signs of q{name}, dq{name} and tau{name}",
+                what=f"joint {number} counts the other way, position and torque alike.",
+                remedy=f"flip the signs of q{number}, dq{number} and tau{number}",
                 without=right_q.with_multiplied("gain", (j,), -1.0),
             )
         else:
             yield Fault(
                 kind="position sign",
                 joints=(j,),
-                what=f"the position of joint {name} has the wrong sign.",
-                remedy=f"flip the sign of q{name} (and dq{name})",
+                what=f"the position of joint {number} has the wrong sign.",
+                remedy=f"flip the sign of q{number} (and dq{number})",
                 without=right_q,
             )
     joints = tuple(np.flatnonzero(is_tau_turned & ~is_q_turned).tolist())
