@@ -143,8 +143,11 @@ def _transformed(change: Change, state: State) -> State:
 
 
 def _cut(change: Change, state: State) -> State:
-    """Leave spans (begin, end) [s] of one run's clock out."""
+    """Leave spans (begin, end) [s] of one run's clock out, or all of it."""
     cut = change.arguments
+    if "spans" not in cut:
+        others = tuple(run for run in state.runs if run.names[0] != cut["run"])
+        return replace(state, runs=others, model=None)
     runs = [
         without_spans(run, cut["spans"]) if run.names[0] == cut["run"] else run
         for run in state.runs
@@ -156,7 +159,8 @@ def _read(change: Change, state: State) -> State:
     """Read the runs' columns in other units. Raises InputError where the unit is still
     to be named, or where the file itself has to be read anew."""
     scale = change.arguments.get("scale", {})
-    if set(change.arguments) - {"scale"}:
+    name = change.arguments.get("run")
+    if set(change.arguments) - {"scale", "run"}:
         raise InputError(
             "the file has to be read anew", "convert it with these columns"
         )
@@ -164,7 +168,11 @@ def _read(change: Change, state: State) -> State:
         column = next(name for name, word in scale.items() if not word)
         remedy = "a unit (mNm, Ncm, kgfm, lbfin), or a factor for each joint"
         raise InputError(f"{column}: no unit is named", f"name {remedy}")
-    return replace(state, runs=tuple(scaled(run, scale) for run in state.runs))
+    runs = [
+        scaled(run, scale) if name in (None, run.names[0]) else run
+        for run in state.runs
+    ]
+    return replace(state, runs=tuple(runs))
 
 
 def _held(change: Change, state: State) -> State:
@@ -226,14 +234,22 @@ def _transform_words(arguments: Mapping[str, Any], files: Files) -> list[str]:
 
 
 def _cut_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:
-    """Write the command `convert` that leaves the spans out of the run; None where the
-    run's file is not among the user's."""
-    named = {Path(run).name: run for run in files.check.runs}
-    run = named.get(Path(arguments["run"]).name)
+    """Write the command `convert` that leaves the spans out of the run, or the `check` of
+    the others without it; None where the run's file is not among the user's, or alone."""
+    run = _file_of(arguments["run"], files)
     if run is None:
         return None
+    if "spans" not in arguments:
+        others = [file for file in files.check.runs if file != run]
+        return replace(files.check, runs=others).words if others else None
     cut = ",".join(f"{begin:.6g}:{end:.6g}" for begin, end in arguments["spans"])
     return ["convert", str(run), "--cut", cut, "--out", str(cut_copy(run))]
+
+
+def _file_of(run: str, files: Files) -> str | Path | None:
+    """Return the user's file of a run; None without one."""
+    named = {Path(file).name: file for file in files.check.runs}
+    return named.get(Path(run).name)
 
 
 def cut_copy(run: str | Path) -> Path:
@@ -243,8 +259,13 @@ def cut_copy(run: str | Path) -> Path:
 
 
 def _read_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:
-    """Write the command `convert` of a single run; None for several runs, and where the
-    user has yet to name a unit."""
+    """Write the command `convert` of a single run; None for several runs of which none is
+    named, and where the user has yet to name a unit."""
+    if "run" in arguments:
+        run = _file_of(arguments["run"], files)
+        files = replace(
+            files, check=replace(files.check, runs=[] if run is None else [run])
+        )
     options = []
     for name in ("scale", "rename"):
         pairs = {k: v or files.blank for k, v in arguments.get(name, {}).items()}

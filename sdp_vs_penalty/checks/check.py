@@ -15,6 +15,7 @@ from sdp_vs_penalty.checks import residual
 from sdp_vs_penalty.checks.certainty import READ, certain
 from sdp_vs_penalty.checks.constants import NO_DYNAMICS, NO_ROWS, RUN
 from sdp_vs_penalty.checks.dynamics import judge_dynamics, with_issues
+from sdp_vs_penalty.checks.explain import NOT_REPAIRED
 from sdp_vs_penalty.checks.facts import channels, magnitude, mended, standing, stuck
 from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.facts.repetition import find_overlaps
@@ -23,6 +24,7 @@ from sdp_vs_penalty.checks.issue import (
     FACT,
     Issue,
     gravest_first,
+    leave_out,
     make_refusal,
     mended_for_certain,
 )
@@ -162,7 +164,23 @@ def check_runs(
         for w in windows
     ]
     reports = [_report_of_run(run, windows[part]) for run, part in of_run]
-    return [replace(r, issues=gravest_first(r.issues)) for r in reports]
+    return [
+        replace(r, issues=gravest_first(_with_last_resort(r, len(runs) > 1)))
+        for r in reports
+    ]
+
+
+def _with_last_resort(report: Report, has_others: bool) -> list[Issue]:
+    """Return the issues of a run, of which errors, and differences from other runs, that
+    nothing else mends advise to leave the run out, where there are others."""
+    return [
+        replace(issue, changes=(leave_out(report.run),))
+        if has_others
+        and (issue.severity == "error" or issue.kind in NOT_REPAIRED)
+        and not issue.remedies
+        else issue
+        for issue in report.issues
+    ]
 
 
 def _facts_of_windows(problem: Problem, run: Measurements) -> list[Report]:

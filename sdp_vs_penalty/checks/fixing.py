@@ -12,6 +12,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.constants import MOST_LOST
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.report import Report
+from sdp_vs_penalty.data.files import check_usable
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
@@ -271,6 +272,8 @@ def _error_left_out(
         train.append(without_velocity.window(0.0, TRAINED_ON * end))
         test.append(without_velocity.window(TRAINED_ON * end, end))
     try:
+        for run in runs:
+            check_usable(run.names[0], run)
         data = load_and_check(problem, concatenate(train), "check --fix")
         assert isinstance(data, Measurements)
         estimate = estimate_parameters(problem, filter_runs(problem, data, filters))

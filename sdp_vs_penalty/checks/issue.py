@@ -132,6 +132,11 @@ def make_issue(
     )
 
 
+def leave_out(run: str) -> Change:
+    """Return the change that leaves a run out, by its name."""
+    return Change("cut", f"leave {run} out", {"run": run})
+
+
 #: The same for what a model of the arm says.
 make_explanation = partial(make_issue, nature=EXPLANATION)
 

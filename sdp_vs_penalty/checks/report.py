@@ -10,6 +10,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.issue import Issue, gravest_first
 from sdp_vs_penalty.checks.long_runs import is_long
+from sdp_vs_penalty.checks.torque_size import with_one_unit
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.race.arm_fit import text_of_share
 from sdp_vs_penalty.records import NOT_STORED, stored_as
@@ -27,7 +28,9 @@ def list_remedies(reports: Sequence[Report]) -> tuple[Remedy, ...]:
     first: all repairs at once, then gravity, readings, and runs to record, of errors
     before warnings.
     """
-    issues = gravest_first([f for r in reports for f in r.errors_and_warnings])
+    issues = gravest_first(
+        [f for r in reports for f in r.by_cause if f.severity != "note"]
+    )
     by_change = {str(x.change): x for f in reversed(issues) for x in f.remedies[::-1]}
     remedies = list(by_change.values())[::-1]
     repairs = [x for x in remedies if x.change.verb == "transform"]
@@ -101,6 +104,12 @@ class Report(Record):
     def errors_and_warnings(self) -> tuple[Issue, ...]:
         """Errors and warnings, without notes."""
         return tuple(f for f in self.issues if f.severity != "note")
+
+    @property
+    def by_cause(self) -> tuple[Issue, ...]:
+        """The issues, where those of one cause are one: torques of many joints that have
+        another size in this run alone have another unit."""
+        return with_one_unit(self.run, self.issues, self.repaired_all.n)
 
     @fact("", digits=9)
     def n_problems(self) -> int:

@@ -287,6 +287,39 @@ def not_in_newton_metres(unit: str) -> Issue:
     )
 
 
+def with_one_unit(run: str, issues: Sequence[Issue], n: int) -> tuple[Issue, ...]:
+    """Return the issues of a run of n joints, in which torques of more than _SINGLE_JOINTS
+    of them that are all larger, or all smaller, than in the other runs are one issue: of
+    the unit of this run."""
+    gains = [
+        issue
+        for issue in issues
+        if issue.kind == "torque gain" and "size" in issue.figures
+    ]
+    sizes = [issue.figures["size"] for issue in gains]
+    if len(gains) <= _SINGLE_JOINTS * n or len({size > 0.0 for size in sizes}) > 1:
+        return tuple(issues)
+    joints = sorted(j - 1 for issue in gains for j in issue.figures["joints"])
+    times = sorted(max(1.0 + size, 1.0 / (1.0 + size)) for size in sizes)
+    how = "large" if sizes[0] > 0.0 else "small"
+    words = f"read the torque of {run} in another unit, or by its drive gains"
+    one = make_explanation(
+        kind="torque unit",
+        joints=joints,
+        what=f"in {run} only: the torques of {{where}} are {times[0]:.3g} to"
+        f" {times[-1]:.3g} times too {how} beside those of the other runs: they are in"
+        " another unit, or currents.",
+        certainty=gains[0].certainty,
+        remedy="say the unit of this run, or the drive gain of each joint",
+        changes=(Change("read", words, {"run": run, "scale": {"tau": None}}),),
+        run=run,
+        times=times,
+    )
+    first = issues.index(gains[0])
+    others = [x for x in issues if x not in gains]
+    return (*others[:first], one, *others[first:])
+
+
 def _of_another_unit(size: _Size, of_size: Callable[..., Issue], are: str) -> Issue:
     """Return that torques too large for N m are in another unit, by its name where one
     makes their size possible, and currents in mA do not."""

@@ -332,14 +332,14 @@ def checks(reports: Sequence[Report], command: CheckCommand) -> None:
     """
     from sdp_vs_penalty.api.remedies import Files
 
-    files = Files(replace(command, runs=command.runs[:1]), blank="UNIT")
+    files = Files(command, blank="UNIT")
     common = []
     if len(reports) > 1:
         first, *others = reports
         common = [
             issue
-            for issue in first.issues
-            if all(_has(report.issues, issue) for report in others)
+            for issue in first.by_cause
+            if all(_has(report.by_cause, issue) for report in others)
         ]
     if common:
         say(f"All {len(reports)} runs", style="bold")
@@ -347,7 +347,7 @@ def checks(reports: Sequence[Report], command: CheckCommand) -> None:
             _issue(issue, files)
     for report in reports:
         say(report.verdict, style="bold")
-        for issue in report.issues:
+        for issue in report.by_cause:
             if not _has(common, issue):
                 _issue(issue, files)
 
@@ -366,7 +366,7 @@ def _issue(issue: Issue, files: Files) -> None:
     other readings of the file with their command, by ``files``."""
     from rich.markup import escape
 
-    from sdp_vs_penalty.api.remedies import command_of
+    from sdp_vs_penalty.api.remedies import Files, command_of
 
     word = f"[{_COLOURS[issue.severity]}]{issue.severity}[/]"
     nature = "" if issue.nature == "fact" else " [dim]explanation[/]"
@@ -382,8 +382,13 @@ def _issue(issue: Issue, files: Files) -> None:
         f"What to do: {issue.remedy}{tries}.",
     ):
         say(f"    {text}")
+    first = Files(replace(files.check, runs=files.check.runs[:1]), blank="UNIT")
     for change in issue.changes:
-        words = command_of(change, files) if change.verb == "read" else None
+        words = None
+        if "run" in change.arguments and "spans" not in change.arguments:
+            words = command_of(change, files)
+        elif change.verb == "read":  # each run by itself: the first is the example
+            words = command_of(change, first)
         if words is not None:
             printed = formatting.command(*words)
             say(f"    To {change.words}: {printed}")

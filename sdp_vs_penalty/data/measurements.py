@@ -249,6 +249,18 @@ class Measurements(Shown):
         """Number of samples in all runs."""
         return len(self.t)
 
+    @property
+    def usable_rows(self) -> NDArray[np.bool_]:
+        """Flags (N,) of the rows that hold finite numbers alone, none larger than a robot
+        measures."""
+        channels = {"t": self.t[:, None], **self.groups}
+        # A comparison with NaN is false.
+        flags = [
+            np.all(np.abs(x) <= LARGEST_VALUE[name], axis=1)
+            for name, x in channels.items()
+        ]
+        return np.asarray(np.all(flags, axis=0))
+
     def _summary(self) -> Summary:
         """Return the title and the rows that are printed for the object: names and
         lengths [s] of the runs, sampling rate [Hz], and columns."""

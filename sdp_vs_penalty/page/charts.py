@@ -64,7 +64,10 @@ def torque_chart(
 
 
 def data_chart(
-    read: Mapping[str, Any], units: Sequence[str], shows_repairs: bool
+    read: Mapping[str, Any],
+    units: Sequence[str],
+    shows_repairs: bool,
+    torque_unit: str = "",
 ) -> dict[str, Any]:
     """Draw positions, velocities and torques of all joints on one time axis.
 
@@ -76,6 +79,8 @@ def data_chart(
         offered (``shows_repairs``).
     units : sequence of str
         Torque unit of each joint; "N" marks a prismatic one.
+    torque_unit : str
+        Unit of the torques as they are logged, where it is another.
 
     Returns
     -------
@@ -109,7 +114,7 @@ def data_chart(
     titles = (
         f"Position [{kinds}]",
         f"Velocity [{kinds}/s]",
-        f"Torque [{'/'.join(dict.fromkeys(units))}]",
+        f"Torque [{torque_unit or '/'.join(dict.fromkeys(units))}]",
     )
     for row, title in enumerate(titles[: len(shown)]):
         plot.update_axes("y", row, title=title)

@@ -119,6 +119,17 @@ def text_field(
         changing(field, do)
 
 
+def sketch(drawn: Mapping[str, Any]) -> None:
+    """Draw a small curve through points (x, y); nothing without any."""
+    if drawn:
+        points = " ".join(f"{x},{y}" for x, y in drawn["points"])
+        ui.html(
+            '<svg viewBox="-1 -1 42 16" aria-hidden="true">'
+            f'<polyline points="{points}"/></svg>',
+            sanitize=False,
+        )
+
+
 def slider(
     label: str, value: str, do: Callable[[int], Any], key: str, least: str, most: str
 ) -> None:

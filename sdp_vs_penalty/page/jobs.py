@@ -34,7 +34,14 @@ from sdp_vs_penalty.checks.long_runs import is_long
 from sdp_vs_penalty.checks.report import list_remedies
 from sdp_vs_penalty.data.catalogue import DATASETS, dataset
 from sdp_vs_penalty.data.datasets import fetch as fetch_dataset
-from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
+from sdp_vs_penalty.data.files import (
+    as_measurements,
+    check_usable,
+    load_measurements,
+    read_run,
+    save,
+    windowed,
+)
 from sdp_vs_penalty.data.formats import format_of as log_format_of
 from sdp_vs_penalty.data.formats import open_log
 from sdp_vs_penalty.data.hypotheses.proposals import layout_of_table
@@ -151,9 +158,21 @@ class JobRequest(dict[str, Any]):
     @property
     def stored_runs(self) -> list[Measurements]:
         """The session's runs, each under the name that the person knows."""
+        return self.stored(self["runs"])
+
+    @property
+    def used(self) -> list[Answer]:
+        """The records of the runs but of those that wait for an answer."""
+        return [run for run in self["runs"] if run["use"] != "wait"]
+
+    def stored(self, runs: Sequence[Mapping[str, Any]]) -> list[Measurements]:
+        """Read runs by their records, each under the name that the person knows."""
         return [
-            replace(load_measurements(self.folder / run["file"]), names=(run["name"],))
-            for run in self["runs"]
+            replace(
+                as_measurements(self.folder / run["file"], usable=False),
+                names=(run["name"],),
+            )
+            for run in runs
         ]
 
     @property
@@ -177,13 +196,16 @@ class JobRequest(dict[str, Any]):
 
     @cached_property
     def loaded(self) -> Measurements:
-        """All recordings of the session, uncut, read once.
+        """All recordings of the session that are used, uncut, read once.
 
-        Raises InputError if no run is used for training.
+        Raises InputError if no run is used for training, or one cannot be used.
         """
         if not any(run["use"] in ("train", "split") for run in self["runs"]):
             raise InputError("No run to identify from", "use at least one for it")
-        return concatenate(self.stored_runs)
+        runs = self.stored(self.used)
+        for run in runs:
+            check_usable(run.names[0], run)
+        return concatenate(runs)
 
     @cached_property
     def runs(self) -> Runs:
@@ -193,7 +215,7 @@ class JobRequest(dict[str, Any]):
         judged on the test data; without any they are judged on the training data.
         """
         sides: dict[str, list[Measurements]] = {"train": [], "test": []}
-        for run, part in zip(self["runs"], self.loaded.runs(), strict=True):
+        for run, part in zip(self.used, self.loaded.runs(), strict=True):
             for side, stretch in _by_use(run, part):
                 sides[side].append(stretch)
         test = concatenate(sides["test"]) if sides["test"] else None
@@ -205,7 +227,7 @@ class JobRequest(dict[str, Any]):
 
         A split run contributes to both sides and is not cut.
         """
-        records_and_samples = zip(self["runs"], self.loaded.runs(), strict=True)
+        records_and_samples = zip(self.used, self.loaded.runs(), strict=True)
         uses = side, "split"
         return concatenate([x for run, x in records_and_samples if run["use"] in uses])
 
@@ -238,18 +260,19 @@ def read(job: JobRequest) -> Answer:
     dict
         What :func:`_judged` returns of all runs; "refused": a sentence for each other
         file; "remarks": what the readers assumed; "mappings": for each file whose
-        columns were guessed, or refused, what a person needs to assign them; "options":
-        with which each new run was read.
+        columns were guessed, or refused, what a person needs to assign them; "read": of
+        each new run its file's name, and the options with which it was read.
     """
     state = State(job.problem, tuple(job.stored_runs))
     kept = [_kept_of(run) for run in job["runs"]]
-    options = list[dict[str, str]]()
+    read_so = list[Answer]()
     refused = list[str]()
     remarks = list[str]()
     mappings = list[Answer]()
     for file in job["files"]:
         job.progress(f"reading {file['name']}")
         path = Path(file["path"])
+        how = dict[str, str]()
         try:
             with warnings.catch_warnings(record=True) as heard:
                 warnings.simplefilter("always", Remark)
@@ -265,10 +288,18 @@ def read(job: JobRequest) -> Answer:
             remarks += map(str, said)
             check_torque(part)
             _refuse_duplicate(part, state.runs, path)
-            part = replace(part, names=(file["name"],))
+            name = f"{Path(file['name']).stem}_read.csv" if how else file["name"]
+            part = replace(part, names=(name,))  # as the command `convert` calls it
             state = replace(state, runs=(*state.runs, part))
-            kept.append({"use": "train", "columns": names, "stated": []})
-            options.append(how)
+            kept.append(
+                {
+                    "use": "train",
+                    "dropped": file["name"],
+                    "columns": names,
+                    "stated": [],
+                }
+            )
+            read_so.append({"file": file["name"], "options": how})
             for taken in said:
                 columns = isinstance(taken, ColumnsRemark) and _columns_of(
                     path, state.problem, taken
@@ -280,8 +311,10 @@ def read(job: JobRequest) -> Answer:
             columns = _columns_of(path, state.problem)
             if columns is None:
                 refused.append(str(error))
-            else:
-                mappings.append({**file, **columns, "reason": str(error), "run": ""})
+                continue
+            if tried := _columns_tried(how.get("rename", ""), columns["columns"]):
+                columns["tried"] = columns["chosen"] = {**columns["chosen"], **tried}
+            mappings.append({**file, **columns, "reason": str(error), "run": ""})
     idle = [find_idle_joints(state.problem.robot, run) for run in state.runs]
     shared = {
         name: at
@@ -291,7 +324,16 @@ def read(job: JobRequest) -> Answer:
     if shared:
         state = _holding(state, shared, remarks)
     answer = {"refused": refused, "remarks": remarks, "mappings": mappings}
-    return answer | {"options": options} | _judged(job, state, kept)
+    return answer | {"read": read_so} | _judged(job, state, kept)
+
+
+def _columns_tried(rename: str, columns: Sequence[str]) -> dict[str, str]:
+    """Return the columns by our names with which the page has read a file: by the places
+    that it has written; empty for other options."""
+    places = pairs("--rename", rename or None) or {}
+    if not all(place[:1] == "#" and place[1:].isdigit() for place in places.values()):
+        return {}
+    return {ours: columns[int(place[1:]) - 1] for ours, place in places.items()}
 
 
 def _names_of_columns(path: Path) -> list[str]:
@@ -303,9 +345,10 @@ def _names_of_columns(path: Path) -> list[str]:
 
 def _kept_of(run: Mapping[str, Any]) -> Answer:
     """Return what stays in the record of a run, whatever is done to its samples: its use,
-    the columns of its file, and the readings that a person stated of it."""
+    the name and the columns of its file, and the readings that a person stated of it."""
     return {
         "use": run["use"],
+        "dropped": run.get("dropped", ""),
         "columns": run.get("columns", []),  # older projects have none
         "stated": run.get("stated", []),
     }
@@ -362,7 +405,9 @@ def change(job: JobRequest) -> Answer:
     after = apply_change(change, replace(before, runs=those))
     changed = dict(zip(chosen, after.runs, strict=True))
     runs = tuple(changed.get(k, run) for k, run in enumerate(before.runs))
-    effect = effect_on_error(before, replace(after, runs=runs))
+    effect = ""
+    if all(run.usable_rows.all() and np.all(np.diff(run.t) > 0.0) for run in runs):
+        effect = effect_on_error(before, replace(after, runs=runs))
     if change.verb == "read":
         for k in chosen:
             kept[k]["stated"] = [*kept[k]["stated"], job["change"]]
@@ -453,22 +498,56 @@ def _columns_of(
         if report is None or not (taken or report.missing or report.problem):
             return None
         joint_numbers = range(1, len(joints) + 1)
-        ours = ["t", *(f"{x}{j}" for x in ("q", "tau") for j in joint_numbers)]
-        if len(report.rows) < len(ours) - 1:
+        q, dq, tau = ([f"{x}{j}" for j in joint_numbers] for x in ("q", "dq", "tau"))
+        if len(report.rows) < len(q) + len(tau):
             return None  # no choice gives every joint a column
+        guessed = _guessed(report, ["t", *q, *tau], dq)
         return {
             "columns": [row.name for row in report.rows],
             "cells": [", ".join(row.first_cells[:3]) for row in report.rows],
-            "chosen": {"rate": "", **_guessed(report, ours)},
+            "units": [row.unit for row in report.rows],
+            "sketches": _sketches(path, report),
+            "chosen": {"rate": "", **{x: guessed[x] for x in ("t", *q, *dq, *tau)}},
             "torques": taken.torques if taken else {},
         }
     return None
 
 
-def _guessed(report: ColumnReport, ours: Sequence[str]) -> dict[str, str]:
+#: Points of a column's sketch, and its height.
+_SKETCH = (40, 14)
+
+
+def _sketches(path: Path, report: ColumnReport) -> list[Answer]:
+    """Return of each column its "low" and "high", and "points" (x, y) to draw it from left
+    to right, y down; nothing of columns that hold no numbers.
+
+    What lies outside of 98 % of the values is drawn at the edge.
+    """
+    numeric = [row.name for row in report.rows if row.kind == "number"]
+    values = open_log(path).read(numeric).columns
+    n_points, height = _SKETCH
+    sketches = list[Answer]()
+    for row in report.rows:
+        x = np.ravel(values.get(row.name, np.zeros(0)))
+        x = x[np.isfinite(x)]
+        if not len(x):
+            sketches.append({})
+            continue
+        low, high = np.quantile(x, [0.01, 0.99])
+        few = x[np.linspace(0, len(x) - 1, n_points).astype(int)]
+        share = np.clip((few - low) / ((high - low) or 1.0), 0.0, 1.0)
+        points = [(k, round(height * (1.0 - y), 1)) for k, y in enumerate(share)]
+        sketches.append({"low": float(low), "high": float(high), "points": points})
+    return sketches
+
+
+def _guessed(
+    report: ColumnReport, ours: Sequence[str], more: Sequence[str]
+) -> dict[str, str]:
     """Return the file's column for each of our names: what is recognised, and the columns
-    of numbers that are left by their order, as the reader's sentence proposes it."""
-    known = {name: report.rename.get(name, "") for name in ours}
+    of numbers that are left by their order, as the reader's sentence proposes it; for
+    ``more`` names there need not be any."""
+    known = {name: report.rename.get(name, "") for name in (*ours, *more)}
     free = [r.name for r in report.rows if not r.meaning and r.kind == "number"]
     if any(known[name] for name in ours[1:]):  # more than the clock
         layout = [name for name in ours if not known[name]]
@@ -488,11 +567,13 @@ def _guessed(report: ColumnReport, ours: Sequence[str]) -> dict[str, str]:
 def _load_run(options: Mapping[str, str], problem: Problem, path: Path) -> Measurements:
     """Load a run from a file, converting it if the person set any option of `convert`.
 
+    Its rows need not be usable: the check says what is wrong with them, and repairs it.
+
     Raises InputError if the file has another number of joints than the robot.
     """
     names = problem.channel_names
     if not options:
-        return load_measurements(path, joints=problem.robot.n, names=names)
+        return read_run(path, problem.robot.n, names)
     part = convert(
         path,
         problem=problem,
@@ -504,7 +585,6 @@ def _load_run(options: Mapping[str, str], problem: Problem, path: Path) -> Measu
     )
     if part.n != problem.robot.n:
         raise other_robot(part.n, problem.robot.n, path)
-    check_usable(path, part)
     return part
 
 
@@ -557,14 +637,19 @@ def keep(
     file = _run_file_name(part)
     # A split that the person has dragged stays.
     known = [run["split"] for run in job["runs"] if run["file"] == file]
-    split = known[0] if known else split_run(problem, part)
-    findings = [issue.to_dict() for issue in report.issues]
+    mended = report.repaired_all
+    shown = _shown_rows(part)
+    if shown is not part:  # the check repairs it, or refuses it
+        shown = mended = _shown_rows(mended)
+        split = None
+    else:
+        split = known[0] if known else split_run(problem, part)
+    findings = [issue.to_dict() for issue in report.by_cause]
     view = f"view-{file}"
     if not (job.folder / file).exists():
         save_arrays(job.folder / file, columns_of(part))
-    preview = _preview_arrays(problem, part, report.repaired_all)
-    save_arrays(job.folder / view, preview)
-    seconds = float(part.t[-1] - part.t[0])
+    save_arrays(job.folder / view, _preview_arrays(problem, shown, mended))
+    seconds = float(shown.t[-1] - shown.t[0])
     return {
         "file": file,
         "view": view,
@@ -572,14 +657,24 @@ def keep(
         "samples": part.samples,
         "seconds": seconds,
         "split": split,
-        "rate": (part.samples - 1) / seconds if seconds > 0.0 else 0.0,
+        "rate": (shown.samples - 1) / seconds if seconds > 0.0 else 0.0,
         "findings": findings,
+        "torque_unit": part.torque_unit,
     }
 
 
 def _run_file_name(part: Measurements) -> str:
     """Return the file name of a run: equal samples get equal names."""
     return f"run-{part.data_hash[:16]}.npz"
+
+
+def _shown_rows(part: Measurements) -> Measurements:
+    """Return the rows of a run that a picture can show: numbers that a robot measures,
+    each later than those before; the run itself where all are such."""
+    stamps = np.where(part.usable_rows, part.t, -np.inf)
+    latest = np.maximum.accumulate(np.append(-np.inf, stamps[:-1]))
+    is_shown = stamps > latest
+    return part if is_shown.all() else part.rows(is_shown)
 
 
 #: Share of a column's largest value above which a repair of it is seen.
@@ -620,7 +715,9 @@ def _preview_arrays(
     k = np.unique(np.concatenate([spread_rows(len(part.t)), few]))
     velocity = part.dq
     if velocity is None:
-        velocity = np.gradient(part.q, part.t, axis=0)
+        velocity = np.zeros_like(part.q)
+        if part.samples > 1:
+            velocity = np.gradient(part.q, part.t, axis=0)
     tf, poses = placed(problem.robot, part.t, part.q)
     return {
         "t": part.t[k],
@@ -1205,7 +1302,7 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         arrays = _curves_of_run(estimate, arm, rows)
         save_arrays(out.with_name(f"{out.stem}-{number}.npz"), arrays)
     errors_of_runs = {}
-    uses = {run["use"] for run in job["runs"]}
+    uses = {run["use"] for run in job.used}
     is_short = checked.all_runs.samples <= MOST_JUDGED_APART
     if uses == {"train", "test"} and is_short:
         for run in runs:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.page.session import MOTION, Session
-from sdp_vs_penalty.page.spoken import shown_name
+from sdp_vs_penalty.page.spoken import shown_run
 from sdp_vs_penalty.page.view import (
     ACCEPT,
     View,
@@ -49,6 +49,12 @@ class NextStep:
 
 def next_step(view: View) -> NextStep:
     """Return the verdict on a session, and its next step."""
+    step = _next_step(view)
+    return replace(step, text=view.session.with_shown_names(step.text))
+
+
+def _next_step(view: View) -> NextStep:
+    """Return the same, in which runs have the names of their present files."""
     session = view.session
     if not session.robot:
         text = "Choose the robot that was measured: its file, or a built-in one."
@@ -59,11 +65,35 @@ def next_step(view: View) -> NextStep:
         joints = formatting.count(session.robot["n"], "joint")
         text = f"{session.robot_word} has {joints}. Its measurements come next."
         return NextStep(text, "Choose measurements", "measure", opens="drop-runs")
+    waiting = [run for run in session.runs if run["use"] == "wait"]
+    for run in waiting:  # its rows first: what is stated of others is of good ones
+        if any(issue["severity"] == "error" for issue in run["findings"]):
+            return _of_waiting(session, run)
     if (offer := session.offer) is not None:
         do = partial(session.start, session.accept, offer)
-        label = ACCEPT.format(shown_name(offer.run["name"]))
+        label = ACCEPT.format(shown_run(offer.run))
         return NextStep(offer.sentence, label, "check", do, level="usable")
+    if waiting:
+        return _of_waiting(session, waiting[0])
     return _of_runs(session) if session.model is None else _of_model(view)
+
+
+def _of_waiting(session: Session, run: Mapping[str, Any]) -> NextStep:
+    """Return what is wrong with a run that waits, and what mends it, or to leave it out."""
+    found = [x for x in run["findings"] if x["severity"] != "note"]
+    remedies = [from_json(Remedy, x) for issue in found for x in issue["remedies"]]
+    remedy = next_remedy(remedies)
+    refused = [x["change"] for x in session.remedies if "refused" in x]
+    if remedy is not None and to_json(remedy.change) not in refused:
+        do = partial(session.start, session.apply, to_json(remedy.change))
+        label = label_of(remedy.change.words)
+        text = graded(remedy.problem, remedy.certainty)
+    else:
+        do = partial(session.start, session.use, run["file"], "")
+        label = f"Leave {shown_run(run)} out"
+        text = found[0]["what"] if found else "its torque is in another unit."
+    name = shown_run(run)
+    return NextStep(f"{name}: {text}", label, "check", do, level="bad")
 
 
 def _columns(session: Session) -> NextStep:
@@ -71,6 +101,11 @@ def _columns(session: Session) -> NextStep:
     the one that reads them so."""
     first = session.refused[0]
     same = [m["name"] for m in session.refused if m["columns"] == first["columns"]]
+    if first.get("tried") == first["chosen"]:  # it is not for want of columns
+        do = partial(session.start, session.leave_out, first["columns"])
+        text = formatting.sentence(session.in_words(first["reason"]))
+        label = f"Leave {formatting.words(same)} out"
+        return NextStep(text, label, "measure", do, level="usable")
     text = f"{formatting.words(same)}: say which column is what."
     if not first.get("seen"):
         see = partial(session.see_columns, first["columns"])
@@ -98,6 +133,10 @@ def _of_runs(session: Session) -> NextStep:
         effect = session.outcome_of(change.to_dict())
         return NextStep(f"{text} {effect}".strip(), label, "check", do, level=level)
     of_check = checked(session)
+    if (field := _field_of_unit(session)) and not session.meaningless:
+        text = of_check.text
+        label = "Say the unit, or the drive gains"
+        return NextStep(text, label, "check", opens=field, level=of_check.level)
     for run in session.differing_runs:
         do = partial(session.start, session.use, run["file"], "test")
         label = set_aside_in_words(run)
@@ -115,11 +154,18 @@ def _of_runs(session: Session) -> NextStep:
         do = partial(session.start, session.identify_anyway)
         return NextStep(text, "Identify anyway", "identify", do, level="bad")
     do = partial(session.start, session.identify)
-    is_unscaled = any(
-        remedy.change.arguments.get("scale") == {"tau": None} for remedy in remedies
-    )
-    label = "Identify without units" if is_unscaled else "Identify the model"
+    label = "Identify the model"
     return NextStep(of_check.text, label, "identify", do, level=of_check.level)
+
+
+def _field_of_unit(session: Session) -> str:
+    """Return the key of the field in which Check asks for the unit of all torques; "" where
+    it does not."""
+    for k, (issue, _) in enumerate(session.issues):
+        for n, remedy in enumerate(issue["remedies"]):
+            if remedy["change"]["arguments"].get("scale") == {"tau": None}:
+                return f"remedy-{k}-{n}-gain-1"
+    return ""
 
 
 def _with_published_gains(session: Session, remedy: Remedy) -> Remedy:

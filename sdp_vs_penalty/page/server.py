@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import errno
 import gc
+import json
 import logging
 import os
 import secrets
@@ -21,6 +22,7 @@ from nicegui import app as nicegui_app
 from nicegui import ui
 from starlette.requests import ClientDisconnect
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.auth_middleware import KEY, guarded
 from sdp_vs_penalty.page.session import Session
@@ -99,8 +101,11 @@ def serve(
         nicegui_app.on_startup(lambda: asyncio.to_thread(webbrowser.open, address))
     # Otherwise it reports each tab that has lost its connection.
     logging.getLogger("engineio").setLevel(logging.CRITICAL)
+    words = ["page", *([] if folder is None else [folder]), "--port", chosen]
+    words += [] if project is None else ["--project", project]
+    command = formatting.command(*words)
     config = uvicorn.Config(
-        guarded(make_app(sessions, folder, forms), chosen, key),
+        guarded(make_app(sessions, folder, forms, command), chosen, key),
         log_level="error",
         access_log=False,
         timeout_graceful_shutdown=1,
@@ -166,8 +171,10 @@ def _listener(port: int | None) -> socket.socket:
         ) from error
 
 
-def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
-    """Build the web application.
+def make_app(
+    sessions: Sessions, folder: Path | None, forms: Forms, command: str = ""
+) -> FastAPI:
+    """Build the web application; ``command`` starts its server again.
 
     / continues the browser's last session or opens one, /new opens one, and /s/<token>
     shows the session of this secret token.
@@ -219,6 +226,8 @@ def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
             return RedirectResponse("/")
         client = ui.context.client
         ui.add_head_html(_LOOK)
+        quoted = json.dumps(command).replace("<", "\\u003c")
+        ui.add_head_html(f"<script>workbench.start = {quoted};</script>")
         projects = sessions.saved()
         view = View(session, folder, client, forms, projects, sessions.delete)
         bench = Workbench(view)

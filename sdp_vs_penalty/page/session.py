@@ -5,7 +5,15 @@ import asyncio
 import copy
 import json
 import time
-from collections.abc import Callable, Collection, Coroutine, Iterable, Mapping, Sequence
+from collections.abc import (
+    Callable,
+    Collection,
+    Coroutine,
+    Iterable,
+    Iterator,
+    Mapping,
+    Sequence,
+)
 from dataclasses import dataclass, field, replace
 from filecmp import cmp
 from pathlib import Path
@@ -16,6 +24,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import Files, command_of, cut_copy
 from sdp_vs_penalty.checks.explain import NOT_REPAIRED
+from sdp_vs_penalty.checks.issue import EXPLANATION
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.formats import suffixes
 from sdp_vs_penalty.data.parsing import numbers
@@ -35,7 +44,7 @@ from sdp_vs_penalty.estimators.estimator import no_progress
 from sdp_vs_penalty.files import require_format, write_text
 from sdp_vs_penalty.page.commands import commands_of, option_words
 from sdp_vs_penalty.page.model_step import ModelStep
-from sdp_vs_penalty.page.spoken import shown_name, spoken
+from sdp_vs_penalty.page.spoken import shown_run, spoken
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.problem.check_command import CheckCommand
 from sdp_vs_penalty.records import from_json, to_json
@@ -114,9 +123,9 @@ class Offer:
     @property
     def sentence(self) -> str:
         """What is offered, and why."""
-        names = formatting.words([*map(shown_name, self.others)])
+        names = formatting.words([*self.others])
         return (
-            f"{shown_name(self.run['name'])} has the columns of {names}, and you said of"
+            f"{shown_run(self.run)} has the columns of {names}, and you said of"
             f" these: {self.change['words']}."
         )
 
@@ -145,6 +154,34 @@ def _training_of(runs: Iterable[Mapping[str, Any]]) -> list[tuple[Any, ...]]:
     those that are split."""
     used = (run for run in runs if run["use"] in ("train", "split"))
     return [(run["file"], run["use"] == "split" and run["split"]) for run in used]
+
+
+def is_leaving_out(change: Mapping[str, Any]) -> bool:
+    """Whether a change leaves a whole run out."""
+    return change["verb"] == "cut" and "spans" not in change["arguments"]
+
+
+def _used(runs: Iterable[Mapping[str, Any]]) -> list[tuple[Any, ...]]:
+    """Return what the runs of models and tests are, and what each is used for."""
+    names = ("file", "name", "use", "split")
+    return [tuple(run[x] for x in names) for run in runs if run["use"] != "wait"]
+
+
+def _is_refused(run: Mapping[str, Any]) -> bool:
+    """Whether the check calls something in a run an error."""
+    return any(issue["severity"] == "error" for issue in run["findings"])
+
+
+def _offers(runs: Sequence[dict[str, Any]]) -> Iterator[Offer]:
+    """Yield what may hold for runs as it was stated of others."""
+    for run in runs:
+        others = [x for x in runs if x.get("columns") == run.get("columns")]
+        known = [change["arguments"] for change in run.get("stated", ())]
+        stated = [c for x in others for c in x.get("stated", ())]
+        for change in stated if run.get("columns") else ():
+            if change["arguments"] not in known and "is_declined" not in change:
+                names = [shown_run(x) for x in others if change in x["stated"]]
+                yield Offer(run, tuple(names), change)
 
 
 def _alike_once(texts: Iterable[str]) -> tuple[str, ...]:
@@ -322,7 +359,7 @@ class Session:
         With any of them, a model identified from these runs would be meaningless.
         """
         return [
-            spoken(f"{run['name']}: {f['what'].rstrip('.')}: {f['remedy']}")
+            spoken(f"{shown_run(run)}: {f['what'].rstrip('.')}: {f['remedy']}")
             for run in self.runs
             if run["use"] in ("train", "split")
             for f in run["findings"]
@@ -353,7 +390,7 @@ class Session:
                 is_new = issue["severity"] == "warning" and issue["kind"] not in seen
                 is_likely = not issue["certainty"].startswith("possible")
                 if issue["severity"] == "error" or (is_new and is_likely):
-                    return f"{run['name']}: {spoken(issue['what'])}"
+                    return f"{shown_run(run)}: {spoken(issue['what'])}"
         return ""
 
     @property
@@ -512,7 +549,13 @@ class Session:
             f"{self.folder}/": "",
         }.items():
             text = text.replace(path, name)
-        return spoken(text)
+        return self.with_shown_names(spoken(text))
+
+    def with_shown_names(self, text: str) -> str:
+        """Return a text in which runs have the names of the files that were dropped."""
+        for run in self.runs:
+            text = text.replace(run["name"], shown_run(run))
+        return text
 
     def start(
         self, do: Callable[..., Coroutine[Any, Any, None]], *arguments: Any, **how: Any
@@ -557,6 +600,7 @@ class Session:
             x["change"]
             for x in self.remedies
             if x["change"]["verb"] != "record"
+            and not is_leaving_out(x["change"])
             and all(x["change"]["arguments"].get("scale", {"": "1"}).values())
             and not x.keys() & {"effect", "refused"}
         ]
@@ -752,6 +796,7 @@ class Session:
         self.prepared = []
         self.repairs = []
         self.assigned = {}
+        self.mappings = []
         self.effects = list(answer["effects"])
         self.method = DEFAULT_METHOD
 
@@ -820,8 +865,8 @@ class Session:
         """Assign a column of the refused files that have these columns to one of the
         names that a run needs.
 
-        Nothing is drawn anew: the browser shows the choice, and the next one may be on
-        its way.
+        The form is not drawn anew: the browser shows the choice, and the next one may be
+        on its way.
 
         Parameters
         ----------
@@ -837,6 +882,14 @@ class Session:
             for mapping in self.mappings
         ]
         self.save()
+        self.changed()
+
+    async def leave_out(self, columns: Sequence[str]) -> None:
+        """Leave the refused files with these columns out."""
+        gone = [m for m in self.refused if m["columns"] == columns]
+        names = formatting.words([m["name"] for m in gone])
+        self._step_from_here(f"{names} left out", keeps_models=True)
+        self.mappings = [m for m in self.mappings if m not in gone]
 
     def see_columns(self, columns: Sequence[str]) -> None:
         """Lead the person to the form of the files with these columns, and remember it."""
@@ -920,6 +973,8 @@ class Session:
             for run in new:
                 if is_for_model or for_testing(run["name"]):
                     run["use"] = "test"
+            answer["runs"] = self._with_questions(answer["runs"])
+            new = answer["runs"][len(before) :]
             models = await self._judged_on(answer["runs"], answer["robot"])
             dropped = self._dropped(models)
             self.hidden = self.hidden if before else ""
@@ -928,15 +983,22 @@ class Session:
             self._keep_models(models)
             self.prepared = [] if not before else self.prepared
             self.repairs = [] if not before else self.repairs
-            for run, options in zip(new, answer.get("options", ()), strict=False):
-                if options:
-                    self._converted(run, options)
+            for run, how in zip(new, answer.get("read", ()), strict=False):
+                if how["options"]:
+                    words = ["convert", how["file"]]
+                    for name, value in how["options"].items():
+                        words += option_words(name, value)
+                    words += ["--problem", self.robot_word, "--out", run["name"]]
+                    self.prepared = [*self.prepared, words]
             self._choose_uses(new)
             self.effects = list(answer.get("effects", self.effects))
         self._keep_mappings(details.get("files", ()), mappings)
         remarks = [*answer.get("remarks", ())]
-        if new and self.history:
-            names = formatting.words([run["name"] for run in new])
+        if waiting := [run for run in new if run["use"] == "wait"]:
+            self.new = ("check", "check")
+        tested = [shown_run(run) for run in new if run not in waiting]
+        if tested and self.history:
+            names = formatting.words(tested)
             remarks.append(f"The model is tested on {names} as well.")
         remarks += dropped
         self.say(*(refused or remarks), error=bool(refused))
@@ -951,7 +1013,10 @@ class Session:
         What a diagnosis has found is of the runs that it saw: it is dropped.
         """
         kept = self.history
-        if any(robot[name] != self.robot[name] for name in ("hold", "gravity")):
+        same_robot = all(robot[x] == self.robot[x] for x in ("hold", "gravity"))
+        if same_robot and _used(runs) == _used(self.runs):
+            return kept
+        if not same_robot:
             kept = []
         elif _training_of(runs) != _training_of(self.runs):
             kept = [step for step in kept if step.opened]
@@ -968,6 +1033,22 @@ class Session:
             replace(step, **{**judged, "seconds": step.seconds}, findings=None)
             for step, judged in zip(kept, answer["steps"], strict=True)
         ]
+
+    def _with_questions(self, runs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+        """Return the runs, of which those wait that no model is tested on before a
+        question is answered: whether it is read as others, in which unit its torque is,
+        or what becomes of what the check calls an error. The others are tested on."""
+        asked = [offer.run["file"] for offer in _offers(runs)]
+        unit = runs[0].get("torque_unit")
+
+        def use_of(run: Mapping[str, Any]) -> str:
+            if run["use"] not in ("test", "wait"):
+                return str(run["use"])
+            is_open = run["file"] in asked or run.get("torque_unit") != unit
+            is_open |= _is_refused(run)
+            return "wait" if is_open and self.history else "test"
+
+        return [{**run, "use": use_of(run)} for run in runs]
 
     def _dropped(self, models: Sequence[ModelStep]) -> list[str]:
         """Say what is dropped where these models are kept of the history; nothing where
@@ -1025,15 +1106,6 @@ class Session:
         there = {run["file"] for run in self.runs}
         return [m for m in self.mappings if m["run"] in there]
 
-    def _converted(self, run: dict[str, Any], options: Mapping[str, str]) -> None:
-        """Name a run as the `convert` with these options that a terminal needs for it
-        would, and remember that command."""
-        name = f"{Path(run['name']).stem}_read.csv"
-        words = [w for k, v in options.items() for w in option_words(k, v)]
-        words = ["convert", run["name"], *words, "--problem", self.robot_word]
-        self.prepared = [*self.prepared, [*words, "--out", name]]
-        run["name"] = name
-
     @property
     def warnings(self) -> list[dict[str, Any]]:
         """What the check found in the runs; notes do not count."""
@@ -1045,16 +1117,31 @@ class Session:
         """Each issue of the check once, with the runs that have it.
 
         Issues are the same if kind, place and remedy are equal; the first run's sentence
-        stands for all. Example: [({"kind": "torque sign", ...}, [run 1, run 2])].
+        stands for all. What explains the torques of a run that may have to be read
+        otherwise is left out. Example: [({"kind": "torque sign", ...}, [run 1, run 2])].
         """
         groups = dict[
             tuple[str, str, str], tuple[dict[str, Any], list[dict[str, Any]]]
         ]()
+        asked = [offer.run["file"] for offer in _offers(self.runs)]
         for run in self.runs:
             for issue in run["findings"]:
+                if run["file"] in asked and issue["nature"] == EXPLANATION:
+                    continue  # of torques that may have to be read otherwise
                 key = (issue["kind"], issue["where"], issue["remedy"])
                 groups.setdefault(key, (issue, []))[1].append(run)
         return list(groups.values())
+
+    def torque_unit(self, run: str) -> str:
+        """Return the unit of a run's torque where it is none of a torque, by its name; ""
+        where it is N m or N."""
+        (one,) = (x for x in self.runs if x["name"] == run)
+        is_open = any(
+            remedy["change"]["arguments"].get("scale") == {"tau": None}
+            for issue in one["findings"]
+            for remedy in issue["remedies"]
+        )
+        return one.get("torque_unit") or ("A?" if is_open else "")
 
     @property
     def faults_in_words(self) -> str:
@@ -1062,7 +1149,7 @@ class Session:
         texts = []
         for issue, runs in self.issues:
             verbs = [remedy["change"]["verb"] for remedy in issue["remedies"]]
-            names = formatting.words([shown_name(run["name"]) for run in runs])
+            names = formatting.words([shown_run(run) for run in runs])
             names = "all runs" if len(runs) == len(self.runs) > 1 else names
             if "transform" in verbs:
                 texts.append(f"{names}: {issue['kind']} ({issue['where']})")
@@ -1170,6 +1257,14 @@ class Session:
         verb = change["verb"]
         if verb in ("add", "reset"):
             await self._add(change)
+            return
+        named = change["arguments"].get("run")
+        files = [run["file"] for run in self.runs if named in (None, run["name"])]
+        if is_leaving_out(change):
+            await self.use(files[0], "")
+        elif verb == "read":
+            one = {k: x for k, x in change["arguments"].items() if k != "run"}
+            await self._change({**change, "arguments": one}, files)
         elif verb != "record":
             await self._change(change)
 
@@ -1190,6 +1285,7 @@ class Session:
             self._keep_outcome(change, {"refused": str(error)})
             raise
         commands = self._commands_of(change, request["files"])
+        answer = {**answer, "runs": self._with_questions(answer["runs"])}
         models = await self._judged_on(answer["runs"], answer["robot"])
         dropped = self._dropped(models)
         done = words
@@ -1246,15 +1342,7 @@ class Session:
     @property
     def offer(self) -> Offer | None:
         """What may hold for a run as it does for others; None without any."""
-        for run in self.runs:
-            others = [x for x in self.runs if x.get("columns") == run.get("columns")]
-            known = [change["arguments"] for change in run.get("stated", ())]
-            stated = [c for x in others for c in x.get("stated", ())]
-            for change in stated if run.get("columns") else ():
-                if change["arguments"] not in known and "is_declined" not in change:
-                    names = [x["name"] for x in others if change in x["stated"]]
-                    return Offer(run, tuple(names), change)
-        return None
+        return next(_offers(self.runs), None)
 
     async def accept(self, offer: Offer) -> None:
         """Read a run as it was stated of others with the same columns."""
@@ -1262,12 +1350,19 @@ class Session:
 
     async def decline(self, offer: Offer) -> None:
         """Remember that what was stated of other runs does not hold for this one."""
-        self._step_from_here(f"{offer.run['name']} left as read", keeps_models=True)
         declined = {**offer.change, "is_declined": True}
-        self.runs = [
-            {**run, "stated": [*run["stated"], declined]} if run is offer.run else run
-            for run in self.runs
-        ]
+        runs = self._with_questions(
+            [
+                {**run, "stated": [*run["stated"], declined]}
+                if run is offer.run
+                else run
+                for run in self.runs
+            ]
+        )
+        models = await self._judged_on(runs, self.robot)
+        self._step_from_here(f"{offer.run['name']} left as read")
+        self.runs = runs
+        self._keep_models(models)
 
     @property
     def _check_command(self) -> CheckCommand:

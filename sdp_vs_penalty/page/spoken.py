@@ -1,7 +1,9 @@
 """What the page says for sentences of the command line, and for names."""
 
 import re
+from collections.abc import Mapping
 from pathlib import PureWindowsPath
+from typing import Any
 
 #: Words of the command line, and what the page has for them.
 _STAGES = {
@@ -45,6 +47,19 @@ def spoken(text: str) -> str:
     return f"{text}." if text and text[-1] not in ".!?)" else text
 
 
+#: Kinds of issue that the page calls otherwise.
+_HEADINGS = {
+    "torque channel kind": "torques that are not in N m",
+    "another load": "another load than in the other runs",
+    "another arm": "another arm than in the other runs",
+}
+
+
+def heading_of(kind: str) -> str:
+    """Return the heading of an issue of a kind."""
+    return _HEADINGS.get(kind, kind)
+
+
 def shown_name(name_given: str) -> str:
     r"""Return the name to show for an uploaded file; it never contains a path.
 
@@ -60,6 +75,11 @@ def shown_name(name_given: str) -> str:
     if name in ("", ".", ".."):
         return "file"
     return name if len(name) <= 80 else f"{name[:40]}...{name[-36:]}"
+
+
+def shown_run(run: Mapping[str, Any]) -> str:
+    """Return the name to show for a run: that of the file that was dropped."""
+    return shown_name(run.get("dropped") or run["name"])
 
 
 def name_in_title(title: str) -> str:

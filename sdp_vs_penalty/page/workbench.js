@@ -85,7 +85,9 @@ document.addEventListener("click", (event) => {
   if (!link) return;
   event.preventDefault();
   workbench.show(link.dataset.to);
-  if (link.dataset.opens) document.querySelector(`[data-key="${link.dataset.opens}"]`)?.click();
+  const field = link.dataset.opens && document.querySelector(`[data-key="${link.dataset.opens}"]`);
+  if (field?.type === "file") field.click();
+  else field?.focus();
 });
 
 document.addEventListener("click", (event) => {
@@ -103,8 +105,9 @@ document.addEventListener("click", async (event) => {
   const words = document.querySelector(".lost p"); // the server may be back, or may have to be started
   const answer = await fetch(location.pathname, { cache: "no-store" }).catch(() => null);
   if (answer?.ok) location.reload();
-  else words.textContent = "The program does not run. Start it again as before, then press the button: your work is on disk.";
+  else words.textContent = `The program does not run. ${startAgain()}`;
 });
+const startAgain = () => `Start it in a terminal by ${workbench.start}, then press the button. Your work is on disk.`;
 const lost = (is) => {
   let box = document.querySelector(".lost");
   if (!is) return box?.remove();
@@ -112,7 +115,8 @@ const lost = (is) => {
   box = document.createElement("div");
   box.className = "lost";
   box.setAttribute("role", "alert");
-  box.innerHTML = "<p>The connection to the program is lost. Your work is on disk.</p>";
+  box.innerHTML = "<p></p>";
+  box.firstChild.textContent = `The connection to the program is lost. If it has ended: ${startAgain()}`;
   box.insertAdjacentHTML("beforeend", '<button type="button" class="action primary" data-again data-key="again">Open it again</button>');
   document.body.append(box);
 };

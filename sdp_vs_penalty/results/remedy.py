@@ -23,10 +23,12 @@ Grade = Literal["certain", "likely", "possible"]
 ARGUMENTS: Mapping[Verb, frozenset[str]] = {
     # Words of `check --fix --apply` ("sign:tau3"); none: what is certain by a fact.
     "transform": frozenset({"apply"}),
-    # Spans (begin, end) [s] of a run's clock, by its name, that are left out.
+    # Spans (begin, end) [s] of a run's clock, by its name, that are left out; without
+    # spans the whole run.
     "cut": frozenset({"run", "spans"}),
-    # Units or factors of columns; the file's names by ours; rate [Hz]; topic of a bag.
-    "read": frozenset({"scale", "rename", "rate", "topic"}),
+    # Units or factors of columns; the file's names by ours; rate [Hz]; topic of a bag;
+    # the run that is read so, by its name: all where none is named.
+    "read": frozenset({"scale", "rename", "rate", "topic", "run"}),
     # Positions [rad, m] of joints by name.
     "hold": frozenset({"positions"}),
     # Gravity in the base frame [m/s^2].

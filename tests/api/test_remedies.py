@@ -35,6 +35,7 @@ WORDS = [
     (Change("transform", "", {"apply": ["sign:tau2"]}), "--apply sign:tau2"),
     (Change("cut", "", {"run": "run 1.csv", "spans": [[2, 3]]}), "convert *--cut 2:3"),
     (Change("read", "", {"scale": {"q": "deg"}}), "convert *--scale q=deg"),
+    (Change("read", "", {"run": "run 1.csv", "scale": {"q": "deg"}}), "--scale q=deg"),
     (Change("read", "", {"rate": 100.0}), "--rate 100.0"),
     (Change("hold", "", {"positions": {"finger": 0.0}}), "--hold finger=0"),
     (Change("mount", "", {"gravity": [0, -9.81, 0]}), "--gravity 0,-9.81,0"),
@@ -58,6 +59,8 @@ def test_a_change_is_one_command(change, words):
     [
         (Change("read", "", {"scale": {"tau": None}}), FILES),
         (Change("cut", "", {"run": "other", "spans": [[2, 3]]}), FILES),
+        (Change("cut", "", {"run": "run 1.csv"}), FILES),  # nothing would be left
+        (Change("read", "", {"run": "other", "scale": {"q": "deg"}}), FILES),
         (Change("add", "", {"effects": [EFFECT]}), replace(FILES, model=None)),
     ],
 )
@@ -100,6 +103,15 @@ def test_spans_are_cut_units_read_and_gravity_set(spoiled):
     assert len(second.t) == len(spoiled.runs[1].t)
     read = apply_change(Change("read", "", {"scale": {"tau": "mNm"}}), spoiled)
     assert_allclose(read.runs[0].tau, 1e-3 * spoiled.runs[0].tau)
+    one = Change("read", "", {"run": "run2.csv", "scale": {"tau": "mNm"}})
+    first, second = apply_change(one, spoiled).runs
+    assert_array_equal(first.tau, spoiled.runs[0].tau)
+    assert_allclose(second.tau, 1e-3 * spoiled.runs[1].tau)
+    out = Change("cut", "", {"run": "run1.csv"})
+    assert [run.names for run in apply_change(out, spoiled).runs] == [("run2.csv",)]
+    both = CheckCommand(problem="arm.urdf", runs=["run1.csv", "run2.csv"])
+    words = command_of(out, replace(FILES, check=both))
+    assert words == ["check", "arm.urdf", "--data", "run2.csv"]
     mount = Change("mount", "", {"gravity": [0.0, -9.81, 0.0]})
     assert apply_change(mount, spoiled).problem.robot.gravity == (0.0, -9.81, 0.0)
 

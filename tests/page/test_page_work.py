@@ -23,7 +23,15 @@ pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 
 from starlette.requests import ClientDisconnect
 
-from sdp_vs_penalty import InputError, compare, load_estimate, load_problem
+from sdp_vs_penalty import (
+    InputError,
+    compare,
+    load_estimate,
+    load_measurements,
+    load_problem,
+)
+from sdp_vs_penalty.checks.issue import make_explanation
+from sdp_vs_penalty.checks.torque_size import with_one_unit
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.findings import Invisible
@@ -673,8 +681,9 @@ def test_the_choice_of_columns_begins_with_what_is_recognised(
     s.arrived["run.csv"] = path
     do(s, s.read_files)
     (mapping,) = s.mappings
-    ours = ["rate", "t", "q1", "q2", "tau1", "tau2"]
-    assert mapping["chosen"] == dict(zip(ours, ["", *chosen.split()], strict=True))
+    ours = ["t", "q1", "q2", "tau1", "tau2"]
+    known = dict(zip(ours, chosen.split(), strict=True))
+    assert mapping["chosen"] == {"rate": "", **known, "dq1": "", "dq2": ""}
 
 
 def test_a_file_is_read_by_the_columns_that_were_chosen(here, strange, hidden):
@@ -1068,8 +1077,10 @@ def test_what_was_stated_of_runs_is_offered_for_a_new_one(here, hidden, tmp_path
     s.arrived |= new
     do(s, s.read_files)
     screen = Screen(s)
-    said = "new.csv has the columns of a_fixed.csv and test_fixed.csv"
+    said = "new.csv has the columns of a.csv and test.csv"
     assert said in screen.text("next")
+    assert [run["use"] for run in s.runs] == ["train", "test", "wait"]
+    assert s.current.judged_on == ["test_fixed.csv"]  # nothing is tested before
     screen.click("next")
     assert s.history
     assert s.offer is None
@@ -1104,3 +1115,80 @@ def test_a_fault_of_the_log_leads_where_a_new_run_errs(here, hidden, tmp_path):
     assert "tau2 lie far from the samples" in screen.text("next")
     assert "See what Check found" in screen.text("next")
     assert "Find a load" not in screen.text("next")
+
+
+def test_rows_that_no_robot_measures_are_left_out_by_a_button(here, hidden, tmp_path):
+    """A file with them becomes a run that waits, and no model is tested on it before."""
+    files = saved(tmp_path, hidden.runs[:3], "a.csv", "test.csv", "torn.csv")
+    head, *rows = files["torn.csv"].read_text().splitlines()
+    cells = rows[5].split(",")
+    rows[5] = ",".join([cells[0], "-2.68e154", *cells[2:]])
+    files["torn.csv"].write_text("\n".join([head, *rows]) + "\n")
+    torn = {"torn.csv": files.pop("torn.csv")}
+    s = opened(here, "two_link", **files)
+    do(s, s.identify)
+    s.arrived |= torn
+    do(s, s.read_files)
+    assert s.runs[-1]["use"] == "wait"
+    assert s.current.judged_on == ["test.csv"]
+    screen = Screen(s)
+    assert "torn.csv: 1 rows with values that are not finite" in screen.text("next")
+    assert "Delete these rows" in screen.text("next")
+    screen.click("next")
+    assert s.runs[-1]["use"] == "test"
+    assert s.runs[-1]["samples"] == hidden.runs[2].samples - 1
+    assert s.current.judged_on[-1] == s.runs[-1]["name"]
+    assert "torn.csv" in screen.text(
+        "measure"
+    )  # as it was dropped, and not as its copy
+    assert "fixed" not in screen.text("measure")
+
+
+def test_a_file_that_its_columns_do_not_save_is_left_out(here, strange):
+    """After it was read as chosen, the reason leads, and the button that leaves it out."""
+    text = strange.read_text().splitlines()
+    silent = [re.sub(r"(,[^,]+){2}$", ",0,0", row) for row in text[1:]]
+    strange.write_text("\n".join([text[0], *silent]) + "\n")
+    screen = Screen(opened(here, "two_link", **{"strange.csv": strange}))
+    s = screen.session
+    columns = s.mappings[0]["columns"]
+    assert "say which column is what" in screen.text("next")
+    for ours, theirs in {"t": "t", "tau1": "alpha", "tau2": "beta"}.items():
+        s.choose_column(columns, ours, theirs)
+    s.see_columns(columns)
+    screen.do(s.start, s.read_mapped, columns)
+    assert "every torque is zero" in screen.text("next")
+    assert "Leave strange.csv out" in screen.text("next")
+    s.choose_column(columns, "tau2", "q2")
+    assert "Read with these columns" in screen.text("next")
+    s.choose_column(columns, "tau2", "beta")
+    screen.click("next")
+    assert not s.mappings
+    s.undo()
+    assert s.mappings
+
+
+def test_the_unit_of_one_run_is_asked_for_that_run(here, hidden, tmp_path):
+    """In one question, and the others stay as they are."""
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:2], "a.csv", "b.csv"))
+    gains = [
+        make_explanation(
+            "torque gain", "", joints=[j], remedy="", run="b.csv", size=size
+        )
+        for j, size in enumerate((-0.5, -0.75))
+    ]
+    (issue,) = with_one_unit("b.csv", gains, 2)
+    assert "joints 1 and 2 are 2 to 4 times too small" in issue.what
+    assert with_one_unit("b.csv", gains[:1], 4) == tuple(gains[:1])
+    problem = json.loads(json.dumps(issue.to_dict()))
+    s.runs = [s.runs[0], {**s.runs[1], "findings": [problem]}]
+    screen = Screen(s)
+    assert "Say the unit" in screen.text("next")
+    (key,) = (x for x in screen.keys if x.endswith("-gain-1"))
+    screen.set(key, "2")
+    screen.set(f"{key[:-1]}2", "4")
+    screen.click(key.removesuffix("-gain-1"))
+    taus = [load_measurements(s.folder / run["file"]).tau for run in s.runs]
+    np.testing.assert_array_equal(taus[0], hidden.runs[0].tau)
+    np.testing.assert_allclose(taus[1], hidden.runs[1].tau * [2.0, 4.0])
+    assert [words[1] for words in s.prepared] == ["b.csv"]

@@ -12,7 +12,7 @@ from sdp_vs_penalty.checks.constants import LONG_STRETCH, RUN, SPIKE, STUCK
 from sdp_vs_penalty.checks.facts.stuck import largest_step_of_resolution
 from sdp_vs_penalty.checks.glance import Rows, RunSummary, mask_of, with_time_steps
 from sdp_vs_penalty.checks.issue import Issue, make_issue, rows_text
-from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.encoder import lattice_step
 from sdp_vs_penalty.signals.runs import spans
@@ -22,11 +22,7 @@ def find_missing_numbers(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error about rows in which some channel is no finite number, or one that
     no robot measures.
     """
-    channels = {"t": glance.run.t[:, None], **glance.run.groups}
-    is_usable = np.ones(len(glance.run.t), bool)
-    for name, x in channels.items():
-        # A comparison with NaN is false.
-        is_usable &= np.all(np.abs(x) <= LARGEST_VALUE[name], axis=1)
+    is_usable = glance.run.usable_rows
     what = (
         "{rows} rows with values that are not finite numbers, or that no robot"
         " measures."

@@ -2,6 +2,7 @@
 the check says."""
 
 import tomllib
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,7 +17,7 @@ from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import ArmScene, chart_and_arm
 from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.session import ENDINGS, Session
-from sdp_vs_penalty.page.spoken import name_in_title, shown_name, spoken
+from sdp_vs_penalty.page.spoken import heading_of, name_in_title, shown_run, spoken
 from sdp_vs_penalty.page.view import (
     ACCEPT,
     PagePart,
@@ -28,6 +29,7 @@ from sdp_vs_penalty.page.view import (
     graded,
     label_of,
     label_of_motion,
+    look_in_words,
     set_aside_in_words,
 )
 from sdp_vs_penalty.render.words import plain_name
@@ -163,6 +165,7 @@ _USES = (
     ("train", "identify from it"),
     ("test", "test on it"),
     ("split", "split: identify and test"),
+    ("wait", "not used before Check's question is answered"),
     ("", "remove"),
 )
 
@@ -234,32 +237,63 @@ def _mapping(session: Session, mapping: dict[str, Any]) -> None:
     if any(mapping["chosen"].values()):
         begin = "Filled in with what is recognised, or by their order: look at it."
     draw.note(f"{begin} Drag a column to its place, or choose it there.")
-    with draw.tag("div", style="row"):
-        described = [*zip(columns, mapping["cells"], strict=True)]
-        for name, cells in described:
-            chip = {"draggable": "true", "data_column": name, "title": cells}
-            draw.tag("span", f"{name}: {cells.partition(',')[0]}", "of-file", **chip)
     options = [("", "not there")]
-    options += [(name, f"{name}: {cells} ...") for name, cells in described]
-    with draw.tag("div", style="fields"):
-        for ours, theirs in mapping["chosen"].items():
-            choose = partial(session.choose_column, columns, ours)
-            key = f"map-{k}-{ours}"
-            if ours == "rate":
-                label = "Samples a second, where no column is the clock"
-                draw.text_field(label, theirs, choose, key, "1000")
-            else:
-                label = _OURS.get(ours, ours)
-                draw.choice(label, options, theirs, choose, key)
+    with draw.tag("div", style="row"):
+        for place, (name, cells) in enumerate(
+            zip(columns, mapping["cells"], strict=True)
+        ):
+            text = _column(mapping, place)
+            options.append((name, text))
+            chip = {"draggable": "true", "data_column": name, "title": cells}
+            with draw.tag("span", style="of-file", **chip):
+                draw.tag("span", text)
+                draw.sketch(mapping.get("sketches", {place: {}})[place])
+    velocities = {x: y for x, y in mapping["chosen"].items() if x.startswith("dq")}
+    others = {x: y for x, y in mapping["chosen"].items() if x not in velocities}
+    has_velocities = any(velocities.values())
+    for shown in (others, velocities):
+        title = "Velocities, where they are logged"
+        with (
+            draw.details(title, f"velocities-{k}", has_velocities)
+            if shown is velocities
+            else nullcontext(),
+            draw.tag("div", style="fields"),
+        ):
+            for ours, theirs in shown.items():
+                choose = partial(session.choose_column, columns, ours)
+                key = f"map-{k}-{ours}"
+                if ours == "rate":
+                    label = "Samples a second, where no column is the clock"
+                    draw.text_field(label, theirs, choose, key, "1000")
+                else:
+                    unit = _UNIT_OF[ours.rstrip("0123456789")]
+                    label = f"{ours} [{unit}]"
+                    draw.choice(label, options, theirs, choose, key)
     read = partial(session.start, session.read_mapped, columns)
     with draw.tag("div", style="row"):
         draw.button("Read with these columns", read, f"read-mapped-{k}")
+        if not mapping["run"]:
+            names = [m["name"] for m in session.refused if m["columns"] == columns]
+            out = partial(session.start, session.leave_out, columns)
+            label = f"Leave {formatting.words(names)} out"
+            draw.button(label, out, f"leave-out-{k}", "quiet")
         if mapping["reason"]:
             draw.tag("p", session.in_words(mapping["reason"]), "soft why")
 
 
-#: What our names are, where they do not say it.
-_OURS = {"t": "t, the clock"}
+#: What the columns of our names hold.
+_UNIT_OF = {"t": "s", "q": "rad, m", "dq": "rad/s, m/s", "tau": "N m, N or A"}
+
+
+def _column(mapping: dict[str, Any], place: int) -> str:
+    """Return a column in words: its name, its unit, and between which values it lies."""
+    name = mapping["columns"][place]
+    found = mapping.get("sketches", {place: {}})[place]
+    unit = mapping.get("units", {place: ""})[place]
+    if not found:
+        return f"{name}: {mapping['cells'][place]}"
+    low, high = (formatting.number(found[x]) for x in ("low", "high"))
+    return f"{name}: {low} to {high} {unit}".strip()
 
 
 def _your_runs(view: View) -> None:
@@ -344,16 +378,17 @@ def _list(view: View) -> None:
         with draw.tag("tbody"):
             for k, run in enumerate(session.runs):
                 with draw.tag("tr"):
-                    draw.tag("th", shown_name(run["name"]), "name", scope="row")
+                    draw.tag("th", shown_run(run), "name", scope="row")
                     draw.tag("td", f"{formatting.number(run['seconds'])} s")
                     draw.tag("td", f"{run['samples']} at {run['rate']:.4g} Hz")
                     with draw.tag("td"):
-                        label = f"Use of {run['name']}"
+                        label = f"Use of {shown_run(run)}"
                         use = partial(session.start_use, run["file"])
                         uses = [
                             (name, text)
                             for name, text in _USES
-                            if name != "split" or run["split"]
+                            if (name != "split" or run["split"])
+                            and (name != "wait" or run["use"] == "wait")
                         ]
                         draw.choice(
                             label, uses, run["use"], use, f"use-{k}", hidden_label=True
@@ -386,10 +421,15 @@ def _split_bar(session: Session, run: dict[str, Any], k: int) -> None:
     split = run["split"]
     with draw.tag("div", style="split"):
         with draw.tag("p", style="soft row"):
-            text = f"{formatting.number(split['train_seconds'])} s to identify from"
+            seconds = [split["train_seconds"], split["test_seconds"]]
+            train, test, between = (
+                formatting.number(x) for x in (*seconds, run["seconds"] - sum(seconds))
+            )
+            text = f"{train} s to identify from: {split['share']:.0%} of the motion"
             draw.tag("span", text, "train-words")
             text = (
-                f"{formatting.number(split['test_seconds'])} s kept for testing; behind the filters"
+                f"{test} s kept for testing; the {between} s between them belong to"
+                f" neither; behind the filters"
                 f" {formatting.percent(split['judged_share'], 2)} of the run is judged"
             )
             draw.tag("span", text, "test-words")
@@ -439,14 +479,14 @@ def check(view: View) -> None:
 
     def look(run: str) -> None:
         read = session.arrays(views[run])
-        drawn.update_figure(data_chart(read, units, mended))
+        drawn.update_figure(data_chart(read, units, mended, session.torque_unit(run)))
         move(run, read)
 
     if len(views) > 1:
         with draw.tag("div", style="pick"):
             draw.choice(
                 "Run",
-                [(name, shown_name(name)) for name in views],
+                [(run["name"], shown_run(run)) for run in session.runs],
                 first,
                 look,
                 "checked-run",
@@ -464,43 +504,76 @@ def _findings(view: View) -> None:
     """
     session = view.session
     for words, effect in session.repairs:
-        draw.tag("p", f"Done: {label_of(words)}. {effect}", "chosen")
+        done = session.with_shown_names(label_of(words))
+        draw.tag("p", f"Done: {done}. {effect}", "chosen")
     with draw.tag("p", style="row"):
         for run in session.runs:
             if all(issue["severity"] == "note" for issue in run["findings"]):
-                draw.tag("span", f"✓ {shown_name(run['name'])}", "tick")
+                draw.tag("span", f"✓ {shown_run(run)}", "tick")
     if (offer := session.offer) is not None:
         with draw.tag("div", style="finding"):
             draw.tag("p", offer.sentence)
             with draw.tag("div", style="row"):
                 accept = partial(session.start, session.accept, offer)
-                label = ACCEPT.format(shown_name(offer.run["name"]))
+                label = ACCEPT.format(shown_run(offer.run))
                 draw.button(label, accept, "accept")
                 decline = partial(session.start, session.decline, offer)
                 draw.button("Leave it as it is", decline, "decline")
     first = session.remedies[:1]
-    if first and len(first[0]["change"]["arguments"].get("apply", ())) > 1:
+    if (
+        first
+        and offer is None
+        and len(first[0]["change"]["arguments"].get("apply", ())) > 1
+    ):
         with draw.tag("div", style="row"):
             _remedy(view, first[0], "remedy-all")
     for k, (issue, runs) in enumerate(session.issues):
-        names = formatting.words([shown_name(run["name"]) for run in runs])
+        names = formatting.words([shown_run(run) for run in runs])
         with draw.tag("div", style=f"finding {issue['severity']}"):
             grade, _, why = issue["certainty"].partition(": ")
-            draw.tag("strong", f"{names}: {issue['kind']}. ")
-            draw.tag("span", graded(issue["what"], grade))
+            draw.tag("strong", f"{names}: {heading_of(issue['kind'])}. ")
+            draw.tag("span", session.with_shown_names(graded(issue["what"], grade)))
             verbs = {remedy["change"]["verb"] for remedy in issue["remedies"]}
             if why and "transform" not in verbs:  # its trial says more
                 draw.note(formatting.sentence(spoken(why)))
-            if not issue["remedies"]:
+            mends = [x for x in issue["remedies"] if x["change"]["verb"] != "cut"]
+            if not mends:
                 draw.tag("p", formatting.sentence(spoken(issue["remedy"])))
             with draw.tag("div", style="row"):
                 for n, remedy in enumerate(issue["remedies"]):
                     _remedy(view, remedy, f"remedy-{k}-{n}")
-                for run in runs:
-                    if issue["kind"] in NOT_REPAIRED and run in session.differing_runs:
-                        aside = partial(session.start, session.use, run["file"], "test")
-                        label = set_aside_in_words(run)
-                        draw.button(label, aside, f"aside-{k}")
+                if issue["kind"] in NOT_REPAIRED:
+                    _apart(session, runs, k)
+                elif issue["severity"] != "note" and not (
+                    issue["remedies"] or issue["remedy"].startswith("no action needed")
+                ):
+                    _last_resort(session, runs, k)
+
+
+def _apart(session: Session, runs: list[dict[str, Any]], k: int) -> None:
+    """Draw the buttons for runs of another load or arm: to keep each out of the model,
+    or, where that is so already, to look for what has changed in it."""
+    for run in runs:
+        if run in session.differing_runs:
+            aside = partial(session.start, session.use, run["file"], "test")
+            draw.button(set_aside_in_words(run), aside, f"aside-{k}")
+    if session.model is not None and all(run["use"] == "test" for run in runs):
+        find = partial(session.start, session.find_change)
+        draw.button(look_in_words(session), find, f"find-{k}")
+
+
+def _last_resort(session: Session, runs: list[dict[str, Any]], k: int) -> None:
+    """Draw what can be done where nothing mends an issue of these runs: go on without
+    them, or with others."""
+    if len(runs) < len(session.runs):
+        for run in runs:
+            out = partial(session.start, session.use, run["file"], "")
+            label = f"Leave {shown_run(run)} out"
+            draw.button(label, out, f"out-{k}-{run['file']}")
+    else:
+        draw.note("The log is taken as it is.")
+        more = {"data_to": "measure", "data_opens": "drop-runs"}
+        draw.button("Choose other measurements", lambda: None, f"more-{k}", **more)
 
 
 def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
@@ -508,7 +581,7 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
     and why it was refused, where it was."""
     session = view.session
     change = remedy["change"]
-    label = label_of(change["words"])
+    label = session.with_shown_names(label_of(change["words"]))
     if change["verb"] == "record":
         label = label_of_motion(change)
     asked = [k for k, v in change["arguments"].get("scale", {}).items() if not v]
@@ -517,9 +590,12 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
         draw.button(label, make, key)
     elif asked:
         scale = {asked[0]: ""}
-        filled = {**change, "arguments": {"scale": scale}}
+        filled = {**change, "arguments": {**change["arguments"], "scale": scale}}
         _unit_fields(session, scale, key)
         draw.button(label, partial(session.start, session.apply, filled), key)
+        if session.model is None and asked == ["tau"]:
+            identify = partial(session.start, session.identify)
+            draw.button("Identify without units", identify, f"{key}-as-is")
     else:
         draw.button(label, partial(session.start, session.apply, change), key)
     if outcome := session.outcome_of(change):
@@ -553,7 +629,7 @@ def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:
             "Read the torque by", options, "", partial(put, unit, 0), f"{key}-unit"
         )
         for j in gains:
-            label = f"Joint {j} [N m per A or count]"
+            label = f"Joint {j} [N m/A]"
             draw.text_field(label, gains[j], partial(put, gains, j), f"{key}-gain-{j}")
 
 
