@@ -24,7 +24,7 @@ from sdp_vs_penalty.checks import Issue
 from sdp_vs_penalty.cli.verbs.add import verb as add_from_file
 from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.effects import effect_in_words
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import ColumnsRemark, InputError
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.records import to_json
@@ -88,6 +88,14 @@ def claims_of_check(issues: Sequence[Issue]) -> Iterator[Claim]:
         yield Claim("check", words, joints, sure, issue.nature == "fact")
 
 
+def claims_of_reading(remarks: Sequence[warnings.WarningMessage]) -> Iterator[Claim]:
+    """Yield what was said of units when the files were read: what was settled so."""
+    for remark in remarks:
+        units = str(remark.message).partition("; ")[2].partition("; the same by")[0]
+        if units:
+            yield Claim("reading", units, (), True, True)
+
+
 def claims_of_diagnosis(found: Diagnosis) -> Iterator[Claim]:
     """Yield the claims of `diagnose`."""
     for finding in found.effects:
@@ -118,15 +126,22 @@ def names(claim: Claim, truth: dict) -> bool:
     return bool(truth["right"]) and on_joints and matches(truth["right"], claim.text)
 
 
+def is_true(claim: Claim, truth: dict) -> bool:
+    """Whether a claim names the cause that is true, or something else that is true."""
+    besides = matches(truth["besides"], f"{claim.by}: {claim.text}")
+    return besides or names(claim, truth)
+
+
 def matches(pattern: str, text: str) -> bool:
     """Whether a pattern is in a text, in capitals or not."""
     return re.search(pattern, text, re.IGNORECASE) is not None
 
 
-def contradictions(claims: Sequence[Claim]) -> list[str]:
+def contradictions(claims: Sequence[Claim], truth: dict) -> list[str]:
     """Return pairs of sure claims of both programs that explain the same joint's torque
     by different things, where neither names the other among its rivals. What `diagnose`
-    states as well is not contradicted by what it finds besides.
+    states as well is not contradicted by what it finds besides, and two claims that
+    are both true do not contradict each other.
     """
     sure = [c for c in claims if c.sure and not c.fact]
     of_check = [c for c in sure if c.by == "check"]
@@ -134,6 +149,7 @@ def contradictions(claims: Sequence[Claim]) -> list[str]:
     out = []
     for a, b in product(of_check, of_diagnose):
         apart = a.joints and b.joints and set(a.joints).isdisjoint(b.joints)
+        apart = apart or (is_true(a, truth) and is_true(b, truth))
         if not apart and not any(are_alike(a, c) for c in of_diagnose):
             out.append(f"{short(a)} / {short(b)}")
     return out
@@ -162,11 +178,7 @@ def judge(kind: str, folder: Path, engine: Engine) -> Row:
     seconds = time.process_time() - begin
     right = [c for c in claims if names(c, truth)]
     false = [
-        c
-        for c in claims
-        if c.sure
-        and c not in right
-        and not matches(truth["besides"], f"{c.by}: {c.text}")
+        c for c in claims if c.sure and c.by != "reading" and not is_true(c, truth)
     ]
     if any(c.sure for c in right) or (refused and truth["refuses"]):
         outcome = "right"
@@ -186,7 +198,7 @@ def judge(kind: str, folder: Path, engine: Engine) -> Row:
         outcome,
         "; ".join(of["check"]),
         "; ".join(of["diagnose"]),
-        "; ".join(contradictions(claims)),
+        "; ".join(contradictions(claims, truth)),
         *ratios,
         said="; ".join([*said, *([f"refused: {refused[:80]}"] if refused else [])]),
         seconds=round(seconds, 1),
@@ -199,10 +211,12 @@ def said_of(folder: Path, robot: str) -> tuple[list[Claim], str, tuple[str, str]
     runs = sorted(map(str, folder.glob("run*.csv")))
     nothing = ("", "")
     claims: list[Claim] = []
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(record=True) as remarks:
         warnings.simplefilter("ignore")
+        warnings.simplefilter("always", ColumnsRemark)
         try:
             reports = check(problem, runs, thorough=False)
+            claims += claims_of_reading(remarks)
             issues = [i for report in reports for i in report.errors_and_warnings]
             claims += claims_of_check(issues)
             wrong = [i for i in issues if i.severity == "error"]
