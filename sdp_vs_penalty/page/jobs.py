@@ -639,7 +639,7 @@ def keep(
     known = [run["split"] for run in job["runs"] if run["file"] == file]
     mended = report.repaired_all
     shown = _shown_rows(part)
-    if shown is not part:  # the check repairs it, or refuses it
+    if shown is not part or part.samples < 2:  # the check repairs it, or refuses it
         shown = mended = _shown_rows(mended)
         split = None
     else:

@@ -106,6 +106,8 @@ class PageNotice:
     texts: tuple[str, ...]
     #: Whether it is an error.
     error: bool = True
+    #: Whether files were left out: others can be chosen.
+    has_left_out: bool = False
 
 
 @dataclass(frozen=True)
@@ -526,14 +528,15 @@ class Session:
         for watcher in self.watchers:
             watcher.redraw()
 
-    def say(self, *texts: str, error: bool = True) -> None:
+    def say(self, *texts: str, error: bool = True, has_left_out: bool = False) -> None:
         """Show these sentences as the page's notice, in place of the previous ones.
 
         Without sentences the notice disappears; the same sentence about several files
-        stands once. error : whether the notice is an error or a remark.
+        stands once. error : whether the notice is an error or a remark; has_left_out :
+        whether files were left out.
         """
         texts = _alike_once(map(self.in_words, texts))
-        self.notice = PageNotice(texts, error) if texts else None
+        self.notice = PageNotice(texts, error, has_left_out) if texts else None
         self.changed()
 
     def in_words(self, text: str) -> str:
@@ -962,7 +965,8 @@ class Session:
             )
         answer = await self._job(title, job, runs=before, **details)
         new = answer["runs"][len(before) :]
-        refused = [*answer.get("refused", ())]
+        refused = [f"{why} It is left out." for why in answer.get("refused", ())]
+        has_left_out = bool(refused)
         asked = {mapping["path"] for mapping in self.mappings}
         mappings = answer.get("mappings", ())
         dropped = list[str]()
@@ -1001,7 +1005,7 @@ class Session:
             names = formatting.words(tested)
             remarks.append(f"The model is tested on {names} as well.")
         remarks += dropped
-        self.say(*(refused or remarks), error=bool(refused))
+        self.say(*refused, *remarks, error=bool(refused), has_left_out=has_left_out)
 
     async def _judged_on(
         self, runs: Sequence[dict[str, Any]], robot: Mapping[str, Any]

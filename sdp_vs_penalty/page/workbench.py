@@ -270,7 +270,9 @@ class Workbench:
             remarks = notice.texts
         # Screen readers read an alert at once, a status when they are idle.
         for role, texts in (("alert", errors), ("status", remarks)):
-            self._fill(self._notices[role], texts, partial(self._notice, texts))
+            has_left_out = notice is not None and notice.has_left_out
+            draw = partial(self._notice, texts, has_left_out)
+            self._fill(self._notices[role], [texts, has_left_out], draw)
 
     def _redraw_working(self, working: Working | None) -> None:
         """Show what the running job does; None: hide that, and announce the job's end.
@@ -293,12 +295,16 @@ class Workbench:
             last = self._announcement.text
             self._announcement.text = "" if has_notice else f"{last} Done."
 
-    def _notice(self, texts: tuple[str, ...]) -> None:
-        """Draw the sentences of a notice with a button to close it; nothing if there
-        are none.
+    def _notice(self, texts: tuple[str, ...], has_left_out: bool) -> None:
+        """Draw the sentences of a notice with a button to close it, and one to choose
+        other files where some were left out; nothing if there are none.
         """
         if texts:
             with tag("div", style="texts"):
                 for text in texts:
                     tag("p", text)
+            if has_left_out:
+                choose = {"data_to": "measure", "data_opens": "drop-runs"}
+                other = "Choose other measurements"
+                button(other, self.session.say, "other-runs", **choose)
             button("Close", self.session.say, "close-notice", "quiet")

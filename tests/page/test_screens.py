@@ -1,10 +1,12 @@
 """What screens show is what the functions behind the verbs say; each control does what
 it says."""
 
+import ast
 import asyncio
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,6 +15,7 @@ from page_sessions import Here, Screen, numbers, saved
 
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 
+import sdp_vs_penalty
 from sdp_vs_penalty import compare, find_ranges, load_estimate, load_measurements
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.issue import Issue
@@ -28,10 +31,12 @@ from sdp_vs_penalty.formatting import number, sentence
 from sdp_vs_penalty.page import Sessions
 from sdp_vs_penalty.page import session as session_module
 from sdp_vs_penalty.page.next_step import next_step
+from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.page.view import identified
 from sdp_vs_penalty.reports.demo import RUNS, SEED
 from sdp_vs_penalty.results import Change
 
+RECORDED = Path(__file__).parents[1] / "data"
 NAMES = ("a.csv", "b.csv", "test.csv")
 #: Of each run and of the test [s], along which the model is simulated: nothing needs more.
 SECONDS = (8.0, 8.0, 4.0)
@@ -499,6 +504,82 @@ def test_no_text_outside_the_panel_needs_a_terminal(story):
         assert not needs_a_terminal(story.screen.text(stage)), stage
     session.history[:], session.runs = history, runs
     story.screen.do(session.changed)
+
+
+def sentences_of(folder):
+    """What a user is told to do: of every refusal and issue that a folder's code makes,
+    with X in the places of values."""
+    for file in sorted(Path(sdp_vs_penalty.__path__[0], folder).rglob("*.py")):
+        tree = ast.parse(file.read_text("utf-8"))
+        for call in ast.walk(tree):
+            if not isinstance(call, ast.Call):
+                continue
+            name = getattr(call.func, "id", getattr(call.func, "attr", ""))
+            told = [x.value for x in call.keywords if x.arg in ("what", "remedy")]
+            for text in [*told, *(call.args if name.endswith("Error") else ())]:
+                parts = getattr(text, "values", [text])
+                yield "".join(str(getattr(x, "value", "X")) for x in parts)
+
+
+@pytest.mark.parametrize("folder", ["data", "checks", "race", "robot"])
+def test_no_refusal_or_remedy_needs_a_terminal(folder):
+    """Of every one that the code has, also of those that no test comes to."""
+    told = [*sentences_of(folder)]
+    assert len(told) > 10
+    shown = [spoken(f"file.csv: {text}.") for text in told]
+    assert not [text for text in shown if needs_a_terminal(text)]
+
+
+@pytest.mark.parametrize("kind", ["quantisation", "another load"])
+@pytest.mark.parametrize("severity", ["error", "warning"])
+@pytest.mark.parametrize("n_runs", [1, 2])
+def test_every_issue_without_a_remedy_has_a_button(
+    story, monkeypatch, kind, severity, n_runs
+):
+    """It leaves its run out, sets it aside, or brings other runs."""
+    session = story.session
+    issue = Issue(kind=kind, severity=severity, where="", what="bad", remedy="log it")
+    problem = json.loads(json.dumps(issue.to_dict()))
+    runs = [
+        {**run, "findings": [problem] if k < n_runs else [], "use": "train"}
+        for k, run in enumerate(session.runs[:2])
+    ]
+    monkeypatch.setattr(session, "runs", runs)
+    (bench,) = session.watchers
+    story.screen.do(bench.redraw)
+    buttons = re.compile(r"(out|more|aside|find)-0")
+    assert any(map(buttons.match, story.screen.keys))
+    assert "log it" in story.screen.text("check").lower()
+
+
+REFUSED = json.loads((RECORDED / "refusals.json").read_text("utf-8"))["csv"]
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_every_refused_file_has_a_button(name, tmp_path, two_link_page):
+    """It is read by other columns, mended, or left out; no text needs a terminal."""
+    path = tmp_path / "run.csv"
+    path.write_text(REFUSED[name][0], "utf-8")
+    screen = two_link_page
+    screen.session.arrived["run.csv"] = path
+    screen.do(screen.session.read_arrived)
+    buttons = re.compile(r"(remedy|out|leave-out|other-runs|more)\b")
+    assert any(map(buttons.match, screen.keys))
+    notice = screen.session.notice
+    texts = [screen.text(x) for x in ("next", "measure", "check")]
+    texts += [] if notice is None else notice.texts
+    assert not [text for text in texts if needs_a_terminal(text)]
+
+
+@pytest.fixture
+def two_link_page():
+    """A screen on which a robot was chosen."""
+    sessions = Sessions(Here())
+    screen = Screen(sessions.new())
+    screen.do(screen.session.start, screen.session.choose_robot, "two_link")
+    yield screen
+    screen.loop.close()
+    sessions.close()
 
 
 def test_findings_of_every_kind_are_told(story, monkeypatch):

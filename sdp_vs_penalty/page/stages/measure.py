@@ -542,24 +542,26 @@ def _findings(view: View) -> None:
             with draw.tag("div", style="row"):
                 for n, remedy in enumerate(issue["remedies"]):
                     _remedy(view, remedy, f"remedy-{k}-{n}")
-                if issue["kind"] in NOT_REPAIRED:
-                    _apart(session, runs, k)
-                elif issue["severity"] != "note" and not (
-                    issue["remedies"] or issue["remedy"].startswith("no action needed")
-                ):
+                is_apart = issue["kind"] in NOT_REPAIRED and _apart(session, runs, k)
+                is_done = issue["remedies"] or issue["remedy"].startswith("no action")
+                if issue["severity"] != "note" and not (is_apart or is_done):
                     _last_resort(session, runs, k)
 
 
-def _apart(session: Session, runs: list[dict[str, Any]], k: int) -> None:
+def _apart(session: Session, runs: list[dict[str, Any]], k: int) -> bool:
     """Draw the buttons for runs of another load or arm: to keep each out of the model,
-    or, where that is so already, to look for what has changed in it."""
-    for run in runs:
-        if run in session.differing_runs:
-            aside = partial(session.start, session.use, run["file"], "test")
-            draw.button(set_aside_in_words(run), aside, f"aside-{k}")
-    if session.model is not None and all(run["use"] == "test" for run in runs):
+    or, where that is so already, to look for what has changed in it; return whether
+    there is one."""
+    apart = [run for run in runs if run in session.differing_runs]
+    for run in apart:
+        aside = partial(session.start, session.use, run["file"], "test")
+        draw.button(set_aside_in_words(run), aside, f"aside-{k}")
+    is_tested = all(run["use"] == "test" for run in runs)
+    if session.model is not None and is_tested:
         find = partial(session.start, session.find_change)
         draw.button(look_in_words(session), find, f"find-{k}")
+        return True
+    return bool(apart)
 
 
 def _last_resort(session: Session, runs: list[dict[str, Any]], k: int) -> None:
