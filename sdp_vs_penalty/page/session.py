@@ -44,7 +44,7 @@ from sdp_vs_penalty.estimators.estimator import no_progress
 from sdp_vs_penalty.files import require_format, write_text
 from sdp_vs_penalty.page.commands import commands_of, option_words
 from sdp_vs_penalty.page.model_step import ModelStep
-from sdp_vs_penalty.page.spoken import shown_run, spoken
+from sdp_vs_penalty.page.spoken import shown_name, shown_run, spoken
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.problem.check_command import CheckCommand
 from sdp_vs_penalty.records import from_json, to_json
@@ -557,7 +557,8 @@ class Session:
     def with_shown_names(self, text: str) -> str:
         """Return a text in which runs have the names of the files that were dropped."""
         for run in self.runs:
-            text = text.replace(run["name"], shown_run(run))
+            for name in (run["name"], shown_name(run["name"])):
+                text = text.replace(name, shown_run(run))
         return text
 
     def start(
