@@ -37,7 +37,11 @@ def problem_units(problem: Problem) -> Iterator[Issue]:
         largest_inertia = float(np.linalg.eigvalsh(about_com)[-1])
         distance = float(np.linalg.norm(com))
         sizes.append(LinkSizes(name, mass, distance, largest_inertia))
-    for unit in odd_units(sizes, max(steps)):
+    odd = list(odd_units(sizes, max(steps)))
+    if any(unit.quantity == "lengths" for unit in odd):
+        # Links whose moments are too small for lengths in mm are given larger ones.
+        odd = [unit for unit in odd if unit.quantity != "inertias"]
+    for unit in odd:
         yield make_issue(
             kind="units of the problem",
             where="the problem",

@@ -2,18 +2,20 @@
 that are."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.exporters.content import Inertial
+from sdp_vs_penalty.exporters.content import Content, Inertial
 from sdp_vs_penalty.exporters.own_file import Document
-from sdp_vs_penalty.exporters.urdf import inertial_tags
-from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.exporters.urdf import inertial_tags, make_urdf
+from sdp_vs_penalty.files import read_bytes, write_bytes
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.records import NOT_STORED, WritesJson, stored_as
 from sdp_vs_penalty.robot import inertia
@@ -28,7 +30,9 @@ from sdp_vs_penalty.robot.inertial_repair import (
     find_exchanges,
     find_repairs,
 )
+from sdp_vs_penalty.robot.model_files import format_of
 from sdp_vs_penalty.robot.plausible_units import LinkSizes, limits_in_degrees, odd_units
+from sdp_vs_penalty.robot.robot_file import as_urdf, load_robot
 from sdp_vs_penalty.robot.urdf import (
     couplings_left_out,
     errors_located_in,
@@ -215,6 +219,22 @@ class LinkCheck(WritesJson):
         if self.nearest is None:
             return None
         return {k: float(v) for k, v in self.nearest.urdf_attributes.items()}
+
+
+@contextmanager
+def checkable(path: Path) -> Iterator[Path]:
+    """Turn a robot's file into a URDF for the length of a block, as `as_urdf`; an MJCF too,
+    with a link behind each joint."""
+    if format_of(read_bytes(path)) != "mjcf":
+        with as_urdf(path) as file:
+            yield file
+        return
+    file = load_robot(path)
+    nothing = [np.zeros(file.robot.n)] * 5
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / f"{path.stem}.urdf"
+        out.write_bytes(make_urdf(file.robot, Content(file.links, *nothing)))
+        yield out
 
 
 def check_urdf(path: str | Path) -> list[LinkCheck]:

@@ -332,7 +332,13 @@ def model_arrays(path: str, folder: str) -> Iterator[Arrays]:
         reason = (str(error).splitlines() or ["no reason given"])[0][:200]
         if "unknown exception" in reason:  # as it calls C++'s bad_alloc
             raise MemoryError from error
-        raise InputError(f"MuJoCo does not read it ({reason})", "correct it") from error
+        remedy = "correct it"
+        if "inertia must" in reason:
+            remedy = (
+                "correct it: fullinertia is Ixx Iyy Izz Ixy Ixz Iyz, and a URDF's order is"
+                " another one, Ixx Ixy Ixz Iyy Iyz Izz"
+            )
+        raise InputError(f"MuJoCo does not read it ({reason})", remedy) from error
     fields = {name: np.array(getattr(model, name), float) for name in _ARRAYS}
     names = {
         "model": _name_of_model(model),

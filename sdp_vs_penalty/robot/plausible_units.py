@@ -42,6 +42,8 @@ _RANGE_IN_DEGREES = 12.6, 1440.0
 #: speed below is in degrees only where the ranges of the file are.
 _SPEED_IN_DEGREES = 100.0, 1440.0
 _SPEED_BESIDE_DEGREES = 12.6, 1440.0
+#: Ranges that are all smaller are radians that were read as degrees [rad].
+_RANGE_READ_AS_DEGREES = 0.12
 #: Lightest arm whose dynamics a drive could show [kg].
 _LIGHTEST = 1e-3
 
@@ -127,7 +129,8 @@ def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
 
 
 def limits_in_degrees(joints: Sequence[Joint]) -> str:
-    """Say that the limits of a robot's revolute joints are in degrees.
+    """Say that the limits of a robot's revolute joints are in degrees, or that radians
+    were read as degrees.
 
     Returns
     -------
@@ -145,6 +148,12 @@ def limits_in_degrees(joints: Sequence[Joint]) -> str:
     found = [
         f"{quantity} ({', '.join(names)})" for quantity, names in what.items() if names
     ]
+    finite = [x for x in ranges.values() if np.isfinite(x)]
+    if len(finite) > 1 and max(finite) < _RANGE_READ_AS_DEGREES:
+        return (
+            f"no joint turns by more than {max(finite):.2g} rad: these look like radians that"
+            ' are read as degrees (an MJCF has degrees unless it says <compiler angle="radian"/>)'
+        )
     if not found:
         return ""
     return (

@@ -236,3 +236,21 @@ def test_a_parser_that_ends_is_one_sentence(tmp_path, monkeypatch):
     monkeypatch.setattr(mjcf, "parse_isolated", ends)
     path = write(tmp_path, "slide")
     refusal(lambda: load_problem(path), "slide.xml", "ended by SIGSEGV")
+
+
+def test_radians_that_are_read_as_degrees_are_said(tmp_path, capsys):
+    """check-urdf reads an MJCF as any other robot's file."""
+    path = write(tmp_path, "serial")
+    assert run_cli("check-urdf", str(path)) == 0
+    assert "all are consistent" in capsys.readouterr().out
+    arm = path.read_text().replace('<compiler angle="radian"/>', "")
+    path.write_text(arm.replace("<joint ", '<joint limited="true" range="-2 1.5" '))
+    assert run_cli("check-urdf", str(path)) == 1
+    assert "read as degrees" in " ".join(capsys.readouterr().out.split())
+
+
+def test_moments_in_the_order_of_a_urdf_are_said(tmp_path):
+    path = tmp_path / "arm.xml"
+    wrong = '<inertial pos="0 0 0" mass="1" fullinertia=".02 .001 0 .02 0 .01"/>'
+    path.write_text(MESHES.format("gone.stl", wrong))
+    refusal(lambda: load_mjcf(path), "inertia must", "Ixx Iyy Izz Ixy Ixz Iyz")

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None:
     """Check the inertials of a robot's file: which are impossible, which typing mistake explains each.
 
-    Reads URDF, xacro and SDF. A mistake is a decimal point, an exponent, a sign, exchanged numbers,
-    a unit; without one, the nearest possible inertia is shown.
+    Reads URDF, xacro, SDF and MJCF. A mistake is a decimal point, an exponent, a sign, exchanged
+    numbers, a unit; without one, the nearest possible inertia is shown.
     Exit code 1 where one is impossible or contradicts itself, or in another unit than m and kg.
     Example: sdp-vs-penalty check-urdf robot.urdf
 
@@ -22,9 +22,8 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
     --fix fixed.urdf: Copy to write, with the mistakes corrected, else the nearest inertials.
     """
     from sdp_vs_penalty.exporters import inertials
-    from sdp_vs_penalty.robot import as_urdf
 
-    with as_urdf(urdf) as file:
+    with inertials.checkable(urdf) as file:
         checks = inertials.check_urdf(file)
         massless = inertials.massless_links(file)
         units = inertials.unit_remarks(file, checks)
