@@ -171,8 +171,9 @@ class LoggerJudge:
         facts = [f.kind for report in self.reports for f in report.issues]
         is_rated = "torque in counts" in facts  # each channel has a size of its own
         size = []
-        if unit := self.reports[0].repaired_all.torque_unit:
-            size = [not_in_newton_metres(unit)]
+        first = self.reports[0].repaired_all
+        if first.torque_unit:
+            size = [not_in_newton_metres(first)]
         elif not is_rated:
             fits = [log.fit(of_run) for _, log, of_run in runs]
             size = [*torque_magnitude(self.common, net, fits)]

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.certainty import likely, possible
+from sdp_vs_penalty.checks.certainty import READ, likely, possible
 from sdp_vs_penalty.checks.issue import Issue, make_explanation
 from sdp_vs_penalty.checks.residual import leaves_more_than_usual
+from sdp_vs_penalty.data.hypotheses.channels import UNSAID_CURRENT
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.words.units import UNITS as NAMED
 from sdp_vs_penalty.problem.problem import Problem
@@ -273,14 +274,19 @@ def _small_units(size: _Size) -> list[str]:
     ]
 
 
-def not_in_newton_metres(unit: str) -> Issue:
+def not_in_newton_metres(run: Measurements) -> Issue:
     """Return the warning that torques are in the unit that their columns say, "A" or
     "%", and that only the user knows how many N m it is."""
+    unit, said, sure = run.torque_unit, "as their columns say", READ
+    if UNSAID_CURRENT in run.reading:
+        said = "or raw: their names say a current, and no unit"
+        sure = likely("by their names")
     return make_explanation(
         kind="torque channel kind",
-        what=f"the torques are in {unit}, as their columns say. A model of them is"
+        what=f"the torques are in {unit}, {said}. A model of them is"
         " unscaled: its ratios are right where all channels have one factor, its"
         " kilograms are not.",
+        certainty=sure,
         remedy=f"multiply each channel by its N m per {unit}, gear ratio included",
         where="all torque channels",
         changes=_scales(["tau"]),
