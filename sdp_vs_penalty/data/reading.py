@@ -615,6 +615,13 @@ def _in_si(
     if len(t) > 1 and "tau" in blocks:
         found, blocks = _as_the_arm_says(found, t, blocks, choice)
     blocks = {group: x for group, x in blocks.items() if group in GROUPS}
+    own = found.factors("q", blocks["q"].shape[1])
+    given = {*(choice.scale or {})}
+    if "qcmd" in blocks and not {*map(group_of, found.scale), *given} & {"qcmd"}:
+        from sdp_vs_penalty.data.hypotheses.weighing import is_in_one_unit
+
+        if any(x != 1.0 for x in own) and is_in_one_unit(blocks["q"], blocks["qcmd"]):
+            found = found.with_factors("qcmd", own)
     for group, x in blocks.items():
         factors = found.factors(group, x.shape[1])
         if any(factor != 1.0 for factor in factors):
@@ -622,6 +629,11 @@ def _in_si(
             blocks[group] = concatenate_chunks([x[:0], *parts])
     if choice.rate is None and "t" in found.scale:
         t = t * found.scale["t"]
+    if not (choice.as_written or given & {"q", "dq", "t"}):
+        from sdp_vs_penalty.data.hypotheses.weighing import in_one_unit
+
+        blocks, told = in_one_unit(t, blocks, own)
+        found = replace(found, said=(*found.said, *told))
     if found.episode and len(t) > 1:
         steps = np.diff(t)
         apart = np.where(steps <= 0.0, 1.0 - steps, 0.0)
@@ -742,7 +754,8 @@ def _as_the_arm_says(
         )
         if found is not before:  # so fast joints move in that unit
             found = _with_unit_of_clock(found, t, blocks, choice.rate)
-        found = by_arm.with_unit_of_velocities(found, t, blocks)
+        if found.possible_scale:
+            found = _with_possible_clock(found, t, blocks["q"], choice.rate)
     fit = by_arm.fit_of(robot, lambda _: seconds(found))
     is_side_given = not {"--motors", "--motor-side"}.isdisjoint(choice.options)
     if robot is not None and not found.unit_by_arm and not is_side_given:
@@ -751,6 +764,22 @@ def _as_the_arm_says(
     if robot is not None and not found.is_identity:
         found, blocks = by_arm.with_signed_register(found, blocks, fit)
     return by_arm.confirmed(found, blocks, fit), blocks
+
+
+def _with_possible_clock(
+    found: Recognition, t: Array, q: Array, rate: float | None
+) -> Recognition:
+    """Add the unit of the clock by which joints move at a usual speed in a unit of positions
+    (N, n) that is only possible."""
+    from sdp_vs_penalty.data.hypotheses.renaming import factors_and_zeros
+
+    possible = found.possible_scale
+    factors, zeros = factors_and_zeros("q", possible["q"], q.shape[1])
+    in_si = {"q": factors * (q - zeros)}
+    clock = _with_unit_of_clock(found.without_unit("q"), t, in_si, rate).units.get("t")
+    if clock is None or clock == found.units.get("t"):
+        return found
+    return replace(found, possible_scale={**possible, "t": clock.answer})
 
 
 def _block(log: Log, group: str, parts: Sequence[Array], count: int) -> Array:

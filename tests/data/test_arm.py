@@ -21,6 +21,8 @@ from sdp_vs_penalty.data.files import as_measurements, read_in_one_unit
 from sdp_vs_penalty.errors import ColumnsRemark, InputError
 from sdp_vs_penalty.problem import load_problem
 
+DEGREES = 180.0 / np.pi
+
 
 @pytest.fixture(scope="module")
 def run(two_link):
@@ -147,10 +149,59 @@ def test_velocities_tell_the_unit_of_a_clock_without_one(unit, factor, run, tmp_
     assert f"t in {unit}, dq is the derivative of q at " in said
 
 
-def test_velocities_in_another_unit_tell_nothing_of_the_clock(run, tmp_path):
-    degrees = np.degrees(run.dq)
-    path = table(tmp_path / "run.csv", time=run.t, pos=run.q, vel=degrees, trq=run.tau)
-    np.testing.assert_allclose(read(path)[0].t, run.t)
+@pytest.mark.parametrize(
+    ("factors", "said_of_them"),
+    [
+        ((DEGREES, DEGREES), "dq in deg/s, as"),
+        ((9.5493, 9.5493), "dq in rpm, as"),
+        ((1e3, DEGREES), "dq in mm/s or mrad/s and deg/s, as"),
+        ((1.0, 1.0), ""),
+        ((1.3, 1.3), ""),
+    ],
+)
+def test_velocities_follow_the_unit_of_positions(factors, said_of_them, run, tmp_path):
+    """Whatever the clock counts; a factor that no unit has stays, for the clock has it."""
+    logged = run.dq * factors
+    path = table(tmp_path / "run.csv", time=run.t, pos=run.q, vel=logged, trq=run.tau)
+    got, said = read(path)
+    np.testing.assert_allclose(got.t, run.t)
+    np.testing.assert_allclose(got.dq, run.dq if said_of_them else logged, rtol=1e-4)
+    assert said_of_them in said
+    assert ("dq in" in said) == bool(said_of_them)
+
+
+def test_commands_follow_the_unit_of_positions(run, tmp_path):
+    path = tmp_path / "run.csv"
+    degrees = {
+        "pos_deg": DEGREES * run.q,
+        "qcmd": DEGREES * run.q + 0.1,
+        "trq": run.tau,
+    }
+    got, _ = read(table(path, time=run.t, **degrees))
+    np.testing.assert_allclose(got.groups["qcmd"], run.q + 0.1 / DEGREES)
+    table(path, t=run.t, q=DEGREES * run.q, qcmd=DEGREES * run.q, dq=DEGREES * run.dq)
+    got = convert(path, scale={"q": "deg"})
+    np.testing.assert_allclose(got.groups["qcmd"], run.q)
+    np.testing.assert_allclose(got.dq, run.dq, rtol=1e-4)
+
+
+def test_a_clock_goes_with_a_unit_of_positions_that_is_possible(tmp_path):
+    problem = limited_arm(tmp_path)
+    motion = small_run(problem, seconds=8.0)
+    counts = np.round(2048.0 + 4096.0 / (2.0 * np.pi) * motion.q)
+    columns = {"time": 1e3 * motion.t, "pos": counts, "trq": motion.tau}
+    got, _ = reading(table(tmp_path / "run.csv", **columns), problem)
+    assert got.unit_command.count("@2048,t=ms ")
+
+
+def test_convert_says_what_the_arm_has_to_decide(run, tmp_path, capsys, monkeypatch):
+    """By the command that `check` prints."""
+    monkeypatch.chdir(tmp_path)
+    table(Path("log.csv"), time=np.floor(run.t), pos=run.q, trq=run.tau)
+    assert run_cli("convert", "log.csv", "--problem", "two_link", "--out", "a.csv") == 0
+    said = capsys.readouterr().out
+    assert "error coarse time stamps" in said
+    assert "Next: sdp-vs-penalty check two_link --data a.csv --fix a_fixed.csv" in said
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])

@@ -273,6 +273,12 @@ WRITTEN = {
         )
     },
     "a rate above": ("q=q{}; tau=tau{}", {"above": ["# sample rate: 0.1 kHz"]}),
+    "a rate alone above": ("q=q{}; tau=tau{}", {"above": ["# rate: 100"]}),
+    "a step above": ("q=q{}; tau=tau{}", {"above": ["# arm 3 kg", "# dt = 10 ms"]}),
+    "a step, its unit first": (
+        "q=q{}; tau=tau{}",
+        {"above": ["# cutoff freq: 40 Hz", "# sampling period [s]: 0.01"]},
+    ),
     "a period above": ("q=q{}; tau=tau{}", {"above": ["Sampling time = 10 ms", ""]}),
     "gbk": ("t=时间; q=关节{}角度; tau=关节{}力矩", {"encoding": "gbk"}),
     "shift_jis": ("t=時刻; q=関節角度{}; tau=関節トルク{}", {"encoding": "shift_jis"}),

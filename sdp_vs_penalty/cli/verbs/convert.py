@@ -1,7 +1,19 @@
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
+from warnings import catch_warnings
 
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.parsing import pairs, time_windows
+from sdp_vs_penalty.errors import InputError
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.data.measurements import Measurements
+    from sdp_vs_penalty.problem.check_command import CheckCommand
+    from sdp_vs_penalty.problem.problem import Problem
 
 
 def verb(
@@ -22,6 +34,7 @@ def verb(
     """Convert measurements of another program: MATLAB, Parquet, ROS 2 bags and MCAP (JointState).
 
     Logs of motors become those of joints by their transmission (--motors, --motor-side).
+    With --problem it says what of units and stamps the arm has to decide.
 
     Example: sdp-vs-penalty convert rosbag2_folder --problem robot.urdf --out run.csv
 
@@ -47,7 +60,6 @@ def verb(
     from sdp_vs_penalty.data.measurements import columns_of
     from sdp_vs_penalty.problem.check_command import CheckCommand
     from sdp_vs_penalty.problem.load import columns_note, convert, convert_options
-    from sdp_vs_penalty.problem.problem import Problem
 
     robot: str | Problem | None = problem
     if problem is not None and hold is not None:
@@ -77,5 +89,31 @@ def verb(
     )
     if run.reading:
         console.written(columns_note(out), "what the columns were taken for")
-    if problem is not None:
-        console.next_step(CheckCommand(problem=problem, runs=[out], hold=hold).words)
+    if robot is not None and problem is not None:
+        command = CheckCommand(problem=problem, runs=[out], hold=hold)
+        console.next_step(_what_is_open(robot, run, command) or command.words)
+
+
+def _what_is_open(
+    robot: str | Problem, run: Measurements, command: CheckCommand
+) -> list[str] | None:
+    """Say what the arm decides of units and stamps that the file leaves open, as `check`
+    says it; return the command that settles it, None where there is none, or the reading
+    has named one."""
+    from sdp_vs_penalty.api.remedies import Files, next_command
+    from sdp_vs_penalty.checks import check_runs
+    from sdp_vs_penalty.checks.report import list_remedies
+    from sdp_vs_penalty.cli import printing
+    from sdp_vs_penalty.problem.load import as_problem
+
+    if run.unit_command and "UNIT" not in run.unit_command:
+        return None
+    with suppress(InputError), catch_warnings(action="ignore"):
+        (report,) = check_runs(as_problem(robot), [run])
+        issues = report.errors_and_warnings
+        left = [x for x in issues if x.severity == "error" or x.kind == "torque unit"]
+        if left:
+            report = replace(report, issues=tuple(left))
+            printing.checks([report], command)
+            return next_command(list_remedies([report]), Files(command))
+    return None

@@ -2,7 +2,6 @@
 which of several sets of channels is the torque, whether a register has a sign bit, and
 whether columns are at all what their order or their letters suggest."""
 
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,11 +17,11 @@ from sdp_vs_penalty.data.hypotheses.arm import (
 )
 from sdp_vs_penalty.data.hypotheses.channels import Recognition
 from sdp_vs_penalty.data.hypotheses.recognition import is_current, with_torque
-from sdp_vs_penalty.data.hypotheses.renaming import factors_and_zeros
 from sdp_vs_penalty.data.hypotheses.weighing import (
     DEGREES_OR_PERCENT,
     EXPLAINS_NONE,
     ColumnHypothesis,
+    is_in_one_unit,
     rate_from_velocities,
     weigh,
     which_torque,
@@ -169,11 +168,17 @@ def with_unit_of_positions(
             f" {of_best.size:.2g} times what the arm's nominal links need"
         )
         found = replace(found, said=(*found.said, said))
-    if best.words in UNITS and np.all(best.scale == UNITS[best.words]):
-        return found.with_unit("q", ColumnHypothesis(best.words, 1.0, why)), blocks
-    said = f"q in {best.words}{mm}: {why}"
-    found = replace(found, said=(*found.said, said), is_of_arm=True)
-    return found, {**blocks, "q": best.scale * q + best.middle}
+    found = found.with_unit("q", ColumnHypothesis(f"{best.words}{mm}", 1.0, why))
+    found = found.with_factors("q", best.scale.tolist())
+    if not best.middle.any():
+        return found, blocks
+    middle = best.middle / best.scale
+    moved = {
+        x: block + middle
+        for x, block in blocks.items()
+        if x == "q" or (x == "qcmd" and is_in_one_unit(q, block))
+    }
+    return replace(found, is_of_arm=True), {**blocks, **moved}
 
 
 def with_joint_side(
@@ -288,37 +293,6 @@ def _units(robot: Robot, q: Array, found: Recognition) -> Iterator[_Unit]:
                 yield unit(
                     f"{words}, the middle at 2048", _RARE, _TURN / 2**bits, -np.pi
                 )
-
-
-def with_unit_of_velocities(
-    found: Recognition, t: Array, blocks: Mapping[str, Array]
-) -> Recognition:
-    """Add to velocities the unit that the arm has told of positions, where by it they are
-    the derivative of these; where it is only possible, what makes them that."""
-    unit, possible = found.units.get("q"), found.possible_scale.get("q")
-    if not (unit or possible) or "dq" not in blocks or "dq" in found.units:
-        return found
-    n = blocks["q"].shape[1]
-    factors, zeros = np.array(found.factors("q", n)), np.zeros(n)
-    if possible:
-        factors, zeros = factors_and_zeros("q", possible, n)
-    rate = rate_from_velocities(factors * (blocks["q"] - zeros), factors * blocks["dq"])
-    step = float(np.median(np.diff(t))) * found.scale.get("t", 1.0)
-    if rate is None or not step > 0.0:
-        return found
-    is_derivative = abs(rate * step - 1.0) < _NEARLY
-    if possible:
-        ratio = 1.0 if is_derivative else 1.0 / (rate * step)
-        words = ":".join(f"{ratio * x:.3g}" for x in factors.tolist())
-        words = re.sub("@[^:]*", "", possible) if is_derivative else words
-        return replace(found, possible_scale={**found.possible_scale, "dq": words})
-    if unit is None or not is_derivative:
-        return found
-    return found.with_unit("dq", replace(unit, why="the derivative of q"))
-
-
-#: Velocities are the derivative of positions to this share.
-_NEARLY = 0.1
 
 
 def with_channel_of_torque(

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 #: How columns were recognised where no known program wrote them.
 BY_WORDS = "by their words"
+#: The unit of a torque whose name says a current, and no unit.
+UNSAID_CURRENT = "(in A, where it is not raw)"
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,16 @@ class Recognition:
         if factor != 1.0:
             scale |= {k: factor for k in self.rename if group_of(k) == group}
         return replace(self, scale=scale, units={**self.units, group: unit})
+
+    def with_factors(self, group: str, factors: Sequence[float]) -> Recognition:
+        """Return the recognition with other factors to SI of a group's joints."""
+        names = [k for k in self.rename if group_of(k) == group]
+        if len({*factors}) == 1:
+            factors = [factors[0]] * len(names)
+        elif len(names) < len(factors):  # of a block
+            names = [f"{group}{k}" for k, _ in enumerate(factors, 1)]
+        scale = {k: x for k, x in self.scale.items() if group_of(k) != group}
+        return replace(self, scale=scale | dict(zip(names, factors, strict=True)))
 
     def without_unit(self, group: str) -> Recognition:
         """Return the recognition that says nothing of a channel group's unit."""

@@ -18,7 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.hypotheses.channels import BY_WORDS, Recognition
+from sdp_vs_penalty.data.hypotheses.channels import (
+    BY_WORDS,
+    UNSAID_CURRENT,
+    Recognition,
+)
 from sdp_vs_penalty.data.hypotheses.renaming import by_group, rename_words
 from sdp_vs_penalty.data.hypotheses.sets import SetChoice, choose_sets
 from sdp_vs_penalty.data.hypotheses.weighing import (
@@ -458,17 +462,15 @@ def with_units(
             inferred.pop(group, None)
     if not logger:
         remarks += _of_motors(groups)
-        torques = groups.get("tau", {}).values()
-        # One alone may have its joint's letter: trq_a, trq_b, ...
-        if torques and all(map(is_current, torques)):
-            torque_unit = "A"
-            has_unit = "tau" in units or any(
-                x in said and said[x].unit for x in torques
-            )
-            of_unit = "in A" if has_unit else "(in A, where it is not raw)"
-            remarks.append(
-                f"tau is a current {of_unit}: --scale tau=... makes torques of it"
-            )
+    torques = groups.get("tau", {}).values()
+    # One alone may have its joint's letter: trq_a, trq_b, ...
+    if torques and all(map(is_current, torques)) and "tau" not in of_logger:
+        torque_unit = "A"
+        has_unit = "tau" in units or any(x in said and said[x].unit for x in torques)
+        of_unit = "in A" if has_unit else UNSAID_CURRENT
+        remarks.append(
+            f"tau is a current {of_unit}: --scale tau=... makes torques of it"
+        )
     return replace(
         found,
         scale=scale,

@@ -3,16 +3,18 @@ a command, and back."""
 
 import fnmatch
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.data.hypotheses.weighing import in_one_unit, is_in_one_unit
 from sdp_vs_penalty.data.hypotheses.wrapping import POSITIONS, unwrapped
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.words.tokens import group_of, starred
 from sdp_vs_penalty.data.words.units import UNITS, unit_of_factor
-from sdp_vs_penalty.errors import InputError, require_known
+from sdp_vs_penalty.errors import InputError, Remark, require_known
 
 
 def by_group(pairs: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -109,6 +111,7 @@ def expanded(rename: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
 
 def scaled(run: Measurements, factors: Mapping[str, str]) -> Measurements:
     """Convert a run to SI units; angles in degrees that jump by a full turn go on.
+    Commands and velocities of which no factor is given follow their positions.
 
     Parameters
     ----------
@@ -119,12 +122,22 @@ def scaled(run: Measurements, factors: Mapping[str, str]) -> Measurements:
         the run does not have.
     """
     groups = {"t": run.t[:, None], **run.groups}
+    given = {*map(group_of, factors)}
+    has_commands = "q" in factors and "qcmd" in {*groups} - given
+    if has_commands and is_in_one_unit(groups["q"], groups["qcmd"]):
+        factors = {**factors, "qcmd": factors["q"]}
+    own = np.ones(run.n)
     for our_name, word in factors.items():
         group = group_of(our_name)
         require_known("channel", group, groups, "scale")
         of_joints, zeros = factors_and_zeros(our_name, word, groups[group].shape[1])
         groups[group] = (groups[group] - zeros) * of_joints
+        own = own * of_joints if group == "q" else own
     clock = groups.pop("t")[:, 0]
+    if not given & {"dq", "dqcmd"}:
+        groups, said = in_one_unit(clock, groups, own.tolist())
+        for text in said:
+            warnings.warn(f"{run.names[0]}: {text}", Remark, stacklevel=2)
     in_si = run.with_channels(clock, groups)
     degrees = [
         x

@@ -284,3 +284,71 @@ def rate_from_velocities(q: Array, dq: Array) -> float | None:
         usual = wrong <= 10.0 * np.median(wrong)
         steps, velocities = steps[usual], velocities[usual]
     return float(f"{vv / sv:.3g}")
+
+
+#: Units that velocities are logged in beside positions in SI, by their factors.
+_OF_VELOCITIES = {
+    1.0: "SI",
+    UNITS["deg"]: "deg/s",
+    UNITS["rpm"]: "rpm",
+    UNITS["turns"]: "turns/s",
+    UNITS["mm"]: "mm/s or mrad/s",
+}
+#: Velocities in such a unit are the derivative of positions to this share; units differ by
+#: more from each other, and from the ratios of clocks.
+_EXACT = 0.03
+#: Step over which positions are differenced, if rows are nearer [s].
+_DIFFERENCED = 0.01
+
+
+def in_one_unit(
+    t: Array, groups: Mapping[str, Array], own: Sequence[float]
+) -> tuple[dict[str, Array], list[str]]:
+    """Bring velocities and their commands, (N, n) among groups, to the unit of positions
+    along t (N,) [s], in SI, where these tell that they are in another one; and say so.
+
+    own : (n,) factors that made SI of the positions: velocities mostly have their unit.
+    """
+    said = list[str]()
+    groups = dict(groups)
+    for group in {"dq", "dqcmd"} & {*groups}:
+        if told := _unit_of_velocities(t, groups["q"], groups[group], own):
+            factors, words = told
+            groups[group] = groups[group] * factors
+            said.append(f"{group} in {words}, as the derivative of q tells")
+    return groups, said
+
+
+def _unit_of_velocities(
+    t: Array, q: Array, dq: Array, own: Sequence[float]
+) -> tuple[Array, str] | None:
+    """Return the factors (n,) to SI of velocities and their names; None where they are in
+    SI, or in no known unit, unless positions were counted. A thousand of all joints may be
+    the clock's."""
+    step = float(np.median(np.diff(t[:ROWS_JUDGED]))) if len(t) > 1 else 0.0
+    if not 0.0 < step < np.inf:
+        return None
+    thinned = max(1, int(_DIFFERENCED / step))
+    q, dq = (x[:ROWS_JUDGED:thinned] for x in (q, dq))
+    rates = {j: rate_from_velocities(q[:, [j]], dq[:, [j]]) for j in range(q.shape[1])}
+    ratios = {j: x * thinned * step for j, x in rates.items() if x is not None}
+    usual = float(np.median([*ratios.values()])) if ratios else 1.0
+    counted = [] if {*own} <= {*UNITS.values()} else [1.0 / usual]
+    found = dict[int, float]()
+    for j, ratio in ratios.items():
+        known = (1.0, own[j], *_OF_VELOCITIES, *counted)
+        found[j] = next((x for x in known if abs(ratio * x - 1.0) < _EXACT), 0.0)
+    units = {*found.values()}
+    if 0.0 in units or units <= {1.0} or (units == {UNITS["mm"]} != {*own}):
+        return None
+    most = max(units, key=[*found.values()].count)  # of joints at rest
+    factors = [found.get(j, most) for j in range(q.shape[1])]
+    words = dict.fromkeys(_OF_VELOCITIES.get(x, f"steps of {x:.3g}") for x in factors)
+    return np.array(factors), " and ".join(words)
+
+
+def is_in_one_unit(values: Array, others: Array) -> bool:
+    """Return whether two channel groups (N, n), such as positions and their commands, are
+    in the same unit by their size, before any is converted."""
+    sizes = [np.nanmax(np.abs(x[:ROWS_JUDGED]), initial=0.0) for x in (values, others)]
+    return bool(min(sizes) > max(sizes) / _NEAR)

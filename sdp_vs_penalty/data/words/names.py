@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -95,25 +96,35 @@ def quantity_of(name: str) -> str | None:
 
 
 def rate_of_heading(lines: Sequence[str]) -> float | None:
-    """Read the sampling rate [Hz] off the lines above a table, "# sample rate: 250 Hz" or
-    "sample time: 4 ms"; None where they say none, or several."""
+    """Read the sampling rate [Hz] off the lines above a table, "# sample rate: 250 Hz",
+    "dt = 4 ms" or "sample time,0.004"; None where they say none, or several.
+
+    A number without a unit is in Hz behind a word for a rate, else in s.
+    """
     rates = set[float]()
-    for match in filter(None, map(_RATE.search, lines)):
-        size = float(match["size"])
-        unit = units_in_names()["t"].get(match["unit"])
-        if unit is not None and size > 0.0:
-            rates.add(float(f"{1.0 / (unit * size):.12g}"))
-        elif match["unit"].lower().endswith("hz"):
-            rates.add(size * (1e3 if match["unit"][0] in "kK" else 1.0))
+    for match in filter(None, map(_sampling().search, lines)):
+        size, unit = float(match["size"]), match["unit"] or match["unit_before"] or ""
+        is_rate = (match["rate"] or match["rate_alone"]) is not None
+        if unit.lower().endswith("hz") or (is_rate and not unit):
+            rates.add(size * (1e3 if unit[:1] in ("k", "K") else 1.0))
+        elif size > 0.0 and (factor := units_in_names()["t"].get(unit or "s")):
+            rates.add(float(f"{1.0 / (factor * size):.12g}"))
+    rates = {x for x in rates if x >= 1.0}  # else it is how long was recorded
     return rates.pop() if len(rates) == 1 else None
 
 
-#: A word for sampling, what is sampled by it, and its number and unit.
-_RATE = re.compile(
-    r"(?i)\b(?:(?:sampl|log|record|abtast)\w*[ _-]*(?:rate|freq\w*|time|interval|period)"
-    r"|rate|fs)\s*(?:[:=]|is|of)?\s*"
-    r"(?P<size>[0-9]*\.?[0-9]+)\s*(?P<unit>k?hz|s|sec|ms|us)\b"
-)
+@cache
+def _sampling() -> re.Pattern[str]:
+    """Compile the pattern of a word for sampling, its number, and its unit on either side."""
+    texts = {x: "|".join(words) for x, words in table()["sampling"].items()}
+    before, rate, step, rate_alone, step_alone = texts.values()
+    unit = "k?hz|s|sec|ms|us"
+    return re.compile(
+        rf"(?i)(?:(?<![^\W_])(?:{before})[ _-]*(?:(?P<rate>{rate})|{step})"
+        rf"|^\W*(?:(?P<rate_alone>{rate_alone})|{step_alone}))"
+        rf"(?:[\s_]*[\[(_](?P<unit_before>{unit})\b[\])]?)?\s*(?:[:=,;\t]|is|of)?\s*"
+        rf"(?P<size>[0-9]*\.?[0-9]+(?:e-?[0-9]+)?)\s*(?P<unit>{unit})?(?![\w.:/-])"
+    )
 
 
 def units_of_heading(lines: Sequence[str]) -> dict[str, tuple[str, float]]:
