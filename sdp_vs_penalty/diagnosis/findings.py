@@ -1048,11 +1048,52 @@ class Diagnosis(Record, JsonRecord):
         return tuple(sentences)
 
     @property
+    def in_order_of_reading(self) -> list[Finding]:
+        """The findings as they are read: what explains an error above the noise first,
+        then what is confident, then near-ties, then by evidence."""
+        ratings = get_args(Rating)
+        return sorted(
+            self.effects,
+            key=lambda f: (
+                not f.torque_is_certain,
+                self.is_within_noise(f),
+                ratings.index(f.rating),
+                -f.gain,
+            ),
+        )
+
+    def is_within_noise(self, finding: Finding) -> bool:
+        """Whether no joint of a finding errs by more than ABOVE_NOISE times its noise as
+        the model is: little is to be won."""
+        over = over_noise(self.errors_of(finding)[0], self.known_floor)
+        joints = [joint - 1 for joint in finding.joints]
+        return (
+            over is not None and float(over[joints or slice(None)].max()) <= ABOVE_NOISE
+        )
+
+    @property
     def main_finding(self) -> Finding | None:
-        """The finding with the most evidence of those whose torque is certain; None
+        """The first of the findings whose torque is certain, as they are read; None
         without one."""
-        sure = [f for f in self.effects if f.torque_is_certain]
-        return max(sure, key=lambda f: f.gain, default=None)
+        return next((f for f in self.in_order_of_reading if f.torque_is_certain), None)
+
+    @property
+    def confident_change(self) -> Change | None:
+        """The change that adds what is confident alone, with what shows in their sum
+        alone; None where that is all that is sure, or nothing."""
+        confident = [f for f in self.effects if f.rating == "confident"]
+        groups = [self.only_in_sum(f) or (f,) for f in confident]
+        chosen = {f.number: f for group in groups for f in group}
+        if not chosen or len(chosen) == len(self.sure) or self.retuned or self.curves:
+            return None
+        found = [chosen[number] for number in sorted(chosen)]
+        words = f"add the {len(found)} that are confident"
+        if len(found) == 1:
+            words = f"add {named_on_joints(found)}"
+        elif len(groups[0]) == len(found):
+            words = f"add the {len(found)} on joint {found[0].main_joint}"
+        arguments = {"effects": [f.text for f in found], "findings": [*sorted(chosen)]}
+        return Change("add", words, arguments)
 
     @property
     def is_open(self) -> bool:
@@ -1066,10 +1107,16 @@ class Diagnosis(Record, JsonRecord):
         (confident)", or "The robot errs: base tilt (confident)"."""
         main = self.main_finding
         if main is not None:
+            together = self.only_in_sum(main) or (main,)
+            names = formatting.words([effect_name(f.effect) for f in together])
             likeness = "" if main.effect_is_certain else "something like "
             where = f"Joint {main.main_joint}" if main.joints else "The robot"
-            text = f"{where} errs: {likeness}{effect_name(main.effect)} ({main.badge})"
-            others = [found for found in self.sure if found is not main]
+            badge = main.badge if len(together) == 1 else "their sum is certain"
+            text = f"{where} errs: {likeness}{names} ({badge})"
+            if self.is_within_noise(main):
+                named = named_on_joints(together)
+                text = f"Still to be won: {likeness}{named} ({badge})"
+            others = [found for found in self.sure if found not in together]
             if len(others) > _MOST_NAMED:
                 return f"{text}, and {len(others)} more."
             return f"{text}; also {named_on_joints(others)}." if others else f"{text}."

@@ -34,8 +34,9 @@ def commands_of(
     test = test_words(runs)
     name = first.opened or "model1.json"
     names = [name]
-    if not first.opened:
-        words = ["--method", first.method, "--effects", ",".join(first.effects)]
+
+    def identified(model: ModelStep, out: str) -> list[str]:
+        words = ["--method", model.method, "--effects", ",".join(model.effects)]
         if not has_check:
             words.append("--no-check")
         given = {"hold": robot["hold"], **options}
@@ -43,12 +44,19 @@ def commands_of(
             given["gravity"] = ",".join(f"{g:g}" for g in robot["gravity"])
         for option, value in given.items():
             words += option_words(option, value) if value else []
-        commands.append(
-            ["identify", robot["file"] or robot["source"], *data, *words, "--out", name]
-        )
+        source = robot["file"] or robot["source"]
+        return ["identify", source, *data, *words, "--out", out]
+
+    if not first.opened:
+        commands.append(identified(first, name))
     # A model that was kept is the last of those that the commands before it made.
     n_made = max(1, sum(words[0] in ("identify", "add") for words in prepared))
     for k, model in enumerate(history[1:], start=n_made + 1):
+        if model.made_for:
+            name = f"model{k}.json"
+            names.append(name)
+            commands.append(identified(model, name))
+            continue
         frozen = ["--frozen"] if model.frozen else []
         how = [*data, *test, *frozen]
         what = [",".join(model.added)]

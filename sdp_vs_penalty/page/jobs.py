@@ -19,7 +19,6 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.diagnosis import diagnose_and_add
-from sdp_vs_penalty.api.exporting import judge_as_exported
 from sdp_vs_penalty.api.identification import identify_and_judge
 from sdp_vs_penalty.api.remedies import (
     State,
@@ -80,7 +79,7 @@ from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.exporters import EXPORTS
-from sdp_vs_penalty.exporters.export import effects_left_out, write_model
+from sdp_vs_penalty.exporters.export import as_exported, effects_left_out, write_model
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import read_bytes, write_bytes, write_text, writing
 from sdp_vs_penalty.page.splits import confirmed, other_splits, split_run
@@ -1086,25 +1085,20 @@ def _write_report(job: JobRequest, out: Path) -> None:
 def _write_export(job: JobRequest, out: Path) -> list[str]:
     """Export the current model in the format of the file's suffix.
 
-    Returns a sentence for each thing that the format cannot hold and, if runs are
-    loaded, for how that changes the error.
+    Its head has the verdict ``job["verdict"]``, which the page shows beside it. Returns a
+    sentence on what the format cannot hold, and on that verdict.
     """
     urdf = job.get("urdf") if out.name == "robot.urdf" else None
     x, y, z = numbers("flange", job.get("flange") or "0,0,0", 3)
     model = job.model
-    judged: tuple[Verdict, str] | None = None
-    if job.get("runs"):
-        runs = job.runs
-        judged = judge_as_exported(model, out, runs.judge, runs.judged_recordings)
-    verdict = None if judged is None else judged[0]
-    lost = write_model(model, out, urdf, flange=(x, y, z), judged=verdict)
+    model.provenance["verdict"] = job["verdict"]
+    judged = Verdict.from_dict(job["verdict"])
+    lost = write_model(model, out, urdf, flange=(x, y, z), judged=judged)
     if not lost:
         return []
     names = ", ".join(map(effect_in_words, lost))
-    sentences = [f"{out.suffix} files cannot hold {names}; model.json can."]
-    if judged is not None:
-        sentences += [f"As exported: {judged[0].headline}", judged[1]]
-    return [text for text in sentences if text]
+    lacks = f"{out.suffix} files cannot hold {names}; model.json can."
+    return [lacks, f"As exported: {judged.headline}"]
 
 
 def forward(job: JobRequest) -> Answer:
@@ -1173,15 +1167,10 @@ def about(estimate: Estimate) -> dict[str, Any]:
     dict
         "parameters", "links", "certificate": tables; "words": caveats; "friction":
         torque over velocity with half its 95 % interval ("half"), for each joint;
-        "bodies", "joints": the arm in 3D
-        (:func:`drawn_arm`); "left_out": by the name of an exported file what it has no
-        place for, in words.
+        "bodies", "joints": the arm in 3D (:func:`drawn_arm`).
     """
     links = tables.link_table(estimate)
-    files = [home.FILE for home in EXPORTS.all().values()]
-    left_out = {file: effects_left_out(estimate, file) for file in files}
     return {
-        "left_out": {file: effects_in_words(x) for file, x in left_out.items() if x},
         "parameters": tables.parameter_table(estimate.entries).to_dict(),
         "links": None if links is None else links.to_dict(),
         "words": words.caveats(estimate),
@@ -1219,6 +1208,35 @@ def _verdict_of(job: JobRequest, estimate: Estimate, comparison: Comparison) -> 
         still_missing(diagnosis, estimate),
         has_open_finding=has_open_finding(diagnosis, estimate),
     ).to_dict()
+
+
+def _files_judged(
+    job: JobRequest, estimate: Estimate, filtered: FilteredRuns, comparison: Comparison
+) -> Answer:
+    """Judge what each file of `export` holds of a model, where that is not all: the field
+    ``exported`` of ModelStep. ``comparison`` is that of the model on the same runs."""
+    judged = {}
+    for home in EXPORTS.all().values():
+        part = as_exported(estimate, home.FILE)
+        lost = effects_left_out(estimate, home.FILE)
+        if part is None or not lost:
+            continue
+        job.progress(f"judging {home.FILE}")
+        (held,) = compare_filtered({home.FILE: part}, filtered, noise=comparison.noise)
+        judged[home.FILE] = {
+            "lost": effects_in_words(lost),
+            "n_lost": len(lost),
+            "worst": words.describe_worst(held, ""),
+            "effects": _effects_to_estimate_again(part),
+            "verdict": _verdict_of(job, part, held),
+        }
+    return judged
+
+
+def _effects_to_estimate_again(estimate: Estimate) -> list[str]:
+    """Return a model's effects as `identify` takes them, to estimate the same again."""
+    shapes = estimate.details.get("shapes", ())
+    return effects_to_estimate_again(estimate.model.effects, shapes)
 
 
 def _curves_of_run(estimate: Estimate, arm: Estimate, rows: Rows) -> dict[str, Any]:
@@ -1287,9 +1305,11 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
     checked = job.runs
     out = Path(job["out"])
     job.progress("comparing measured with modelled")
-    comparison = compare(
-        {"model": estimate}, checked.judge, noise_from=checked.judged_recordings
-    )[0]
+    settings = estimate.preprocessing.resolve(checked.judge)
+    judged = FilteredRuns.filtering(checked.judge, settings)
+    (comparison,) = compare(
+        {"model": estimate}, judged, noise_from=checked.judged_recordings
+    )
     # A model of servos turns commands into torques; ``arm`` is the arm within it.
     arm, judge = driven(estimate, checked.judge)
     _, train = driven(estimate, checked.train)
@@ -1320,9 +1340,8 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         "judged_on": list(judge.names),
         "errors_of_runs": errors_of_runs,
         "method": estimate.method,
-        "effects": effects_to_estimate_again(
-            estimate.model.effects, estimate.details.get("shapes", ())
-        ),
+        "effects": _effects_to_estimate_again(estimate),
+        "exported": _files_judged(job, estimate, judged, comparison),
         "comparison": {**comparison.to_dict(), "verdict": verdict_of_model},
         "failures": failures,
         "about": about(estimate),

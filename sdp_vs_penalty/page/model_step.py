@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
+from sdp_vs_penalty.estimation.verdict import FIT, GRADES, MISSING, Verdict
 from sdp_vs_penalty.page.spoken import shown_name
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.render.tables import facts_from_json
@@ -61,6 +63,13 @@ class ModelStep(JsonRecord):
     findings_added: str | list[int] | None = None
     #: Whether the others were held when effects were added.
     frozen: bool = False
+    #: File for which it was identified, without the effects that this cannot hold; "":
+    #: none.
+    made_for: str = ""
+    #: By file of `export` that cannot hold all of it, what is known of that file:
+    #: "lost" effects in words, their number "n_lost", the "worst" joint in words,
+    #: "effects" that it holds as `identify` takes them, "verdict" as the file says it.
+    exported: dict[str, dict[str, Any]] = field(default_factory=dict)
     #: File that a person brought; "" for none.
     opened: str = ""
     #: Whether it knows the servos of a log without torque.
@@ -78,6 +87,21 @@ class ModelStep(JsonRecord):
         return facts_from_json(self.comparison)
 
     @property
+    def verdict(self) -> Verdict:
+        """The verdict on the model."""
+        return Verdict.from_dict(self.comparison["verdict"])
+
+    def verdict_on(self, file: str) -> Verdict:
+        """The verdict that stands in a file of `export`: on what that holds."""
+        record = self.exported.get(file)
+        return self.verdict if record is None else Verdict.from_dict(record["verdict"])
+
+    def is_worse_in(self, file: str) -> bool:
+        """Whether a file of `export` is worth less than the model."""
+        grades = [GRADES.index(x.grade) for x in (self.verdict_on(file), self.verdict)]
+        return grades[0] < grades[1]
+
+    @property
     def torque(self) -> Array | None:
         """(n,) RMS torque of each joint [N m, N], where errors are judged by it: without
         a noise floor; None elsewhere."""
@@ -86,6 +110,27 @@ class ModelStep(JsonRecord):
         shares = np.array(self.facts["error_beyond_noise"].value, float)
         torque = 100.0 * np.array(self.comparison["rmse"]) / shares
         return torque if np.isfinite(torque).all() else None
+
+    @property
+    def within_noise(self) -> str:
+        """A sentence on errors that are good already; "" where they are not."""
+        if not any(x.about == FIT and x.grade == "good" for x in self.verdict.lines):
+            return ""
+        times = self.facts["largest_error_over_noise"].texts[0]
+        return f"Good already: no joint errs by more than {times} times its noise."
+
+    @property
+    def level(self) -> str:
+        """The colour of the verdict: "good", "usable", "bad", or "fair" for a usable model
+        of which nothing but a small torque is missing."""
+        grade = self.verdict.grade
+        if grade != "usable":
+            return "bad" if grade == "do not use" else grade
+        about = {line.about for line in self.verdict.lines if line.grade == "usable"}
+        shares = self.facts["error_beyond_noise"].value
+        is_small = shares is not None and max(shares) <= 100.0 * MINOR
+        is_small = is_small or bool(self.within_noise)
+        return "fair" if is_small and about <= {FIT, MISSING} else grade
 
     @property
     def where_it_fails(self) -> Failures:

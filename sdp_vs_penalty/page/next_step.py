@@ -9,8 +9,10 @@ from typing import Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.page.session import MOTION, Session
 from sdp_vs_penalty.page.spoken import shown_run
+from sdp_vs_penalty.page.stages.use import worse_in_words
 from sdp_vs_penalty.page.view import (
     ACCEPT,
     View,
@@ -43,8 +45,10 @@ class NextStep:
     do: Callable[[], Any] | None = None
     #: Key of a file chooser that the button opens; "" for none.
     opens: str = ""
-    #: Colour: "good", "usable", "bad", or "" for none.
+    #: Colour: "good", "fair", "usable", "bad", or "" for none.
     level: str = ""
+    #: Label of a second choice, and what its button does; None for none.
+    other: tuple[str, Callable[[], Any]] | None = None
 
 
 def next_step(view: View) -> NextStep:
@@ -192,6 +196,11 @@ def _of_model(view: View) -> NextStep:
     diagnosis = session.findings_of_current
     is_first = len(session.history) == 1
     is_done = session.current.servo or (level == "good" and not is_first)
+    file = session.current.made_for
+    if file and file not in session.taken:
+        do = partial(session.download, file, view.download)
+        return NextStep(text, f"Download {file}", "use", do, level=level)
+    is_done = is_done or bool(file)
     if changed := session.current.change_in_words(session.robot["units"]):
         if found := session.fault_of_changed_run:
             text = f"{of_model.word}. {found}"
@@ -208,14 +217,7 @@ def _of_model(view: View) -> NextStep:
         cause = spoken(diagnosis.cause)
         remedy = next_remedy(diagnosis.remedies)
         if remedy is not None:
-            change = remedy.change.to_dict()
-            do = partial(session.start, session.apply, change)
-            label = label_of(remedy.change.words)
-            main = diagnosis.main_finding
-            joint = None if main is None else main.main_joint
-            outcome = describe_outcome(remedy, session.robot["units"], joint)
-            text = f"{cause} {formatting.sentence(outcome)}" if outcome else cause
-            return NextStep(text, label, "diagnose", do, level=level)
+            return _to_add(session, diagnosis, remedy, level)
         if diagnosis.noise_known and not diagnosis.is_open:
             text = f"{of_model.word}."  # the cause names the error
         if NOISE_UNKNOWN in cause:  # the reason says it too
@@ -231,14 +233,54 @@ def _of_model(view: View) -> NextStep:
         return NextStep(
             text, "Choose a new run", "measure", opens="drop-runs", level=level
         )
-    do = partial(session.start, session.take, "report.html", view.download)
+    text = f"{text} {worse_in_words(session.current)}".rstrip()
+    do = partial(session.download, "report.html", view.download)
     return NextStep(text, "Download the report", "use", do, level=level)
+
+
+def _to_add(
+    session: Session, diagnosis: Diagnosis, remedy: Remedy, level: str
+) -> NextStep:
+    """Return the step that adds what is sure by the first remedy of a diagnosis: what is
+    confident alone, where more is sure, and all of it as a second choice."""
+    main = diagnosis.main_finding
+    change, other = remedy.change, None
+    is_judged = True
+    if "findings" in change.arguments and (alone := diagnosis.confident_change):
+        assert main is not None  # something is confident
+        all_of_it = partial(session.start, session.apply, change.to_dict())
+        numbers = alone.arguments["findings"]
+        n_all = len(diagnosis.sure)
+        label = f"Or add all {n_all} ({n_all - len(numbers)} uncertain)"
+        change, other = alone, (label, all_of_it)
+        at = {main.main_joint}
+        on_joint = [f for f in diagnosis.effects if f.torque_is_certain]
+        on_joint = [f for f in on_joint if not f.joints or at & {*f.joints}]
+        is_judged = {f.number for f in on_joint} <= {*numbers}
+    text = spoken(diagnosis.cause)
+    joint = None if main is None else main.main_joint
+    share = session.current.facts["error_beyond_noise"]
+    if main is not None and diagnosis.is_within_noise(main):
+        text = f"{session.current.within_noise} {text}".lstrip()
+    elif joint is not None and share.value is not None:
+        percent = share.of_joint(joint)
+        text = f"{text} That is {percent} % of joint {joint}'s torque beyond the noise."
+    outcome = describe_outcome(remedy, session.robot["units"], joint)
+    if outcome and is_judged:
+        text = f"{text} {formatting.sentence(outcome)}"
+    do = partial(session.start, session.apply, change.to_dict())
+    label = label_of(change.words)
+    return NextStep(text, label, "diagnose", do, level=level, other=other)
 
 
 def _taken(session: Session) -> str:
     """Say what the last addition took of the error; "" for a first model."""
     if len(session.history) == 1:
         return ""
+    if file := session.current.made_for:
+        n_lost = session.history[-2].exported[file]["n_lost"]
+        effects = formatting.count(n_lost, "effect")
+        return f"Identified without the {effects} that {file} cannot hold. "
     before, after = (step.comparison["rmse"] for step in session.history[-2:])
     floor = session.current.comparison["noise_floor"]
     return f"{describe_taken(session.current.added, before, after, floor)} "

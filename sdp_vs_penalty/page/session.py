@@ -38,7 +38,6 @@ from sdp_vs_penalty.effects import (
     effects_in_words,
 )
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.estimator import no_progress
 from sdp_vs_penalty.files import require_format, write_text
@@ -149,6 +148,16 @@ def _acts_as(text: str, effect: str, joints: Collection[int]) -> bool:
     name, _, at = text.partition("@")[0].partition(":")
     on_joints = {int(joint) for joint in at.split("+") if joint}
     return is_law_of(name, effect) and {*joints} <= on_joints
+
+
+def _is_among(text: str, effects: Iterable[str]) -> bool:
+    """Whether a model has an effect, as `add` writes it, whatever its constants."""
+    name, _, joints = text.partition("@")[0].partition(":")
+    return any(
+        other == name and (not at or {*joints.split("+")} <= {*at.split("+")})
+        for effect in effects
+        for other, _, at in [effect.partition("@")[0].partition(":")]
+    )
 
 
 def _training_of(runs: Iterable[Mapping[str, Any]]) -> list[tuple[Any, ...]]:
@@ -339,6 +348,10 @@ class Session:
     refusals: int = 0
     #: Names of the files that were downloaded.
     taken: set[str] = field(default_factory=set)
+    #: By file that was made, what it was made of.
+    made: dict[str, str] = field(default_factory=dict)
+    #: What makes a file beside another job.
+    making: set[asyncio.Task[None]] = field(default_factory=set)
     #: Shown names by path.
     names: dict[str, str] = field(default_factory=dict)
 
@@ -428,6 +441,8 @@ class Session:
         texts = set[str]()
         for model in self.history:
             texts = set() if model.findings else texts.union(model.added)
+            if model.made_for:  # without some of them
+                texts = {text for text in texts if _is_among(text, model.effects)}
         return texts
 
     @property
@@ -1512,15 +1527,23 @@ class Session:
         answer = await self._job(title, "find", frozen=frozen, pictures=pictures)
         diagnosis = Diagnosis.from_dict(answer["diagnosis"])
         # A model that lacks a confident finding gets a lower grade.
-        before = Verdict.from_dict(self.current.comparison["verdict"])
-        verdict = before.with_missing(
-            answer["missing"], answer["has_open_finding"]
-        ).to_dict()
+        missing = answer["missing"], answer["has_open_finding"]
+        verdict = self.current.verdict.with_missing(*missing).to_dict()
+        exported = {
+            file: {
+                **record,
+                "verdict": self.current.verdict_on(file)
+                .with_missing(*missing)
+                .to_dict(),
+            }
+            for file, record in self.current.exported.items()
+        }
         diagnosed = replace(
             self.current,
             findings=diagnosis,
             curve_texts=tuple(answer["curves"]),
             pictures=pictures,
+            exported=exported,
             comparison={**self.current.comparison, "verdict": verdict},
         )
         self.history = [*self.history[:-1], diagnosed]
@@ -1583,27 +1606,79 @@ class Session:
         if found:
             await self.apply(self.findings.remedies[0].change.to_dict())
 
-    async def take(
+    def download(
         self,
         name: str,
         ready: Callable[[str], None],
         options: Mapping[str, str] | None = None,
     ) -> None:
-        """Make a file to download; ``ready`` is called with its name once it exists.
+        """Give out a file, at once where it was made of the same; ``ready`` is called with
+        its name once it exists. It is made beside a job that runs.
 
         options : further fields of the request, such as the flange of a payload.
         """
+        request = self._request(
+            "take", name=name, **self._content(name), **(options or {})
+        )
+        if self.made.get(name) == json.dumps(request):
+            ready(name)
+        elif self.task is None:
+            self.start(self._take_file, request, ready)
+        else:
+            self.say(
+                f"{name} is made beside the job, and then downloaded.", error=False
+            )
+            making = self._take_file(request, ready, is_aside=True)
+            task = asyncio.get_running_loop().create_task(making)
+            self.making.add(task)
+            task.add_done_callback(self.making.discard)
+
+    async def _take_file(
+        self,
+        request: Mapping[str, Any],
+        ready: Callable[[str], None],
+        is_aside: bool = False,
+    ) -> None:
+        """Make a file to download, as :meth:`download` asks for it."""
+        name = request["name"]
+        try:
+            if is_aside:
+                answer = await self.pool.run(request, no_progress, is_aside=True)
+            else:
+                self._doing(title=f"Making {name}", status="")
+                answer = await self._run(request)
+        except InputError as error:
+            self.say(f"{name}: {error}")
+            return
+        self.made[name] = json.dumps(request)
+        self.taken = {*self.taken, name}
+        self.say(*answer["notice"], error=False)
+        ready(name)
+
+    def _content(self, name: str) -> dict[str, Any]:
+        """Return what a file to download is made of, besides robot, runs and model."""
         steps = enumerate(self.history, start=1)
-        content = {
+        return {
             "models": [{"label": f"{k}: {m.label}", "file": m.file} for k, m in steps],
             "commands": self.commands(),
             "findings": self.findings and self.findings.to_dict(),
             "urdf": self.robot["source"] if self.robot["file"] else None,
             "forward": self.answer("forward") is not None,
+            "verdict": self.current.verdict_on(name).to_dict(),
         }
-        answer = await self._job(
-            f"Making {name}", "take", name=name, **content, **(options or {})
+
+    async def identify_for(self, file: str) -> None:
+        """Identify the model again, without the effects that a file cannot hold."""
+        request = {
+            "effects": ",".join(self.current.exported[file]["effects"]),
+            "method": self.method,
+            "anyway": self.anyway,
+            "runs": self.runs,
+        }
+        title = f"Identifying for {file}"
+        step = await self._step(
+            title, "fit", request, label=f"for {file}", made_for=file
         )
-        self.taken = {*self.taken, name}
-        self.say(*answer["notice"], error=False)
-        ready(name)
+        self._step_from_here(f"identified for {file}", keeps_models=True)
+        self.history = [*self.history, step]
+        self.new = ("use", "take-away")

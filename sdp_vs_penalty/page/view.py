@@ -14,7 +14,6 @@ from nicegui.client import Client
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.causes import VELOCITY
-from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import shown_run, spoken
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
@@ -151,7 +150,7 @@ class StageVerdict:
     """What a stage has come to. Only estimation/verdict.py grades a model
     (:func:`identified`)."""
 
-    #: Colour: "good", "usable", "bad", or "" for none.
+    #: Colour: "good", "fair", "usable", "bad", or "" for none.
     level: str
     #: What the stage has come to, in a sentence.
     text: str
@@ -216,14 +215,13 @@ def identified(session: Session) -> StageVerdict | None:
     """Return the verdict on the current model for the stage's heading; None without a
     model.
 
-    The grade is that of estimation/verdict.py; "do not use" has the colour "bad".
+    The grade is that of estimation/verdict.py.
     """
     if session.model is None:
         return None
-    verdict = Verdict.from_dict(session.model.comparison["verdict"])
-    level = "bad" if verdict.grade == "do not use" else verdict.grade
+    verdict = session.model.verdict
     text = spoken(said_before(verdict.reason))
-    return StageVerdict(level, text, verdict.grade.capitalize())
+    return StageVerdict(session.model.level, text, verdict.grade.capitalize())
 
 
 @dataclass(frozen=True)

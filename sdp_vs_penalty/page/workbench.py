@@ -229,7 +229,10 @@ class Workbench:
             tag("p", step.text, f"now-words {step.level}", title=step.text, tabindex=-1)
             at = {"data_to": step.stage, "data_opens": step.opens or False}
             do = step.do or (lambda: None)
-            button(step.label, do, "next", "primary", **at)
+            with tag("div", style="choices"):
+                button(step.label, do, "next", "primary", **at)
+                if step.other is not None:
+                    button(*step.other, "next-other", "quiet", data_to=step.stage)
 
         def draw_steps() -> None:
             """Draw the buttons that take a step back, or again."""
@@ -242,7 +245,8 @@ class Workbench:
                 with button("Redo", session.redo, "redo", "quiet"):
                     tag("span", f": {label_of(label)}", "what")
 
-        state = [step.text, step.label, step.stage, step.opens, step.level]
+        other = step.other and step.other[0]
+        state = [step.text, step.label, step.stage, step.opens, step.level, other]
         # What the button does depends on the remedies and on the model.
         depends = [
             session.remedies,

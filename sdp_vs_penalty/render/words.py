@@ -97,6 +97,8 @@ class FindingWords:
     #: Number of the finding that says it as well, since only their sum is shown; 0 for
     #: what stands for itself.
     said_by: int = 0
+    #: Whether it says the sum of several.
+    is_sum: bool = False
 
     @property
     def title_with_doubt(self) -> str:
@@ -176,6 +178,7 @@ def describe_finding(
     return FindingWords(
         title=title,
         said_by=said_by,
+        is_sum=bool(together),
         on_the_arm=arm,
         rating=finding.rating,
         badge=finding.badge,
@@ -237,7 +240,7 @@ def _evidence_for(
         evidence.append((f"Size {size}.", not finding.size_is_open))
     if rivals := finding.rivals_in_words:
         evidence.append((f"Fits as well: {rivals}.", False))
-    elif finding.rating == "confident":
+    elif finding.rating == "confident" and not diagnosis.only_in_sum(finding):
         least = number(np.exp(EVIDENCE_TO_DISTINGUISH / 2.0), 2)
         nothing = f"Nothing else fits as well: {least} to 1 against every other effect."
         evidence.append((nothing, True))
@@ -542,11 +545,11 @@ def describe_addition(before: Comparison, after: Comparison) -> str:
 
     The worst joint is the one with the largest error before. "" if nothing was added.
     """
-    known = {effect.text for effect in before.estimate.model.effects}
+    known = {(x.name, tuple(x.joints)) for x in before.estimate.model.effects}
     new = [
         effect.text
         for effect in after.estimate.model.effects
-        if effect.text not in known
+        if (effect.name, tuple(effect.joints)) not in known
     ]
     if not new:
         return ""

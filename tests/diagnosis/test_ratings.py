@@ -109,8 +109,23 @@ def test_a_size_whose_interval_holds_zero_is_not_called_sure():
     assert not any(text.startswith("Odds ") for text, _ in unknown)
 
 
+def test_what_is_confident_is_read_first_and_what_is_within_the_noise_last():
+    """Whatever the evidence; the numbers of `add` stay those of the list."""
+    loud = {"held_out_rmse_before": np.full(7, 3.0)}
+    doubted = finding("joint_spring", 1, "backlash", gain=900.0, **loud)
+    small = finding("base_tilt", 1, joints=(), gain=800.0)
+    sure = finding("backlash", 2, **loud)
+    said = diagnosis(doubted, small, sure)
+    assert [f.number for f in said.in_order_of_reading] == [3, 1, 2]
+    assert said.cause.startswith("Joint 2 errs: backlash (confident)")
+    assert said.confident_change.arguments["findings"] == [2, 3]
+    assert said.confident_change.words == "add the 2 that are confident"
+    assert diagnosis(small).cause.startswith("Still to be won: base tilt")
+    assert diagnosis(small).confident_change is None
+
+
 def test_the_cause_of_the_whole_robot_names_no_joint():
-    tilt = finding("base_tilt", 1, joints=())
+    tilt = finding("base_tilt", 1, joints=(), held_out_rmse_before=np.full(7, 3.0))
     assert diagnosis(tilt).cause == "The robot errs: base tilt (confident)."
 
 

@@ -1192,3 +1192,54 @@ def test_the_unit_of_one_run_is_asked_for_that_run(here, hidden, tmp_path):
     np.testing.assert_array_equal(taus[0], hidden.runs[0].tau)
     np.testing.assert_allclose(taus[1], hidden.runs[1].tau * [2.0, 4.0])
     assert [words[1] for words in s.prepared] == ["b.csv"]
+
+
+def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(
+    here, hidden, tmp_path
+):
+    """The verdict on the card is the one in the file; what a URDF cannot hold is left
+    out by a button, and the file is then as good as the model."""
+    runs = hidden.runs[:2]
+    s = opened(here, "two_link", **saved(tmp_path, runs, "a.csv", "test.csv"))
+    do(s, s.identify, lambda: s.add("joint_spring:1"))
+    model = s.current
+    assert "joint spring" in model.exported["robot.urdf"]["lost"]
+    before = model.verdict_on("robot.urdf")
+    screen = Screen(s)
+    screen.view.download = lambda name: None
+    assert sentence(before.grade) in screen.text("take-away")
+    screen.click("take-robot.urdf")
+    assert before.brief().split(". ")[0] in (s.folder / "robot.urdf").read_text()
+    screen.click("for-robot.urdf")
+    assert "joint_spring:1" not in s.current.effects
+    assert s.current.verdict_on("robot.urdf") == s.current.verdict
+    assert "Download robot.urdf" in screen.text("next")
+    assert "identify two_link" in s.commands()[-2]
+    screen.click("next")
+    assert s.current.verdict.brief() in (s.folder / "robot.urdf").read_text()
+    s.undo()
+    assert s.current is model
+
+
+def test_a_file_is_made_beside_a_job_and_once(here, hidden, tmp_path, monkeypatch):
+    files = saved(tmp_path, hidden.runs[:2], "a.csv", "test.csv")
+    s = opened(here, "two_link", **files)
+    do(s, s.identify)
+    asked, given = [], []
+    run = here.pool.run
+
+    async def count(request, *rest, **how):
+        asked.append(request["job"])
+        return await run(request, *rest, **how)
+
+    monkeypatch.setattr(here.pool, "run", count)
+
+    async def download_twice():
+        s.start(s.ask, "Finding the ranges", "ranges")
+        s.download("model.h", given.append)
+        await asyncio.wait([s.task, *s.making])
+        s.download("model.h", given.append)
+
+    asyncio.run(download_twice())
+    assert given == ["model.h", "model.h"]
+    assert sorted(asked) == ["ranges", "take"]

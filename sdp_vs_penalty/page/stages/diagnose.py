@@ -109,19 +109,28 @@ def findings(view: View) -> None:
     _by_hand(view)
 
 
+#: What is open of a finding, by its badge.
+_BADGES = {
+    "near-tie": "what makes it is open",
+    "size uncertain": "how much of it this effect makes is open",
+    "cause uncertain": "something else may make a part of it",
+}
+
+
 def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     """Draw a card for each finding and each constant to re-estimate: first those whose
-    torque is certain, the main one unfolded; the others are folded away.
+    torque is certain, as they are read, the main one unfolded; the others are folded away.
 
     The position of a finding in the diagnosis numbers its card, so that both lists use
     the same numbers.
     """
-    main = diagnosis.main_finding
-    findings = sorted(enumerate(diagnosis.effects), key=lambda x: x[1] is not main)
     sure, others = list[partial[None]](), list[partial[None]]()
-    for k, finding in findings:
+    badges = dict[str, None]()
+    for finding in diagnosis.in_order_of_reading:
+        k = finding.number - 1
         if words.findings[k].said_by:
             continue
+        badges[words.findings[k].badge] = None
         card = partial(_card, view, diagnosis, words.findings[k], k)
         (sure if finding.torque_is_certain else others).append(card)
     for k, constant in enumerate(diagnosis.retuned):
@@ -130,8 +139,10 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     with draw.tag("ol", style="findings"):
         for place, card in enumerate(sure):
             card(is_open=place == 0)
-    if any(finding.rating == "near-tie" for finding in diagnosis.effects):
-        draw.note("Near-tie: the torque is there; what makes it is open.")
+    for badge in filter(_BADGES.get, badges):
+        draw.note(
+            f"{formatting.sentence(badge)}: the torque is there; {_BADGES[badge]}."
+        )
     if not others:
         return
     added = [f for f in diagnosis.effects if f.text in view.session.added]
@@ -189,7 +200,8 @@ def _head(
     with unfolded, draw.tag("summary", style="head", data_key=key):
         draw.tag("h4", title)
         if words is not None:
-            draw.tag("span", words.badge, f"badge {words.rating}")
+            badge = "sum certain" if words.is_sum else words.badge
+            draw.tag("span", badge, f"badge {words.rating}")
             draw.tag("span", words.brief_gain, "soft")
     return unfolded
 

@@ -1,6 +1,8 @@
 """Use: the model's files, its runs, the commands that make the same, and the model run
 forward."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -10,7 +12,15 @@ from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import chart_and_arm
 from sdp_vs_penalty.page.charts import torque_chart
-from sdp_vs_penalty.page.view import Stage, View, identified, requires_model
+from sdp_vs_penalty.page.model_step import ModelStep
+from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.view import (
+    Stage,
+    StageVerdict,
+    View,
+    identified,
+    requires_model,
+)
 from sdp_vs_penalty.render.charts import Curves
 from sdp_vs_penalty.results.table import Table
 
@@ -29,6 +39,8 @@ _OTHERS = {
 }
 LOAD = {name: use for name, use in _OTHERS.items() if use.startswith("payload")}
 MORE = {name: use for name, use in _OTHERS.items() if name not in LOAD}
+#: Files that hold a model of the torque, or a part of it.
+_MODELS = {home.FILE for home in EXPORTS.all().values() if hasattr(home, "HOLDS")}
 
 
 @requires_model("take-away", "Download", lambda s: (s.findings is None, s.runs))
@@ -38,14 +50,12 @@ def take_away(view: View) -> None:
     """
     session = view.session
     flange = {"flange": ""}
-    left_out = session.current.about.get("left_out", {})
 
     def tiles(label: str, files: dict[str, str]) -> None:
         with draw.tiles(label):
             for name, use in files.items():
-                take = partial(session.start, session.take, name, view.download, flange)
-                lacks = f", without {left_out[name]}" if name in left_out else ""
-                draw.tile(name, f"{use}{lacks}", take, f"take-{name}")
+                take = partial(session.download, name, view.download, flange)
+                _file_card(session, name, use, take)
 
     findings_file = (
         {} if session.findings is None else {"findings.json": "the diagnosis"}
@@ -69,6 +79,59 @@ def take_away(view: View) -> None:
         tiles("Runs to download", runs)
     with draw.details("The same on the command line", "commands"):
         draw.tag("pre", "\n".join(session.commands()), tabindex="0")
+
+
+def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) -> None:
+    """Draw the card of a file: what it is for, the verdict that stands in it, and a
+    button to download it; of one that cannot hold all of the model what it lacks, and a
+    button that identifies a model which it can hold.
+    """
+    model = session.current
+    record = model.exported.get(name)
+    with draw.tag("div", style="card file-card"):
+        with draw.tag("div", style="head"):
+            draw.tag("h4", name)
+            if name in _MODELS or name == "model.json":
+                grade = model.verdict_on(name).grade
+                level = "bad" if grade == "do not use" else grade
+                draw.tag("span", formatting.sentence(grade), f"badge {level}")
+        draw.note(use)
+        if record is not None:
+            count = formatting.count(record["n_lost"], "effect")
+            worst = record["worst"].rstrip(".")
+            draw.tag("p", f"Without {count}: {worst[:1].lower()}{worst[1:]}.", "worst")
+        draw.button(
+            "Download", take, f"take-{name}", "free", aria_label=f"Download {name}"
+        )
+        if record is None:
+            return
+        with draw.details("What it cannot hold", f"lacks-{name}"):
+            draw.note(f"{formatting.sentence(record['lost'])}.")
+        if not any(step.opened or step.frozen for step in session.history):
+            again = partial(session.start, session.identify_for, name)
+            label = "Identify again without these"
+            draw.button(label, again, f"for-{name}", aria_label=f"{label}: {name}")
+
+
+def worse_in_words(model: ModelStep) -> str:
+    """Say which of the files that are offered first are worth less than the model; "" for
+    none."""
+    worse = [name for name in FILES if model.is_worse_in(name)]
+    if not worse:
+        return ""
+    grades = {model.verdict_on(name).grade for name in worse}
+    grade = formatting.words(sorted(grades))
+    return (
+        f"That is model.json; {formatting.words(worse)} cannot hold all of it:"
+        f" {grade}, as exported."
+    )
+
+
+def _judged(session: Session) -> StageVerdict | None:
+    """Return the verdict on the model, with the files that are worth less."""
+    verdict = identified(session)
+    worse = verdict and worse_in_words(session.current)
+    return replace(verdict, text=worse) if verdict and worse else verdict
 
 
 _DRIVES = (
@@ -155,4 +218,4 @@ def _replay(view: View, answer: dict[str, Any]) -> None:
     follow()
 
 
-USE = Stage("use", "Use", "Identify a model first.", (take_away, forward), identified)
+USE = Stage("use", "Use", "Identify a model first.", (take_away, forward), _judged)
