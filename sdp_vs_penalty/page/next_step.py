@@ -10,7 +10,7 @@ from typing import Any
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.page.session import MOTION, Session
+from sdp_vs_penalty.page.session import MOTION, Session, asks_for_unit, is_refused
 from sdp_vs_penalty.page.spoken import shown_run
 from sdp_vs_penalty.page.stages.use import worse_in_words
 from sdp_vs_penalty.page.view import (
@@ -71,7 +71,7 @@ def _next_step(view: View) -> NextStep:
         return NextStep(text, "Choose measurements", "measure", opens="drop-runs")
     waiting = [run for run in session.runs if run["use"] == "wait"]
     for run in waiting:  # its rows first: what is stated of others is of good ones
-        if any(issue["severity"] == "error" for issue in run["findings"]):
+        if is_refused(run):
             return _of_waiting(session, run)
     if (offer := session.offer) is not None:
         do = partial(session.start, session.accept, offer)
@@ -92,12 +92,19 @@ def _of_waiting(session: Session, run: Mapping[str, Any]) -> NextStep:
         do = partial(session.start, session.apply, to_json(remedy.change))
         label = label_of(remedy.change.words)
         text = graded(remedy.problem, remedy.certainty)
+    elif asks_for_unit(run) and not is_refused(run):
+        text, field = found[0]["what"], _field_of_unit(session)
+        return NextStep(text, _SAY_THE_UNIT, "check", opens=field, level="usable")
     else:
         do = partial(session.start, session.use, run["file"], "")
         label = f"Leave {shown_run(run)} out"
         text = found[0]["what"] if found else "its torque is in another unit."
     name = shown_run(run)
     return NextStep(f"{name}: {text}", label, "check", do, level="bad")
+
+
+#: What leads to the fields for it.
+_SAY_THE_UNIT = "Say the unit, or the drive gains"
 
 
 def _columns(session: Session) -> NextStep:
@@ -138,9 +145,9 @@ def _of_runs(session: Session) -> NextStep:
         return NextStep(f"{text} {effect}".strip(), label, "check", do, level=level)
     of_check = checked(session)
     if (field := _field_of_unit(session)) and not session.meaningless:
-        text = of_check.text
-        label = "Say the unit, or the drive gains"
-        return NextStep(text, label, "check", opens=field, level=of_check.level)
+        return NextStep(
+            of_check.text, _SAY_THE_UNIT, "check", opens=field, level=of_check.level
+        )
     for run in session.differing_runs:
         do = partial(session.start, session.use, run["file"], "test")
         label = set_aside_in_words(run)

@@ -178,15 +178,25 @@ def _used(runs: Iterable[Mapping[str, Any]]) -> list[tuple[Any, ...]]:
     return [tuple(run[x] for x in names) for run in runs if run["use"] != "wait"]
 
 
-def _is_refused(run: Mapping[str, Any]) -> bool:
+def is_refused(run: Mapping[str, Any]) -> bool:
     """Whether the check calls something in a run an error."""
     return any(issue["severity"] == "error" for issue in run["findings"])
 
 
+def asks_for_unit(run: Mapping[str, Any]) -> bool:
+    """Whether the check asks in which unit the torques of a run are, and nobody has
+    answered."""
+    return not run.get("stated") and any(
+        remedy["change"]["arguments"].get("scale") == {"tau": None}
+        for issue in run["findings"]
+        for remedy in issue["remedies"]
+    )
+
+
 def _offers(runs: Sequence[dict[str, Any]]) -> Iterator[Offer]:
-    """Yield what may hold for runs as it was stated of others."""
-    for run in runs:
-        others = [x for x in runs if x.get("columns") == run.get("columns")]
+    """Yield what may hold for runs as it was stated of others that came before."""
+    for k, run in enumerate(runs):
+        others = [x for x in runs[:k] if x.get("columns") == run.get("columns")]
         known = [change["arguments"] for change in run.get("stated", ())]
         stated = [c for x in others for c in x.get("stated", ())]
         for change in stated if run.get("columns") else ():
@@ -1060,12 +1070,13 @@ class Session:
         or what becomes of what the check calls an error. The others are tested on."""
         asked = [offer.run["file"] for offer in _offers(runs)]
         unit = runs[0].get("torque_unit")
+        has_units = not any(asks_for_unit(run) for run in runs if run["use"] == "train")
 
         def use_of(run: Mapping[str, Any]) -> str:
             if run["use"] not in ("test", "wait"):
                 return str(run["use"])
             is_open = run["file"] in asked or run.get("torque_unit") != unit
-            is_open |= _is_refused(run)
+            is_open |= is_refused(run) or (has_units and asks_for_unit(run))
             return "wait" if is_open and self.history else "test"
 
         return [{**run, "use": use_of(run)} for run in runs]
@@ -1156,12 +1167,7 @@ class Session:
         """Return the unit of a run's torque where it is none of a torque, by its name; ""
         where it is N m or N."""
         (one,) = (x for x in self.runs if x["name"] == run)
-        is_open = any(
-            remedy["change"]["arguments"].get("scale") == {"tau": None}
-            for issue in one["findings"]
-            for remedy in issue["remedies"]
-        )
-        return one.get("torque_unit") or ("A?" if is_open else "")
+        return one.get("torque_unit") or ("A?" if asks_for_unit(one) else "")
 
     @property
     def faults_in_words(self) -> str:
@@ -1370,17 +1376,22 @@ class Session:
 
     async def decline(self, offer: Offer) -> None:
         """Remember that what was stated of other runs does not hold for this one."""
-        declined = {**offer.change, "is_declined": True}
-        runs = self._with_questions(
-            [
-                {**run, "stated": [*run["stated"], declined]}
-                if run is offer.run
-                else run
-                for run in self.runs
-            ]
-        )
+        await self.leave_as_read(offer.run, offer.change)
+
+    async def leave_as_read(
+        self, chosen: Mapping[str, Any], change: Mapping[str, Any]
+    ) -> None:
+        """Remember that a change does not hold for a run, which may be tested on then."""
+        declined = {**change, "is_declined": True}
+        runs = [
+            {**run, "stated": [*run["stated"], declined]}
+            if run["file"] == chosen["file"]
+            else run
+            for run in self.runs
+        ]
+        runs = self._with_questions(runs)
         models = await self._judged_on(runs, self.robot)
-        self._step_from_here(f"{offer.run['name']} left as read")
+        self._step_from_here(f"{chosen['name']} left as read")
         self.runs = runs
         self._keep_models(models)
 

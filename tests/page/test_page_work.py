@@ -1243,3 +1243,35 @@ def test_a_file_is_made_beside_a_job_and_once(here, hidden, tmp_path, monkeypatc
     asyncio.run(download_twice())
     assert given == ["model.h", "model.h"]
     assert sorted(asked) == ["ranges", "take"]
+
+
+@pytest.mark.parametrize("is_answered", [True, False])
+def test_a_new_run_in_another_unit_waits_for_its_unit(
+    here, hidden, tmp_path, monkeypatch, is_answered
+):
+    """The model is tested on it once the unit is said, or it is left as it is."""
+    files = saved(tmp_path, hidden.runs[:3], "a.csv", "test.csv", "new.csv")
+    new = {"new.csv": files.pop("new.csv")}
+    s = opened(here, "two_link", **files)
+    do(s, s.identify)
+    gains = [
+        make_explanation(
+            "torque gain", "", joints=[j], remedy="", run="new.csv", size=-0.9
+        )
+        for j in (0, 1)
+    ]
+    found = with_one_unit("new.csv", gains, 2)
+    by_cause = property(lambda report: found if report.run == "new.csv" else ())
+    monkeypatch.setattr("sdp_vs_penalty.checks.report.Report.by_cause", by_cause)
+    s.arrived |= new
+    do(s, s.read_files)
+    assert s.runs[-1]["use"] == "wait"
+    screen = Screen(s)
+    assert "new.csv only: the torques of joints 1 and 2" in screen.text("next")
+    (key,) = (x for x in screen.keys if x.endswith("-as-is"))
+    if is_answered:
+        screen.set(key.replace("as-is", "unit"), "mNm")
+        key = key.removesuffix("-as-is")
+    screen.click(key)
+    assert s.runs[-1]["use"] == "test"
+    assert s.current.judged_on == ["test.csv", s.runs[-1]["name"]]

@@ -16,7 +16,7 @@ from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import ArmScene, chart_and_arm
 from sdp_vs_penalty.page.charts import data_chart
-from sdp_vs_penalty.page.session import ENDINGS, Session
+from sdp_vs_penalty.page.session import ENDINGS, Session, asks_for_unit
 from sdp_vs_penalty.page.spoken import heading_of, name_in_title, shown_run, spoken
 from sdp_vs_penalty.page.view import (
     ACCEPT,
@@ -537,12 +537,16 @@ def _findings(view: View) -> None:
             if why and "transform" not in verbs:  # its trial says more
                 draw.note(formatting.sentence(spoken(why)))
             mends = [x for x in issue["remedies"] if x["change"]["verb"] != "cut"]
-            if not mends:
+            is_tested = all(run["use"] == "test" for run in runs)
+            is_difference = issue["kind"] in NOT_REPAIRED
+            if is_difference and is_tested:
+                draw.tag("p", "No model is identified from it: it is tested on.")
+            elif not mends:
                 draw.tag("p", formatting.sentence(spoken(issue["remedy"])))
             with draw.tag("div", style="row"):
                 for n, remedy in enumerate(issue["remedies"]):
                     _remedy(view, remedy, f"remedy-{k}-{n}")
-                is_apart = issue["kind"] in NOT_REPAIRED and _apart(session, runs, k)
+                is_apart = is_difference and _apart(session, runs, k)
                 is_done = issue["remedies"] or issue["remedy"].startswith("no action")
                 if issue["severity"] != "note" and not (is_apart or is_done):
                     _last_resort(session, runs, k)
@@ -595,9 +599,13 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
         filled = {**change, "arguments": {**change["arguments"], "scale": scale}}
         _unit_fields(session, scale, key)
         draw.button(label, partial(session.start, session.apply, filled), key)
+        waiting = [x for x in session.runs if x["use"] == "wait" and asks_for_unit(x)]
         if session.model is None and asked == ["tau"]:
             identify = partial(session.start, session.identify)
             draw.button("Identify without units", identify, f"{key}-as-is")
+        elif waiting:
+            leave = partial(session.start, session.leave_as_read, waiting[0], change)
+            draw.button("Leave it as it is", leave, f"{key}-as-is")
     else:
         draw.button(label, partial(session.start, session.apply, change), key)
     if outcome := session.outcome_of(change):
