@@ -285,9 +285,9 @@ def read(job: JobRequest) -> Answer:
             each_once = {str(w.message): w.message for w in heard}.values()
             said = [remark for remark in each_once if isinstance(remark, Remark)]
             remarks += map(str, said)
-            check_torque(part)
-            _refuse_duplicate(part, state.runs, path)
             name = f"{Path(file['name']).stem}_read.csv" if how else file["name"]
+            check_torque(replace(part, names=(file["name"],)))
+            _refuse_duplicate(part, state.runs, path)
             part = replace(part, names=(name,))  # as the command `convert` calls it
             state = replace(state, runs=(*state.runs, part))
             kept.append(

@@ -116,7 +116,7 @@ const lost = (is) => {
   box.className = "lost";
   box.setAttribute("role", "alert");
   box.innerHTML = "<p></p>";
-  box.firstChild.textContent = `The connection to the program is lost. If it has ended: ${startAgain()}`;
+  box.firstChild.textContent = `The connection to the program is lost. If it has ended, s${startAgain().slice(1)}`;
   box.insertAdjacentHTML("beforeend", '<button type="button" class="action primary" data-again data-key="again">Open it again</button>');
   document.body.append(box);
 };

@@ -425,7 +425,7 @@ def _split_bar(session: Session, run: dict[str, Any], k: int) -> None:
             train, test, between = (
                 formatting.number(x) for x in (*seconds, run["seconds"] - sum(seconds))
             )
-            text = f"{train} s to identify from: {split['share']:.0%} of the motion"
+            text = f"{train} s to identify from: {formatting.percent(split['share'], 2)} of the motion"
             draw.tag("span", text, "train-words")
             text = (
                 f"{test} s kept for testing; the {between} s between them belong to"
