@@ -67,6 +67,7 @@ def data_chart(
     read: Mapping[str, Any],
     units: Sequence[str],
     shows_repairs: bool,
+    position_unit: str = "",
     torque_unit: str = "",
 ) -> dict[str, Any]:
     """Draw positions, velocities and torques of all joints on one time axis.
@@ -79,8 +80,8 @@ def data_chart(
         offered (``shows_repairs``).
     units : sequence of str
         Torque unit of each joint; "N" marks a prismatic one.
-    torque_unit : str
-        Unit of the torques as they are logged, where it is another.
+    position_unit, torque_unit : str
+        Units of positions and torques as they are logged, where these are others.
 
     Returns
     -------
@@ -111,6 +112,7 @@ def data_chart(
         span = _span_without_spikes(read[name], repaired[name])
         plot.update_axes("y", row, range=span)
     kinds = "/".join(dict.fromkeys("m" if unit == "N" else "rad" for unit in units))
+    kinds = position_unit or kinds
     titles = (
         f"Position [{kinds}]",
         f"Velocity [{kinds}/s]",

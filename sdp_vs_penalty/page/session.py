@@ -1163,11 +1163,14 @@ class Session:
                 groups.setdefault(key, (issue, []))[1].append(run)
         return list(groups.values())
 
-    def torque_unit(self, run: str) -> str:
-        """Return the unit of a run's torque where it is none of a torque, by its name; ""
-        where it is N m or N."""
+    def units_as_logged(self, run: str) -> tuple[str, str]:
+        """Return the units of a run's positions and of its torque where these are not the
+        robot's; "" where they are."""
         (one,) = (x for x in self.runs if x["name"] == run)
-        return one.get("torque_unit") or ("A?" if asks_for_unit(one) else "")
+        kinds = [issue["kind"].partition("positions in ") for issue in one["findings"]]
+        position = next((unit for begin, _, unit in kinds if unit and not begin), "")
+        torque = one.get("torque_unit") or ("A?" if asks_for_unit(one) else "")
+        return position, torque
 
     @property
     def faults_in_words(self) -> str:

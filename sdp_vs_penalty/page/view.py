@@ -160,9 +160,8 @@ class StageVerdict:
 
 def label_of(words: str) -> str:
     """Return the words of a change as the label of its button."""
-    words = re.sub(
-        r"rename the columns of", "put into the joints' order", spoken(words)
-    )
+    columns = r"rename the columns of (\w+(?: and \w+)?)"
+    words = re.sub(columns, r"put \1 into the joints' order", spoken(words))
     words = re.sub(r"\btau\b", "the torque", words)
     words = re.sub(r"\bq\b", "the positions", words)
     words = re.sub(r"\btau(\d+)\b", r"joint \1's torque", words)

@@ -479,7 +479,8 @@ def check(view: View) -> None:
 
     def look(run: str) -> None:
         read = session.arrays(views[run])
-        drawn.update_figure(data_chart(read, units, mended, session.torque_unit(run)))
+        logged = session.units_as_logged(run)
+        drawn.update_figure(data_chart(read, units, mended, *logged))
         move(run, read)
 
     if len(views) > 1:
