@@ -150,7 +150,7 @@ def _acts_as(text: str, effect: str, joints: Collection[int]) -> bool:
     return is_law_of(name, effect) and {*joints} <= on_joints
 
 
-def _is_among(text: str, effects: Iterable[str]) -> bool:
+def is_among(text: str, effects: Iterable[str]) -> bool:
     """Whether a model has an effect, as `add` writes it, whatever its constants."""
     name, _, joints = text.partition("@")[0].partition(":")
     return any(
@@ -452,7 +452,7 @@ class Session:
         for model in self.history:
             texts = set() if model.findings else texts.union(model.added)
             if model.made_for:  # without some of them
-                texts = {text for text in texts if _is_among(text, model.effects)}
+                texts = {text for text in texts if is_among(text, model.effects)}
         return texts
 
     @property

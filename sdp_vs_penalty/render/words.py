@@ -237,7 +237,7 @@ def _evidence_for(
         searched = "Odds for it in the runs that were searched"
         evidence.append((f"{searched}: more than {odds} to 1.", True))
     if size:
-        evidence.append((f"Size {size}.", not finding.size_is_open))
+        evidence.append((_size_in_words(finding, size), not finding.size_is_open))
     if rivals := finding.rivals_in_words:
         evidence.append((f"Fits as well: {rivals}.", False))
     elif finding.rating == "confident" and not diagnosis.only_in_sum(finding):
@@ -247,6 +247,19 @@ def _evidence_for(
     if splits := finding.splits_sentence:
         evidence.append((splits, "few_splits" not in reasons))
     return tuple(evidence)
+
+
+def _size_in_words(finding: Finding, size: str) -> str:
+    """Say a finding's size with its interval, also relative, and of a mass what that
+    interval leaves out."""
+    share = formatting.percent(abs(finding.half_width_95 / finding.size), 2)
+    text = f"Size {size}, so to {share}."
+    if plain_unit(finding.unit).startswith("kg"):
+        text += (
+            " That leaves out the scale of the torques: gains that are 1 % off make the"
+            " mass 1 % off."
+        )
+    return text
 
 
 def _rising_joints(diagnosis: Diagnosis, before: Array, after: Array) -> str:

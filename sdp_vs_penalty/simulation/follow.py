@@ -10,6 +10,7 @@ model's error as a torque.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self
@@ -115,6 +116,13 @@ class FreeRun(JsonRecord):
     def run(self) -> str:
         """Name of the measured run."""
         return self.simulated.names[0]
+
+    def spread_within_sight(self, units: Sequence[str]) -> Array:
+        """Return ``spread`` (n,), infinite where it is so large that a run of that error
+        counts as having left the measured motion."""
+        spread = np.full(len(units), np.inf) if self.spread is None else self.spread
+        limit = np.array([_LEFT[unit] for unit in units])
+        return np.where(spread <= limit, spread, np.inf)
 
 
 @dataclass(frozen=True, repr=False)
@@ -260,11 +268,14 @@ class Following(Record, JsonRecord):
         if free is not None:
             columns["free run"] = free.rms
             if free.spread is not None:
-                columns["95 % band"] = free.spread
+                columns["95 % band"] = free.spread_within_sight(self.units)
         loop = None if free is None else free.loop
         rows = []
         for j, unit in enumerate(self.units):
-            numbers = [f"{1e3 * x[j]:.3g}" for x in columns.values()]
+            numbers = [
+                f"{1e3 * x[j]:.3g}" if np.isfinite(x[j]) else "unbounded"
+                for x in columns.values()
+            ]
             row = [f"{j + 1}", f"m{unit}", *numbers]
             if loop is not None:
                 row.append(f"{loop[j]:.3g} {'N' if unit == 'm' else 'N m'}")
@@ -305,7 +316,10 @@ class Following(Record, JsonRecord):
             return f"{text}."
         text += f", and of the free run of {free.seconds:.3g} s"
         if free.spread is not None:
-            text += " (half the 95 % band that the parameters' intervals make of it)"
+            text += (
+                " (half the 95 % band that the parameters' intervals make of it; unbounded:"
+                " wider than a motion that still follows)"
+            )
         if free.loop is not None:
             text += "; loop: what the control loop had to add"
         return f"{text}."

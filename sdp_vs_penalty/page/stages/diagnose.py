@@ -11,10 +11,10 @@ from nicegui import ui
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
-from sdp_vs_penalty.effects import effect_types, standard_effect
+from sdp_vs_penalty.effects import effect_types, effects_in_words, standard_effect
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import finding_chart, missing_chart
-from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.session import Session, is_among
 from sdp_vs_penalty.page.view import (
     PagePart,
     Stage,
@@ -67,6 +67,13 @@ def models(view: View) -> None:
     ui.html(drawn, sanitize=False)
     if len(history) == 1:
         return
+    with draw.details("What the model holds", "model-holds", on=True), draw.tag("ul"):
+        draw.tag("li", f"At first: {effects_in_words(history[0].effects)}.")
+        for step in history[1:]:
+            done = f"Added: {effects_in_words(step.added)}"
+            if step.made_for:
+                done = f"For {step.made_for}: {effects_in_words(step.effects)}"
+            draw.tag("li", f"{done}.")
     facts = {str(k): model.facts for k, model in enumerate(history, start=1)}
     with draw.details(f"Error (RMS) {scope}, as a table", "history-table"):
         draw.judged(history)
@@ -92,8 +99,9 @@ def findings(view: View) -> None:
     else:
         words = describe_diagnosis(diagnosis, session.robot["units"])
         _cards(view, diagnosis, words)
+        _open_before(view, diagnosis)
         _curves(view, diagnosis, words)
-        _others(session, diagnosis, words)
+        _others(view, diagnosis, words)
     with draw.tag("div", style="row"):
         again = "Diagnose" if diagnosis is None else "Diagnose again"
         diagnose = partial(session.start, session.diagnose)
@@ -154,6 +162,32 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
         with draw.tag("ol", style="findings"):
             for place, card in enumerate(others):
                 card(is_open=not sure and place == 0)
+
+
+def _open_before(view: View, diagnosis: Diagnosis) -> None:
+    """Draw what an earlier diagnosis found and the model holds, but of which the name is
+    open, each with the motion that decides it."""
+    session = view.session
+    before = [step.findings for step in session.history if step.findings]
+    still_open = [
+        finding
+        for earlier in before
+        for finding in (() if earlier is diagnosis else earlier.effects)
+        if finding.rating != "confident" and finding.undecided is not None
+        if is_among(finding.text, session.current.effects)
+    ]
+    if not still_open:
+        return
+    count = formatting.count(len(still_open), "effect")
+    title = f"In the model, and not decided: {count}"
+    with draw.details(title, "open-before", on=len(still_open) <= 3):
+        for finding in still_open:
+            with draw.tag("div", style="row"):
+                draw.tag("strong", finding.title)
+                draw.tag("span", finding.badge, f"badge {finding.rating}")
+                if rivals := finding.rivals_in_words:
+                    draw.note(f"Fits as well: {rivals}.")
+                _telling(view, finding, "", f"tell-before-{finding.number}")
 
 
 def _card(
@@ -310,14 +344,25 @@ def _by_hand(view: View) -> None:
         draw.button("Add it", add, "add-by-hand")
 
 
-def _others(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
+#: What a diagnosis asks for where the noise is not known from repetition.
+_REPEAT = "Record a run with more than one period"
+
+
+def _others(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     """Draw remarks, disturbances at single instants, each with a button that leaves it
     out, and effects that these runs cannot show.
     """
+    session = view.session
     for cause in diagnosis.passing:
         draw.tag("p", f"{formatting.sentence(cause.sentence)}.", "finding")
     for remark in (*diagnosis.besides, *words.remarks):
         draw.note(spoken(said_before(remark)))
+        if _REPEAT in remark:
+            draw.note(
+                "For that let the robot run one motion twice or more in one recording."
+            )
+            make = partial(session.start, session.make_motion, {}, view.download)
+            draw.button("Make a motion to repeat", make, "repeat")
     if words.all_events:
         with draw.details("When these disturbances were", "events"):
             with draw.tag("ul"):
