@@ -93,18 +93,13 @@ def _of_waiting(session: Session, run: Mapping[str, Any]) -> NextStep:
         label = label_of(remedy.change.words)
         text = graded(remedy.problem, remedy.certainty)
     elif asks_for_unit(run) and not is_refused(run):
-        text, field = found[0]["what"], _field_of_unit(session)
-        return NextStep(text, _SAY_THE_UNIT, "check", opens=field, level="usable")
+        return _unit(session, "usable")
     else:
         do = partial(session.start, session.use, run["file"], "")
         label = f"Leave {shown_run(run)} out"
         text = found[0]["what"] if found else "its torque is in another unit."
     name = shown_run(run)
     return NextStep(f"{name}: {text}", label, "check", do, level="bad")
-
-
-#: What leads to the fields for it.
-_SAY_THE_UNIT = "Say the unit, or the drive gains"
 
 
 def _columns(session: Session) -> NextStep:
@@ -144,10 +139,9 @@ def _of_runs(session: Session) -> NextStep:
         effect = session.outcome_of(change.to_dict())
         return NextStep(f"{text} {effect}".strip(), label, "check", do, level=level)
     of_check = checked(session)
-    if (field := _field_of_unit(session)) and not session.meaningless:
-        return NextStep(
-            of_check.text, _SAY_THE_UNIT, "check", opens=field, level=of_check.level
-        )
+    is_open = any(map(asks_for_unit, session.runs))
+    if is_open and not session.meaningless:
+        return _unit(session, of_check.level)
     for run in session.differing_runs:
         do = partial(session.start, session.use, run["file"], "test")
         label = set_aside_in_words(run)
@@ -169,14 +163,16 @@ def _of_runs(session: Session) -> NextStep:
     return NextStep(of_check.text, label, "identify", do, level=of_check.level)
 
 
-def _field_of_unit(session: Session) -> str:
-    """Return the key of the field in which Check asks for the unit of all torques; "" where
-    it does not."""
-    for k, (issue, _) in enumerate(session.issues):
+def _unit(session: Session, level: str) -> NextStep:
+    """Return the step to the fields in which Check asks for the unit of all torques."""
+    text, field = "", ""
+    for k, (issue, _) in reversed([*enumerate(session.issues)]):
         for n, remedy in enumerate(issue["remedies"]):
             if remedy["change"]["arguments"].get("scale") == {"tau": None}:
-                return f"remedy-{k}-{n}-gain-1"
-    return ""
+                text = graded(issue["what"], remedy["certainty"])
+                field = f"remedy-{k}-{n}-gain-1"
+    label = "Say the unit, or the drive gains"
+    return NextStep(text, label, "check", opens=field, level=level)
 
 
 def _with_published_gains(session: Session, remedy: Remedy) -> Remedy:

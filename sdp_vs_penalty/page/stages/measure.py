@@ -2,7 +2,6 @@
 the check says."""
 
 import tomllib
-from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.explain import NOT_REPAIRED
+from sdp_vs_penalty.data.words.tokens import group_of
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import problems_folder
@@ -248,27 +248,16 @@ def _mapping(session: Session, mapping: dict[str, Any]) -> None:
             with draw.tag("span", style="of-file", **chip):
                 draw.tag("span", text)
                 draw.sketch(mapping.get("sketches", {place: {}})[place])
-    velocities = {x: y for x, y in mapping["chosen"].items() if x.startswith("dq")}
-    others = {x: y for x, y in mapping["chosen"].items() if x not in velocities}
-    has_velocities = any(velocities.values())
-    for shown in (others, velocities):
-        title = "Velocities, where they are logged"
-        with (
-            draw.details(title, f"velocities-{k}", has_velocities)
-            if shown is velocities
-            else nullcontext(),
-            draw.tag("div", style="fields"),
-        ):
-            for ours, theirs in shown.items():
-                choose = partial(session.choose_column, columns, ours)
-                key = f"map-{k}-{ours}"
-                if ours == "rate":
-                    label = "Samples a second, where no column is the clock"
-                    draw.text_field(label, theirs, choose, key, "1000")
-                else:
-                    unit = _UNIT_OF[ours.rstrip("0123456789")]
-                    label = f"{ours} [{unit}]"
-                    draw.choice(label, options, theirs, choose, key)
+    with draw.tag("div", style="fields"):
+        for ours, theirs in mapping["chosen"].items():
+            choose = partial(session.choose_column, columns, ours)
+            key = f"map-{k}-{ours}"
+            if ours == "rate":
+                label = "Samples a second, where no column is the clock"
+                draw.text_field(label, theirs, choose, key, "1000")
+            else:
+                label = f"{ours} [{_UNIT_OF[group_of(ours)]}]"
+                draw.choice(label, options, theirs, choose, key)
     read = partial(session.start, session.read_mapped, columns)
     with draw.tag("div", style="row"):
         draw.button("Read with these columns", read, f"read-mapped-{k}")
@@ -282,7 +271,7 @@ def _mapping(session: Session, mapping: dict[str, Any]) -> None:
 
 
 #: What the columns of our names hold.
-_UNIT_OF = {"t": "s", "q": "rad, m", "dq": "rad/s, m/s", "tau": "N m, N or A"}
+_UNIT_OF = {"t": "s", "q": "rad, m", "dq": "if logged", "tau": "N m, N or A"}
 
 
 def _column(mapping: dict[str, Any], place: int) -> str:
@@ -589,26 +578,24 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
     session = view.session
     change = remedy["change"]
     label = session.with_shown_names(label_of(change["words"]))
-    if change["verb"] == "record":
-        label = label_of_motion(change)
+    do = partial(session.start, session.apply, change)
     asked = [k for k, v in change["arguments"].get("scale", {}).items() if not v]
     if change["verb"] == "record":
-        make = partial(session.start, session.make_motion, change, view.download)
-        draw.button(label, make, key)
+        label = label_of_motion(change)
+        do = partial(session.start, session.make_motion, change, view.download)
     elif asked:
         scale = {asked[0]: ""}
         filled = {**change, "arguments": {**change["arguments"], "scale": scale}}
         _unit_fields(session, scale, key)
-        draw.button(label, partial(session.start, session.apply, filled), key)
-        waiting = [x for x in session.runs if x["use"] == "wait" and asks_for_unit(x)]
-        if session.model is None and asked == ["tau"]:
-            identify = partial(session.start, session.identify)
-            draw.button("Identify without units", identify, f"{key}-as-is")
-        elif waiting:
-            leave = partial(session.start, session.leave_as_read, waiting[0], change)
-            draw.button("Leave it as it is", leave, f"{key}-as-is")
-    else:
-        draw.button(label, partial(session.start, session.apply, change), key)
+        do = partial(session.start, session.apply, filled)
+    draw.button(label, do, key)
+    waiting = [x for x in session.runs if x["use"] == "wait" and asks_for_unit(x)]
+    if asked and waiting:
+        leave = partial(session.start, session.leave_as_read, waiting[0], change)
+        draw.button("Leave it as it is", leave, f"{key}-as-is")
+    elif asked == ["tau"] and session.model is None:
+        identify = partial(session.start, session.identify)
+        draw.button("Identify without units", identify, f"{key}-as-is")
     if outcome := session.outcome_of(change):
         draw.note(outcome)
 
