@@ -486,3 +486,18 @@ def test_a_joint_s_force_stands_beside_torques():
     names += ["rail_joint_force [N]", "turn_joint_torque [Nm]"]
     rename, _ = recognised(names, joints)
     assert (rename["tau1"], rename["tau2"]) == (names[3], names[4])
+
+
+def test_letters_with_units_are_a_rail_s_too():
+    names = ["t", "th1[m]", "th2[°]", "u1[N]", "u2[N m]"]
+    rename, scale = recognised(names)
+    assert [*rename.values()] == names
+    assert scale == {"q2": pytest.approx(np.pi / 180.0)}
+
+
+def test_the_first_axis_is_no_ampere():
+    """KUKA's and ABB's axes are A1, A2 ..."""
+    from sdp_vs_penalty.data.hypotheses.recognition import recognise
+
+    found = recognise(["t", *(f"{x}.A{k}" for x in ("Pos", "Trq") for k in (1, 2))])
+    assert found.torque_unit == ""

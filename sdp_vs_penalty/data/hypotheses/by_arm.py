@@ -49,6 +49,8 @@ _BESIDE_RANGE = 1e-2
 _OF_ALL = {0.6: 0.1, 0.75: 0.1, 0.91: 1.0, 1.1: 1.0, 1.33: 0.1, 1.7: 0.1}
 _OF_ONE = {0.6: 5.0, 1.7: 5.0}
 _TURN = 2.0 * np.pi
+#: Torques that are so many times what the nominal links need, or less, are in another unit.
+_OTHER_SIZE = 4.0
 
 #: How the sentence of a unit begins that is not certain.
 _Q_MAY_BE = "q may be of motors behind gears, or in "
@@ -163,8 +165,9 @@ def with_unit_of_positions(
         return found, blocks
     found = replace(found, unit_by_arm=best.words)
     if "tau" in found.unsaid and of_best.size > 0.0:
+        is_usual = max(of_best.size, 1.0 / of_best.size) < _OTHER_SIZE
         said = (
-            "tau in N m, which no name says: they are"
+            f"tau {'in' if is_usual else 'hardly in'} N m, which no name says: they are"
             f" {of_best.size:.2g} times what the arm's nominal links need"
         )
         found = replace(found, said=(*found.said, said))

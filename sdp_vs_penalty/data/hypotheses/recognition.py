@@ -431,10 +431,8 @@ def with_units(
         elif group in of_logger:
             unit, why = of_logger[group], f"as {logger['name']} writes it"
         elif named:
-            unit, why = (
-                next(iter(named.values())).unit,
-                "the unit that its name ends with",
-            )
+            unit = " and ".join(dict.fromkeys(x.unit for x in named.values()))
+            why = "the unit that its name ends with"
             factors = {x: y.factor for x, y in named.items()}
         elif group in in_heading:
             unit, factor = in_heading[group]

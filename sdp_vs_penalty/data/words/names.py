@@ -10,6 +10,7 @@ import numpy as np
 from sdp_vs_penalty.data.words import table
 from sdp_vs_penalty.data.words.tokens import split_tokens
 from sdp_vs_penalty.data.words.units import (
+    SHARES,
     NamedUnit,
     telling_units,
     units_in_names,
@@ -203,6 +204,11 @@ def _read_by_unit(unit: NamedUnit) -> Meaning | None:
         is_read = bool(words & _COUNTERS) and not numbers
     else:
         is_read = bool(words) and unit.text in telling_units(unit.quantity)
+        # A letter of the quantity and a number: "x1 [m]" beside "x2 [deg]".
+        is_symbol = bool(numbers) and words <= {
+            *INITIALS.get(unit.quantity, "").split()
+        }
+        is_read |= bool(words) and is_symbol and unit.text not in SHARES
         # A letter alone names a joint, or is a symbol.
         is_read &= all(len(x) == 1 for x in words) or _quantity(list(words)) is None
     if not is_read or words & _OTHERS:

@@ -120,10 +120,12 @@ def _pattern(unit: str) -> re.Pattern[str]:
     """Compile the pattern of a unit at the end of a name, where a number may follow.
 
     The unit stands behind a mark or blank ("pos_deg"), or begins with a capital letter
-    ("posDeg"). It is no part of a longer word.
+    ("posDeg"). It is no part of a longer word, and a single letter before a number, "A1",
+    names a joint.
     """
     behind_a_mark = r"(?<![^\W\d_])(?<![°/·*])"  # and not behind a letter of any script
     at_a_capital = r"(?<=[a-z])(?=[A-Z][a-z]{2})"
     number_and_marks = r"[\W_]*(?P<number>[0-9]*)[\W_]*$"
+    number_and_marks = "(?![0-9])" * (len(unit) == 1) + number_and_marks
     begin = f"(?:{behind_a_mark}|{at_a_capital})"
     return re.compile(f"{begin}(?i:{re.escape(unit)}){number_and_marks}")
