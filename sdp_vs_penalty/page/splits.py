@@ -27,6 +27,7 @@ from sdp_vs_penalty.signals.phases import (
     rotated_windows,
     tracks_of,
 )
+from sdp_vs_penalty.signals.runs import moving_joints
 
 Windows = list[tuple[float, float]]
 #: Shares of a run's motion to identify from, in the order in which they are tried until
@@ -44,6 +45,8 @@ CONFIRMED_SHARE = 2.0 / 3.0
 class _Cutting:
     """What a run is cut by."""
 
+    #: The run.
+    run: Measurements
     #: Clock of its motion.
     clock: MotionClock
     #: Length of the run [s].
@@ -59,6 +62,7 @@ class _Cutting:
         settings = problem.preprocessing.resolve(run)
         (clock,) = motion_clocks(tracks_of(run))
         return cls(
+            run=run,
             clock=clock,
             seconds=float(run.t[-1] - run.t[0]),
             reach=filter_reach(run, settings),
@@ -79,9 +83,19 @@ class _Cutting:
     def windows(self, share: float) -> tuple[Windows, Windows] | None:
         """Return the windows (begin, end) [s] for training and for testing.
 
-        share : share of the motion for training. None if the run is too short.
+        share : share of the motion for training. None if the run is too short. Windows
+        in which no joint moves are left out: the filters leave no row of them.
         """
-        return phase_windows(self.clock, self.seconds, share, self.pause, self.shortest)
+        windows = phase_windows(
+            self.clock, self.seconds, share, self.pause, self.shortest
+        )
+        if windows is None:
+            return None
+        train, test = (
+            [(a, b) for a, b in side if moving_joints(self.run.window(a, b)).any()]
+            for side in windows
+        )
+        return (train, test) if train and test else None
 
     def judged_share(self, tested: Windows) -> float:
         """Return the share of the run's filtered rows that lie in the tested windows

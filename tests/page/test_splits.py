@@ -69,6 +69,22 @@ def test_a_share_that_a_person_chose_is_kept(two_link, run):
     assert splits.split_run(two_link, run, 0.55)["share"] == 0.55
 
 
+def test_no_window_lies_in_the_rest_after_a_motion(two_link, run):
+    """The filters leave no row of such a window: a diagnosis would end in an error."""
+    rest = run.t[-1] + 0.01 * np.arange(1, 501)
+    many = np.ones((500, 1))
+    still = replace(
+        run,
+        t=np.append(run.t, rest),
+        q=np.vstack([run.q, run.q[-1] * many]),
+        dq=None,
+        tau=np.vstack([run.tau, run.tau[-1] * many]),
+        run=None,
+    )
+    split = splits.split_run(two_link, still)
+    assert all(begin < run.t[-1] for begin, _ in split["train"] + split["test"])
+
+
 def test_other_splits_test_elsewhere(two_link, run):
     split = splits.split_run(two_link, run)
     others = splits.other_splits(two_link, run, split)
