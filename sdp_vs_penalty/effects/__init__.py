@@ -104,13 +104,14 @@ def _parse_effect(text: str, robot: Robot) -> Effect:
     # An unknown constant is read as a number; the effect itself refuses it.
     shape: dict[str, float] = {}
     for item in shapes:
-        key, _, value = item.partition("=")
+        key_text, _, value = item.partition("=")
+        key = key_text.strip()
+        constant = kind.shapes.get(key)
         try:
-            known = kind.shapes.get(key.strip())
-            shape[key.strip()] = float(value) if known is None else known.parsed(value)
+            shape[key] = float(value) if constant is None else constant.parsed(value)
         except ValueError:
-            words = known.words if known is not None else ()
-            how = f"@{key.strip()}={'|'.join(words)}" if words else "@name=number"
+            words = constant.words if constant is not None else ()
+            how = f"@{key}={'|'.join(words)}" if words else "@name=number"
             raise InputError(
                 f"effect {text!r}", f"write a shape constant as {how}"
             ) from None

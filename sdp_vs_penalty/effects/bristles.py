@@ -130,7 +130,7 @@ class StatefulEffect(Effect):
         Parameters
         ----------
         size
-            Size of the effect that was found.
+            Size of the effect that was found; 0 where it is asked before a fit.
         coverage
             Travel, resolution and standstills of its joint in the runs.
 
@@ -139,10 +139,9 @@ class StatefulEffect(Effect):
         str
             The reason, empty if there is none.
         """
-        hidden = (
-            max(self.bristles.distances, default=np.inf) < 2.0 * coverage.resolution
-        )
-        if self.at_rest == "turns" and hidden:
+        longest_travel = max(self.bristles.distances, default=np.inf)
+        is_hidden = longest_travel < 2.0 * coverage.resolution
+        if self.at_rest == "turns" and is_hidden:
             return (
                 "it turns round within what the positions tell apart: any sharp"
                 " friction makes a similar torque"

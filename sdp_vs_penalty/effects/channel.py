@@ -158,9 +158,8 @@ class DelayedTorque(Effect):
         all joints is the delay of that joint, which another effect describes; and
         filtered friction cannot be told from filtered inertia there.
         """
-        return (
-            super().starts(robot, joint) if robot.n > 1 or not cls.whole_robot else []
-        )
+        is_that_of_one_joint = cls.whole_robot and robot.n == 1
+        return [] if is_that_of_one_joint else super().starts(robot, joint)
 
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
         """Give a reason to doubt a delay [s] that is shorter than the log's instants are

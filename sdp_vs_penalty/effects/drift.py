@@ -190,8 +190,8 @@ class WarmingFriction(Rubbing):
         The effect refines the friction that it changes, viscous or Coulomb: a search
         tries it only beside that one.
         """
-        # The class lists Coulomb friction first, then viscous friction.
-        self.refines = (self.refines[int(self.viscous)],)
+        coulomb_friction, viscous_friction = type(self).refines
+        self.refines = (viscous_friction if self.viscous else coulomb_friction,)
         self.follows_clock = self.shape["by"] == 2.0
         self.needs_temperature = not self.follows_clock
 

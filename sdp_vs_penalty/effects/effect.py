@@ -706,13 +706,14 @@ class Effect(ABC):
         Iterable of dict
             Values by name; empty where the effect cannot act.
         """
+        if not cls.sought:
+            return []
         kind = robot.joints[joint].kind
         grids = {
             key: shape.on(kind).grid for key, shape in cls.shapes.items() if shape.grid
         }
-        combinations_of_values = product(*grids.values()) if cls.sought else ()
         return [
-            dict(zip(grids, values, strict=True)) for values in combinations_of_values
+            dict(zip(grids, values, strict=True)) for values in product(*grids.values())
         ]
 
     @classmethod
@@ -856,7 +857,7 @@ class Effect(ABC):
         Parameters
         ----------
         size
-            Size of the effect that was found.
+            Size of the effect that was found; 0 where it is asked before a fit.
         coverage
             Travel, resolution and standstills of its joint in the runs.
 

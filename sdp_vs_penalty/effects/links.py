@@ -422,17 +422,21 @@ class GearError(Wave, LinkDeviation):
         of_curvature = dq**2 * by_ddq
         of_slope = dq * by_dq + ddq * by_ddq + motion.link_torque[:, joint]
         columns = np.empty((len(q), len(forms)), complex)
-        last_k, step = 0.0, 0.0
-        wave = turned = np.ones(len(q), complex)
+        last_k = 0.0
+        wave = np.ones(len(q), complex)  # exp(i k q) at the last k
+        step = 0.0  # the last step of k
+        wave_of_step = (
+            wave  # exp(i step q), kept while the wave numbers are evenly spaced
+        )
         for place, form in enumerate(forms):
             k = form.shape["k"]
             if k - last_k != step:
                 step = k - last_k
-                turned = np.exp(1j * step * q)
-            wave = wave * turned
+                wave_of_step = np.exp(1j * step * q)
+            wave = wave * wave_of_step
             last_k = k
             columns[:, place] = wave * (by_q - k**2 * of_curvature + 1j * k * of_slope)
-        return columns.view(float)
+        return columns.view(float)  # real and imaginary parts take turns
 
 
 #: Below this [Hz] a geared joint yields as a spring alone does. MuJoCo's gears with
@@ -534,10 +538,12 @@ class BacklashInFlight(LinkDeviation):
     def deviated(self, motion: Motion, joint: int) -> Array:
         """Return the torque (N, n) per radian or metre of play in one joint's gear."""
         slopes = motion.derivatives(joint)
-        of_joint = tuple(x[:, joint] for x in slopes)
-        if of_joint[2].min() <= 0.0:  # as of least squares: nothing flies so
+        slopes_of_joint = tuple(x[:, joint] for x in slopes)
+        inertia_of_joint = slopes_of_joint[2]
+        # Links of least squares may have no positive inertia: nothing flies so.
+        if inertia_of_joint.min() <= 0.0:
             return np.zeros_like(motion.q)
-        lag = self._lag(motion, joint, of_joint)
+        lag = self._lag(motion, joint, slopes_of_joint)
         # The difference to the first lag is exactly 0 where the link never flies, so
         # that smoothing leaves no velocity by rounding.
         flown = motion.smoothed(lag - lag[0], self.shape["band"])
@@ -665,14 +671,16 @@ class JointResonance(LinkDeviation):
 
     def contradicts_itself(self, theta: Array, mean_inertia: float) -> bool:
         """Return whether the compliance c_r is not that of a gear on which the joint's
-        inertia M swings at f: c_r (2 pi f)^2 M is 1 for a gear.
+        inertia M swings at f: a gear has c_r = 1 / ((2 pi f)^2 M).
 
-        False where M is not known.
+        False where M is not known (NaN).
         """
-        stiffness = (2.0 * np.pi * self.shape["f"]) ** 2 * mean_inertia
+        expected_stiffness = (2.0 * np.pi * self.shape["f"]) ** 2 * mean_inertia
+        compliance_over_expected = theta[0] * expected_stiffness
         smallest, largest = _COMPLIANCE_OVER_EXPECTED
-        over_expected = theta[0] * stiffness
-        return bool(over_expected < smallest or over_expected > largest)
+        return bool(
+            compliance_over_expected < smallest or compliance_over_expected > largest
+        )
 
     @property
     def resembles(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -747,21 +755,24 @@ class JointResonance(LinkDeviation):
         by_q, by_dq, by_ddq = slopes
         stiffness = 1.0 / compliance + by_q
         damping = by_dq + self.shape["zeta"] / (np.pi * self.shape["f"] * compliance)
-        # Row k + 1: what the instants k - 1, k and k + 1 have to do with each other.
+        # Of the lags x at three instants: next_one x_k+1 + this_one x_k + last_one x_k-1 =
+        # (torque_k+1 + 2 torque_k + torque_k-1) / 4.
         by_step = by_ddq / step**2
         next_one = by_step + damping / (2.0 * step) + stiffness / 4.0
         this_one = stiffness / 2.0 - 2.0 * by_step
         last_one = by_step - damping / (2.0 * step) + stiffness / 4.0
+        # The matrix has a diagonal and two bands below it: row k + 1 is that of x_k+1. Its
+        # first two rows state x = torque / stiffness, at rest.
         bands = np.zeros((3, len(torque)))
-        bands[0] = 1.0
+        bands[0, :2] = 1.0
         bands[0, 2:] = next_one[1:-1]
         bands[1, 1:-1] = this_one[1:-1]
         bands[2, :-2] = last_one[1:-1]
         right_side = np.empty_like(torque)
         right_side[:2] = torque[0] / stiffness[0]
         right_side[2:] = (torque[:-2] + 2.0 * torque[1:-1] + torque[2:]) / 4.0
-        bands[1, 0] = 0.0  # the first two instants are at rest
-        return scipy.linalg.solve_banded((2, 0), bands, right_side)
+        lower_and_upper = (2, 0)
+        return scipy.linalg.solve_banded(lower_and_upper, bands, right_side)
 
 
 def _moved(motion: Motion, x: Array, slopes: Sequence[Array]) -> Array:
@@ -810,14 +821,11 @@ class KinematicError(Effect):
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
         """Name the displacements [m] and rotations [rad] of the joints' frames:
         "slip_x3" along, and "turn_x3" about, the x axis of joint 3."""
-        kinds = [
-            ("slip", "m") if k < 3 else ("turn", "rad")
-            for _, k in self._joint_axis_pairs
-        ]
-        places = zip(kinds, self._joint_axis_pairs, strict=True)
-        return [
-            (f"{word}_{'xyz'[k % 3]}{j + 1}", unit) for (word, unit), (j, k) in places
-        ]
+        names = []
+        for place, axis in self._joint_axis_pairs:
+            word, unit = ("slip", "m") if axis < 3 else ("turn", "rad")
+            names.append((f"{word}_{'xyz'[axis % 3]}{place + 1}", unit))
+        return names
 
     @cached_property
     def _joint_axis_pairs(self) -> list[tuple[int, int]]:
@@ -828,15 +836,15 @@ class KinematicError(Effect):
         rotations about them. For a joint on the base only rotations that turn gravity
         change a torque; 1e-6 m/s^2 counts as no gravity.
         """
-        gravity = np.array(self.robot.gravity)
-        out = list[tuple[int, int]]()
+        pairs = list[tuple[int, int]]()
         for j, joint in enumerate(self.robot.tree):
-            down = joint.placement[:3, :3].T @ gravity
-            across = [
-                k for k in range(3, 6) if np.hypot(*np.delete(down, k - 3)) > 1e-6
-            ]
-            out += [(j, k) for k in (across if joint.parent == -1 else range(6))]
-        return sorted(out, key=lambda place: place[1] >= 3)
+            axes = list(range(6))
+            if joint.parent == -1:
+                # Gravity in the joint's frame; a rotation about it turns nothing.
+                down = joint.placement[:3, :3].T @ np.array(self.robot.gravity)
+                axes = [3 + k for k in range(3) if np.hypot(*np.delete(down, k)) > 1e-6]
+            pairs += [(j, axis) for axis in axes]
+        return sorted(pairs, key=lambda pair: pair[1] >= 3)
 
     @property
     def plausible(self) -> Array:

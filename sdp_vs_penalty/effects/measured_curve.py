@@ -125,9 +125,10 @@ class Variable:
             ratio = float(both["sign"] + (both["ratio"] or "1"))
             joint, other = int(both["joint"]) - 1, int(both["other"]) - 1
             return cls(both["word"], joint, other, ratio)
+        # The joint's number stands at the end or before a bracket: "q4", "sign(dq4)".
         one = _OF_A_JOINT.fullmatch(text)
         word = one["begin"] + one["end"] if one else ""
-        if not one or word not in set(WORDS) - {"t", "none"}:
+        if not one or word not in WORDS or word in ("t", "none"):
             raise ValueError(f"{text!r} is no variable of a curve")
         return cls(word, int(one["joint"]) - 1)
 
@@ -145,16 +146,18 @@ class Variable:
         str
             The unit, "-" for a sign.
         """
-        position = "m" if torque_units[self.joint] == "N" else "rad"
-        rates = {
+        torque = torque_units[self.joint]
+        position = "m" if torque == "N" else "rad"
+        units = {
             "q": position,
             "dq": f"{position}/s",
             "ddq": f"{position}/s^2",
+            "abs(ddq)": f"{position}/s^2",
+            "tau": torque,
             "t": "s",
             "temp": "K",
         }
-        more = {"abs(ddq)": rates["ddq"], "tau": torque_units[self.joint]}
-        return (rates | more).get(self.word, "-")
+        return units.get(self.word, "-")
 
 
 #: Most values of a table along one variable.
@@ -169,15 +172,17 @@ def _is_value(key: str) -> bool:
     return key[0] in "vw" and key[1:].isdigit()
 
 
-def _axis(
+def _axis_constants(
     axis: str, count: float, default: float, words: tuple[str, ...]
 ) -> dict[str, ShapeConstant]:
     """Declare the shape constants of one axis ("x" or "y") of a table over a joint's
     variable.
 
-    Of the axis x, with joints from 1:
+    Files hold an effect as named numbers, so words and joints are numbers here as well.
+    Those of the axis x, with joints from 1:
 
-    - x: the variable, by its number in WORDS; one of ``words``, else ``default``.
+    - x: the variable, by its number in WORDS (one of ``words``); ``default`` where none
+      is given.
     - xj: its joint; 0 is the effect's own.
     - xi, xc: a second joint that is added, and its ratio; xi = 0 is none.
     - xlow, xhigh: ends of the table.
@@ -203,12 +208,15 @@ def _variable(constants: Mapping[str, float], axis: str, joint: int) -> Variable
     refers.
     """
     word = WORDS[int(constants[axis]) - 1]
-    first = int(constants[f"{axis}j"])
-    other = int(constants.get(f"{axis}i", 0))
     if word == "none":
         return None
+    first = int(constants[f"{axis}j"])  # from 1; 0 is the effect's own joint
+    other = int(constants.get(f"{axis}i", 0))  # from 1; 0 is none
     return Variable(
-        word, first - 1 if first else joint, other - 1, constants.get(f"{axis}c", 1.0)
+        word,
+        joint=first - 1 if first else joint,
+        other=other - 1,
+        ratio=constants.get(f"{axis}c", 1.0),
     )
 
 
@@ -252,8 +260,8 @@ class MeasuredCurve(JointEffect):
     sought = False
     searched = ()
     shapes = {
-        **_axis("x", 2.0, 1.0, tuple(w for w in WORDS if w != "none")),
-        **_axis("y", 1.0, WORDS.index("none") + 1.0, WORDS),
+        **_axis_constants("x", 2.0, 1.0, tuple(w for w in WORDS if w != "none")),
+        **_axis_constants("y", 1.0, WORDS.index("none") + 1.0, WORDS),
         "v1": ShapeConstant(-1.0, signed=True),
         "v2": ShapeConstant(1.0, signed=True),
     }
@@ -267,15 +275,16 @@ class MeasuredCurve(JointEffect):
         Values that are missing are filled with the nearest known one.
         """
         constants = self._with_defaults(shape)
-        # {1: "v1", 2: "w2", ...}: places of the table, row by row.
+        # The values' keys by their place in the table, which counts from 1 row by row:
+        # {1: "v1", 2: "w2", ...}.
         key_of_place = {int(key[1:]): key for key in constants if _is_value(key)}
-        known = sorted(key_of_place)  # from 1, row by row
-        self._refuse(robot, constants, known)
+        places = sorted(key_of_place)
+        value_keys = [key_of_place[place] for place in places]
+        self._refuse(robot, constants, places)
         first_joint = 0 if joints is None else min(joints, default=0)
-        values = [key_of_place[k] for k in known]
         # This effect's own constants, with the units of its variables, before the base
         # class checks them.
-        self.shapes = self._own_shapes(robot, first_joint, constants, values)
+        self.shapes = self._own_shapes(robot, first_joint, constants, value_keys)
         super().__init__(robot, joints, **shape)
         self.shape = {key: self.shape[key] for key in self.shapes}
         # What the columns need to be computed.
@@ -283,12 +292,11 @@ class MeasuredCurve(JointEffect):
         self.needs_torque = "tau" in words
         self.follows_clock = "t" in words
         self.needs_temperature = "temp" in words
-        # The table (xn, yn), and flags of the places where nothing was measured.
         size = (int(constants["xn"]), int(constants["yn"]))
-        known_values = [self.shape[key] for key in values]
-        self._table = _filled_table(size, np.array(known) - 1, known_values)
-        # 1 where nothing was measured, 0 where v1, v2 ... are.
-        measured = [k - 1 for k in known if key_of_place[k].startswith("v")]
+        values = [self.shape[key] for key in value_keys]
+        self._table = _filled_table(size, np.array(places) - 1, values)
+        # (xn, yn): 1 where nothing was measured, 0 where v1, v2 ... are.
+        measured = [k - 1 for k in places if key_of_place[k].startswith("v")]
         self._missing = np.ones(size)
         self._missing.flat[measured] = 0.0
 
@@ -305,13 +313,12 @@ class MeasuredCurve(JointEffect):
         return {**defaults, **shape}
 
     def _refuse(
-        self, robot: Robot, constants: Mapping[str, float], known: Sequence[int]
+        self, robot: Robot, constants: Mapping[str, float], places: Sequence[int]
     ) -> None:
         """Raise InputError for constants that make no table: sizes xn and yn that are
         no whole numbers, values outside of xn yn places, or ends in the wrong order.
 
-        ``known`` holds the sorted places (from 1, row by row) of the values that are
-        there.
+        ``places`` are those of the given values, sorted; they count from 1 row by row.
         """
         who = f"effect {self.name}:"
         for key in ("xn", "yn"):
@@ -321,7 +328,7 @@ class MeasuredCurve(JointEffect):
                     f"{who} {key} = {size:g}", f"give a whole number from 1 to {_MOST}"
                 )
         count = int(constants["xn"] * constants["yn"])
-        if not known or not 1 <= known[0] <= known[-1] <= count:
+        if not places or not 1 <= places[0] <= places[-1] <= count:
             remedy = f"name those that are known among v1 to v{count}"
             raise InputError(f"{who} the values do not fit a table of {count}", remedy)
         for axis in "xy":
@@ -353,13 +360,13 @@ class MeasuredCurve(JointEffect):
         robot: Robot,
         joint: int,
         constants: Mapping[str, float],
-        values: Sequence[str],
+        value_keys: Sequence[str],
     ) -> dict[str, ShapeConstant]:
         """Declare the shape constants of this table: ends of its axes in the units of
-        its variables, and the values in the unit of torque.
+        its variables, and the values (``value_keys`` "v1", "w2", ...) in the unit of
+        torque.
 
-        ``values`` are the keys of the values that are there, "v1", "w2", .... The
-        constants of an added joint (xi, xc, yi, yc) are left out where no joint is
+        The constants of an added joint (xi, xc, yi, yc) are left out where no joint is
         added.
         """
         out = {k: s for k, s in cls.shapes.items() if not k.startswith("v")}
@@ -367,16 +374,17 @@ class MeasuredCurve(JointEffect):
             over = (
                 _variable(constants, axis, joint)
                 if constants[axis] in cls.shapes[axis].choices
-                else None
+                else None  # the base class refuses such a number
             )
             unit = "-" if over is None else over.unit(robot.torque_units)
             for end in ("low", "high"):
                 out[axis + end] = replace(cls.shapes[axis + end], unit=unit)
             if not constants[f"{axis}i"]:
                 del out[f"{axis}i"], out[f"{axis}c"]
+        torque_unit = robot.torque_units[joint]
         return out | {
-            v: ShapeConstant(constants[v], robot.torque_units[joint], signed=True)
-            for v in values
+            key: ShapeConstant(constants[key], torque_unit, signed=True)
+            for key in value_keys
         }
 
     def variables(self, joint: int) -> tuple[Variable, ...]:

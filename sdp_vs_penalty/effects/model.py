@@ -489,7 +489,7 @@ def plausible_sizes(effects: Sequence[Effect]) -> Array:
     return np.concatenate([np.zeros(0), *parts])
 
 
-def turning(motion: Motion, effect: Effect) -> Motion:
+def with_sign_width_of(motion: Motion, effect: Effect) -> Motion:
     """Copy the sign width v_s of a friction effect into a motion, so that sign(dq) of
     the effect's joints is smoothed as tanh(dq / v_s).
 

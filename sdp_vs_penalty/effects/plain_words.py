@@ -61,9 +61,8 @@ def effect_in_words(text: str) -> str:
         return text
     words = effect_name(match["name"])
     if match["joints"]:
-        words += (
-            f" on {formatting.joints([int(j) for j in match['joints'].split('+')])}"
-        )
+        joints = [int(number) for number in match["joints"].split("+")]
+        words += f" on {formatting.joints(joints)}"
     if match["constants"]:
         pairs = [pair.partition("=") for pair in match["constants"].split("@")]
         values = [f"{key} {_short(value)}" for key, _, value in pairs]
@@ -84,20 +83,17 @@ def effects_in_words(texts: Sequence[str]) -> str:
     >>> effects_in_words(["stiction:3@d=0.1", "base_tilt", "stiction:4@d=0.2"])
     'stiction on joints 3 and 4 and base tilt'
     """
-    joints: dict[str, set[int]] = {}
+    joints_by_name: dict[str, set[int]] = {}
     for text in texts:
         match = _WRITTEN.fullmatch(text)
-        name = text if match is None else match["name"]
-        numbers = (
-            [] if match is None or not match["joints"] else match["joints"].split("+")
-        )
-        joints.setdefault(name, set()).update(map(int, numbers))
-    words = [
-        f"{effect_name(name)} on {formatting.joints(sorted(where))}"
-        if where
-        else effect_name(name)
-        for name, where in joints.items()
-    ]
+        name = match["name"] if match else text
+        joints = joints_by_name.setdefault(name, set())
+        if match and match["joints"]:
+            joints.update(map(int, match["joints"].split("+")))
+    words = list[str]()
+    for name, joints in joints_by_name.items():
+        where = f" on {formatting.joints(sorted(joints))}" if joints else ""
+        words.append(effect_name(name) + where)
     return formatting.words(words) if words else ""
 
 
@@ -165,16 +161,19 @@ def on_the_arm(fitted: FittedEffect) -> str:
 
 
 def _fields(fitted: FittedEffect) -> dict[str, object]:
-    """Return the values of the placeholders in an effect's ``on_the_arm`` by their names, formatted as
-    words.
+    """Return what fills the placeholders of an effect's sentence ``on_the_arm``.
 
     Example: {"joint": "joint 4", "size": "3.1 N m/rad", "travel": "0.5°", ...}. All
     placeholders are computed, although a sentence uses only some of them.
     """
+
+    def with_unit(value: float) -> str:
+        """Format a number with the digits and the unit of the effect's size."""
+        return f"{formatting.number(value, fitted.digits)} {unit}".rstrip()
+
     size = abs(fitted.size)
     unit = formatting.plain_unit(fitted.unit)
-    text = f"{formatting.number(size, fitted.digits)} {unit}".rstrip()
-    # Whether the joint is prismatic.
+    # A prismatic joint is known by the unit: forces in place of torques.
     is_slide = fitted.unit in ("N", "m", "kg", "m/N")
     is_slide |= fitted.unit.startswith(("N/", "N*s", "N*("))
     # The joint (from 1) whose motion acts on this one; 0 for the neighbour.
@@ -182,9 +181,9 @@ def _fields(fitted: FittedEffect) -> dict[str, object]:
     return {
         "joint": formatting.joints(fitted.joints) if fitted.joints else "the arm",
         "other": f"joint {source:.0f}" if source else "the joint beside it",
-        "size": text,
-        "twice": f"{formatting.number(2.0 * size, fitted.digits)} {unit}".rstrip(),
-        "signed": f"{formatting.number(fitted.size, fitted.digits)} {unit}".rstrip(),
+        "size": with_unit(size),
+        "twice": with_unit(2.0 * size),
+        "signed": with_unit(fitted.size),
         "sign": _Sign(fitted.size),
         "share": formatting.percent(size, fitted.digits),
         "time": formatting.milli(size, "s", 2),

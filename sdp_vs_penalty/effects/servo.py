@@ -201,12 +201,13 @@ LAWS: dict[str, tuple[type[Servo], ...]] = {
 
 
 def law_of_terms(name: str, d: float) -> Array:
-    """Return a law as (7, 1 + m) combinations of the seven terms (:attr:`Servo.terms`),
-    with a further delay d [s] of the command.
+    """Return the law ``name`` of :data:`LAWS` as a matrix (7, 1 + m): each column
+    combines the seven terms of a drive (:attr:`Servo.terms`). ``d`` is a further delay
+    of the command [s].
 
     Column 0 is the control error e = q_cmd(t - d) - q; the other m columns are what the
     law adds to it (damping, integral, velocity loop, feed-forward), each with a gain.
     """
-    damping = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    damping = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]  # the velocity alone
     error, *further = (effect.terms(d) for effect in LAWS[name])
     return np.array([error, damping, *further]).T

@@ -128,14 +128,13 @@ class ElasticCoupling(Effect):
         zero for stiffnesses of other joints."""
         blocks = []
         for joint in self.joints:
-            columns = [
-                motion.q[:, second if joint == first else first]
-                if joint in (first, second)
-                else np.zeros(len(motion.t))
-                for first, second in self.pairs
-            ]
-            parameters = np.arange(len(self.pairs))
-            blocks.append(Block(joint, parameters, np.column_stack(columns)))
+            columns = np.zeros((len(motion.t), len(self.pairs)))
+            for k, (first, second) in enumerate(self.pairs):
+                if joint == first:
+                    columns[:, k] = motion.q[:, second]
+                elif joint == second:
+                    columns[:, k] = motion.q[:, first]
+            blocks.append(Block(joint, np.arange(len(self.pairs)), columns))
         return blocks
 
     @classmethod
@@ -216,9 +215,10 @@ class TransmissionFriction(StatefulEffect):
         law = self.shapes["law"]
         number_of_law = shape.get("law", law.default)
         constants = {"law": law}
-        if law.complaint(number_of_law) is None:
-            for key in self._OWN.get(law.written(number_of_law), ())[:1]:
-                constants[key] = self.shapes[key]
+        is_law = law.complaint(number_of_law) is None  # the base class refuses others
+        if is_law and (own := self._OWN.get(law.written(number_of_law))):
+            key, _ = own
+            constants[key] = self.shapes[key]
         # Ratios turn each joint's position into the first one's unit.
         units = [robot.position_units[j] for j in acting_joints if j < robot.n]
         ratios = dict[str, ShapeConstant]()
@@ -356,50 +356,60 @@ class TransmissionFriction(StatefulEffect):
         list of Effect
             One effect for each law and combination that is worth trying.
         """
-        given_ratios = {k: x for k, x in constants.items() if k.startswith("c")}
-        if given_ratios:
-            ratio_sets = [given_ratios]
-        else:
-            ratio_sets = list_joint_combinations(robot, joint or 0)
+        given_ratios = {
+            int(key[1:]) - 1: ratio
+            for key, ratio in constants.items()
+            if key.startswith("c")
+        }
+        ratio_sets = (
+            [given_ratios]
+            if given_ratios
+            else list_joint_combinations(robot, joint or 0)
+        )
         shapes = list[dict[str, float]]()
-        for law in cls.starts(robot, joint or 0):
-            shape = {**law, **constants}
-            is_given_law = shape["law"] == law["law"]
-            if is_given_law and shape not in shapes:
+        for start_shape in cls.starts(robot, joint or 0):
+            shape = {**start_shape, **constants}
+            # A given law leaves out the others; a given d makes its two starts equal.
+            if shape["law"] == start_shape["law"] and shape not in shapes:
                 shapes.append(shape)
-        # Combinations that the user or the robot's own couplings state are no guesses.
-        stated = [given_ratios, *map(_ratios, robot.couplings)]
+        # Combinations that the user or the robot states; all others are guesses.
+        certain = [given_ratios, *map(_nonzero_ratios, robot.couplings)]
         effects = list[Effect]()
         for ratios, shape in product(ratio_sets, shapes):
-            if ratios in stated or _worth_a_guess(ratios, shape, constants, stated):
-                joints = [int(key[1:]) - 1 for key in ratios]
-                effects.append(cls(robot, joints, **{**ratios, **shape}))
+            if ratios in certain or _worth_a_guess(ratios, shape, constants, certain):
+                ratio_constants = {f"c{j + 1}": ratio for j, ratio in ratios.items()}
+                effects.append(cls(robot, list(ratios), **{**ratio_constants, **shape}))
         return effects
 
 
 def _worth_a_guess(
-    ratios: Mapping[str, float],
+    ratios: Mapping[int, float],
     shape: Mapping[str, float],
-    constants: Mapping[str, float],
-    sure: Sequence[Mapping[str, float]],
+    given: Mapping[str, float],
+    certain: Sequence[Mapping[int, float]],
 ) -> bool:
     """Tell whether a law is tried along a combination that is not known of the robot.
 
-    On three joints, only laws without constants of their own are tried: finer ones fit
-    by chance among so many. A law that is linear (viscous, inertia) acts as f c c^T;
-    the joints' own friction and rotors absorb all but its cross terms, whose signs tell
-    no ratio. It is tried with ratios of 1 and -1 only, and only where the ratios are
-    not known.
+    ``ratios`` (by joint from 0) are those of the guess, ``shape`` are its law and
+    constants, ``given`` those that the user gave, and ``certain`` the known ratios.
+
+    - On three joints a law with a constant to estimate is not tried: among so many
+      combinations one would fit by chance.
+    - A linear law (viscous, inertia) adds f c c^T to the damping or mass matrix. The
+      joints' own friction and rotors absorb its diagonal, and the other entries do not
+      tell the ratios. So only 1 and -1 are tried, and only on joints whose ratios are
+      not known.
     """
-    if len(ratios) > 2 and not set(shape) <= {"law", *constants}:
+    has_constant_to_estimate = not set(shape) <= {"law", *given}
+    if len(ratios) > 2 and has_constant_to_estimate:
         return False
     if LAWS[int(shape["law"]) - 1] not in _LINEAR:
         return True
-    has_known_ratios = any(set(ratios) == set(c) for c in sure)
+    has_known_ratios = any(ratios.keys() == known.keys() for known in certain)
     return not has_known_ratios and all(abs(x) == 1.0 for x in ratios.values())
 
 
-def list_joint_combinations(robot: Robot, first: int) -> list[dict[str, float]]:
+def list_joint_combinations(robot: Robot, first: int) -> list[dict[int, float]]:
     """List the combinations s = c q of joints along which a gear may have friction.
 
     First come the couplings that are known of the robot. Then come two or three
@@ -413,30 +423,29 @@ def list_joint_combinations(robot: Robot, first: int) -> list[dict[str, float]]:
     Returns
     -------
     list of dict
-        Ratios by joint from 1, such as [{"c5": 1.0, "c6": -1.0}, ...]; each combination
-        once.
+        Ratios by joint from 0, such as [{4: 1.0, 5: -1.0}, ...]; each combination once.
     """
     kinds = [joint.kind for joint in robot.joints]
     candidates = [
-        _ratios(row) for row in robot.couplings if np.flatnonzero(row)[0] == first
+        _nonzero_ratios(row)
+        for row in robot.couplings
+        if np.flatnonzero(row)[0] == first
     ]
     # The first joint has ratio 1; its neighbours have each of the usual ratios.
     pairs = [(1.0, second) for second in _PAIRS]
     triples = [(1.0, second, third) for second, third in _TRIPLES]
     for ratios in (*pairs, *triples):
-        joints = range(first, first + len(ratios))
-        are_of_one_kind = len(set(kinds[first : joints.stop])) == 1
-        if joints.stop <= robot.n and are_of_one_kind:
-            numbered = zip(joints, ratios, strict=True)
-            candidates.append({f"c{j + 1}": ratio for j, ratio in numbered})
-    without_repetitions = list[dict[str, float]]()
+        end = first + len(ratios)
+        are_of_one_kind = len(set(kinds[first:end])) == 1
+        if end <= robot.n and are_of_one_kind:
+            candidates.append(dict(enumerate(ratios, start=first)))
+    without_repetitions = list[dict[int, float]]()
     for candidate in candidates:
         if candidate not in without_repetitions:
             without_repetitions.append(candidate)
     return without_repetitions
 
 
-def _ratios(row: Array) -> dict[str, float]:
-    """Return the ratios of a combination (n,) as shape constants: {"c5": 1.0, "c6":
-    -1.0}."""
-    return {f"c{j + 1}": float(row[j]) for j in np.flatnonzero(row)}
+def _nonzero_ratios(row: Array) -> dict[int, float]:
+    """Return the ratios of a combination (n,) by joint from 0: {4: 1.0, 5: -1.0}."""
+    return {int(j): float(row[j]) for j in np.flatnonzero(row)}

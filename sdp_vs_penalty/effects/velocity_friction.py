@@ -280,11 +280,11 @@ class StribeckFriction(JointEffect):
         That tail falls so slowly that Coulomb friction of any size could make up for
         it.
         """
-        grid_starts = super().starts(robot, joint)
+        tail = 2.0  # number of this law
         return [
             start
-            for start in grid_starts
-            if (start["law"], start["delta"]) != (2.0, 1.0)
+            for start in super().starts(robot, joint)
+            if not (start["law"] == tail and start["delta"] == 1.0)
         ]
 
     def column(self, motion: Motion, joint: int) -> Array:

@@ -42,16 +42,19 @@ class Wave(Effect):
         return self.shape["k"] * coverage.travel / (2.0 * np.pi)
 
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
-        """Doubt a wave where the joint travelled less than one of it, and one with a
-        size where it travelled fewer than two: without a size it is still worth a try.
+        """Doubt a wave where the joint travelled less than one of it.
+
+        A wave that was fitted (``size`` is not 0) is doubted below two waves too; before
+        a fit such a wave is still worth a try.
         """
         n_waves = self.n_waves(coverage)
+        is_fitted = size != 0.0
         if n_waves < 1.0:
             return (
                 "less than one wave was travelled: all that changes slowly along it"
                 " looks so"
             )
-        if size != 0.0 and n_waves < WAVES_TO_REPEAT:
+        if is_fitted and n_waves < WAVES_TO_REPEAT:
             return (
                 "fewer than two waves were travelled, so nothing shows that it repeats: a"
                 " spring, a balancer or a cable looks so"

@@ -138,14 +138,13 @@ class PoseOptions:
     @classmethod
     def from_texts(cls, **texts: Any) -> PoseOptions:
         """Return the options that a command line or a form states, by their fields'
-        names; None stands for a field's default."""
-        given = {name: text for name, text in texts.items() if text is not None}
-        read = {
-            name: _READERS[name](text)
-            for name, text in given.items()
-            if name in _READERS
-        }
-        return cls(**given | read)
+        names; None stands for a field's default. Fields of _READERS are parsed; others
+        are taken as they are."""
+        options = {name: text for name, text in texts.items() if text is not None}
+        for name, read in _READERS.items():
+            if name in options:
+                options[name] = read(options[name])
+        return cls(**options)
 
     def recipe(self) -> dict[str, Any]:
         """Return the options as plain JSON of a Recipe, from which :meth:`following`
@@ -582,8 +581,9 @@ def with_reference(
     """Return the model with its reference: the current model's parameters (p,).
 
     The columns of torque-dependent effects are computed with the torque and the links of
-    the current model. Two passes find it: least squares without these effects, then with
-    them. A model without such effects is returned as it is.
+    the current model. Two passes of least squares find it: the first without these
+    effects, the second with all effects. It then holds the parameters of all effects
+    but those of the torque channels. A model without such effects is returned as it is.
 
     Parameters
     ----------
@@ -598,18 +598,20 @@ def with_reference(
     """
     if not model.needs_reference:
         return model
-    part = model.reference_free
-    kept = model.reference_free  # the effects whose parameters a pass keeps
-    for k in range(2):
-        progress(f"the current model, pass {k + 1} of 2")
+
+    def least_squares_of(part: Model, number: int) -> Array:
+        """Fit the parameters of a model with some or all of the effects."""
+        progress(f"the current model, pass {number} of 2")
         task = make_task(
             problem, model=part, regression=compressed(part), weighting=weighting
         )
-        theta = _near_the_file(task, problem)
-        reference = np.zeros(len(model.parameters))
-        places = model.places(kept)
-        # In the second pass theta holds all effects.
-        reference[places] = theta[places] if k else theta
-        part = replace(model, reference=reference)
-        kept = model.before_channels
-    return part
+        return _near_the_file(task, problem)
+
+    first_part = model.reference_free
+    reference = np.zeros(len(model.parameters))
+    reference[model.places(first_part)] = least_squares_of(first_part, 1)
+    theta = least_squares_of(replace(model, reference=reference), 2)
+    kept = model.places(model.before_channels)
+    reference = np.zeros(len(theta))
+    reference[kept] = theta[kept]
+    return replace(model, reference=reference)

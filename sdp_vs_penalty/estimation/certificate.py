@@ -95,9 +95,12 @@ class Certificate(Shown, JsonRecord):
         worst violation, loss and optimality gap; figures of the links follow if they
         are known.
         """
+        loss = f"{self.loss:.6g} (sum of squared weighted torque errors)"
+        if np.isnan(self.loss):
+            loss = "not known: the parameters were given, and no data with them"
         out = [
             ("worst violation", self._violations_text()),
-            ("loss", self._loss_text()),
+            ("loss", loss),
             ("optimality gap", self._gap_text()),
         ]
         if self.smallest_thickness is not None:
@@ -117,12 +120,6 @@ class Certificate(Shown, JsonRecord):
                 text = "valid in every pose"
             out.append(("inertia matrix", text))
         return out
-
-    def _loss_text(self) -> str:
-        """Return the loss as text, or why there is none."""
-        if np.isnan(self.loss):
-            return "not known: the parameters were given, and no data with them"
-        return f"{self.loss:.6g} (sum of squared weighted torque errors)"
 
     def _violations_text(self) -> str:
         """Return the violated families of constraints as text, the worst first."""

@@ -132,17 +132,16 @@ def driven(
         For a log without torque if the model has no servos.
     """
     has_servos = bool(estimate.model.drives.any())
+    arm = plant(estimate) if has_servos else estimate
     if measurements.torque_logged:
-        return plant(estimate) if has_servos else estimate, measurements
+        return arm, measurements
     if not has_servos:
         what = (
             "this log holds no torque, and the model no servo that would stand for it"
         )
         remedy = "identify from a log with commands, or name one with torque"
         raise InputError(what, remedy, measurements.names[0])
-    return plant(estimate), with_drive_torque(
-        estimate.model, estimate.theta, measurements
-    )
+    return arm, with_drive_torque(estimate.model, estimate.theta, measurements)
 
 
 def with_drive_torque(

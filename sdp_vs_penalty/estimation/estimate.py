@@ -202,11 +202,12 @@ class Estimate(Record):
             standard=_given_intervals(old.standard, values.tolist()),
             base=_given_intervals(old.base, base_values),
         )
-        listed = self.details.get("base_parameters") or []
-        entries = [
-            {**entry, "value": value, "source": "given"}
-            for entry, value in zip(listed, base_values if listed else (), strict=True)
-        ]
+        entries = list(self.details.get("base_parameters") or ())
+        if entries:
+            entries = [
+                {**entry, "value": value, "source": "given"}
+                for entry, value in zip(entries, base_values, strict=True)
+            ]
         details = {
             **self.details,
             "undetermined": {q.name: "given" for q in self.model.parameters},
@@ -871,12 +872,18 @@ class Estimate(Record):
     def _plugins(self) -> dict[str, dict[str, str]]:
         """Return the provenance of the plug-ins of other packages that the model needs,
         ``{"plugins": {name: package and version}}``; {} if it needs none."""
-        found = {e.name: EFFECTS.provider(e.name) for e in self.model.effects}
-        found[self.method] = ESTIMATORS.provider(self.method)
+        # The package of each plug-in, "" for our own and for one that is not installed;
+        # of these the file from which the model was read may name it.
+        providers = {e.name: EFFECTS.provider(e.name) for e in self.model.effects}
+        providers[self.method] = ESTIMATORS.provider(self.method)
         if isinstance(solver := self.settings.get("solver"), str):
-            found[solver] = SOLVERS.provider(solver)
-        known = self.provenance.get("plugins", {})
-        plugins = {n: p or known[n] for n, p in found.items() if p or n in known}
+            providers[solver] = SOLVERS.provider(solver)
+        stated = self.provenance.get("plugins", {})
+        plugins = {
+            name: provider or stated[name]
+            for name, provider in providers.items()
+            if provider or name in stated
+        }
         return {"plugins": plugins} if plugins else {}
 
     @property
@@ -884,7 +891,7 @@ class Estimate(Record):
         """What is known of each parameter."""
         return tuple(
             ParameterEntry(
-                **{**vars(interval), "value": float(value)},
+                **vars(interval) | {"value": float(value)},
                 nominal=float(nominal),
                 source=source,  # type: ignore[arg-type]
                 effect=parameter.effect,
@@ -940,7 +947,10 @@ class Estimate(Record):
         fields = []
         for name, value in self.to_dict().items():
             text = json.dumps(value)
-            if isinstance(value, list) and value and isinstance(value[0], dict):
+            is_list_of_records = (
+                isinstance(value, list) and value and isinstance(value[0], dict)
+            )
+            if is_list_of_records:
                 text = "[\n  " + ",\n  ".join(map(json.dumps, value)) + "\n ]"
             fields.append(f' "{name}": {text}')
         write_text(path, "{\n" + ",\n".join(fields) + "\n}\n")
@@ -1066,15 +1076,17 @@ def as_estimates(
     InputError
         For no model at all, and as ``read`` does.
     """
+    named = dict[str, Estimate]()
     if isinstance(models, Mapping):
         named = {str(name): read(model, what) for name, model in models.items()}
     else:
         several = isinstance(models, list | tuple)
-        named = {}
         for k, model in enumerate(models if several else [models], start=1):
             estimate = read(model, what)
-            method = f"{k} ({estimate.method})" if several else estimate.method
-            named[str(model) if isinstance(model, str | Path) else method] = estimate
+            name = f"{k} ({estimate.method})" if several else estimate.method
+            if isinstance(model, str | Path):
+                name = str(model)
+            named[name] = estimate
     if not named:
         raise InputError("No model to compare", "name at least one model.json")
     return named

@@ -363,8 +363,10 @@ def optimised(
     while len(history) <= iterations and radius > smallest_radius:
         candidate = search.best_of_linear_model(x, slope, radius)
         predicted_change = float(np.sum(slope * (candidate - x)))  # negative
-        new_value = search.at(candidate)[1]
-        if not new_value < value + 0.05 * predicted_change < value:
+        _, new_value, _ = search.at(candidate)
+        # The predicted change must be a fall, and 5 % of it come true.
+        is_gain = new_value < value + 0.05 * predicted_change < value
+        if not is_gain:
             radius *= 0.4
             continue
         if new_value < value + 0.5 * predicted_change:
@@ -469,8 +471,8 @@ class _Search:
         for (derivative, linear), j in product(enumerate(self.maps), self.joints):
             step = np.zeros_like(states)
             step[derivative, :, j] = DIFFERENCE
-            above = self.regressor.at(self.t, *states + 1.0 * step)
-            below = self.regressor.at(self.t, *states + -1.0 * step)
+            above = self.regressor.at(self.t, *(states + step))
+            below = self.regressor.at(self.t, *(states - step))
             # Sum over joints j and columns c at each instant k.
             change = np.einsum("kjc,kjc->k", outer, above - below)
             rate = change / (2.0 * DIFFERENCE)

@@ -119,11 +119,13 @@ def drive_gains(estimate: Estimate) -> Iterator[GainInterval]:
     for parameter, value, std, is_servo_gain in parameters:
         if not is_servo_gain:
             continue
-        half_width: float | None = NORMAL_95 * float(std)
-        if parameter.joint in limited:
-            half_width = np.inf
+        half_width: float | None
         if parameter.name in model.known:
             half_width = NORMAL_95 * scale_error * float(value) if scale_error else None
+        elif parameter.joint in limited:
+            half_width = np.inf
+        else:
+            half_width = NORMAL_95 * float(std)
         yield GainInterval(parameter.name, float(value), half_width, parameter.unit)
 
 

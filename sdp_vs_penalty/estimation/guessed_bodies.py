@@ -20,8 +20,9 @@ _GROWTH = 2.0
 def fit_in_bodies(task: Task, estimator: Estimator) -> tuple[Task, Fit]:
     """Estimate a task's parameters, in guessed bodies as large as the data ask for.
 
-    With J the loss, and J_0 the loss without any bodies, guesses that the estimate lies
-    on grow while J > (1 + CHANGES)^2 J_0.
+    A body bounds where a link's mass may lie. A guessed one on whose surface the
+    estimate lies may be too small: it grows by the factor _GROWTH, again and again,
+    until the loss J is at most (1 + CHANGES)^2 J_0, with J_0 the loss without bodies.
 
     Returns
     -------

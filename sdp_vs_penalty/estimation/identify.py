@@ -240,16 +240,12 @@ def versions() -> dict[str, str]:
 
     Packages that are not imported took no part in a result and are left out.
     """
-    module_by_package = {"pin": "pinocchio"}
-    module_by_package |= {
-        name: name for name in ("numpy", "scipy", "clarabel", "cvxpy")
-    }
-    by_package = {"sdp_vs_penalty": __version__, "python": platform.python_version()}
-    return by_package | {
-        package: sys.modules[module].__version__
-        for package, module in module_by_package.items()
-        if module in sys.modules
-    }
+    found = {"sdp_vs_penalty": __version__, "python": platform.python_version()}
+    for module in ("pinocchio", "numpy", "scipy", "clarabel", "cvxpy"):
+        if module in sys.modules:
+            package = "pin" if module == "pinocchio" else module
+            found[package] = sys.modules[module].__version__
+    return found
 
 
 def estimate_parameters(
@@ -296,9 +292,10 @@ def estimate_parameters(
         raise
     estimate = build_estimate(posed, estimator, fit, options.workers)
     if by_simulation:
-        linear, fit = refine(estimate, posed, estimator)
-        estimate = replace(build_estimate(linear, estimator, fit), method=OUTPUT_ERROR)
-    if proof is not None:
+        refined, refined_fit = refine(estimate, posed, estimator)
+        estimate = build_estimate(refined, estimator, refined_fit)
+        estimate = replace(estimate, method=OUTPUT_ERROR)
+    if proof is not None:  # never by simulation: _require_suitable
         options.progress("proving the optimum")
         made_of = {"model": estimate.identity, "data": estimate.provenance["data_hash"]}
         optimum = proved(posed.task, fit, estimate.theta, estimate.method, made_of)
@@ -340,9 +337,9 @@ def _require_suitable(
 
     ``by_simulation``: the method minimises the error of a forward simulation.
     """
-    black_box = isinstance(data, BlackBox)
+    is_black_box = isinstance(data, BlackBox)
     remedy = "choose another method, or leave the proof out"
-    if estimator.needs_black_box and not black_box:
+    if estimator.needs_black_box and not is_black_box:
         what = (
             f"method {estimator.name} needs a black box's .npz of q, gravity and"
             " mass_matrix"
@@ -353,7 +350,7 @@ def _require_suitable(
             "proof: a simulation's error is not convex: leave it out, or take lmi-sdp"
         )
         raise InputError(what, remedy)
-    if black_box and with_proof:
+    if is_black_box and with_proof:
         what = "proof: a black box's answers are fitted without constraints"
         raise InputError(what, remedy)
     if not by_simulation:

@@ -160,21 +160,22 @@ def _linearised(
     A channel of gain g reads g (Y theta + Y_load x_load). The unknowns x (s,) are theta
     (p,), nine parameters of each load (all but its known mass), and ln g (n,).
     ``parts`` are the compressed rows of the runs without load (mass 0), then those of
-    each load with its mass [kg]; log_gain (n,) are the present ln g. A factor is a
-    triangle [Y, tau] of one joint's rows, a block a stretch of time.
+    each load with its mass [kg]; ``p`` is the number of parameters of theta, ``x`` (s,)
+    and ``log_gain`` (n,) are the present unknowns. A factor is a triangle [Y, tau] of
+    one joint's rows, a block a stretch of time.
     """
     factors = list[Factor]()
     blocks = list[TimeBlock]()
-    run = 0
+    first_run = 0
     size = len(x)
     n = len(log_gain)
     for part, (regression, mass) in enumerate(parts):
         # Number the blocks and runs of all parts consecutively.
-        first = len(blocks)
+        first_block = len(blocks)
         blocks += [
-            (number + run, start, stop) for number, start, stop in regression.blocks
+            (first_run + run, start, stop) for run, start, stop in regression.blocks
         ]
-        run = 1 + max(number for number, *_ in blocks)
+        first_run = 1 + max(run for run, *_ in blocks)
         # f.triangle [Y, tau] (r, k + 1): columns of the parameters f.indices, torque.
         for f in regression.factors:
             columns = np.exp(log_gain[f.joint]) * f.triangle[:, :-1]
@@ -194,7 +195,7 @@ def _linearised(
             factors.append(
                 Factor(
                     f.joint,
-                    block=f.block + first,
+                    block=f.block + first_block,
                     indices=np.arange(size),
                     triangle=rows,
                     rows=f.rows,
@@ -366,12 +367,12 @@ def with_scale(
         For known values that set no scale.
     """
     theta = model.reference
-    factor = 1.0
-    error = 0.0
     assert theta is not None
     motors = _motor_constants(model.robot.n, known)
     values = {name: x for name, x in known.items() if not _MOTOR.fullmatch(name)}
     replace(model, known=values).require_known("--known")
+    # The first of these sets the scale: loads, motor constants, known parameters.
+    factor, error = 1.0, 0.0
     if loads:
         factor, error = _factor_of_loads(problem, model, runs, loads)
     elif motors:
@@ -380,21 +381,18 @@ def with_scale(
         unfixed = replace(model, known={})
         factor = _factor_of_known(model, compress(runs, unfixed), theta, values)
     fixed = values
-    if loads or motors or not values:
+    if loads or motors or not values:  # the values do not fix the strongest gain
         scaled_gain = {name: factor * x for name, x in model.known.items()}
         fixed = {**scaled_gain, **values}
-    known_words = [f"a load of {mass:g} kg" for _, mass in loads]
-    known_words += [f"{name} = {x:g}" for name, x in known.items()]
-    gain = ", ".join(f"{name} = {x:.4g}" for name, x in model.known.items())
-    no_scale = (
-        f"unknown: all torques, masses and gains share one factor ({gain} if links"
-        " weigh as stated)"
-    )
-    details = {
-        "known": fixed,
-        "scale": ", ".join(known_words) or no_scale,
-        "scale_error": error,
-    }
+    origins = [f"a load of {mass:g} kg" for _, mass in loads]
+    origins += [f"{name} = {x:g}" for name, x in known.items()]
+    if not origins:
+        gain = ", ".join(f"{name} = {x:.4g}" for name, x in model.known.items())
+        origins = [
+            f"unknown: all torques, masses and gains share one factor ({gain} if links"
+            " weigh as stated)"
+        ]
+    details = {"known": fixed, "scale": ", ".join(origins), "scale_error": error}
     return replace(model, known=fixed, reference=factor * theta), details
 
 
@@ -593,16 +591,16 @@ def _factor_of_loads(
     factor, std_of_noise = _mean_factor(loaded, theta)
     variance = 0.0
     for k, one in enumerate(loaded):
-        without_a_block = [
-            _mean_factor([*loaded[:k], one.without_block(b), *loaded[k + 1 :]], theta)[
-                0
-            ]
-            for b in range(len(one.rows.blocks))
-        ]
-        variance += float(jackknifed(np.array(without_a_block))[1]) ** 2
+        factors = []
+        for block in range(len(one.rows.blocks)):
+            fewer = [*loaded[:k], one.without_block(block), *loaded[k + 1 :]]
+            factors.append(_mean_factor(fewer, theta)[0])
+        _, std_of_factor = jackknifed(np.array(factors))
+        variance += float(std_of_factor) ** 2
     gains = _gains_without_a_block(problem, model, runs, loaded)
+    _, std_of_gain = jackknifed(np.array(gains))
     fixed_gain = next(iter(model.known.values()))
-    variance += (float(jackknifed(np.array(gains))[1]) / fixed_gain) ** 2
+    variance += (float(std_of_gain) / fixed_gain) ** 2
     return factor, max(std_of_noise, float(np.sqrt(variance)) / factor)
 
 
@@ -615,6 +613,7 @@ def _gains_without_a_block(
     names = [parameter.name for parameter in model.parameters]
     place = names.index(next(iter(model.known)))
     measured = runs.measurements
+    # Instruments (a simulated motion) would have to be made again without each block.
     commanded = {k: x for k, x in measured.commanded.items() if k != "qsim"}
     rows = FilteredRuns.filtering(replace(measured, commanded=commanded), runs.settings)
     up_to_scale = replace(model, known={}, reference=None)

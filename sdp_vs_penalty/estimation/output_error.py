@@ -74,11 +74,11 @@ def courses_of(
     """
     filters = RunFilter(run, estimate.preprocessing.resolve(run)).every_sample
     half = filters.state.half  # samples that the filter needs on either side
-    out = []
     stride = max(1, int(STEP / filters.dt + 1e-9))  # samples a simulation step
     on_steps = slice(None, None, stride)
     # Two boxes of a step convolved: a triangle over 2 stride - 1 samples.
     triangle = np.convolve(np.ones(stride), np.ones(stride)) / stride**2
+    courses = []
     for part in split_at_gaps(run):
         # The filter has no value within ``half`` samples of both ends.
         first = half
@@ -88,7 +88,9 @@ def courses_of(
         motion = filters.motion(part, first, last)
         torque = plant.true_torque(motion.t, part.resampled(part.tau, first, last + 1))
         padded = np.pad(torque, ((stride - 1, stride - 1), (0, 0)), "edge")
-        torque = sum(w * padded[m : m + len(torque)] for m, w in enumerate(triangle))
+        smooth_torque = sum(
+            weight * padded[k : k + len(torque)] for k, weight in enumerate(triangle)
+        )
         memory = plant.inner_states(motion)
         is_moving = filters.movement.at(motion.t)
         # NaN marks states that were not logged and that no effect needs.
@@ -103,14 +105,14 @@ def courses_of(
         course = Course(
             name=run.names[0],
             states=states.rows(on_steps),
-            torque=np.asarray(torque)[on_steps],
+            torque=np.asarray(smooth_torque)[on_steps],
             moving=is_moving[on_steps],
             command=motion.command,
         )
-        out.append(course)
-    if not out:
+        courses.append(course)
+    if not courses:
         raise no_rows(run, 2.0 * half * filters.dt + shortest)
-    return out
+    return courses
 
 
 OUTPUT_ERROR = "output-error"
@@ -183,13 +185,11 @@ def refine(
         raise InputError(
             "M(q) is not positive definite: the model cannot be simulated", "add bounds"
         )
-    courses = [
-        course
-        for run in measurements.runs()
-        for course in courses_of(run, start, plant, _WINDOWS[-1])
-    ]
+    courses = list[Course]()
+    for run in measurements.runs():
+        courses += courses_of(run, start, plant, _WINDOWS[-1])
     size = np.concatenate([course.states.q for course in courses]).std(axis=0)
-    windows, seconds = _chosen(plant, courses, size)
+    windows, seconds = _followed_windows(plant, courses, size)
     theta = start.theta
     error = _errors(plant, windows, size)[0]
     # Errors are over the motion's size; joints take turns: times ``units`` [rad, m].
@@ -242,7 +242,7 @@ def _linearised(
     return replace(task, data=LeastSquares.stacked([rows], len(rows)))
 
 
-def _chosen(
+def _followed_windows(
     plant: Plant, courses: Sequence[Course], size: Array
 ) -> tuple[list[_Window], float]:
     """Cut the courses into the longest windows in which the simulation follows the

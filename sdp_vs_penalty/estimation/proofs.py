@@ -90,12 +90,12 @@ def verify_proof_file(
     try:
         with reading(path, verify_proof.MAX_BYTES):
             proof = verify_proof.read(path)
-        problems = verify_proof.check(proof)
+        interval = verify_proof.check(proof)  # of the least objective; None: infeasible
     except InputError:
         raise
     except _FAILURES_OF_PROOFS as error:
         return False, f"refused: {path}: {error or type(error).__name__}"
-    sentences = [f"accepted: {path}: {_what_is_proved(proof, problems)}"]
+    sentences = [f"accepted: {path}: {_what_is_proved(proof, interval)}"]
     if model is None:
         sentences.append("name --model and --data to see what the numbers are made of")
         fault = ""
@@ -108,7 +108,7 @@ def verify_proof_file(
             )
             fault, sentence = _other_data(proof, model, runs)
             sentences.append(sentence)
-    if not fault and problems is not None:
+    if not fault and interval is not None:
         fault = verify_proof.weakness(proof)
         if not fault and model is not None:
             fault = _wider_than_certified(proof, model)

@@ -41,20 +41,15 @@ class Provenance(MutableMapping[str, Any]):
         self._make = make
 
     def __getitem__(self, name: str) -> Any:
-        """Return an entry; work it out if nobody has read it yet."""
+        """Return an entry; work out all unread ones if nobody has read it yet."""
         if self._entries[name] is _UNREAD:
             with self._lock:
-                self._work_out()
+                if self._make is not None:  # no other thread has worked them out
+                    for made, value in self._make().items():
+                        if self._entries.get(made) is _UNREAD:
+                            self._entries[made] = value
+                    self._make = None
         return self._entries[name]
-
-    def _work_out(self) -> None:
-        """Work out what nobody has read yet, unless another thread just has."""
-        if self._make is None:
-            return
-        for made, value in self._make().items():
-            if self._entries.get(made) is _UNREAD:
-                self._entries[made] = value
-        self._make = None
 
     def __setitem__(self, name: str, value: Any) -> None:
         """Set an entry."""

@@ -16,7 +16,7 @@ from itertools import product
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.model import Model, turning
+from sdp_vs_penalty.effects.model import Model, with_sign_width_of
 from sdp_vs_penalty.estimation.constants import DIFFERENCE
 from sdp_vs_penalty.estimators.estimator import joint_weights, white_variance
 from sdp_vs_penalty.regression.linalg import (
@@ -158,8 +158,8 @@ class ShapeSensitivity(Effect):
         of velocity change with it.
         """
         # The motion with signs of velocity that change over the effect's constant.
-        motion_above = turning(motion, upper)
-        motion_below = turning(motion, lower)
+        motion_above = with_sign_width_of(motion, upper)
+        motion_below = with_sign_width_of(motion, lower)
         pairs = [(upper.blocks(motion_above), lower.blocks(motion_below), self.theta)]
         for effect, theta in self.finer:
             if effect.shape_of:  # it has the same constants
@@ -445,7 +445,8 @@ class _Descent:
         best, residual, slopes = least_squares(
             self.residual, start, (low, high), xtol=1e-6, ftol=1e-9, steps=15
         )
-        std = np.sqrt(self.variances[best.tobytes()]) * deviations(slopes)
+        variance = self.variances[best.tobytes()]  # noted by residual at these steps
+        std = np.sqrt(variance) * deviations(slopes)
         keys = [c.key for c in fit.steps_of]
         return Settled(
             replace(fit.model, effects=self._rounded(best)),
@@ -473,6 +474,9 @@ class _Descent:
         ``steps`` (d,) move the shape constants from the start. The parameters theta are
         fitted for them (variable projection), so that the Jacobian is the constants'
         columns less what the parameters' columns explain of them.
+
+        Kept for later: theta, about which the next call linearises, and the variance of
+        the noise at these steps, for :meth:`settle`.
         """
         fit = self.fit
         p = fit.n_parameters

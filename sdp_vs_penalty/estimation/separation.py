@@ -171,21 +171,22 @@ class Hypotheses:
         # RATE rows a second are computed, row_rate of them are independent.
         return smallest * self.row_rate / RATE
 
-    def right(self, delta2: float, seconds: float) -> float:
+    def probability_right(self, delta2: float, seconds: float) -> float:
         """Return the probability that the sum of squares chooses the right hypothesis.
 
         delta2 is the squared distance of the hypotheses; an effect with more parameters
-        pays ln(rows) for each further one (BIC), with the rows of ``seconds``.
+        pays ln(rows) for each further one (BIC), with the rows of ``seconds``. One
+        effect alone is compared with none, which has no parameters.
         """
-        counts = [len(e.parameters) for e in self.effects] + [0]
+        n_first, n_second, *_ = [*(len(e.parameters) for e in self.effects), 0]
         n_rows = max(self.row_rate * seconds, 2.0)
-        price = abs(counts[0] - counts[1]) * np.log(n_rows)
+        price = abs(n_first - n_second) * np.log(n_rows)
         # The difference of the sums of squares is normal: mean delta2, variance 4
         # delta2.
         std = 2.0 * np.sqrt(at_least_tiny(delta2))
         return float(scipy.special.ndtr((delta2 - price) / std))
 
-    def needed(self, delta2: float, seconds: float) -> float:
+    def seconds_to_decide(self, delta2: float, seconds: float) -> float:
         """Return how many seconds of the motion, repeated, decide rightly with
         probability LEVEL.
 
@@ -198,7 +199,7 @@ class Hypotheses:
             too short.
             """
             length = np.exp(log_seconds)
-            return self.right(delta2 * length / seconds, length) - LEVEL
+            return self.probability_right(delta2 * length / seconds, length) - LEVEL
 
         shortest, longest = np.log([1e-3, 1e7])
         if excess(longest) < 0.0:
@@ -310,10 +311,10 @@ def separate(
         search.trajectory,
         delta2=search.value,
         default_delta2=default,
-        right=hypotheses.right(search.value, duration),
-        default_right=hypotheses.right(default, duration),
-        seconds=hypotheses.needed(search.value, duration),
-        default_seconds=hypotheses.needed(default, duration),
+        right=hypotheses.probability_right(search.value, duration),
+        default_right=hypotheses.probability_right(default, duration),
+        seconds=hypotheses.seconds_to_decide(search.value, duration),
+        default_seconds=hypotheses.seconds_to_decide(default, duration),
         sizes=hypotheses.scale,
         collisions=free is not None,
     )
@@ -354,8 +355,8 @@ class _MotionSearch:
         self.effort = effort
         self.duration = duration
         self.free = free
-        low = limits.middle + -1.0 * _SHARE * limits.half
-        high = limits.middle + 1.0 * _SHARE * limits.half
+        low = limits.middle - _SHARE * limits.half
+        high = limits.middle + _SHARE * limits.half
         self.range = (low, high)
         # No robot file states a limit of jerk: acceleration reaches its limit in 0.1 s.
         seconds_to_acceleration = 0.1

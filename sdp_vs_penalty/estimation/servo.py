@@ -143,15 +143,15 @@ def find_law(
     """
     wide_load = _with_several_turns(load)
     split = phase_folds(runs.measurements, runs.settings, c.SHAPE_FOLDS)
-    about = delay or 0.0  # delay of the compressed terms [s]
+    about = delay or 0.0  # delay [s] of the compressed terms; each law adds its extra
     cells = _cells(wide_load, runs, split, about)
-    terms = _joints(cells, split)
+    terms = _loadless_terms(cells, split)
     first_terms = terms
     while True:
         extra = dict.fromkeys(names, 0.0)
         if delay is None:
             extra = {name: _extra_delay(terms, name, about) for name in names}
-        scores = {name: _score(terms, name, extra[name]) for name in names}
+        scores = {name: _held_out_score(terms, name, extra[name]) for name in names}
         chosen, best = _fewest_gains(scores)
         total = about + extra[chosen]
         # The end of the series' reach (5 % off): the delay may lie beyond.
@@ -160,9 +160,9 @@ def find_law(
             break
         about = total
         cells = _cells(wide_load, runs, split, about)
-        terms = _joints(cells, split)
+        terms = _loadless_terms(cells, split)
     if delay is None:
-        without_delay = _score(first_terms, chosen, 0.0)
+        without_delay = _held_out_score(first_terms, chosen, 0.0)
         rise = float(np.mean(without_delay - scores[chosen]))
         if rise <= np.log(c.FEWER_GAINS):
             total = 0.0
@@ -195,9 +195,9 @@ def _has_lead(
     is_lead = np.array([p.effect == LEAD for p in cells.parameters])
     if not is_lead.any():
         return False
-    terms = _joints(cells.keeping(~is_lead), split)
+    terms = _loadless_terms(cells.keeping(~is_lead), split)
     extra = _extra_delay(terms, name, T) if is_open else 0.0
-    rise = _score(terms, name, extra) - score
+    rise = _held_out_score(terms, name, extra) - score
     standard_error = float(rise.std(ddof=1)) / np.sqrt(len(rise))
     return float(rise.mean()) > max(2.0 * np.log(c.LEAD), 2.0 * standard_error)
 
@@ -250,7 +250,7 @@ def _cells(
     return compress_cells(runs, model, split)
 
 
-def _joints(cells: Regression, split: PhaseFolds) -> list[_Joint]:
+def _loadless_terms(cells: Regression, split: PhaseFolds) -> list[_Joint]:
     """Project the load out of each joint's servo terms.
 
     A servo's law relates its seven terms (command, position, their derivatives and
@@ -293,7 +293,7 @@ def _project_out_load(train: Array, test: Array) -> tuple[Array, Array]:
     return np.asarray(remaining_terms), test_terms - test_load @ (V @ projections)
 
 
-def _fitted(terms: Array, law: Array) -> Array:
+def _residual_combination(terms: Array, law: Array) -> Array:
     """Return (7,) c for which terms (r, 7) times c is the residual of the law's fit.
 
     A law (7, 1 + m) has the control error as column 0. Its fit explains that error by
@@ -317,7 +317,9 @@ def _extra_delay(joints: Sequence[_Joint], name: str, about: float) -> float:
     def log_residual(delay: float) -> float:
         """Return the sum over joints of the logarithm of the squared residual."""
         law = law_of_terms(name, delay)
-        losses = [np.sum((rows @ _fitted(rows, law)) ** 2) for rows, _ in joints]
+        losses = [
+            np.sum((rows @ _residual_combination(rows, law)) ** 2) for rows, _ in joints
+        ]
         return float(np.sum(np.log(at_least_tiny(losses))))
 
     smallest = max(-c.DELAY_REACH, -about)
@@ -328,7 +330,7 @@ def _extra_delay(joints: Sequence[_Joint], name: str, about: float) -> float:
     return float(minimum.x)
 
 
-def _score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
+def _held_out_score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
     """Return (folds,) the logarithm of a law's squared held-out error, mean over
     joints.
 
@@ -337,7 +339,10 @@ def _score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
     """
     law = law_of_terms(name, delay)
     squared_errors = [
-        [np.sum((test @ _fitted(train, law)) ** 2) for train, test in folds]
+        [
+            np.sum((test @ _residual_combination(train, law)) ** 2)
+            for train, test in folds
+        ]
         for _, folds in joints
     ]
     return np.mean(np.log(at_least_tiny(squared_errors)), axis=0)

@@ -130,17 +130,15 @@ def estimate_shapes(
         return []
     folds = PhaseFolds(motion_clocks(tracks_of(runs.measurements)), SHAPE_FOLDS)
 
-    def profile_of(
-        model: Model, open_constants: Sequence[_OpenConstant]
-    ) -> _ShapeProfile:
+    def profile_of(start: Model, constants: Sequence[_OpenConstant]) -> _ShapeProfile:
         """Compress the chosen rows, one block a fold of the motion."""
-        wide, base, banks = _with_banks(model, open_constants, widest)
+        wide, base, banks = _with_banks(start, constants, widest)
         cells = compress_cells(runs, wide, _Cells(folds, chosen), workers)
         blocks = {f.block for f in cells.factors if f.block < SHAPE_FOLDS}
         return _ShapeProfile(cells.select(sorted(blocks)), weighting, base, banks)
 
-    model = model.reference_free
-    estimates = profile_of(model, open_constants).confirmed_estimates()
+    free = model.reference_free
+    estimates = profile_of(free, open_constants).confirmed_estimates()
     # Splines between grid values are accurate to 1 %. Constants that the data determine
     # more accurately are refined on a grid that contains the first estimate.
     fine = {
@@ -150,7 +148,7 @@ def estimate_shapes(
     }
     if not fine:
         return estimates
-    estimated_model = replace(model, effects=with_shapes(model.effects, estimates))
+    estimated_model = replace(free, effects=with_shapes(free.effects, estimates))
     fine_constants = [
         (effect, joint, key)
         for effect in estimated_model.effects
@@ -203,11 +201,9 @@ class _Cells:
         behind the last fold.
         """
         fold = self.folds.fold(run, t)
-        return (
-            fold
-            if self.chosen is None
-            else np.where(self.chosen(run, t), fold, self.folds.count)
-        )
+        if self.chosen is None:
+            return fold
+        return np.where(self.chosen(run, t), fold, self.folds.count)
 
 
 @dataclass(frozen=True)
@@ -252,11 +248,9 @@ def _with_banks(
     """
 
     # 1. Effects without an open constant come first, unchanged.
-    open_effects = [effect for effect, _, _ in open_constants]
-    fixed = [
-        e for e in model.effects if not any(e is effect for effect in open_effects)
-    ]
-    first = sum(len(e.parameters) for e in fixed)
+    open_ids = {id(effect) for effect, _, _ in open_constants}
+    fixed = [e for e in model.effects if id(e) not in open_ids]
+    first = sum(len(e.parameters) for e in fixed)  # column of the next bank
     base = np.arange(first)
     banks = list[_Bank]()
     parts = list[_Grid]()
@@ -435,15 +429,15 @@ class _ShapeProfile:
         removed, since friction brakes.
         """
         columns, derivatives = self._columns_at(u)
-        theta = np.zeros(len(u))
         used = np.ones(len(u), bool)
-        pushes = used  # columns of friction that would push: fit without them
-        while pushes.any():
+        while True:
             U, V = column_space(columns[:, used])
+            theta = np.zeros(len(u))
             theta[used] = V @ (U.T @ self.torque)
-            theta[~used] = 0.0
             pushes = self.brakes & (theta < 0.0)
-            used = used & ~pushes
+            if not pushes.any():
+                break
+            used &= ~pushes
         slopes = derivatives * theta
         residual = self.torque - U @ (U.T @ self.torque)
         return residual, U @ (U.T @ slopes) - slopes
@@ -519,28 +513,22 @@ class _ShapeProfile:
         end of its range). A bank is an open constant with its columns on a grid of
         values.
         """
-        n_shown = self.shown.shape[1]  # k, directions of the other columns
-        bank_of = [-1] * n_shown
-        is_new = [False] * n_shown
-        weights = list[Array]()  # of each bank's column: on the bank's grid (K,)
+        # Each column: its bank, whether it is new, and its weights on the bank's grid (K,).
+        columns = list[tuple[int, bool, Array]]()
         for j, (bank, estimate) in enumerate(zip(self.banks, estimates, strict=True)):
-            weights.append(bank.weights(self.now[j])[0])
-            bank_of.append(j)
-            is_new.append(False)
+            columns.append((j, False, bank.weights(self.now[j])[0]))
             if estimate.after != estimate.before:
-                # (2, K): the column at the new value, and its derivative.
-                new = bank.weights(float(np.log(estimate.after)))
-                new = new[:1] if estimate.at_end else new
-                weights += [*new]
-                bank_of += [j] * len(new)
-                is_new += [True] * len(new)
-        # Each column is a combination of the banks' columns on their grids.
-        combinations = np.zeros((self.count + 1, len(weights) + 1))
-        for column, values, j in zip(
-            combinations.T, weights, bank_of[n_shown:], strict=False
-        ):
-            column[self.banks[j].columns - len(self.shown)] = values
+                value, derivative = bank.weights(float(np.log(estimate.after)))
+                columns.append((j, True, value))
+                if not estimate.at_end:
+                    columns.append((j, True, derivative))
+        combinations = np.zeros((self.count + 1, len(columns) + 1))
+        for k, (j, _, weights) in enumerate(columns):
+            combinations[self.banks[j].columns - len(self.shown), k] = weights
         combinations[-1, -1] = 1.0  # the torque
+        n_shown = self.shown.shape[1]  # k, directions of the other columns
+        bank_of = [-1] * n_shown + [j for j, _, _ in columns]
+        is_new = [False] * n_shown + [new for _, new, _ in columns]
         return _LocalColumns(combinations, np.array(bank_of), np.array(is_new))
 
     def _fits_to_others(
@@ -573,13 +561,14 @@ class _ShapeProfile:
         """
         u = self.best_on_grid()
         moves = np.ones(len(self.banks), bool)
-        refused = np.ones(1, bool)  # so that the loop begins
-        while refused.any():
+        while True:
             u = self.minimised(np.where(moves, u, self.now), np.flatnonzero(moves))
             estimates = self.estimates_at(u)
             gains, needed = self.held_out_gains(estimates)
             refused = moves & ~(gains > needed)
-            moves = moves & ~refused
+            if not refused.any():
+                break
+            moves &= ~refused
         return [
             replace(s, gain=gain)
             for s, gain in zip(estimates, gains.tolist(), strict=True)
@@ -700,9 +689,9 @@ class _LocalColumns:
         one. The new columns of ``bank`` replace its old one; all other banks keep the
         model's value. With None all banks keep it.
         """
-        no_bank = -2  # -1 marks columns that belong to no bank
-        is_of_bank = np.equal(self.bank_of, no_bank if bank is None else bank)
-        return np.where(is_of_bank, self.is_new, ~self.is_new)
+        if bank is None:
+            return ~self.is_new
+        return np.where(self.bank_of == bank, self.is_new, ~self.is_new)
 
 
 def _quadratic_forms(grams: Array, coefficients: Array) -> Array:
@@ -732,20 +721,21 @@ def with_shapes(
         Effects with the new constants.
     """
     values = {s.key: s.after for s in estimates}
-    out: list[Effect] = []
+    out = list[Effect]()
     for effect in effects:
-        keys = [
-            (j, k)
-            for j in effect.joints
-            for k in effect.shapes
-            if (effect.name, j, k) in values
-        ]
-        if not keys:
+        constants_of_joint = {
+            joint: {
+                key: values[effect.name, joint, key]
+                for key in effect.shapes
+                if (effect.name, joint, key) in values
+            }
+            for joint in effect.joints
+        }
+        if any(constants_of_joint.values()):
+            for joint, constants in constants_of_joint.items():
+                out.append(effect.with_shape([joint], **constants))
+        else:
             out.append(effect)
-            continue
-        for joint in effect.joints:
-            constants = {k: values[effect.name, j, k] for j, k in keys if j == joint}
-            out.append(effect.with_shape([joint], **constants))
     return tuple(out)
 
 
@@ -766,8 +756,9 @@ def constants_in_words(model: Model, keys: Collection[ConstantKey]) -> list[str]
     friction on joint 2"; once where several joints share one."""
     lines = []
     for effect in model.effects:
-        shares = effect.whole_robot or effect.joins
-        for joint in effect.joints[:1] if shares else effect.joints:
+        has_one_constant = effect.whole_robot or effect.joins
+        joints = effect.joints[:1] if has_one_constant else effect.joints
+        for joint in joints:
             kind = effect.robot.joints[joint].kind
             where = "" if effect.whole_robot else f" on joint {joint + 1}"
             lines += [
@@ -791,7 +782,9 @@ def changed_constants_in_words(before: Model, after: Model) -> list[str]:
     shapes_before = {(e.name, j): e.shape for e in before.effects for j in e.joints}
     lines = []
     for effect in after.effects:
-        for joint in () if effect.several else effect.joints:
+        if effect.several:
+            continue
+        for joint in effect.joints:
             old = shapes_before.get((effect.name, joint), effect.shape)
             kind = effect.robot.joints[joint].kind
             for key, value in effect.shape.items():

@@ -703,29 +703,32 @@ def _with_stds(intervals: Sequence[Interval], std: Array) -> tuple[Interval, ...
     return tuple(out)
 
 
-def _sandwich_of(task: Task, regression: Regression, white: bool = False) -> Sandwich:
-    """Return the sandwich of a task's data, in which shape constants are parameters as
-    well.
+def _sandwich_of(
+    task: Task, regression: Regression, taken_white: bool = False
+) -> Sandwich:
+    """Return the sandwich of a task's data; errors of shape constants count as
+    parameters.
 
-    The first p columns of ``regression`` are the task's. Further columns hold shape
-    constants, with a standard normal prior. A constant that only takes values of a grid
-    is left out if its estimated error is within the interval about zero: the value on
-    the grid is then taken for the true one. ``white``: take the noise for white.
+    The first p columns of ``regression`` are the task's parameters. Further columns are
+    errors of shape constants, with a standard normal prior. A constant that only takes
+    values of a grid (ON_A_GRID) counts as exact where the 95 % interval of its error
+    holds zero, and its column is left out. ``taken_white``: take the noise for white.
     """
     n_constants = regression.p - len(task.bound)
     prior_std = np.append(task.model.plausible, np.ones(n_constants))
-    sandwich = Sandwich(regression, task.weights, prior_std, white)
-    # First all constants on a grid, then those whose present value lies within its 95 %
-    # interval: their error is left out.
-    agrees = np.array([q.effect == ON_A_GRID for q in regression.parameters])
-    if agrees.any():
-        half_widths = sandwich.half_widths(np.eye(regression.p)[agrees])
-        agrees[agrees] = np.abs(sandwich.solution[agrees]) <= half_widths
-    if agrees.any():
-        return Sandwich(
-            regression.keeping(~agrees), task.weights, prior_std[~agrees], white
-        )
-    return sandwich
+    sandwich = Sandwich(regression, task.weights, prior_std, taken_white)
+    on_a_grid = np.flatnonzero([q.effect == ON_A_GRID for q in regression.parameters])
+    if not len(on_a_grid):
+        return sandwich
+    half_widths = sandwich.half_widths(np.eye(regression.p)[on_a_grid])
+    errors = np.abs(sandwich.solution[on_a_grid])
+    keep = np.ones(regression.p, bool)
+    keep[on_a_grid[errors <= half_widths]] = False
+    if keep.all():
+        return sandwich
+    return Sandwich(
+        regression.keeping(keep), task.weights, prior_std[keep], taken_white
+    )
 
 
 def linear_spread(

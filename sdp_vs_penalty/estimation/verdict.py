@@ -176,7 +176,7 @@ class Verdict(JsonRecord):
         is_good_fit = any(
             line.about == FIT and line.grade == "good" for line in self.lines
         )
-        missing = _missing(
+        missing = _missing_line(
             said,
             is_complete=is_good_fit and not has_open_finding,
             links=self.links,
@@ -255,7 +255,7 @@ def judge(
     fit = _fit(errors, noise_source, is_worse_than_constant=np.asarray(r2) < 0.0)
     impossible = implausible(certificate, masses, nominal)
     links = impossible or ("The links can exist." if len(masses) > 0 else "")
-    missing_line = _missing(
+    missing_line = _missing_line(
         missing or _missing_by_errors(fit, over),
         is_complete=fit.grade == "good" and not has_open_finding,
         links=links,
@@ -290,7 +290,7 @@ def judge(
     )
 
 
-def _missing(
+def _missing_line(
     text: str, *, is_complete: bool, links: str, links_are_possible: bool
 ) -> Line:
     """Return the line on missing effects and on the links.
@@ -526,11 +526,11 @@ def _prediction(
     - ``highest``: largest error [%] that motion of this length does not rule out.
     - ``determined``: number of base parameters that the data determine, and of all.
     """
-    known = "the model does not record its own motion"
-    if share is not None:
-        known = f"{formatting.percent(share, 2)} of this motion is new"
     if share is None or share < MOSTLY_NEW:
-        return _prediction_unknown(errors, known, end, determined)
+        how_new = "the model does not record its own motion"
+        if share is not None:
+            how_new = f"{formatting.percent(share, 2)} of this motion is new"
+        return _prediction_unknown(errors, how_new, end, determined)
     # "good" needs a small error and enough motion to know it.
     grade: Grade = "usable"
     length = "" if seconds is None else f": {seconds:.3g} s"
@@ -553,16 +553,16 @@ def _prediction(
 
 
 def _prediction_unknown(
-    errors: ErrorsBesideNoise, known: str, end: str, determined: tuple[int, int]
+    errors: ErrorsBesideNoise, how_new: str, end: str, determined: tuple[int, int]
 ) -> Line:
     """Return the line of a model that was scored on motion like that of its training.
 
-    ``known`` says how much of the motion is new; the rest as :func:`_prediction` takes
-    it.
+    ``how_new`` says how much of the motion is new; the rest as :func:`_prediction`
+    takes it.
     """
     begin = f"{errors.share_in_words()} even on" if errors.unusable else "Scored on"
     sentence = (
-        f"{begin} motion like that of training ({known}); run `compare` on a new"
+        f"{begin} motion like that of training ({how_new}); run `compare` on a new"
         " recording"
     )
     n_determined, n_base = determined
@@ -665,17 +665,24 @@ def changes(
     str
         A sentence; "" if no error changed by more than 5 %.
     """
-    share = _relative_changes(before, after)
+    # Relative changes (n,); infinite where an error begins at zero.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(
+            before > 0.0, after / before - 1.0, np.where(after > 0.0, np.inf, 0.0)
+        )
     ratios = over_noise(np.stack([before, after]), floor)
 
     def words(j: int) -> str:
-        return _change_in_words(
-            float(before[j]),
-            float(after[j]),
-            share=float(share[j]),
-            ratios=None if ratios is None else ratios[:, j].tolist(),
-            unit=formatting.plain_unit(units[j]) if units else "N m or N",
+        """Return one joint's errors before and after, and the change in per cent."""
+        amount = formatting.errors_with_noise(
+            [float(before[j]), float(after[j])],
+            None if ratios is None else ratios[:, j].tolist(),
+            formatting.plain_unit(units[j]) if units else "N m or N",
+            " -> ",
         )
+        if not np.isfinite(share[j]):
+            return amount
+        return f"{amount} ({100.0 * float(share[j]):+.0f} %)"
 
     order = np.argsort(share)
     better = [f"joint {j + 1}: {words(j)}" for j in order if share[j] < -CHANGES]
@@ -687,31 +694,6 @@ def changes(
         verb = "errs" if len(better) == 2 else "err"
         better = [better[0], f"{others} {verb} less"]
     return f"{'; '.join([*better, *worse])}." if better or worse else ""
-
-
-def _relative_changes(before: Array, after: Array) -> Array:
-    """Return (n,) relative changes of errors (n,); infinite where one begins at zero."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(
-            before > 0.0, after / before - 1.0, np.where(after > 0.0, np.inf, 0.0)
-        )
-
-
-def _change_in_words(
-    before: float,
-    after: float,
-    *,
-    share: float,
-    ratios: Sequence[float] | None,
-    unit: str,
-) -> str:
-    """Describe the change of one error [unit]: in its unit, in multiples of its noise
-    (``ratios``) where that is known, and in per cent (``share`` is the relative
-    change)."""
-    amount = formatting.errors_with_noise([before, after], ratios, unit, " -> ")
-    if not np.isfinite(share):
-        return amount
-    return f"{amount} ({100.0 * share:+.0f} %)"
 
 
 def over_noise(

@@ -169,9 +169,11 @@ class Task:
         radius : float
             Smallest radius of gyration r [m]; 0: no constraints.
         """
-        links = enumerate(self.links if radius > 0.0 else (), start=1)
+        if not radius > 0.0:
+            return []
         thick = tuple(
-            build.pseudo_inertia(f"link {k}", indices, radius) for k, indices in links
+            build.pseudo_inertia(f"link {k}", indices, radius)
+            for k, indices in enumerate(self.links, start=1)
         )
         return list(ConstraintSet(thick).with_known(self.model.known_values).convex)
 

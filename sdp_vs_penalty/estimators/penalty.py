@@ -266,13 +266,9 @@ class ShiftedPenalty:
         for group, part, shift in zip(
             self.received.groups, self.parts, shifts, strict=False
         ):
-            groups_with_values = zip(
-                group.places.tolist(), self.loss_scale * part.scale * shift, strict=True
-            )
-            by_constraint |= {
-                self.received.convex[k]: multiplier
-                for k, multiplier in groups_with_values
-            }
+            values = self.loss_scale * part.scale * shift
+            for place, multiplier in zip(group.places.tolist(), values, strict=True):
+                by_constraint[self.received.convex[place]] = multiplier
         return constraints.stack_multipliers(by_constraint)
 
     def shifted(self, x: Array, shifts: Sequence[Array], weight: float) -> list[Array]:
@@ -338,11 +334,12 @@ class _Stage:
     near: Array
 
     @cached_property
-    def quadratic(self) -> Array:
-        """(k, p + 1) triangle of the rows that do not depend on z, the last column
-        their target.
+    def linear_rows(self) -> Array:
+        """(k, p + 1) triangle [T, t]: the data's |R z - rho|^2 and the pull's
+        |near (z - centre)|^2 together are |T z - t|^2.
 
-        These are the data, and the pull near (z - centre).
+        T is the same at every z, so that it is worked out once a stage; only the cones'
+        rows change with z.
         """
         loss = np.column_stack([self.penalty.R, self.penalty.rho])
         pull = np.column_stack([self.near, self.near @ self.centre])
@@ -352,23 +349,24 @@ class _Stage:
     def at(self, z: Array) -> "_Point":
         """Evaluate what is minimised at z (p,)."""
         residuals, slopes = self.penalty.cone_rows(z, self.shifts, self.weight)
-        fixed = self.quadratic[:, :-1] @ z - self.quadratic[:, -1]
-        value = float(fixed @ fixed + residuals @ residuals)
-        return _Point(z, value, fixed, np.column_stack([slopes, residuals]))
+        linear = self.linear_rows[:, :-1] @ z - self.linear_rows[:, -1]
+        value = float(linear @ linear + residuals @ residuals)
+        return _Point(z, value, linear, np.column_stack([slopes, residuals]))
 
     def triangle(self, point: "_Point") -> Array:
-        """Return the triangle (p + 1, p + 1) of all rows [J, r] at a point.
+        """Return the triangle (p + 1, p + 1) of all rows [J, r] at a point: of the
+        data, the pull to the centre, and the cones.
 
-        These are the data, the pull to the centre, and the cones. LAPACK's blocked QR
-        puts the cones' rows below the triangle of the others.
+        The first two have the triangle T already. LAPACK's dtpqrt takes it with the
+        cones' rows below, which costs less than a QR of all rows.
         """
-        above = self.quadratic.copy()
-        above[:, -1] = point.fixed
+        triangle = self.linear_rows.copy()
+        triangle[:, -1] = point.linear
         if not len(point.cones):
-            return above
-        block = min(_QR_BLOCK, above.shape[1])
-        together, *_ = scipy.linalg.lapack.dtpqrt(0, block, above, point.cones)
-        return np.asarray(together)
+            return triangle
+        block = min(_QR_BLOCK, triangle.shape[1])
+        with_cones, *_ = scipy.linalg.lapack.dtpqrt(0, block, triangle, point.cones)
+        return np.asarray(with_cones)
 
     def rows(self, z: Array) -> tuple[Array, Array]:
         """Return residuals (p + 1,) and Jacobian (p + 1, p) at z (p,), as a triangle.
@@ -383,7 +381,7 @@ class _Stage:
         """Return the minimiser (p,): by Gauss-Newton steps, and where these do not
         settle by MINPACK's Levenberg-Marquardt method.
         """
-        point, settled = self.descended()
+        point, settled = self.gauss_newton()
         if settled:
             return point.z
         rows = InTurn(self.rows)
@@ -399,7 +397,7 @@ class _Stage:
         )
         return np.asarray(solution.x)
 
-    def descended(self) -> tuple["_Point", bool]:
+    def gauss_newton(self) -> tuple["_Point", bool]:
         """Take Gauss-Newton steps from the centre until they settle.
 
         A step that does not gain a share of what its slope promises (Armijo's rule) is
@@ -428,11 +426,11 @@ class _Stage:
             share = 1.0
             trial = self.at(point.z + step)
             n_evaluations += 1
-            # The value of a settled stage is known to rounding only.
-            while (
-                not settled
-                and (rise := trial.value - point.value) > -2.0 * _ARMIJO * share * gain
-            ):
+            # The value of a settled stage is known to rounding only: no step is cut.
+            while not settled:
+                rise = trial.value - point.value
+                if not rise > -2.0 * _ARMIJO * share * gain:
+                    break
                 if n_evaluations == _EVALUATIONS:
                     return point, False
                 lowest = gain * share**2 / (rise + 2.0 * gain * share)
@@ -452,7 +450,7 @@ class _Point:
     #: Value of what the stage minimises.
     value: float
     #: (p + 1,) residuals of the data and of the pull.
-    fixed: Array
+    linear: Array
     #: (k, p + 1) rows [J, r] of the cones.
     cones: Array
 

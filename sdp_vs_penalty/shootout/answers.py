@@ -19,7 +19,6 @@ from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.files import folder_lock, read_json
 from sdp_vs_penalty.parallel import spread
 from sdp_vs_penalty.records import JsonRecord, from_json
-from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.shootout import runner
 from sdp_vs_penalty.shootout.catalogue import everything, instance, selected
 from sdp_vs_penalty.shootout.contestants import contestants
@@ -65,13 +64,17 @@ class Given(JsonRecord):
     def answer(self, made: Instance) -> Answer:
         """Return the answer to an instance. Raises InputError for one of another size."""
         p = len(made.task.bound)
+        theta = np.full(p, np.nan)  # of an answer without numbers
         numbers = self.x if self.theta is None else self.theta
-        theta: Array = np.full(p, np.nan) if numbers is None else np.array(numbers)[:p]
-        if len(theta) < p or (self.theta is not None and len(self.theta) != p):
-            what = f"{self.problem} has {p} parameters, its answer {len(theta)} numbers"
-            raise InputError(what, "write theta, or the variables of problem.cbf")
-        if self.theta is None:
-            theta = made.sdp.centre + made.sdp.theta_scale * theta
+        if numbers is not None:
+            # Behind the p scaled parameters x may hold further variables of the file.
+            is_complete = len(numbers) == p or (self.theta is None and len(numbers) > p)
+            if not is_complete:
+                what = f"{self.problem} has {p} parameters, its answer {len(numbers)} numbers"
+                raise InputError(what, "write theta, or the variables of problem.cbf")
+            theta = np.array(numbers)[:p]
+            if self.theta is None:
+                theta = made.sdp.centre + made.sdp.theta_scale * theta
         return Answer(theta, self.claimed, self.status)
 
 

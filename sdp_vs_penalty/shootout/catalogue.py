@@ -25,7 +25,7 @@ from sdp_vs_penalty.shootout.instances import (
     chain_task,
     exactly_squarable,
     in_units,
-    posed,
+    instance_of_task,
     principal_rows,
     recorded,
 )
@@ -370,7 +370,8 @@ def _chains() -> Iterator[Entry]:
         for shape, demand in _SHAPES.items():
             if n > 14 and shape in ("plain", "cones"):
                 continue
-            for draw in range(3 if n <= 8 and shape in ("plain", "gyration") else 1):
+            draws = 3 if n <= 8 and shape in ("plain", "gyration") else 1
+            for draw in range(draws):
                 description = (
                     f"A random arm of {n} revolute joints from 60 random states;"
                     f" {demand}."
@@ -390,9 +391,9 @@ def _chain(n: int, shape: str = "gyration", draw: int = 0) -> Instance:
     """Build an instance of the draw-th random arm of n links that fits its torques in
     one step.
 
-    ``shape`` is the demand on the links' shapes, as in :func:`posed`.
+    ``shape`` is the demand on the links' shapes, as in :func:`instance_of_task`.
     """
-    return posed(chain_task(n, draw), "one-step", shape)
+    return instance_of_task(chain_task(n, draw), "one-step", shape)
 
 
 def _changed() -> Iterator[Entry]:
@@ -409,9 +410,8 @@ def _changed() -> Iterator[Entry]:
         "chain of 7 links": (partial(_chain, 7), 7),
         "chain of 14 links": (partial(_chain, 14), 14),
     }
-    for (robot, (base, links)), (change, (make, words)) in product(
-        bases.items(), CHANGES.items()
-    ):
+    pairs = product(bases.items(), CHANGES.items())
+    for (robot, (base, links)), (change, (make, words)) in pairs:
         if (change, robot) == ("rank-deficient", "two_link"):
             continue  # its R has no more than twenty rows
         yield Entry(
@@ -462,16 +462,14 @@ def selected(
     absent = [e for e in kept if e.measured and lacks_measurements]
     present = [e for e in kept if e not in absent]
     named_and_absent = [e.name for e in absent if e.name in names]
+    if present and not named_and_absent:
+        return present, absent
+    if not absent:
+        raise InputError("no instance is left", "choose more by --problems")
+    what = "no instance is left without measurements"
     if named_and_absent:
         what = f"the measurements of {', '.join(named_and_absent)} are absent"
-    elif absent:
-        what = "no instance is left without measurements"
-    else:
-        what = "no instance is left"
-    if named_and_absent or not present:
-        remedy = "name the folder of measurements in SDP_VS_PENALTY_DATA"
-        raise InputError(what, remedy if absent else "choose more by --problems")
-    return present, absent
+    raise InputError(what, "name the folder of measurements in SDP_VS_PENALTY_DATA")
 
 
 def _instances_of(word: str) -> list[Entry]:

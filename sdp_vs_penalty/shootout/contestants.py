@@ -247,10 +247,8 @@ def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]
     """
     by_name = contestants()
     if names is None:
-        everybody = by_name.values()
-        return [c for c in everybody if not c.absent], [
-            c for c in everybody if c.absent
-        ]
+        installed = [c for c in by_name.values() if not c.absent]
+        return installed, [c for c in by_name.values() if c.absent]
     for name in names:
         require_known("solver", name, by_name)
         if reason := by_name[name].absent:
@@ -276,9 +274,11 @@ def _conic(solver: Solver, tuned: bool) -> Contestant:
             solution=solution,
         )
 
-    words = "; tuned by us" if tuned else ""
+    words = ""
     if not solver.tuned_options:
         words = "; no effort was made to tune it"
+    elif tuned:
+        words = "; tuned by us"
     return Contestant(
         name=f"{solver.name} tuned" if tuned else solver.name,
         description=solver.description.removesuffix(".") + words,

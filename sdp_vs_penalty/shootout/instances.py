@@ -361,7 +361,7 @@ def recorded(
     step : str
         "one-step" fits the torques, "two-step" the base parameters of a first fit.
     shape : str
-        Demand on the links' shapes, as in :func:`posed`.
+        Demand on the links' shapes, as in :func:`instance_of_task`.
     stop : float
         Length of the run that is used [s].
 
@@ -370,10 +370,10 @@ def recorded(
     InputError
         If the measurements are absent.
     """
-    return posed(_task(robot, source, stop), step, shape)
+    return instance_of_task(_task(robot, source, stop), step, shape)
 
 
-def posed(task: Task, step: str, shape: str) -> Instance:
+def instance_of_task(task: Task, step: str, shape: str) -> Instance:
     """Build an instance from a task, with a demand on the links' shapes.
 
     Parameters
@@ -385,21 +385,21 @@ def posed(task: Task, step: str, shape: str) -> Instance:
         "plain" adds nothing, "gyration" demands a minimal thickness, "regulariser" adds
         an entropic distance from the nominal links, "cones" limits the centres of mass.
     """
+    data = task.data if step == "one-step" else task.base_distance
     demands = list[Constraint]()
+    entropy = None
     if shape == "gyration":
         demands = task.minimum_thickness(LmiSdpThickness.thickness)
     elif shape == "cones":
         demands = shape_cones(task)
-    convex = (*task.constraints.convex, *demands)
-    task = replace(task, constraints=ConstraintSet(convex))
-    data = task.data if step == "one-step" else task.base_distance
-    entropy = None
-    if shape == "regulariser":
+    elif shape == "regulariser":
+        # A row's variance for a weight; without noise rounding must not decide it.
         loss = max(data.loss(task.ols), 1e-6 * data.tau_squared)
         weight = loss / max(data.rows, 1)
         nominal = inertia.pseudo_inertia(task.nominal[task.links])
         entropy = Entropy(weight, task.pseudo_inertias, nominal)
-    return Instance(replace(task, data=data), entropy)
+    constraints = ConstraintSet((*task.constraints.convex, *demands))
+    return Instance(replace(task, data=data, constraints=constraints), entropy)
 
 
 def shape_cones(task: Task) -> list[Constraint]:

@@ -267,6 +267,23 @@ def run_one(
         answer = contestant.solve(problem_instance, accuracy)
         return answer, _processor() - used
 
+    def repetition() -> tuple[Judgement, Answer, float]:
+        """Run once in a child; return verdict, answer and the seconds that count."""
+        kind, seconds = "timeout", task.time_limit
+        outcome: Any = f"not run: {stopped} exceeded the time limit"
+        if not stopped:
+            kind, outcome, seconds = in_child(timed, task.time_limit, task.memory)
+        if kind == "ended":
+            answer, used = outcome
+            seconds = used - answer.file_seconds
+            if seconds <= task.time_limit:
+                return judge(problem_instance, proved, answer), answer, seconds
+            # A program's limit is whole seconds: it may end later than at ours.
+            kind, outcome = "timeout", f"took {seconds:.2g} s of processor time"
+        if kind == "timeout":  # what the clock showed is no processor time
+            seconds = task.time_limit
+        return Judgement(kind), Answer(np.empty(0), "", outcome, attempts=0), seconds
+
     row: Row = {"settings": contestant.settings(accuracy), "accuracy": accuracy}
     times = list[float]()
     worst: tuple[Judgement, Answer] | None = None
@@ -274,22 +291,8 @@ def run_one(
         len(times) < task.repeats
         and np.median(times or 0.0) * len(times) < REPEAT_SECONDS
     ):
-        outcome: Any = f"not run: {stopped} exceeded the time limit"
-        kind = "timeout"
-        if not stopped:
-            kind, outcome, seconds = in_child(timed, task.time_limit, task.memory)
-        if kind == "ended":
-            answer, used = outcome
-            seconds = used - answer.file_seconds
-            if seconds > task.time_limit:  # a program's limit is whole seconds
-                kind, outcome = "timeout", f"took {seconds:.2g} s of processor time"
-        if kind == "ended":
-            verdict = judge(problem_instance, proved, answer)
-        else:
-            answer = Answer(np.empty(0), "", outcome, attempts=0)
-            verdict = Judgement(kind)
-        # What the clock showed is no processor time.
-        times.append(task.time_limit if kind == "timeout" else seconds)
+        verdict, answer, seconds = repetition()
+        times.append(seconds)
         if worst is None or not verdict.error <= worst[0].error:
             worst = verdict, answer
         if verdict.outcome != "claim":
@@ -486,20 +489,21 @@ def _is_current(
     proved = references.get(row["problem"])
     if proved is not None and proved.hash != row["hash"]:
         return False
-    for contestant in competing:
-        if contestant.name == row["solver"]:
-            now = (
-                facts.version_by_solver[contestant.name],
-                contestant.settings(row["accuracy"]),
-                setup.time_limit,
-            )
-            is_same = now == (row["version"], row["settings"], row["time_limit"])
-            return is_same and (
-                row["repeats"] >= setup.repeats
-                or row["seconds"] * row["repeats"] >= REPEAT_SECONDS
-                or row["outcome"] != "claim"
-            )
-    return True
+    contestant = next((c for c in competing if c.name == row["solver"]), None)
+    if contestant is None:
+        return True
+    now = (
+        facts.version_by_solver[contestant.name],
+        contestant.settings(row["accuracy"]),
+        setup.time_limit,
+    )
+    has_all_repetitions = (
+        row["repeats"] >= setup.repeats
+        or row["seconds"] * row["repeats"] >= REPEAT_SECONDS
+        or row["outcome"] != "claim"
+    )
+    is_same = now == (row["version"], row["settings"], row["time_limit"])
+    return is_same and has_all_repetitions
 
 
 def _perform_all(

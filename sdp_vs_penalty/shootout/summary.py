@@ -25,7 +25,7 @@ from sdp_vs_penalty.files import write_text, writing
 from sdp_vs_penalty.formatting import count, number, sentence, words
 from sdp_vs_penalty.results.table import markdown_lines
 from sdp_vs_penalty.shootout.catalogue import everything
-from sdp_vs_penalty.shootout.contestants import Contestant, contestants
+from sdp_vs_penalty.shootout.contestants import contestants
 from sdp_vs_penalty.shootout.judge import CLASSES, FAR, SLACK, classes
 from sdp_vs_penalty.shootout.statistics import (
     SAME_TIME,
@@ -93,7 +93,8 @@ def best_answers(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
     is_loose = ~is_right & (runs["error"] > FAR) & (runs["accuracy"] > accuracy)
     is_loose &= runs["outcome"] == "claim"
     kinds = kinds.where(~is_loose, "inaccurate")
-    # Says itself that it is inaccurate: behind what is claimed.
+    # Best first: right, claimed, inaccurate in its own words, failed; last what is far
+    # though less was asked.
     order = np.select(
         [is_right, is_loose, runs["outcome"] == "claim", kinds == "inaccurate"],
         [0.0, 3.0, 1.0, 1.5],
@@ -205,27 +206,29 @@ def sentences(runs: pandas.DataFrame) -> list[str]:
     is_far = (runs["error"] > FAR) & np.isfinite(runs["error"])
     far = runs[(runs["outcome"] == "claim") & is_far]
     is_near = ~_beyond_far(far)["objective_error"]
-    if by := [
+    near_by_solver = [
         f"{near.sum()} of {len(near)} of {solver}"
         for solver, near in is_near.groupby(far["solver"])
         if near.any()
-    ]:
+    ]
+    if near_by_solver:
         said.append(
-            f"Of claimed optima that are far, under any setting, {words(by)} have an"
+            f"Of claimed optima that are far, under any setting, {words(near_by_solver)} have an"
             f" objective within {FAR:g}: only their violation is above."
         )
     tight = runs[runs["accuracy"] == runs["accuracy"].min()]
     modest = tight[tight["outcome"] == "inaccurate"]
     is_within = modest["error"] <= SLACK * modest["accuracy"]
-    if by := [
+    within_by_solver = [
         f"{solver} {len(within)} ({within.sum()})"
         for solver, within in is_within.groupby(modest["solver"])
-    ]:
+    ]
+    if within_by_solver:
         asked = tight["accuracy"].iloc[0]
         said.append(
             "An answer that calls itself inaccurate counts as that, whatever its figures."
             f" Asked for {asked:.0e}, so many do (in brackets: within {SLACK * asked:.0e}):"
-            f" {words(by)}."
+            f" {words(within_by_solver)}."
         )
     ours = runs[(runs["solver"] == "lmi-sdp") & runs["status"].str.contains(": proved")]
     if len(ours):
@@ -349,7 +352,7 @@ def _by_count(
             if np.isfinite(answers["error"]).all():
                 n_violation, n_objective = _beyond_far(answers).sum()
                 claims.append(f"violation on {n_violation}, objective on {n_objective}")
-        texts.append(_share(table, name, column, " on ", claims))
+        texts.append(_share(table, name, column, claims, in_brackets=False))
     return words(texts) if texts else ""
 
 
@@ -363,20 +366,20 @@ def _share(
     table: pandas.DataFrame,
     name: str,
     column: str,
-    before: str = "",
     more: Sequence[str] = (),
     common: float = np.nan,
+    in_brackets: bool = True,
 ) -> str:
     """Write on how many problems a contestant is so, and what is to be known with it.
 
     Parameters
     ----------
-    before : str
-        Words before the number; "": the number is in brackets.
     more : sequence of str
         Words to add behind the share.
     common : float
         Number of problems on which it is compared, said where it has run others.
+    in_brackets : bool
+        Whether the share is in brackets as well: "scs (3 of 4)", else "scs on 3 of 4".
     """
     n_run = table.loc[name, "run"]
     notes = list(more)
@@ -386,9 +389,10 @@ def _share(
     if who is not None and who.promise is not None:
         notes.append(f"unscaled, one setting: {who.promise:g}")
     number_of = f"{table.loc[name, column]} of {n_run}"
-    if not before:
+    if in_brackets:
         return f"{name} ({'; '.join([number_of, *notes])})"
-    return f"{name}{before}{number_of}" + (f" ({'; '.join(notes)})" if notes else "")
+    in_words = f" ({'; '.join(notes)})" if notes else ""
+    return f"{name} on {number_of}{in_words}"
 
 
 def profile(
@@ -655,12 +659,13 @@ def _settings_in_words(table: pandas.DataFrame) -> str:
 def _contestants_in_words(runs: pandas.DataFrame) -> str:
     """Return who took part as a Markdown table: what it is, its version, its clock."""
     versions = dict(zip(runs["solver"], runs["version"], strict=True))
-    nobody = Contestant("", "answers made elsewhere", None, None, clock="as stated")  # type: ignore[arg-type]
     known = contestants()
-    rows = [
-        (name, version, (who := known.get(name, nobody)).description, who.clock)
-        for name, version in sorted(versions.items())
-    ]
+    rows = []
+    for name, version in sorted(versions.items()):
+        about = ("answers made elsewhere", "as stated")
+        if who := known.get(name):
+            about = (who.description, who.clock)
+        rows.append((name, version, *about))
     heads = ["solver", "version", "what it is", "its time holds"]
     return _markdown(pandas.DataFrame(rows, columns=heads))
 
@@ -672,19 +677,18 @@ def by_problem(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
     inaccurate" is one that says so itself.
     """
     cells = best_answers(runs, accuracy)
-    said = [
-        {
-            "false_claim": f"**FALSE** {claimed}",
-            "far": f"far: objective {error:.0e}, violation {violation:.0e}",
-            "far_unchecked": (
-                f"far, unchecked: objective {error:.0e}, violation {violation:.0e}"
-            ),
-            "inaccurate": f"{'says ' * (outcome == 'inaccurate')}inaccurate",
-        }.get(kind, kind)
-        for kind, outcome, claimed, error, violation in cells[
-            ["class", "outcome", "claimed", "objective_error", "violation"]
-        ].itertuples(index=False)
-    ]
+    said = []
+    for row in cells.to_dict("records"):
+        text = row["class"]
+        if text == "false_claim":
+            text = f"**FALSE** {row['claimed']}"
+        elif text in ("far", "far_unchecked"):
+            text = text.replace("_", ", ")
+            text += f": objective {row['objective_error']:.0e}"
+            text += f", violation {row['violation']:.0e}"
+        elif row["outcome"] == text == "inaccurate":
+            text = "says inaccurate"
+        said.append(text)
     grid = cells.assign(said=said).pivot(
         index="problem", columns="solver", values="said"
     )

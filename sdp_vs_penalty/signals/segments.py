@@ -25,7 +25,7 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.effects.effect import Block, Effect, JointCoverage, Motion
-from sdp_vs_penalty.effects.model import depends, turning
+from sdp_vs_penalty.effects.model import depends, with_sign_width_of
 from sdp_vs_penalty.memory import LONG_RECORDING
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.coloured_noise import Pieces
@@ -409,7 +409,7 @@ class SegmentedRuns:
             Has the width as its constant ``v_s`` [rad/s, m/s].
         """
         parts = [
-            (low_pass, turning(motion, effect))
+            (low_pass, with_sign_width_of(motion, effect))
             for low_pass, motion in self.columns.parts
         ]
         return replace(self, columns=SegmentColumns(parts, (self.columns.cache[0], {})))

@@ -254,12 +254,10 @@ def _coupled_variables(j: int, robot: Robot) -> list[Variable]:
     out = []
     for first in range(j + 1):
         for ratios in list_joint_combinations(robot, first):
-            # ratios, such as {"c4": 1.0, "c5": 0.5}: joints count from 1.
-            joints = [int(key[1:]) - 1 for key in ratios]
-            if len(joints) != 2 or j not in joints:
+            if len(ratios) != 2 or j not in ratios:
                 continue
-            one, other = joints
-            ratio = ratios[f"c{other + 1}"] / ratios[f"c{one + 1}"]
+            one, other = ratios
+            ratio = ratios[other] / ratios[one]
             out += [Variable(word, one, other, ratio) for word in ("q", "dq")]
     return out
 
