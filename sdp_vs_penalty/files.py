@@ -385,12 +385,12 @@ def unique_fields(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     pairs : list of tuples
         Names and values, as the parser finds them.
     """
-    fields_ = dict(pairs)
-    if len(fields_) < len(pairs):
+    value_by_name = dict(pairs)
+    if len(value_by_name) < len(pairs):
         names = [name for name, _ in pairs]
         twice = next(name for name in names if names.count(name) > 1)
         raise ValueError(f"the field {twice!r} comes twice")
-    return fields_
+    return value_by_name
 
 
 def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
@@ -415,7 +415,7 @@ def _built(
     text: str,
     parse: Callable[[str], Any],
     build: Callable[[Any], T],
-    else_: str,
+    remedy: str,
 ) -> T:
     """Parse a text and build a record from it; turn every error into one sentence.
 
@@ -427,7 +427,7 @@ def _built(
         Parser of JSON or TOML.
     build : callable
         Makes the record from the parsed data.
-    else_ : str
+    remedy : str
         What the user can do if a field is wrong.
     """
     try:
@@ -445,7 +445,7 @@ def _built(
         raise error if isinstance(error.where, Path) else error.within(path) from error
     except KeyError as error:
         raise InputError(
-            f"the field {error.args[0]!r} is missing", else_, path
+            f"the field {error.args[0]!r} is missing", remedy, path
         ) from error
     except (
         ArithmeticError,
@@ -455,7 +455,9 @@ def _built(
         TypeError,
         ValueError,
     ) as why:
-        raise InputError(f"a field has the wrong content ({why})", else_, path) from why
+        raise InputError(
+            f"a field has the wrong content ({why})", remedy, path
+        ) from why
 
 
 @contextmanager

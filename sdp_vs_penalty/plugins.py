@@ -151,15 +151,16 @@ class Registry(Generic[P]):
             Where no plug-in has this name.
         """
         plugin = self.find(name)
-        if plugin is None and provider:
+        if plugin is not None:
+            return plugin
+        if provider:
             raise InputError(
                 f"{self.kind} {name} is a plug-in of {provider}, which is not installed",
                 "install it, name its file with --plugin, or import it and call"
                 " sdp_vs_penalty.register",
             )
-        if plugin is None:
-            require_known(self.kind, name, self.all())
-        return self.all()[name] if plugin is None else plugin
+        require_known(self.kind, name, self.all())
+        return self.all()[name]
 
     def has(self, plugin: P) -> bool:
         """Tell whether a plug-in is the one that its name stands for."""

@@ -116,7 +116,7 @@ def ends(given: argparse.Namespace) -> Rows:
             width = abs(pair[1].value - pair[0].value)
             for end in pair:
                 g.value = end.g
-                one_over_radius.value = 1.0 / np.sqrt(allowed.limit(end.c))
+                one_over_radius.value = 1.0 / np.sqrt(allowed.limit(end.rise))
                 unit = max(width, end.size)
                 certified = max(certified, end.gap / unit)
                 for tolerance in TOLERANCES:

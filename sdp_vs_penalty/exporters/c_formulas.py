@@ -177,16 +177,12 @@ def _terms(effect: Effect, theta: Array, estimate: Estimate) -> list[tuple[int, 
         blocks = effect.blocks(motion)
     except NoClosedFormError:
         return []
-    return [
-        (
-            block.joint,
-            " + ".join(
-                f"{number(theta[p])} * {text}"
-                for p, text in zip(block.parameters, _texts(block.columns), strict=True)
-            ),
-        )
-        for block in blocks
-    ]
+    out = []
+    for block in blocks:
+        columns = zip(block.parameters, _texts(block.columns), strict=True)
+        products = [f"{number(theta[p])} * {column}" for p, column in columns]
+        out.append((block.joint, " + ".join(products)))
+    return out
 
 
 def formulas(estimate: Estimate) -> Iterator[str]:

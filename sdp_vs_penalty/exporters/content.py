@@ -380,20 +380,16 @@ def element(parent: Any, tag: str, text: Any = None, **attributes: Any) -> Any:
 
 
 def xml_text(root: Any, declaration: bool = True) -> bytes:
-    """Return an XML document as indented bytes.
+    """Return an XML document as bytes; the elements of ``root`` are indented in place.
 
     Parameters
     ----------
-    root : element
-        Root element of the document.
     declaration : bool
         Whether it begins with an XML declaration.
     """
     etree.indent(root)
-    return (
-        bytes(etree.tostring(root, xml_declaration=declaration, encoding="utf-8"))
-        + b"\n"
-    )
+    text = etree.tostring(root, xml_declaration=declaration, encoding="utf-8")
+    return bytes(text) + b"\n"
 
 
 @dataclass(frozen=True)

@@ -12,15 +12,16 @@ from sdp_vs_penalty.exporters.content import servo_gains
 
 
 def is_held(effect: Effect, estimate: Estimate, fields: Collection[str]) -> bool:
-    """Return whether a file with these fields holds an effect; a servo's loop is no part
-    of the arm."""
+    """Return whether a file with these fields holds an effect: in fields of its own, or
+    as a formula. A servo's loop is no part of the arm, so that no file lacks it."""
+    if effect.forward == "drive":
+        return True
     terms = effect.simulator_terms(np.zeros(len(effect.parameters)))
+    # An effect without terms stands in its one field, which may be no file's.
     needed = {term.field for term in terms} or {effect.simulator_field}
-    return (
-        needed <= set(fields)
-        or effect.forward == "drive"
-        or ("formulas" in fields and has_closed_form(effect, estimate))
-    )
+    if needed <= set(fields):
+        return True
+    return "formulas" in fields and has_closed_form(effect, estimate)
 
 
 def left_out(estimate: Estimate, fields: Collection[str]) -> tuple[str, ...]:

@@ -79,8 +79,14 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     """
     root = etree.Element("mujoco", model=xml_name(robot.name))
     # Nothing is to be guessed or mended: the numbers are those that were identified.
-    no = dict.fromkeys(("inertiafromgeom", "balanceinertia"), "false")
-    element(root, "compiler", angle="radian", autolimits="true", **no)
+    element(
+        root,
+        "compiler",
+        angle="radian",
+        autolimits="true",
+        inertiafromgeom="false",
+        balanceinertia="false",
+    )
     option = content.mjcf_attributes("option")
     element(root, "option", gravity=robot.gravity, **option)
     bodies: list[Any] = [element(root, "worldbody")]
@@ -184,7 +190,9 @@ def edit_mjcf(path: str | Path, robot: Robot, content: Content) -> bytes:
     for k, place in enumerate(places):
         if place.carrier not in links or k == moving[place.carrier]:
             continue
-        if place.joints:
+        if (
+            place.joints
+        ):  # of a held joint: it keeps its inertial, the moving one the rest
             carried = inertia.transform(place.pose) @ place.inertial
             links[place.carrier] = links[place.carrier] - carried
             _put_inertial(document, path, bodies[k], place.inertial)

@@ -87,20 +87,19 @@ def export_sdp(
         For another suffix, or a format without one of the problem's cones.
     """
     check_format(path, any(c.kind == "exp" for c in sdp.conic.cones))
-    sdpa = Path(path).name.endswith(_SDPA)
-    files_written = (
-        suited(sdp.conic, {"nonnegative", "psd"})
-        if sdpa
-        else linear_objective(sdp.conic)
-    )
-    text = sdpa_text(files_written.problem) if sdpa else cbf_text(files_written.problem)
+    if Path(path).name.endswith(_SDPA):
+        written = suited(sdp.conic, {"nonnegative", "psd"})
+        text = sdpa_text(written.problem)
+    else:
+        written = linear_objective(sdp.conic)
+        text = cbf_text(written.problem)
     write_text(path, text)
     about = {
         "file": Path(path).name,
         "sha256": hashlib.sha256(text.encode()).hexdigest(),
         "sense": "min",
         "status": status,
-        "offset": sdp.offset + sdp.loss_scale**2 * files_written.constant,
+        "offset": sdp.offset + sdp.loss_scale**2 * written.constant,
         "scale": sdp.loss_scale**2,
         "lower": float(interval[0]) if interval else None,
         "upper": float(interval[1]) if interval else None,
@@ -112,9 +111,9 @@ def export_sdp(
         ),
         "centre": sdp.centre.tolist(),
         "theta_scale": sdp.theta_scale.tolist(),
-        "variables": len(files_written.problem.q),
-        "rows": len(files_written.problem.b),
-        "nonzeros": int(files_written.problem.A.nnz),
+        "variables": len(written.problem.q),
+        "rows": len(written.problem.b),
+        "nonzeros": int(written.problem.A.nnz),
         **more,
     }
     write_text(f"{path}.json", json.dumps(about, indent=1, allow_nan=False) + "\n")
@@ -171,11 +170,11 @@ def write_posed(
     proof = proved(task, fit, certify(task, fit)[0], method)
     centre = fit.theta
     # The cones are scaled at a point close to the optimum, on the way to the interior
-    # point. Scaled at the interior point itself, csdp's optimum is off by 2e-6 on the
-    # TX40; 0.03 to 0.3 of the way make no difference on three arms.
-    inside = centre + ATTEMPTS[1][0] * (
-        interior_point(task, convex.constraints) - centre
-    )
+    # point: as our own solution is in its second attempt. Scaled at the interior point
+    # itself, csdp's optimum is off by 2e-6 on the TX40; 0.03 to 0.3 of the way make no
+    # difference on three arms.
+    share, _ = ATTEMPTS[1]
+    inside = centre + share * (interior_point(task, convex.constraints) - centre)
     smallest = convex.least_squares.loss_scale(centre)
     sdp = least_squares_sdp(convex, inside, centre, least_loss=smallest)
     return export_sdp(

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from sdp_vs_penalty.effects.effect import SimulatorField
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import (
     FIELDS,
@@ -49,18 +48,11 @@ def write(estimate: Estimate, options: Options, drake: bool = False) -> Written:
     hold rotor inertias.
     """
     content = Content.plausible(estimate, options)
-    robot = estimate.robot
-    own_file = options.own_file
-    file_content = (
-        make_urdf(robot, content, drake)
-        if own_file is None
-        else edit_urdf(own_file, robot, content)
-    )
-    armature: set[SimulatorField] = (
-        {"armature"} if drake and own_file is None else set()
-    )
-    fields = HOLDS | armature
-    return file_content, left_out(estimate, fields)
+    if options.own_file is not None:
+        edited = edit_urdf(options.own_file, estimate.robot, content)
+        return edited, left_out(estimate, HOLDS)
+    made = make_urdf(estimate.robot, content, drake)
+    return made, left_out(estimate, {*HOLDS, "armature"} if drake else HOLDS)
 
 
 def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:
@@ -185,12 +177,11 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
     link_elements = {link.get("name"): link for link in document.root.findall("link")}
     moving_links = placed_links(path, held)
     roots = {moving.get("name") for ((moving, _), *_) in moving_links}
-    kept = {
-        link.get("name")
-        for parts in placed_links(path)
-        for link, _ in parts
-        if parts[0][0].get("name") not in roots
-    }
+    # Links that move where no joint is held, and are fixed to another link here.
+    kept = set[str]()
+    for (moving, _), *others in placed_links(path):
+        if moving.get("name") not in roots:
+            kept |= {moving.get("name"), *(link.get("name") for link, _ in others)}
     zero = {
         "mass": {"value": "0"},
         "inertia": Inertial.from_parameters(np.zeros(10)).urdf_attributes,

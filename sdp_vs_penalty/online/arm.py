@@ -231,9 +231,10 @@ class ArmModel:
     def _take(self, effect: Effect, theta: Array) -> None:
         """Represent an effect in the control loop by tables and slopes.
 
-        They are read off the effect's own torque; theta (k,) are its parameters. All
-        effects are added up. Raises InputError unless they reproduce the effect's
-        torque at random states to _TOLERANCE.
+        They are read off the effect's own torque; theta (k,) are its parameters. Torque
+        under a load is table + load pull + |load| rub, all over velocity. Effects add up.
+        Raises InputError unless these reproduce the effect's torque at random states to
+        _TOLERANCE.
         """
         # 400 random states and loads (400, n), on which all is checked below.
         rng = np.random.default_rng(0)
@@ -255,7 +256,7 @@ class ArmModel:
             by_ddq = self._torque(effect, theta, zero, zero, one, zero)[0]
         except (ValueError, AttributeError, AssertionError) as error:
             raise self._refusal(effect) from error
-        before = self._table, self._pull, self._rub, self._has_load
+        table, pull, rub, has_load = self._table, self._pull, self._rub, self._has_load
         # The effect's tables alone (n entries,), joint after joint.
         self._table = without.T.ravel()
         self._pull = 0.5 * (forth - back).T.ravel()
@@ -264,15 +265,16 @@ class ArmModel:
         stiffness = by_q - constant
         armature = by_ddq - constant
         approximate = stiffness * q + armature * ddq
-        for row, velocities, self._load[:] in zip(approximate, dq, load, strict=True):
-            self._add_friction(velocities, row)
+        for k, velocities in enumerate(dq):
+            self._load[:] = load[k]
+            self._add_friction(velocities, approximate[k])
         size = np.abs(exact).max(initial=1e-12)
         if not np.allclose(approximate, exact, rtol=0.0, atol=_TOLERANCE * size):
             raise self._refusal(effect)
-        self._table += before[0]
-        self._pull += before[1]
-        self._rub += before[2]
-        self._has_load |= before[3]
+        self._table += table
+        self._pull += pull
+        self._rub += rub
+        self._has_load |= has_load
         self._stiffness = self._stiffness + stiffness
         self._armature = self._armature + armature
 

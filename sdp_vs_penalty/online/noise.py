@@ -72,11 +72,9 @@ class ResidualNoise:
             If the runs are too short, or a joint moves for less than eight parts of 0.1
             s: its noise and correlation time would rest on nothing.
         """
-        stretches = [
-            stretch
-            for run in measurements.runs()
-            for stretch in _stretches(estimate, run, delay)
-        ]
+        stretches = list[_Stretch]()
+        for run in measurements.runs():
+            stretches += _stretches(estimate, run, delay)
         shortest_part = _PART_LENGTHS_S[0]
         longest = max((len(x.residual) for x in stretches), default=0)
         if longest < 2.0 * shortest_part * _SMALLEST_NUMBER_OF_PARTS * _RATE_HZ:

@@ -57,15 +57,15 @@ class SmoothingFilter:
         bool
             False while the first window fills: ``out`` is not written then.
         """
-        place = self._next
-        self._samples[place] = sample
-        self._samples[place + self.length] = sample
-        self._next = place = (place + 1) % self.length
+        self._samples[self._next] = sample
+        self._samples[self._next + self.length] = sample
+        self._next = (
+            self._next + 1
+        ) % self.length  # now the place of the oldest sample
+        self._count = min(self._count + 1, self.length)
         if self._count < self.length:
-            self._count += 1
-            if self._count < self.length:
-                return False
-        np.dot(self.kernel, self._windows[place], out=out)
+            return False
+        np.dot(self.kernel, self._windows[self._next], out=out)
         return True
 
 

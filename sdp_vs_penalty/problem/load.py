@@ -71,28 +71,25 @@ def check_fields(
                 f"{key!r} is unknown in {where}", f"choose from {', '.join(fields)}"
             )
     for key, like in fields.items():
-        many = isinstance(like, list)
-        example = like[0] if isinstance(like, list) else like
-        if key == "kinematics" and key not in data:
-            raise InputError(
-                "the section [kinematics] is missing",
-                "give the robot's DH table or its URDF",
-            )
         if key not in data:
+            if key == "kinematics":
+                what = "the section [kinematics] is missing"
+                raise InputError(what, "give the robot's DH table or its URDF")
             if key in _NEEDED and "urdf" not in data:
                 raise InputError(f"the field {key!r} is missing in {where}", "add it")
-        elif isinstance(example, dict):
-            head = f"[[{key}]]" if many else f"[{key}]"
-            parts = data[key] if many else [data[key]]
-            if not (
-                isinstance(parts, list) and all(isinstance(x, dict) for x in parts)
-            ):
-                what = f"{key} is no {'list of sections' if many else 'section'}"
-                raise InputError(what, f"write {head} above its fields")
-            for part in parts:
-                check_fields(part, example, head)
-        else:
+            continue
+        is_list = isinstance(like, list)
+        example = like[0] if is_list else like
+        if not isinstance(example, dict):
             _check(f"{section} {key}".lstrip(), data[key], key, like, data)
+            continue
+        head = f"[[{key}]]" if is_list else f"[{key}]"
+        parts = data[key] if is_list else [data[key]]
+        if not (isinstance(parts, list) and all(isinstance(x, dict) for x in parts)):
+            what = f"{key} is no {'list of sections' if is_list else 'section'}"
+            raise InputError(what, f"write {head} above its fields")
+        for part in parts:
+            check_fields(part, example, head)
 
 
 def _check(
@@ -155,7 +152,7 @@ def _from_toml(
     problem = _with_bounds_of(folder, data, robot)
     problem = _with_nominal_links(problem, parts, "urdf" in data["kinematics"])
     # Links that no file states are within their bounds.
-    stated = np.array([x == "inertial" for x in problem.nominal_from or ()] or [True])
+    stated = np.array([x == "inertial" for x in problem.nominal_from or ()], bool)
     links = np.where(stated[:, None], problem.nominal_links, problem.prior_links)
     return replace(problem, nominal_links=links)
 
@@ -521,9 +518,10 @@ def with_bounds(
     total = problem.total_mass
     for name, ends in (pairs("--bounds", bounds) or {}).items():
         low, _, high = ends.partition(":")
-        mass = name.startswith(("m", "total"))
+        is_mass = name.startswith(("m", "total"))
+        open_low = 0.0 if is_mass else -np.inf
         try:
-            new = float(low or (0.0 if mass else -np.inf)), float(high or np.inf)
+            new = float(low or open_low), float(high or np.inf)
             if name == "total":
                 total = new
             else:
@@ -547,15 +545,21 @@ def convert_options(
     They are as :func:`convert` takes them, but ``hold`` is the text of --hold. A
     Problem has no word.
     """
-    formulas = motors if isinstance(motors, str | bool) else ",".join(motors)
+    formulas = None
+    if not isinstance(motors, bool):
+        formulas = motors if isinstance(motors, str) else ",".join(motors)
     options = {
         "--problem": problem if isinstance(problem, str | Path) else None,
         "--hold": hold,
         "--topic": topic,
-        "--motors": None if isinstance(formulas, bool) else formulas,
+        "--motors": formulas,
     }
-    flags = ["--motor-side"] * (motors is True) + ["--joint-torque"] * joint_torque
-    return [*given_options(options), *flags]
+    words = given_options(options)
+    if motors is True:
+        words.append("--motor-side")
+    if joint_torque:
+        words.append("--joint-torque")
+    return words
 
 
 @checked_arguments

@@ -320,8 +320,11 @@ class Problem(Shown):
 
     @cached_property
     def known(self) -> Mapping[str, float]:
-        """Standard parameters that equal bounds state, by name: masses [kg], and first
-        moments [kg m] of a known mass or of a centre in the frame's planes."""
+        """Standard parameters that equal bounds state, by name.
+
+        These are masses m [kg], and first moments m c [kg m] along axes on which c is
+        stated: where m is known, or c is zero.
+        """
         out: dict[str, float] = {}
         low, high = self.box[:, :4, 0], self.box[:, :4, 1]
         for link, is_equal in enumerate(low == high):
@@ -332,8 +335,10 @@ class Problem(Shown):
             for name, x, is_stated in zip(
                 names[1:4], centre, is_equal[1:], strict=True
             ):
-                if is_stated and (is_equal[0] or x == 0.0):
-                    out[name] = mass * x if x else 0.0
+                if is_stated and x == 0.0:
+                    out[name] = 0.0
+                elif is_stated and is_equal[0]:
+                    out[name] = mass * x
         return out
 
     @property
@@ -354,10 +359,12 @@ class Problem(Shown):
         """
         if self.effects is not None:
             return self.effects
-        geared = self.torque_side == "motor" or (
+        has_rotors = self.torque_side == "motor" or (
             self.torque_side == "unknown" and self.robot.n > 1
         )
-        return DEFAULT_EFFECTS + ((standard_effect("armature").name,) if geared else ())
+        if not has_rotors:
+            return DEFAULT_EFFECTS
+        return (*DEFAULT_EFFECTS, standard_effect("armature").name)
 
     def _summary(self) -> Summary:
         """Return the title and the (label, text) lines of the printed summary."""

@@ -228,9 +228,8 @@ def real_data_folder() -> Path | None:
         return folder
     checkout = Path(__file__).parents[2]
     folder = checkout.parent / "shared" / "data"
-    return (
-        folder if (checkout / "pyproject.toml").is_file() and folder.is_dir() else None
-    )
+    is_checkout = (checkout / "pyproject.toml").is_file()
+    return folder if is_checkout and folder.is_dir() else None
 
 
 def real_file(problem: str, name: str) -> Path | None:

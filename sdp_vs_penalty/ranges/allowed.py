@@ -86,15 +86,19 @@ class DataBall:
     #: Loss that the noise does not explain; 0 where noise is not known or explains all.
     structure: float
 
-    def c(self, w: Array, z: float) -> Array:
-        """Return c(w) (k,) of functions w (k, p) in the span of A; 0 for w = 0. ``z`` is
-        the half-width of an interval, in standard deviations."""
-        gram = np.linalg.norm(w @ self.directions, axis=1)
-        is_seen = gram > 0.0
+    def rises(self, w: Array, z: float) -> Array:
+        """Return c(w) (k,), the rise of the loss up to which models count as fitting
+        where the data limit them through w^T theta alone, for functions w (k, p).
+
+        It takes w^T theta to the end of its interval, z standard deviations from least
+        squares; w lies in the span of A, and c(0) = 0.
+        """
+        size = np.linalg.norm(w @ self.directions, axis=1)  # |w| in the metric of A
+        is_seen = size > 0.0
         out = np.zeros(len(w))
         if is_seen.any():
             std = self.spread(w[is_seen])
-            out[is_seen] = (z * std / gram[is_seen]) ** 2
+            out[is_seen] = (z * std / size[is_seen]) ** 2
         return out
 
     @cached_property
@@ -142,30 +146,32 @@ class AllowedSet:
         """Cones for the interior-point method."""
         return SmallCones(None, self.constraints, len(self.bound))
 
-    def limit(self, c: float) -> float:
-        """Return the largest |A theta - a|^2, loss* - loss_ls + c."""
-        return self.cost + c
+    def limit(self, rise: float) -> float:
+        """Return the largest |A theta - a|^2 where the loss may rise by so much above
+        the least one under the constraints: loss* - loss_ls + rise."""
+        return self.cost + rise
 
     @cached_property
-    def first_c(self) -> float:
+    def first_rise(self) -> float:
         """Median c of the ball's own axes, where the search for each end starts."""
-        return float(np.median(self.ball.c(self.ball.A, self.z)))
+        return float(np.median(self.ball.rises(self.ball.A, self.z)))
 
     @property
     def z(self) -> float:
         """Half the width of an interval of this level, in standard deviations."""
         return float(scipy.special.ndtri(0.5 + 0.5 * self.level))
 
-    def optimiser(self, c: float) -> InteriorPoint:
-        """Return the interior-point method on this set, in units in which the ball of c
-        has the radius 1.
+    def optimiser(self, rise: float) -> InteriorPoint:
+        """Return the interior-point method on this set, in units in which the ball
+        |A theta - a|^2 <= :meth:`limit` of the rise has the radius 1.
 
-        It starts at a central point whose loss is at most a part of c above the least.
+        It starts at a central point whose loss is at most a quarter of the rise above
+        the least one.
         """
-        radius = np.sqrt(self.limit(c))
+        radius = np.sqrt(self.limit(rise))
         ball = Ball(self.ball.A / radius, self.ball.a / radius)
         loss = max(self.cost + self.ball.loss_ls, 1e-12 * self.task.data.tau_squared)
-        start = self._towards_fit(self.best_fit(0.25 * c / loss), 0.25 * c)
+        start = self._towards_fit(self.best_fit(0.25 * rise / loss), 0.25 * rise)
         return InteriorPoint(self.cones, ball, start, self.fit, self.bound)
 
     def _towards_fit(self, theta: Array, c: float) -> Array:
@@ -230,10 +236,12 @@ def far_limits(problem: Problem, task: Task) -> tuple[ConstraintSet, Array]:
     return ConstraintSet(tuple(out)).with_known(task.model.known_values), bound
 
 
-def stated(problem: Problem, task: Task) -> list[Constraint]:
-    """Return the constraints of a task without the limits of masses that nobody stated:
-    those that the program assumes where the robot's file and the user say none. Above,
-    they are far limits; below, a mass is not negative."""
+def stated_constraints(problem: Problem, task: Task) -> list[Constraint]:
+    """Return the constraints of a task without limits of masses that nobody stated.
+
+    Where neither the robot's file nor the user says any, the program assumes some. Here
+    the far limits stand for an assumed upper limit, and m >= 0 for a lower one.
+    """
     assumed_of_place = dict(
         zip(task.links[:, 0].tolist(), problem.assumed_masses, strict=True)
     )
@@ -242,14 +250,14 @@ def stated(problem: Problem, task: Task) -> list[Constraint]:
         if x.family != "mass":
             out.append(x)
             continue
-        least, greatest = assumed_of_place[int(x.indices[0])]
-        slopes = x.coefficients[0]  # zero where the mass is known
-        assumed = np.where(slopes > 0.0, least, greatest) & (slopes != 0.0)
-        if not assumed.all():
-            coefficients = x.coefficients[:, ~assumed]
-            out.append(
-                replace(x, constant=x.constant[~assumed], coefficients=coefficients)
-            )
+        lower_is_assumed, upper_is_assumed = assumed_of_place[int(x.indices[0])]
+        # A row of positive slope is a lower limit; one of a known mass has slope zero.
+        slopes = x.coefficients[0]
+        is_assumed = np.where(slopes > 0.0, lower_is_assumed, upper_is_assumed)
+        kept = ~(is_assumed & (slopes != 0.0))
+        if kept.any():
+            coefficients = x.coefficients[:, kept]
+            out.append(replace(x, constant=x.constant[kept], coefficients=coefficients))
     return out
 
 
@@ -289,7 +297,7 @@ def allowed_set(
         structure=_structure(posed, floor),
     )
     limits, far_bound = far_limits(posed.problem, task)
-    convex = tuple(stated(posed.problem, task))
+    convex = tuple(stated_constraints(posed.problem, task))
     allowed = AllowedSet(
         task,
         ball,

@@ -95,18 +95,19 @@ class Band(Record, JsonRecord):
     def notes(self) -> list[str]:
         """Return a sentence on noise that is not known, and on joints whose torque the
         wider band does not hold."""
-        short = [j for j, x in enumerate(self.inside().tolist(), start=1) if x < LEVEL]
-        unknown = "The noise is not known: the model's own error may widen the band."
-        out = [] if self.noise.any() else [unknown]
-        if not short:
-            return out
-        joints = ", ".join(map(str, short))
-        return [
-            *out,
-            f"The band with model error holds the measured torque in less than"
-            f" {100 * LEVEL:g} % of samples of joint {joints}: the model lacks something"
-            " there.",
-        ]
+        notes = []
+        if not self.noise.any():
+            notes.append(
+                "The noise is not known: the model's own error may widen the band."
+            )
+        short = [str(j) for j, x in enumerate(self.inside(), start=1) if x < LEVEL]
+        if short:
+            notes.append(
+                f"The band with model error holds the measured torque in less than"
+                f" {100 * LEVEL:g} % of samples of joint {', '.join(short)}: the model lacks"
+                " something there."
+            )
+        return notes
 
 
 def torque_band(
@@ -135,18 +136,18 @@ def torque_band(
         motion, robot.n, robot.joint_names, "torque_band(motion=...)"
     )
     filtered = filter_runs(posed.problem, runs, estimate.preprocessing)
-    t, measured, columns = [], [], list[list[Array]]([] for _ in range(robot.n))
+    parts = [rows for run in filtered.runs for rows in free_rows(run, posed.task.model)]
     p = len(allowed.bound)
-    for run in filtered.runs:
-        for rows in free_rows(run, posed.task.model):
-            t.append(rows.motion.t)
-            measured.append(rows.torque)
-            for joint, block in enumerate(rows.columns):
-                dense = np.zeros((len(block.columns), p))
-                dense[:, block.indices] = block.columns
-                columns[joint].append(dense)
-    by_joint = [np.vstack(parts) for parts in columns]
-    return band_of(allowed, np.concatenate(t), by_joint, np.concatenate(measured))
+    columns = [
+        np.vstack([rows.columns[joint].dense_columns(p) for rows in parts])
+        for joint in range(robot.n)
+    ]
+    return band_of(
+        allowed,
+        t=np.concatenate([rows.motion.t for rows in parts]),
+        columns=columns,
+        measured=np.concatenate([rows.torque for rows in parts]),
+    )
 
 
 def band_of(

@@ -46,7 +46,8 @@ def ratios(
     masses: Sequence[tuple[End, End]],
     denominators: Sequence[Array],
 ) -> list[tuple[RangeEnd, RangeEnd]]:
-    """Return the least and the greatest value of h^T theta / m^T theta.
+    """Return the least and the greatest value of h^T theta / m^T theta; both ends are
+    open where the mass m^T theta may be zero.
 
     Parameters
     ----------
@@ -55,8 +56,12 @@ def ratios(
     masses : sequence of (End, End)
         Least and greatest value of each m.
     """
-    is_open = [low.value <= _NO_MASS * high.value for low, high in masses]
-    known = [k for k, opened in enumerate(is_open) if not opened]
+    # Where the mass may be zero, no value of the ratio is excluded.
+    known = [
+        k
+        for k, (low, high) in enumerate(masses)
+        if not low.value <= _NO_MASS * high.value
+    ]
     ends = search.least(
         [sign * numerators[k] for k in known for sign in (1.0, -1.0)],
         [denominators[k] for k in known for _ in range(2)],
@@ -64,20 +69,21 @@ def ratios(
     out = [(OPEN[1.0], OPEN[-1.0])] * len(masses)
     for k, low, high in zip(known, ends[::2], ends[1::2], strict=True):
         h, m = numerators[k], denominators[k]
-        below, above = (
-            _ratio(end, sign * h, m, masses[k][0].value)
-            for end, sign in ((low, 1.0), (high, -1.0))
-        )
-        above = replace(above, value=-above.value, attained=-above.attained)
-        out[k] = below, above
+        least_mass = masses[k][0].value
+        below = _ratio(low, h, m, least_mass)
+        above = _ratio(high, -h, m, least_mass)  # minus the greatest value
+        out[k] = below, replace(above, value=-above.value, attained=-above.attained)
     return out
 
 
 def _ratio(end: End, h: Array, m: Array, least_mass: float) -> RangeEnd:
-    """Return the least value of h^T theta / m^T theta by the end of g = h - v m, where
-    the mass is at least ``least_mass`` > 0."""
+    """Return the least value of the ratio h^T theta / m^T theta.
+
+    ``end`` is the certified least value of g^T theta with g = h - v m, which is about
+    zero where v is the least ratio; ``least_mass`` > 0 is the least m^T theta.
+    """
     v = float((h - end.g) @ m) / float(m @ m)
-    # h - v m >= lowest, hence the ratio is at least v + lowest / m.
+    # h^T theta - v m^T theta >= lowest: the ratio is at least v + lowest / (m^T theta).
     return RangeEnd(
         v + min(end.lowest, 0.0) / least_mass,
         end.decided_by,
@@ -108,10 +114,11 @@ def inertias(
     for e in entries:
         low, high = _outer(search, link, e, centre)
         if e in _MOMENTS:
+            # No moment is negative; its greatest value is exact.
             zero = RangeEnd(0.0, "consistency", is_outer=True)
             out.append((max(low, zero, key=_value), greatest[e]))
             continue
-        # |I_ab| <= I_cc / 2, c the axis across both.
+        # A product: |I_ab| <= I_cc / 2, c the axis across both.
         row, column = inertia._ROWS[e - 4], inertia._COLUMNS[e - 4]
         across = greatest[_MOMENTS[3 - row - column]]
         half = RangeEnd(0.5 * across.value, across.decided_by, across.limited_by, True)
@@ -131,7 +138,12 @@ def _outer(
     entry: int,
     centre: Sequence[tuple[RangeEnd, RangeEnd]],
 ) -> tuple[RangeEnd, RangeEnd]:
-    """Return outer bounds of I_e: least (L_u - q m) and greatest (L_u + q m)."""
+    """Return outer bounds of an inertia I_e about a link's centre of mass c.
+
+    With u the middle of the box in which c lies, I_e = L_u - m (c - u)^T Q_e (c - u), L_u
+    linear in theta. The last term is at most q m, so the bounds are the least value of
+    L_u - q m and the greatest one of L_u + q m. Open where the box is.
+    """
     ends = np.array([[low.value, high.value] for low, high in centre])
     if not np.all(np.isfinite(ends)):
         return OPEN[1.0], OPEN[-1.0]
@@ -139,21 +151,24 @@ def _outer(
     u = ends.mean(axis=1)
     delta = 0.5 * (ends[:, 1] - ends[:, 0])
     q = float(delta @ np.abs(form) @ delta)
-    g = np.zeros(len(search.allowed.bound))
-    g[link[entry]] = 1.0
-    g[link[1:4]] = -2.0 * form @ u
-    g[link[0]] = u @ form @ u
-    mass = np.zeros_like(g)
-    mass[link[0]] = q
+    linear = np.zeros(len(search.allowed.bound))  # coefficients of L_u
+    linear[link[entry]] = 1.0
+    linear[link[1:4]] = -2.0 * form @ u
+    linear[link[0]] = u @ form @ u
+    rest = np.zeros_like(linear)  # of q m
+    rest[link[0]] = q
     low, high = (
         RangeEnd(end.lowest, end.decided_by, end.limited_by, is_outer=True)
-        for end in search.least([g - mass, -g - mass])
+        for end in search.least([linear - rest, -linear - rest])
     )
     return low, replace(high, value=-high.value)
 
 
 def greatest_moment(search: EndSearch, link: Array, entry: int) -> RangeEnd:
     """Return the greatest moment of inertia I_aa about a link's centre of mass.
+
+    It is the greatest t with [[J_aa - t, h_b, h_c], [h_b, m, 0], [h_c, 0, m]] >= 0
+    (Schur's complement), t a further parameter, so that the value is exact.
 
     Parameters
     ----------
@@ -166,8 +181,7 @@ def greatest_moment(search: EndSearch, link: Array, entry: int) -> RangeEnd:
     p = len(allowed.bound)
     across = np.flatnonzero(np.diagonal(inertia.STEINER_FORMS[entry - 4]))
     b, c = link[1 + across]
-    # [[J - t, h_b, h_c], [h_b, m, 0], [h_c, 0, m]] by (J, h_b, h_c, m, t), t a further
-    # parameter behind the others.
+    # The matrix by J, h_b, h_c, m, and t, which stands behind all other parameters.
     matrices = np.zeros((5, 3, 3))
     matrices[0, 0, 0] = 1.0
     matrices[1, [0, 1], [1, 0]] = 1.0

@@ -78,15 +78,13 @@ class RangeEnd(JsonRecord):
     @classmethod
     def from_end(cls, end: End) -> RangeEnd:
         """Return what a file holds of a linear function's end."""
-        value, ray = end.value, {}
-        if end.ray is not None:
-            value = -np.inf if end.sign > 0.0 else np.inf
-            parameters = end.allowed.task.model.parameters
-            change = zip(parameters, end.ray.tolist(), strict=True)
-            ray = {parameter.name: x for parameter, x in change if x}
-        return cls(
-            value, end.decided_by, end.limited_by, attained=end.attained, ray=ray
-        )
+        out = cls(end.value, end.decided_by, end.limited_by, attained=end.attained)
+        if end.ray is None:
+            return out
+        parameters = end.allowed.task.model.parameters
+        change = zip(parameters, end.ray.tolist(), strict=True)
+        ray = {parameter.name: x for parameter, x in change if x}
+        return replace(out, value=-end.sign * np.inf, ray=ray)
 
 
 @dataclass(frozen=True)
@@ -101,8 +99,8 @@ class End:
     lowest: float
     #: (p,) the witness: an allowed theta, strictly inside.
     witness: Array
-    #: c of the likelihood ratio with which the data limit this end.
-    c: float
+    #: Rise c of the loss above the least one up to which models count as fitting here.
+    rise: float
     #: Multiplier l of the data's ball.
     ball: float
     #: (e,) multipliers of the constraints' entries.
@@ -168,19 +166,21 @@ class End:
     @property
     def decided_by(self) -> str:
         """What decides the end, in a word: "open" (it has a :attr:`ray`), "bound",
-        "data", "consistency", or "data and consistency"."""
+        "data", "consistency", or "data and consistency".
+
+        At the end g is the sum of what the data and what the constraints hold against
+        it: -``rests_on``, and the rest. A part below CHANGES (in size) decides nothing.
+        """
         if self.ray is not None:
             return "open"
         if self.limited_by:
             return "bound"
         unit = np.abs(self.allowed.fit)
-        size, by_data, by_others = (
-            float(np.linalg.norm(x * unit))
-            for x in (self.g, self.rests_on, self.g + self.rests_on)
-        )
-        if by_others <= CHANGES * size:
+        least = CHANGES * np.linalg.norm(self.g * unit)
+        if np.linalg.norm((self.g + self.rests_on) * unit) <= least:
             return "data"
-        return "data and consistency" if by_data > CHANGES * size else "consistency"
+        by_data = np.linalg.norm(self.rests_on * unit)
+        return "data and consistency" if by_data > least else "consistency"
 
     @cached_property
     def ray(self) -> Array | None:
@@ -189,7 +189,7 @@ class End:
         far limits."""
         if FAR not in self.limited_by:
             return None
-        return certified_ray(self.allowed, self.g, self.c)
+        return certified_ray(self.allowed, self.g, self.rise)
 
     def proof(self, name: str) -> Proof:
         """Return a proof in exact arithmetic that nothing allowed lies beyond the end.
@@ -202,7 +202,7 @@ class End:
         allowed = self.allowed
         ball = allowed.ball
         # 1. The data: |A theta - a| is at most the radius.
-        radius = np.sqrt(allowed.limit(self.c))
+        radius = np.sqrt(allowed.limit(self.rise))
         every = np.arange(len(self.g))
         in_ball = build.linear(
             "data",
@@ -243,7 +243,7 @@ class End:
 
 
 class EndSearch:
-    """Ends of many functions over one set, each with its own c."""
+    """Ends of many functions over one set, each with its own rise c of the loss."""
 
     def __init__(self, allowed: AllowedSet, more: float = 0.0) -> None:
         """Prepare the search over a set.
@@ -251,12 +251,12 @@ class EndSearch:
         Parameters
         ----------
         more : float
-            Added to each c: the model's error, a loss [(N m)^2].
+            Added to each rise c of the loss: the model's error [(N m)^2].
         """
         self.allowed = allowed
         self.more = more
-        self._method = allowed.optimiser(allowed.first_c + more)
-        self._unit = allowed.limit(allowed.first_c + more)
+        self._method = allowed.optimiser(allowed.first_rise + more)
+        self._unit = allowed.limit(allowed.first_rise + more)
 
     def least(
         self, functions: Sequence[Array], masses: Sequence[Array] | None = None
@@ -273,49 +273,58 @@ class EndSearch:
         """
         if not functions:
             return []
-        h = np.array(functions, float)
-        m = np.zeros_like(h) if masses is None else np.reshape(masses, h.shape)
-        c = np.full(len(h), self.allowed.first_c)
-        rough = self._points(h, m, c, _ROUGH)
-        c = _ABOVE * self.c_of(rough)
-        points = self._points(h, m, c, _FINE, rough)
+        g = np.array(functions, float)
+        m = np.zeros_like(g) if masses is None else np.reshape(masses, g.shape)
+        c = np.full(len(g), self.allowed.first_rise)
+        rough = self._points(g, m, c, _ROUGH)
+        c = _ABOVE * self._rises_of(rough)
+        points = self._points(g, m, c, _FINE, rough)
         for _ in range(_ROUNDS):
-            needed = self.c_of(points)
+            needed = self._rises_of(points)
             wider = np.flatnonzero(needed > c)
             if not len(wider):
                 break
             c[wider] = _ABOVE * needed[wider]
-            parts = h[wider], m[wider], c[wider]
-            points.put(wider, self._points(*parts, _FINE, rough[wider]))
+            found = self._points(g[wider], m[wider], c[wider], _FINE, rough[wider])
+            points.put(wider, found)
         return [
-            self._certified(h[k], m[k], points[k], x) for k, x in enumerate(c.tolist())
+            self._best_certified(g[k], m[k], points[k], rise)
+            for k, rise in enumerate(c.tolist())
         ]
 
     def _points(
         self,
-        h: Array,
+        g: Array,
         m: Array,
-        c: Array,
+        rises: Array,
         accuracy: float,
         start: Points | None = None,
         first: float = _FIRST,
     ) -> Points:
-        """Return the points at which functions (k, p) are least, from a start in other
-        balls."""
-        radius = np.array([self.allowed.limit(x + self.more) for x in c]) / self._unit
+        """Return the points at which functions g (k, p), over m, are least where the
+        loss may rise by ``rises`` (k,); ``start`` are such points of other rises,
+        ``first`` the length of a first step without one."""
+        limits = np.array([self.allowed.limit(c + self.more) for c in rises])
         return self._method.minimise(
-            h, accuracy, m=m, start=start, squared_radius=radius, first=first
+            g,
+            accuracy,
+            m=m,
+            start=start,
+            squared_radius=limits / self._unit,
+            first=first,
         )
 
-    def _certified(self, h: Array, m: Array, point: Points, c: float) -> End:
+    def _best_certified(self, g: Array, m: Array, point: Points, rise: float) -> End:
         """Return the end at a point, or the best one of searches from other starts:
         where a set is thin, rounding ends some paths early."""
-        best = self.certified(point, c)
+        best = self.certified(point, rise)
         for first in _OTHER_STARTS:
             if best.is_certain:
                 break
-            one = h[None], m[None], np.array([c])
-            other = self.certified(self._points(*one, _FINE, None, first)[0], c)
+            others = self._points(
+                g[None], m[None], np.array([rise]), _FINE, first=first
+            )
+            other = self.certified(others[0], rise)
             best = max(best, other, key=lambda end: (-end.gap, end.lowest))
         return best
 
@@ -327,21 +336,21 @@ class EndSearch:
             for low, high in zip(ends[::2], ends[1::2], strict=True)
         ]
 
-    def c_of(self, points: Points) -> Array:
+    def _rises_of(self, points: Points) -> Array:
         """Return the c (k,) of the directions of the data that each point rests on; the
         first c where it rests on none."""
         allowed = self.allowed
         ball = allowed.ball
         w = points.ball[:, None] * ((points.theta @ ball.A.T - ball.a) @ ball.A)
-        c = ball.c(w, allowed.z)
-        return np.where(c > 0.0, c, allowed.first_c)
+        c = ball.rises(w, allowed.z)
+        return np.where(c > 0.0, c, allowed.first_rise)
 
-    def certified(self, point: Points, c: float) -> End:
-        """Return the end at a point that was found with a c, with the lower bound of
-        g^T theta that the point's multipliers prove."""
+    def certified(self, point: Points, rise: float) -> End:
+        """Return the end at a point that was found for a rise of the loss, with the
+        lower bound of g^T theta that the point's multipliers prove."""
         allowed = self.allowed
         ball = allowed.ball
-        limit = allowed.limit(c + self.more)
+        limit = allowed.limit(rise + self.more)
         g = point.g
         weight = float(point.ball) / self._unit  # the method's ball is in this unit
         root = np.sqrt(weight)
@@ -358,4 +367,12 @@ class EndSearch:
             size = float(np.abs(g) @ np.abs(point.theta))
             if float(g @ point.theta) - lowest <= _CERTAIN * size:
                 break
-        return End(allowed, g, lowest, point.theta, c + self.more, weight, multipliers)
+        return End(
+            allowed,
+            g=g,
+            lowest=lowest,
+            witness=point.theta,
+            rise=rise + self.more,
+            ball=weight,
+            multipliers=multipliers,
+        )

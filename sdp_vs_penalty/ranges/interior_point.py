@@ -136,13 +136,17 @@ class _State:
         products = np.hstack([z / self.rows, kronecker.reshape(len(z), -1)])
         by_cones = np.ascontiguousarray((cones.curvature @ products.T).T)
         share = ball / self.ball_slack
-        is_inside = self.is_inside
-        return [
-            _factor(curvature, *parts, cones.places) if is_inside[k] else None
-            for k, parts in enumerate(
-                zip(ball, by_cones, share, self.ball_gradient, strict=True)
+        factors: list[Array | None] = [None] * len(z)
+        for k in np.flatnonzero(self.is_inside):
+            factors[k] = _factor(
+                curvature,
+                ball=ball[k],
+                by_cones=by_cones[k],
+                share=share[k],
+                gradient=self.ball_gradient[k],
+                places=cones.places,
             )
-        ]
+        return factors
 
 
 def _factor(
@@ -153,8 +157,14 @@ def _factor(
     gradient: Array,
     places: Indices,
 ) -> Array | None:
-    """Return the Cholesky factor of l curvature + cones + share v v^T, None if rounding
-    leaves none."""
+    """Return the lower Cholesky factor (p, p) of the Newton step's matrix at one point,
+    None if rounding leaves none.
+
+    H = ``ball`` ``curvature`` + the cones' part + ``share`` v v^T, with ``ball`` the
+    ball's multiplier, ``curvature`` 2 A^T A, ``share`` the multiplier over the ball's
+    slack, and v the ball's ``gradient`` (p,). ``by_cones`` are the entries of the cones'
+    part at ``places`` of H, flat; the others are zero.
+    """
     for ridge in _RIDGES:
         H = ball * curvature
         H.ravel()[places] += by_cones
@@ -310,7 +320,12 @@ class _Newton:
         return _dot(slacks, z) + ball_slack * ball
 
     def longest(self, d: _Direction) -> Array:
-        """Return the longest multiples (k,) of a direction that stay inside."""
+        """Return the longest multiples (k,) of a direction that keep slacks and
+        multipliers of cones and ball positive.
+
+        A row reaches zero at the multiple -1 / (change / value); a block where the
+        smallest eigenvalue of the change, in units of the block, is -1 over it.
+        """
         rows, mats = split(self.cones, d.slacks)
         z, Z = split(self.cones, d.multipliers)
         relative = np.hstack([rows, z]) / self.rows
@@ -466,8 +481,12 @@ class InteriorPoint:
         return Points(g, one, theta, z, mu / state.ball_slack, np.full_like(mu, np.inf))
 
     def _moved(self, points: Points, squared_radius: Array) -> Points:
-        """Return points in balls of other radii, moved towards the best fit as far as it
-        keeps their distance from a smaller ball."""
+        """Return points for balls of other radii, (k,) squared.
+
+        Where a ball shrinks, its point moves towards the best fit, which is inside of every
+        ball, until its slack is what it was in the old ball, or half of what there is room
+        for. Others stay.
+        """
         ball = self.ball
         at_fit = ball.A @ self.fit - ball.a
         away = (points.theta - self.fit) @ ball.A.T
@@ -489,9 +508,13 @@ class InteriorPoint:
         )
 
     def _errors(self, points: Points, newton: _Newton) -> tuple[Array, Array]:
-        """Return complementarities plus what the leftover slopes can cost (k,): near the
-        points, and anywhere within the parameters' bounds; infinite outside of cones or
-        ball."""
+        """Return by how much (k,) each point may miss its least value, twice.
+
+        Both are the sum of slacks times multipliers, plus what the leftover slope (the
+        gradient of the Lagrangian, zero at an optimum) can cost: near the point, by the
+        Newton step, and anywhere within the parameters' bounds. Infinite outside of
+        cones or ball.
+        """
         cones, ball = self.cones, self.ball
         slacks = cones.constant + (cones.slack_map @ points.theta.T).T
         residual = points.theta @ ball.A.T - ball.a

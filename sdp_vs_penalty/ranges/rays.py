@@ -42,15 +42,18 @@ def certified_ray(allowed: AllowedSet, g: Array, c: float) -> Array | None:
 
 
 def is_ray(allowed: AllowedSet, g: Array, d: Array, c: float) -> bool:
-    """Return whether the set of c goes on along d (p,) until g^T theta has fallen by
-    REACH times what the far limits admit."""
-    growth = -float(g @ d)
+    """Return whether the models whose loss rises by at most c go on along d (p,) until
+    g^T theta has fallen by REACH times what the far limits admit.
+
+    The set is convex, so that it is enough to look at both ends of the way.
+    """
+    fall = -float(g @ d)
     known = list(allowed.task.model.known_values)
-    if growth <= 0.0 or np.any(d[known]):
+    if fall <= 0.0 or np.any(d[known]):
         return False
     near = [x for x in allowed.constraints.convex if x.family != FAR]
-    lengths = REACH * float(np.abs(g) @ allowed.far_bound) / growth
-    for theta in (allowed.fit, allowed.fit + lengths * d):
+    length = REACH * float(np.abs(g) @ allowed.far_bound) / fall
+    for theta in (allowed.fit, allowed.fit + length * d):
         residual = allowed.ball.A @ theta - allowed.ball.a
         if not residual @ residual <= allowed.limit(c):
             return False
@@ -74,8 +77,8 @@ def _candidates(allowed: AllowedSet, g: Array) -> Iterator[Array]:
             continue
         falls = K.T @ _matrix(-g[indices]) @ K
         inside = K.T @ _inside_of_bodies(allowed, indices) @ K
-        has_bodies = bool(np.any(inside))
-        for weight in _BODY_WEIGHTS if has_bodies else _BODY_WEIGHTS[:1]:
+        weights = _BODY_WEIGHTS if np.any(inside) else _BODY_WEIGHTS[:1]
+        for weight in weights:
             eigenvectors = np.linalg.eigh(falls + weight * inside)[1]
             u = K @ eigenvectors[:, -1]
             u = np.where(np.abs(u) > _STILL * np.abs(u).max(), u, 0.0)

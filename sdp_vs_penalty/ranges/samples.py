@@ -198,32 +198,34 @@ def sample_models(
         raise InputError(f"{n} samples", "ask for one at least")
     if longer < 1:
         raise InputError(f"chains {longer} times as long", "ask for one time at least")
-    std = np.sqrt(allowed.first_c) / allowed.z
+    std = np.sqrt(allowed.first_rise) / allowed.z
     rng = np.random.default_rng(seed)
     chains = Chains(
         allowed.cones,
-        allowed.ball.A / std,
-        allowed.ball.a / std,
-        dispersed_starts(allowed, rng),
-        rng,
-        _divergence(allowed.task) if prior == "entropic" else None,
-        allowed.unseen[:, allowed.unseen.any(axis=0)],
+        A=allowed.ball.A / std,
+        a=allowed.ball.a / std,
+        start=dispersed_starts(allowed, rng),
+        rng=rng,
+        penalty=_divergence(allowed.task) if prior == "entropic" else None,
+        unseen=allowed.unseen[:, allowed.unseen.any(axis=0)],
     )
-    # As long as the warm-up at least, so that R^ has states to judge.
+    # Every so many sweeps one state of each chain is a sample. As long as the warm-up at
+    # least, so that R^ has states to judge.
     apart = longer * _BETWEEN
-    drawn = chains.draw(max(apart * -(-n // _CHAINS), longer * _WARM_UP), longer)
+    n_of_chain = -(-n // _CHAINS)  # rounded up
+    drawn = chains.draw(max(apart * n_of_chain, longer * _WARM_UP), longer)
     flat = drawn[apart - 1 :: apart].reshape(-1, drawn.shape[2])
     chosen = chains.rng.permutation(len(flat))[:n]
     r_hat, effective = diagnose_chains(drawn)
     return Samples(
-        flat[chosen],
-        prior,
-        np.minimum(effective, n),
-        r_hat,
-        seed,
-        chains.n_steps,
-        masses_by_bounds(flat, allowed.task),
-        longer,
+        theta=flat[chosen],
+        prior=prior,
+        effective=np.minimum(effective, n),
+        r_hat=r_hat,
+        seed=seed,
+        steps=chains.n_steps,
+        bounded=masses_by_bounds(flat, allowed.task),
+        longer=longer,
     )
 
 
@@ -248,9 +250,9 @@ def dispersed_starts(allowed: AllowedSet, rng: np.random.Generator) -> Array:
     its centre."""
     cones = allowed.cones
     ball = allowed.ball
-    centre = allowed.optimiser(allowed.first_c).centre
+    centre = allowed.optimiser(allowed.first_rise).centre
     residual = ball.A @ centre - ball.a
-    room = allowed.limit(allowed.first_c) - residual @ residual
+    room = allowed.limit(allowed.first_rise) - residual @ residual
     # Random in the local metric of data and constraints, in which the set is about round.
     hessian = ball.A.T @ ball.A / room + barrier_hessian(cones, centre)
     unit = np.sqrt(np.diagonal(hessian))
@@ -367,7 +369,8 @@ class Chains:
         return states
 
     def _step(self, move: _Move) -> None:
-        """Move each chain along a direction of its own."""
+        """Move each chain along a direction d of its own, by a t drawn from what the data
+        (a normal distribution), the cones (low <= t <= high) and the prior say along it."""
         chosen = self.rng.integers(move.directions.shape[0], size=_CHAINS)
         d = move.directions[chosen]
         slacks = move.slacks[chosen]
@@ -471,12 +474,14 @@ def _along(
     rng: np.random.Generator,
     reflects: bool = True,
 ) -> Array:
-    """Return moves from 0 that leave normal distributions on [low, high] as they are.
+    """Return moves t (chains,) from t = 0 that leave normal distributions of ``mean`` and
+    ``std``, cut to [low, high], as they are (all (chains,)).
 
     Half of the moves are samples; the others reflect the present quantile u to 1 - u
     (overrelaxation: Neal 1998), which keeps chains from wandering. Without ``reflects``
     all are samples.
     """
+    # Ends and present point in standard deviations from the mean.
     a, b, now = ((x - mean) / std for x in (low, high, np.zeros_like(mean)))
     # Mirrored to the lower tail, where the distribution function has its digits.
     sign = np.where(a > 0.0, -1.0, 1.0)

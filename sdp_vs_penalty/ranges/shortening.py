@@ -112,7 +112,7 @@ def compare_motions(
     limits = Limits.from_robot(posed.task.model.robot)
     ((least, greatest),) = EndSearch(allowed).both([g])
     before = least.value, greatest.value
-    c = max(least.c, greatest.c)
+    c = max(least.rise, greatest.rise)
     out = []
     for k, motion in enumerate(motions, start=1):
         progress(f"motion {k} of {len(motions)}")
@@ -164,11 +164,9 @@ def rows_of_motion(posed: EstimationProblem, motion: FourierTrajectory) -> Array
         Measurements(t, q, np.zeros_like(q)), runs.settings
     )
     p = len(model.parameters)
-    return np.vstack(
-        [
-            weight * columns.dense_columns(p)
-            for run in measured.runs
-            for rows in free_rows(run, model)
-            for weight, columns in zip(posed.task.weights, rows.columns, strict=True)
-        ]
-    )
+    parts = []
+    for run in measured.runs:
+        for rows in free_rows(run, model):
+            for weight, joint in zip(posed.task.weights, rows.columns, strict=True):
+                parts.append(weight * joint.dense_columns(p))
+    return np.vstack(parts)

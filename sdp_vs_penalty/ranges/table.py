@@ -207,23 +207,21 @@ class Ranges(Record, JsonRecord):
     @property
     def _has_open_end(self) -> bool:
         """Whether the table has an end that is open."""
-        shown = [
-            ends
-            for r in self.ranges
-            for ends in (
-                (r.least.value, r.greatest.value),
-                r.with_model_error or (),
-                *r.under.values(),
-            )
-        ]
-        return any(np.isinf(value) for ends in shown for value in ends)
+        values = list[float]()
+        for r in self.ranges:
+            values += [r.least.value, r.greatest.value, *(r.with_model_error or ())]
+            for ends in r.under.values():
+                values += ends
+        return bool(np.isinf(values).any())
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a DataFrame with one row a function."""
         import pandas
 
-        rows = [
-            {
+        rows = []
+        for r in self.ranges:
+            least, greatest = r.with_model_error or (np.nan, np.nan)
+            row = {
                 "name": r.name,
                 "unit": r.unit,
                 "value": r.value,
@@ -232,13 +230,12 @@ class Ranges(Record, JsonRecord):
                 "greatest": r.greatest.value,
                 "least decided by": r.least.reason,
                 "greatest decided by": r.greatest.reason,
-                "least with model error": (r.with_model_error or (np.nan,))[0],
-                "greatest with model error": (r.with_model_error or (np.nan,))[-1],
-                **{f"least, {k}": x[0] for k, x in r.under.items()},
-                **{f"greatest, {k}": x[1] for k, x in r.under.items()},
+                "least with model error": least,
+                "greatest with model error": greatest,
             }
-            for r in self.ranges
-        ]
+            row |= {f"least, {kind}": ends[0] for kind, ends in r.under.items()}
+            row |= {f"greatest, {kind}": ends[1] for kind, ends in r.under.items()}
+            rows.append(row)
         return pandas.DataFrame(rows).set_index("name")
 
 
@@ -385,8 +382,7 @@ def training_of(
         posed = training.posed
         if posed.task.model is estimate.model:
             return posed, _floor_of(estimate)
-    robot = estimate.robot
-    named = None
+    as_written, window = False, None
     if data is None:
         named = NamedRuns.recorded(estimate.provenance.get("data") or ())
         if named is None:
@@ -395,12 +391,12 @@ def training_of(
                 " are still there",
                 "name them (data=..., --data)",
             )
-        data = list(named.files)
-    as_written = named is not None and named.as_written
+        data, as_written, window = list(named.files), named.as_written, named.window
+    robot = estimate.robot
     what = "find_ranges(data=...)"
     names = robot.joint_names
     runs = as_measurements(data, robot.n, names, what, as_written=as_written)
-    runs = windowed(runs, time_windows(named.window if named else None))
+    runs = windowed(runs, time_windows(window))
     posed = posed_again(estimate, runs)
     if posed is None or posed.runs is None:
         what = "these data have no torque, and the model does not say what replaced it"
@@ -512,13 +508,16 @@ def _ends(
         mass_names[link] = model.parameters[mass].name
         linear.setdefault(mass_names[link], unit[mass])
     ends_by_name = dict(zip(linear, search.both(list(linear.values())), strict=True))
-    told = {
-        name: (RangeEnd.from_end(low), RangeEnd.from_end(high))
-        for name, (low, high) in ends_by_name.items()
-    }
     masses = {link: ends_by_name[name] for link, name in mass_names.items()}
     ends_by_place = _ends_about_centres(search, places, masses)
-    return [told[f.name] if f.place is None else ends_by_place[f.place] for f in chosen]
+    out = []
+    for f in chosen:
+        if f.place is None:
+            low, high = ends_by_name[f.name]
+            out.append((RangeEnd.from_end(low), RangeEnd.from_end(high)))
+        else:
+            out.append(ends_by_place[f.place])
+    return out
 
 
 def _ends_about_centres(

@@ -70,7 +70,7 @@ def what_to_measure(
     allowed = allowed_set(posed, estimate.theta, floor, level)
     g = coefficients(posed.problem, posed.task.model, function)
     before = _ends(allowed, g)
-    middle = allowed.optimiser(allowed.first_c).centre
+    middle = allowed.optimiser(allowed.first_rise).centre
     after = {
         _ANY_MOTION: _moved(allowed, middle),
         "the same motion with a known load": _loaded(allowed, posed, estimate.theta),

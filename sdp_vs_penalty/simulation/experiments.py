@@ -369,14 +369,15 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
         )
     # The sensor's first three fields in their order; the others are passed by name.
     needed = [sensor.pop(name) for name in ("rate", "torque_std", "position_step")]
+    effects = data.get("identification", {}).get("effects", problem.default_effects)
     return Experiment(
         problem,
-        published_links(problem, truth["column"]),
-        None if friction is None else published_friction(problem, friction),
-        trajectory,
-        Sensor(*needed, **sensor),
-        (int(limits["count"]), float(limits["duration"])),
-        tuple(data.get("identification", {}).get("effects", problem.default_effects)),
+        links=published_links(problem, truth["column"]),
+        friction=None if friction is None else published_friction(problem, friction),
+        trajectory=trajectory,
+        sensor=Sensor(*needed, **sensor),
+        validation=(int(limits["count"]), float(limits["duration"])),
+        effects=tuple(effects),
     )
 
 

@@ -151,11 +151,13 @@ class Following(Record, JsonRecord):
         That is the position error at the horizon over that of a constant velocity; with
         a control loop, the torque that the loop adds over the measured torque.
         """
-        of_loop = [(run.loop, run.torque) for run in self.free if run.loop is not None]
-        of_horizon = [(self.ahead.rms, self.ahead.naive)]
         shares = [
-            size / at_least_tiny(reference) for size, reference in of_loop or of_horizon
+            run.loop / at_least_tiny(run.torque)
+            for run in self.free
+            if run.loop is not None
         ]
+        if not shares:  # no control loop
+            return np.asarray(self.ahead.rms / at_least_tiny(self.ahead.naive))
         return np.max(shares, axis=0)
 
     @fact("", digits=9)
@@ -406,19 +408,18 @@ def follow(
         raise InputError(what, remedy, f"model {estimate.problem.name}")
     if steps is not None:
         runs = window_subsample(runs, estimate.preprocessing.resolve(runs))
-    courses = [
-        course
-        for run in runs.runs()
-        for course in courses_of(run, estimate, plant, 2.0 * _HORIZON)
-    ]
+    courses = list[Course]()
+    for run in runs.runs():
+        courses += courses_of(run, estimate, plant, 2.0 * _HORIZON)
     loop = (plant, 2.0 * np.pi * _LOOP_BANDWIDTH) if drive == "pd" else None
     servo = ServoLoop(estimate.model, estimate.theta) if drive == "servo" else None
     rides = [_Ride(plant, course, loop, servo) for course in courses]
     progress("simulating windows")
     errors_of_rides = [_windows(ride, windows) for ride in rides]
     # Each kind of error (W, n) over the windows of all runs.
-    errors_by_kind = list(map(np.concatenate, zip(*errors_of_rides, strict=True)))
-    one, far, naive_one, naive_far = errors_by_kind
+    one, far, naive_one, naive_far = (
+        np.concatenate(errors) for errors in zip(*errors_of_rides, strict=True)
+    )
     samples = _sampled_parameters(estimate, seed)
     free = []
     for ride in rides:

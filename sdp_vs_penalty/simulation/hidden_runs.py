@@ -209,10 +209,11 @@ def planned(
     """Return the plan of what :func:`simulate` simulates; arguments and errors are the
     same."""
     robot = as_problem(problem, "simulate(problem=...)")
-    size = level
+    strength = level  # a name of LEVELS, or a number
     with suppress(ValueError):
-        size = float(level)
-    if size not in LEVELS and (isinstance(size, str) or not 0.0 < size < 1e6):
+        strength = float(level)
+    is_number = not isinstance(strength, str) and 0.0 < strength < 1e6
+    if strength not in LEVELS and not is_number:
         remedy = f"write {', '.join(LEVELS)} or a positive number"
         raise InputError(f"level {level!r} is unknown", remedy)
     if not 0.0 <= link_error <= 1.0:
@@ -220,7 +221,7 @@ def planned(
     effects = [
         (e.name, list(e.asked_joints or ())) for e in parse_effects(hide, robot.robot)
     ]
-    return _plan(robot, effects, size, seed, link_error=link_error)
+    return _plan(robot, effects, strength, seed, link_error=link_error)
 
 
 #: Friction of an arm whose experiment states none [N m, N].

@@ -216,28 +216,26 @@ def _cbf_coefficients(problem: ConicProblem, order: Indices) -> list[str]:
     """Return the coefficients of a .cbf file in CBF's order: those of the objective, of
     matrices (H, D), and of the other rows (A, B)."""
     is_psd = np.array([cone.kind == "psd" for cone in problem.cones], bool)
-    # Row r of the problem is entry (i, j) of cone ``block``, up to svec's factor.
+    # Row r of the problem is entry (i[r], j[r]) of cone block[r], times factor[r].
     block, i, j, factor = svec_entries(problem.cones)
     number = np.cumsum(is_psd) - 1  # of a psd cone among the psd cones
     matrix = scipy.sparse.csr_matrix(-problem.A)
     psd_rows = np.flatnonzero(is_psd[block])
-    nonzero = matrix[psd_rows].tocoo()
-    row = psd_rows[nonzero.row]
     lines = _section("OBJACOORD", *_nonzero(problem.q))
-    lines += _section(
-        "HCOORD",
-        number[block[row]],
-        nonzero.col,
-        j[row],
-        i[row],
-        nonzero.data * factor[row],
-    )
-    entries = matrix[order].tocoo()
-    lines += _section("ACOORD", entries.row, entries.col, entries.data)
+    of_psd = matrix[psd_rows].tocoo()
+    r = psd_rows[of_psd.row]
+    values = of_psd.data * factor[r]
+    lines += _section("HCOORD", number[block[r]], of_psd.col, j[r], i[r], values)
+    others = matrix[order].tocoo()
+    lines += _section("ACOORD", others.row, others.col, others.data)
     lines += _section("BCOORD", *_nonzero(problem.b[order]))
-    row = psd_rows[problem.b[psd_rows] != 0.0]
+    constant = psd_rows[problem.b[psd_rows] != 0.0]
     lines += _section(
-        "DCOORD", number[block[row]], j[row], i[row], problem.b[row] * factor[row]
+        "DCOORD",
+        number[block[constant]],
+        j[constant],
+        i[constant],
+        problem.b[constant] * factor[constant],
     )
     return lines
 

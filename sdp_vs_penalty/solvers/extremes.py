@@ -84,11 +84,12 @@ class Slice:
         largest_step = bound + np.abs(self.interior)
         self.limit = np.abs(r @ free.T) @ largest_step
         # Certified lower bounds of x_k and of -x_k are tighter limits.
-        lower_bounds = [
-            [self._solve(sign * axis)[1] for sign in (1.0, -1.0)]
-            for axis in np.eye(len(self.limit))
-        ]
-        self.limit = np.minimum(self.limit, -np.array(lower_bounds).min(axis=1))
+        lowest = []
+        for axis in np.eye(len(self.limit)):
+            _, lower = self._solve(axis)
+            _, minus_upper = self._solve(-axis)
+            lowest.append(min(lower, minus_upper))
+        self.limit = np.minimum(self.limit, -np.array(lowest))
         self._solutions: dict[bytes, tuple[Array, Array, float]] = {}
 
     def minimum(self, slope: Array) -> Extreme:
@@ -113,7 +114,7 @@ class Slice:
             # contains.
             spread = float(np.abs(g) @ self.limit)
             return Extreme(value_at_interior, value_at_interior - spread, self.interior)
-        theta, lower = self._solved(g / size)
+        theta, lower = self._solved_once(g / size)
         return Extreme(float(slope @ theta), value_at_interior + size * lower, theta)
 
     def maximum(self, slope: Array) -> Extreme:
@@ -132,12 +133,12 @@ class Slice:
         minimum = self.minimum(-slope)
         return replace(minimum, value=-minimum.value, bound=-minimum.bound)
 
-    def _solved(self, g: Array) -> tuple[Array, float]:
+    def _solved_once(self, g: Array) -> tuple[Array, float]:
         """Return a feasible minimiser theta (p,) of g^T x, with |g| = 1, and a certified
         lower bound of the minimum.
 
-        An earlier solution in the direction g (k,) up to rounding is read, if there is
-        one. Directions differ by a factor only where a function of time scales them.
+        Each direction g (k,), up to rounding, is solved for once, and read then: where a
+        function of time scales the coefficients, most directions come again.
         """
         key = (np.round(g, _SAME_DIRECTION) + 0.0).tobytes()  # no negative zeros
         if key not in self._solutions:

@@ -172,7 +172,7 @@ def _definite_slopes(prior: Entropy, slopes: Array | None, theta: Array) -> Arra
     return np.where(is_definite[:, None, None], slopes, np.linalg.inv(links))
 
 
-def _polished(e: DualEvidence, problem: ConvexProblem) -> DualEvidence:
+def _polished(evidence: DualEvidence, problem: ConvexProblem) -> DualEvidence:
     """Return evidence whose multipliers leave less of the dual slope.
 
     The dual slope (p,) is the gradient of the Lagrangian by theta; what is left of it
@@ -188,7 +188,7 @@ def _polished(e: DualEvidence, problem: ConvexProblem) -> DualEvidence:
     data = problem.least_squares
     entries = problem.constraints.entries
     bound = problem.bound
-    slope = _objective_slope(e, problem)
+    slope = _objective_slope(evidence, problem)
     pull = 2.0 * data.R.T
     push = _slope_remover(data.R * bound)
     # Scale each matrix F to T F T with a unit diagonal: else the projection would
@@ -198,21 +198,21 @@ def _polished(e: DualEvidence, problem: ConvexProblem) -> DualEvidence:
         unit_diagonal_factors(x) if g.cone == "psd" else np.ones_like(g.constant)
         for g, x in terms
     ]
-    dual = entries.split(e.multipliers)
-    multipliers = e.multipliers
+    dual = entries.split(evidence.multipliers)
+    multipliers = evidence.multipliers
     # Without a matrix that holds a link's slope, a second round would be the first again.
     holds_links = any(_is_of_link(g) for g in entries.groups)
     best = -np.inf  # the largest lower bound so far, up to a constant
     for _ in range(_DUAL_ROUNDS):
         # 1. Project the multipliers onto their cones.
         dual = [
-            t * project(g.cone, s / t)
-            for g, s, t in zip(entries.groups, dual, sizes, strict=True)
+            size * project(group.cone, multiplier / size)
+            for group, multiplier, size in zip(entries.groups, dual, sizes, strict=True)
         ]
-        flat = np.concatenate([np.zeros(0), *(s.ravel() for s in dual)])
+        flat = np.concatenate([np.zeros(0), *(x.ravel() for x in dual)])
         # 2. Remove by y what the data determine; twice, for rounding.
         slope_with_duals = slope - entries.adjoint(flat, len(bound))
-        y = e.y
+        y = evidence.y
         for _ in range(2):
             y = y - push(bound * (slope_with_duals + pull @ y))
         leftover = slope_with_duals + pull @ y
@@ -230,15 +230,12 @@ def _polished(e: DualEvidence, problem: ConvexProblem) -> DualEvidence:
         if gained <= _WORTHWHILE * cost or not holds_links:
             break
         # 3. Put the slope that is left into the multipliers of the links' matrices.
-        dual = [
-            (
-                s + t * np.einsum("gk,gkab->gab", leftover[g.indices], _inverse(g, t))
-                if _is_of_link(g)
-                else s
-            )
-            for g, s, t in zip(entries.groups, dual, sizes, strict=True)
-        ]
-    return replace(e, multipliers=multipliers, push=push)
+        for k, (group, size) in enumerate(zip(entries.groups, sizes, strict=True)):
+            if _is_of_link(group):
+                per_slope = _multipliers_per_slope(group, size)
+                added = np.einsum("gk,gkab->gab", leftover[group.indices], per_slope)
+                dual[k] = dual[k] + size * added
+    return replace(evidence, multipliers=multipliers, push=push)
 
 
 def _objective_slope(e: DualEvidence, problem: ConvexProblem) -> Array | float:
@@ -270,7 +267,7 @@ def _is_of_link(group: ConeGroup) -> bool:
     return group.coefficients.shape[1:] == (10, 4, 4)
 
 
-def _inverse(group: ConeGroup, t: Array) -> Array:
+def _multipliers_per_slope(group: ConeGroup, t: Array) -> Array:
     """Return (g, 10, 4, 4) matrices E_k that turn a slope of a link into a multiplier.
 
     A constraint on a link is F_0 + sum_i theta_i F_i >= 0 (4x4), scaled as T F T by

@@ -289,9 +289,11 @@ def conic_problem(
     cones = list[Cone]()
     for group in groups:
         count, size = group.constant.shape
-        cones += [
-            Cone(group.cone, math.isqrt(2 * size) if group.cone == "psd" else size)
-        ] * count
+        if (
+            group.cone == "psd"
+        ):  # the svec of a matrix of order d has d (d + 1) / 2 rows
+            size = math.isqrt(2 * size)
+        cones += [Cone(group.cone, size)] * count
     P = scipy.sparse.csc_matrix((m, m)) if quadratic is None else quadratic
     return ConicProblem(P, q=linear, A=A, b=stacked.constant, cones=tuple(cones))
 

@@ -194,15 +194,13 @@ class Csdp(Program):
         words = re.findall(
             r"^(Success|Partial Success|Failure|Declaring|Stuck)[^\n]*", text, re.M
         )
-        line = (s for s in text.splitlines() if words and s.startswith(words[-1]))
+        # The first line that begins like the last verdict.
+        verdicts = (s for s in text.splitlines() if words and s.startswith(words[-1]))
+        status = next(verdicts, f"exit code {code}")
         iterations = len(re.findall(r"^Iter:", text, re.M)) - 1
-        # By its exit codes. Our problem is the one that CSDP calls the dual.
-        claims = dict(enumerate(("optimal", "unbounded", "infeasible", "inaccurate")))
-        return (
-            claims.get(code, "failed"),
-            next(line, f"exit code {code}"),
-            max(iterations, 0),
-        )
+        claim_of_code = ("optimal", "unbounded", "infeasible", "inaccurate")
+        claim = claim_of_code[code] if 0 <= code < len(claim_of_code) else "failed"
+        return claim, status, max(iterations, 0)
 
 
 class Dsdp(Program):

@@ -329,9 +329,8 @@ def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
     for kind in kinds:
         of_kind = [k for k, c in enumerate(problem.cones) if c.kind == kind]
         order += [np.arange(starts[k], starts[k + 1]) for k in of_kind]
-        if kind in ("zero", "nonnegative"):
-            size = sum(problem.cones[k].size for k in of_kind)
-            cones += [Cone(kind, size)] if of_kind else []
+        if of_kind and kind in ("zero", "nonnegative"):
+            cones.append(Cone(kind, sum(problem.cones[k].size for k in of_kind)))
         else:
             cones += [problem.cones[k] for k in of_kind]
     identity = scipy.sparse.identity(len(problem.b), format="csr")

@@ -140,10 +140,13 @@ class Solver(ABC):
         dict
             Options by the solver's own names.
         """
-        return {
+        options = {
             name: accuracy if value is ACCURACY else value
             for name, value in self.default_options.items()
-        } | (dict(self.tuned_options) if tuned else {})
+        }
+        if tuned:
+            options |= self.tuned_options
+        return options
 
     def solve(
         self, problem: ConicProblem, accuracy: float, tuned: bool = True

@@ -160,7 +160,7 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(small):
     expected = rows * min(float(value), float(np.sum(other**2)))
     assert hypotheses.distance(motion) == pytest.approx(expected, rel=1e-3)
     # At the length that is stated, over and above chance: the sum of squares decides.
-    seconds = hypotheses.needed(float(value) * rows, 10.0)
+    seconds = hypotheses.seconds_to_decide(float(value) * rows, 10.0)
     delta = np.sqrt(float(value) * rows * seconds / 10.0)
     strength = delta / np.sqrt(float(value))
     rng = np.random.default_rng(1)

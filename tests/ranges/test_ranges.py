@@ -49,7 +49,7 @@ def test_witnesses_are_consistent_fit_and_attain_the_ends(allowed, ends):
     for pair in ends:
         for end in pair:
             residual = allowed.ball.A @ end.witness - allowed.ball.a
-            assert residual @ residual < allowed.limit(end.c)
+            assert residual @ residual < allowed.limit(end.rise)
             assert allowed.constraints.margin(end.witness) > 0.0
             assert end.sign * end.value <= end.sign * end.attained
             assert end.gap <= 1e-6 * max(abs(pair[1].value - pair[0].value), end.size)
@@ -58,7 +58,7 @@ def test_witnesses_are_consistent_fit_and_attain_the_ends(allowed, ends):
 @pytest.mark.parametrize("share", [1e-6, 1e-3, 1.0, 1e3, 1e6])
 def test_the_search_starts_inside_of_a_ball_of_any_size(allowed, share):
     """However coarse the best fit may be where much error is allowed."""
-    c = share * allowed.first_c
+    c = share * allowed.first_rise
     centre = allowed.optimiser(c).centre
     residual = allowed.ball.A @ centre - allowed.ball.a
     assert residual @ residual < allowed.limit(c)
@@ -79,7 +79,7 @@ def test_ends_are_those_of_an_outside_solver(allowed, ends):
     unit = allowed.bound
     ball = allowed.ball
     for end in (ends[0][0], ends[0][1], ends[11][0], ends[14][1]):
-        in_ball = cp.norm(ball.A @ theta - ball.a) <= np.sqrt(allowed.limit(end.c))
+        in_ball = cp.norm(ball.A @ theta - ball.a) <= np.sqrt(allowed.limit(end.rise))
         g = end.g / unit[np.argmax(np.abs(end.g))]
         problem = cp.Problem(cp.Minimize(g @ theta), [*constraints, in_ball])
         problem.solve(solver=cp.CLARABEL)
@@ -220,8 +220,8 @@ def test_a_direction_that_data_or_constraints_refuse_is_no_ray(open_end, change)
             allowed = replace(allowed, task=SimpleNamespace(model=model))
         else:
             d[place] += value
-    assert is_ray(open_end.allowed, open_end.g, open_end.ray, open_end.c)
-    assert not is_ray(allowed, open_end.g, d, open_end.c)
+    assert is_ray(open_end.allowed, open_end.g, open_end.ray, open_end.rise)
+    assert not is_ray(allowed, open_end.g, d, open_end.rise)
 
 
 def test_bounds_close_a_ray(allowed, model):

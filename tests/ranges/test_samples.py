@@ -94,8 +94,8 @@ def test_an_entropic_link_has_the_moments_of_wishart():
 def test_chains_start_near_the_boundary_of_the_set(model):
     """A ninth of their way further and they would leave it."""
     allowed = allowed_set(model.training.posed, model.theta)
-    limit = allowed.limit(allowed.first_c)
-    centre = allowed.optimiser(allowed.first_c).centre
+    limit = allowed.limit(allowed.first_rise)
+    centre = allowed.optimiser(allowed.first_rise).centre
 
     def is_inside(theta):
         residual = allowed.ball.A @ theta - allowed.ball.a
