@@ -188,17 +188,6 @@ def _take_memory_of_libraries() -> None:
     scipy.linalg.lstsq(one, one)
 
 
-def _require_folder() -> None:
-    """Raise InputError if the current folder was removed."""
-    try:
-        os.getcwd()
-    except OSError as error:
-        raise InputError(
-            f"the current folder cannot be used ({error.strerror})",
-            "change to another folder",
-        ) from error
-
-
 def _help() -> str:
     """Return the program's help text, without importing any verb."""
     lines = ["Usage: sdp-vs-penalty [--version] [--debug] COMMAND ...", "", _ABOUT, ""]
@@ -236,7 +225,11 @@ def _run(words: Sequence[str]) -> None:
         raise InputError(
             "python -OO drops the docstrings that options come from", "use -O"
         )
-    _require_folder()
+    try:
+        os.getcwd()
+    except OSError as error:  # the folder was removed
+        what = f"the current folder cannot be used ({error.strerror})"
+        raise InputError(what, "change to another folder") from error
     verb = import_verb(first)
     parser = Parser(first, verb)
     arguments = parser.parse_words(words[1:])

@@ -69,13 +69,13 @@ def _parsed_option_lines(lines: str) -> dict[str, Any]:
     joined = re.sub(r"\n +", " ", lines)  # indented lines continue the one before
     for line in joined.strip().splitlines():
         head, _, text = line.partition(": ")
-        words = [word.rstrip(",") for word in head.split()]
-        first = words[0].partition("/")[0]  # --browser/--no-browser
+        words = head.split()
+        first = words[0].rstrip(",").partition("/")[0]  # --browser/--no-browser
         is_option = first.startswith("-")
         flags = list[str]()
         limits = dict[str, float]()
         example = list[str]()
-        for word in head.split()[0 if is_option else 1 :]:
+        for word in words if is_option else words[1:]:
             if is_option and word.startswith("-"):
                 flags.append(word.rstrip(",").partition("/")[0])
             elif word[:2] in (">=", "<="):
@@ -202,22 +202,19 @@ class Parser(argparse.ArgumentParser):
         if isinstance(kind, UnionType):  # "... | None"
             kind = get_args(kind)[0]
         several = get_origin(kind) is list
-        kind = get_args(kind)[0] if several else kind
+        if several:
+            kind = get_args(kind)[0]
         required = p.default is p.empty
-        default = p.default
+        default = None if required else p.default
         text = text.replace("%", "%%")
         if kind is bool:
             yes_or_no: Any = argparse.BooleanOptionalAction if default else "store_true"
             return self.add_argument(
                 *flags, dest=p.name, action=yes_or_no, default=default, help=text
             )
+        how: dict[str, Any] = {"type": _value(kind, *limits), "default": default}
         if issubclass(kind, StrEnum):
             metavar = "|".join(kind)
-        how: dict[str, Any] = {
-            "type": _value(kind, *limits),
-            "default": None if required else default,
-        }
-        if issubclass(kind, StrEnum):
             how["choices"] = list(kind)  # for the shell's completion
         how["metavar"] = metavar.removesuffix(" ...") or p.name.strip("_").upper()
         if not flags:

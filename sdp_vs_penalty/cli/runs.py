@@ -210,12 +210,12 @@ def runs_for(
         check_plausible(robot, runs)
         return runs
 
-    all_runs = measured = loaded(data)
-    tested = None if test is None else loaded(test)
-    if tested is not None and tested.data_hash not in {
-        run.data_hash for run in measured.runs()
-    }:
+    measured = loaded(data)
+    if test is None:
+        return Runs(windowed(measured, train), None, measured, measured)
+    tested = loaded(test)
+    if tested.data_hash in {run.data_hash for run in measured.runs()}:
+        all_runs = measured
+    else:
         all_runs = concatenate([measured, tested])
-    held_out = None if tested is None else windowed(tested, judge)
-    judged = measured if tested is None else tested
-    return Runs(windowed(measured, train), held_out, all_runs, judged)
+    return Runs(windowed(measured, train), windowed(tested, judge), all_runs, tested)

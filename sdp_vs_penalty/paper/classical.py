@@ -101,7 +101,8 @@ class Geodesic(Estimator):
     steps: int = 200
 
     def fit(self, task: Task) -> Fit:
-        """Minimise over S (symmetric, one a link) and the joints' own parameters."""
+        """Minimise over x: the entries of S (symmetric, one a link), then the joints' own
+        parameters."""
         data = with_joint_prior(task, self.joint_prior).data
         roots = np.linalg.cholesky(inertia.pseudo_inertia(task.prior_links))
         others = np.setdiff1d(np.arange(len(task.bound)), task.links)

@@ -78,7 +78,7 @@ class Loop:
         dq_ahead = dq  # the velocity half a step ahead
         out = np.full_like(self.command, np.nan)
         for k, command in enumerate(self.command):
-            if not np.abs(q - command).max() < LEFT:
+            if not np.abs(q - command).max() < LEFT:  # nor is it NaN
                 break
             out[k] = q
             h = STEP if k else 0.5 * STEP
@@ -128,13 +128,12 @@ def simulated_rows(
     theta = start.nominal
     task = rows(theta) or start
     for _ in range(ROUNDS):
-        step = task.ols - theta
-        for share in SHARES:
-            if (moved := rows(theta + share * step)) is not None:
-                break
-        else:
+        tried = [theta + share * (task.ols - theta) for share in SHARES]
+        simulated = ((x, moved) for x in tried if (moved := rows(x)) is not None)
+        found = next(simulated, None)
+        if found is None:
             break
-        theta, task = theta + share * step, moved
+        theta, task = found
         change = np.linalg.norm(task.data.R @ (task.ols - theta))
         if change <= SETTLED * np.sqrt(task.data.tau_squared):
             break

@@ -39,6 +39,11 @@ from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
 #: (6, 3, 3) the symmetric matrices with ones at an entry.
 _UNITS = inertia.inertia_matrix(np.eye(6))
 
+#: (10, 4, 4) Shor's relaxation of Q = m c c^T, [[Q, h], [h^T, m]] >= 0 with h = m c: the
+#: matrix of each of m, h and the entries of Q.
+_LIFTED = np.concatenate([inertia.PSEUDO_INERTIA_BASIS[:4], np.zeros((6, 4, 4))])
+_LIFTED[4:, :3, :3] = _UNITS
+
 
 @dataclass(frozen=True)
 class SolvedCell:
@@ -103,14 +108,9 @@ class BoxedProblem:
             constraints.append(
                 linear("cell", name, indices, rows.T, np.zeros(len(rows)))
             )
-            # Shor's relaxation of Q = m c c^T: [[Q, h], [h^T, m]] >= 0 with h = m c.
-            lifted = np.concatenate(
-                [inertia.PSEUDO_INERTIA_BASIS[:4], np.zeros((6, 4, 4))]
-            )
-            lifted[4:, :3, :3] = _UNITS
             indices = np.concatenate([link[:4], q])
             constraints.append(
-                linear("lifted", name, indices, lifted, np.zeros((4, 4)), "psd")
+                linear("lifted", name, indices, _LIFTED, np.zeros((4, 4)), "psd")
             )
         farthest = np.maximum(np.abs(low), np.abs(high)).max(axis=1)
         largest_q = self.task.bound[self.links[:, 0]] * farthest**2
@@ -203,10 +203,9 @@ class BoxedProblem:
         slack[:n] = np.maximum(slack[:n], 2.0 * needed)
         slack[:n] = np.minimum(slack[:n], 0.9 * limit[:n])
         # Steiner's term of entry e: <Q_e, Q> of link n.
-        steiner = np.einsum("eij,nij->ne", inertia.STEINER_FORMS, q)
-        first_moments = mass[:, None] * middle
+        about_frame = about + np.einsum("eij,nij->ne", inertia.STEINER_FORMS, q)
         theta = problem.interior.copy()
-        theta[self.links] = np.column_stack([mass, first_moments, about + steiner])
+        theta[self.links] = np.column_stack([mass, mass[:, None] * middle, about_frame])
         theta = theta + problem.links_slack @ slack[:n]
         return np.concatenate([theta, slack, inertia.inertia_entries(q).ravel()])
 
@@ -390,18 +389,17 @@ def _cell_rows(low: Array, high: Array) -> Array:
     rows = list[Array]()
     for a in range(3):
         rows += [h[a] - low[a] * m, high[a] * m - h[a]]
-    for Q_ab, (a, b) in zip(Q, inertia._ENTRIES, strict=True):
 
-        def corner(
-            x: float, y: float, entry: Array = Q_ab, a: int = a, b: int = b
-        ) -> Array:
-            """Return the row of (c_a - x) (c_b - y) m."""
-            return entry - x * h[b] - y * h[a] + x * y * m
+    def corner(k: int, x: float, y: float) -> Array:
+        """Return the row of (c_a - x) (c_b - y) m, for entry k of Q, Q_ab."""
+        a, b = inertia._ENTRIES[k]
+        return Q[k] - x * h[b] - y * h[a] + x * y * m
 
-        rows.append(-corner(low[a], high[b]))
+    for k, (a, b) in enumerate(inertia._ENTRIES):
+        rows.append(-corner(k, low[a], high[b]))
         if a != b:
-            rows += [corner(low[a], low[b]), corner(high[a], high[b])]
-            rows.append(-corner(high[a], low[b]))
+            rows += [corner(k, low[a], low[b]), corner(k, high[a], high[b])]
+            rows.append(-corner(k, high[a], low[b]))
     return np.array(rows)
 
 

@@ -42,23 +42,24 @@ def make_folder(
         File of the folder that a command adds to: each time that it does has a note, and
         what leaves it as it was has none. "": every command makes all of its files.
     """
-    root = folder.parents[1]
-    place = folder / result
-    chosen = [words for words in commands if not only or set(only) & set(words)]
-    for arguments in chosen:
-        before = _processor_time()
-        held = place.read_bytes() if place.is_file() else None
+    file = folder / result
+    for arguments in commands:
+        if only and not set(only) & set(arguments):
+            continue
+        begin = _processor_time()
+        before = file.read_bytes() if file.is_file() else None
         done = subprocess.run(
             [sys.executable, *arguments],
-            cwd=root,
+            cwd=folder.parents[1],
             env=os.environ | ONE_THREAD,
             check=False,
         )
         if done.returncode != 0:
             raise SystemExit(done.returncode)
-        if held is None or place.read_bytes() != held:
-            others = [x for x in commands if x != arguments or (result and held)]
-            write_note(folder, [arguments], _processor_time() - before, others)
+        if before is None or file.read_bytes() != before:
+            # Where a file was added to, what it held keeps its notes: of this command too.
+            others = [x for x in commands if x != arguments or before]
+            write_note(folder, [arguments], _processor_time() - begin, others)
 
 
 def program(*arguments: str) -> list[str]:

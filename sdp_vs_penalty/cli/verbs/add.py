@@ -1,8 +1,15 @@
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.errors import InputError
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.diagnosis.comparison import Comparison
+    from sdp_vs_penalty.diagnosis.findings import Diagnosis
+    from sdp_vs_penalty.effects.effect import Effect
+    from sdp_vs_penalty.estimation.estimate import Estimate
 
 
 def verb(
@@ -48,6 +55,7 @@ def verb(
     from sdp_vs_penalty.diagnosis.passing.cause import beside_spans
 
     effects = _effects(effect, from_, confident, only)
+    diagnosis = None if isinstance(effects, str) else effects
     named = NamedRuns(training_runs(data), window, as_written)
     tested = named_test(test, test_window, as_written=as_written)
     estimate = model_from_options(model, gravity, gain_uncertainty)
@@ -58,18 +66,19 @@ def verb(
         )
         models = {"before": estimate, "after": bigger}
         train, judged = runs.train, runs.judge
-        if not isinstance(effects, str):
-            train = beside_spans(train, effects.left_out)
-            spans = effects.left_out if test is None else effects.left_out_of_test
+        acting: Sequence[str] = ()
+        if diagnosis is not None:
+            train = beside_spans(train, diagnosis.left_out)
+            if train is not runs.train:
+                acting = diagnosis.acting_for_a_time
+            spans = diagnosis.left_out if test is None else diagnosis.left_out_of_test
             judged = beside_spans(judged, spans)
-        acting = effects.acting_for_a_time if train is not runs.train else ()
         before, after = compare(models, judged, noise_from=runs.judged_recordings)
-        if not isinstance(effects, str):
-            what = "the training data"
+        what = "the training data" if test is None else str(test)
+        if diagnosis is not None:
             if test is not None:
                 on_training = compare(models, train)
-                _refuse_harm(on_training[0], on_training[1], what)
-                what = str(test)
+                _refuse_harm(on_training[0], on_training[1], "the training data")
             _refuse_harm(before, after, what)
         bigger.provenance.update(
             {
@@ -80,9 +89,8 @@ def verb(
             }
         )
         bigger.save(out)
-    what = "the training data" if test is None else str(test)
     printing.before_after(before, after, estimate.torque_units, what)
-    _say_changes(effects, estimate, bigger, acting, confident)
+    _say_changes(diagnosis, estimate, bigger, acting, confident)
     printing.certificate(bigger)
     console.written(out)
     mounting = [] if gravity is None else ["--gravity", gravity]
@@ -90,15 +98,12 @@ def verb(
     console.next_step(["report", model, out, "--data", *options])
 
 
-def _refuse_harm(before: Any, after: Any, what: str) -> None:
+def _refuse_harm(before: "Comparison", after: "Comparison", what: str) -> None:
     """Raise InputError if findings make a joint's error much larger than they make any
     other's smaller.
 
-    Errors are RMS on some runs, where the joint slides; one that noise explains does not
-    count.
-
-    - ``before``, ``after``: comparisons of the models with the runs.
-    - ``what``: the runs, in words.
+    Errors are RMS on some runs (``what``, in words), where the joint slides; one that
+    noise explains does not count.
     """
     import numpy as np
 
@@ -120,11 +125,15 @@ def _refuse_harm(before: Any, after: Any, what: str) -> None:
 
 
 def _say_changes(
-    effects: Any, estimate: Any, bigger: Any, acting: Any, confident: bool
+    diagnosis: "Diagnosis | None",
+    estimate: "Estimate",
+    bigger: "Estimate",
+    acting: Sequence[str],
+    confident: bool,
 ) -> None:
     """Print what the bigger of two models has that the other has not.
 
-    - ``effects``: what was to be added, as text or as a diagnosis.
+    - ``diagnosis``: whose findings were added; None where effects were named.
     - ``acting``: what acts for a time, in words, where its spans were left out.
     - ``confident``: whether only findings were added whose torque is certain.
     """
@@ -138,27 +147,23 @@ def _say_changes(
     if acting:
         passes = "; ".join(acting)
         console.paragraph(f"identified without the spans of what passes: {passes}")
-    if confident and not isinstance(effects, str):
-        _say_what_is_weak(effects)
-    if not isinstance(effects, str) and effects.frozen:
-        _say_what_a_held_model_keeps(effects, added)
+    if diagnosis is not None and confident:
+        for line in diagnosis.weak_companions:
+            console.paragraph(f"added, since its torque is certain: {line}")
+        if diagnosis.weak_companions:
+            console.paragraph(
+                "To leave such findings out, name the others with --only."
+            )
+    if diagnosis is not None and diagnosis.frozen:
+        _say_what_a_held_model_keeps(diagnosis, added)
     for line in changed_constants_in_words(estimate.model, bigger.model):
         console.say(f"re-estimated constant: {line}")
-    _say_sizes(effects, bigger, added)
+    _say_sizes(diagnosis, bigger, added)
 
 
-def _say_what_is_weak(diagnosis: Any) -> None:
-    """Print which weak findings --confident has taken, why they are weak, and how to
-    leave them out.
-    """
-
-    for line in diagnosis.weak_companions:
-        console.paragraph(f"added, since its torque is certain: {line}")
-    if diagnosis.weak_companions:
-        console.paragraph("To leave such findings out, name the others with --only.")
-
-
-def _say_what_a_held_model_keeps(diagnosis: Any, added: Any) -> None:
+def _say_what_a_held_model_keeps(
+    diagnosis: "Diagnosis", added: "Sequence[Effect]"
+) -> None:
     """Print findings that were not added, because the fixed model has their effect
     already.
     """
@@ -173,7 +178,9 @@ def _say_what_a_held_model_keeps(diagnosis: Any, added: Any) -> None:
             console.say(f"not added: {effect_in_words(finding.text)} ({why})")
 
 
-def _say_sizes(effects: Any, model: Any, added: Any) -> None:
+def _say_sizes(
+    diagnosis: "Diagnosis | None", model: "Estimate", added: "Sequence[Effect]"
+) -> None:
     """Print what was added, each number with its interval: the sizes of findings, the
     parameters of effects that were named, mass and place of a payload.
 
@@ -183,7 +190,7 @@ def _say_sizes(effects: Any, model: Any, added: Any) -> None:
     from sdp_vs_penalty.effects import effect_types
     from sdp_vs_penalty.estimation import carried
 
-    for finding in () if isinstance(effects, str) else effects.beside_curves:
+    for finding in () if diagnosis is None else diagnosis.beside_curves:
         if effect_types()[finding.effect].simulator_field != "payload":
             size = size_in_model(finding, model).size_text
             console.say(f"{finding.title}: {size}")
@@ -192,7 +199,7 @@ def _say_sizes(effects: Any, model: Any, added: Any) -> None:
             console.paragraph(carried.payload_in_words(model))
             for doubt in carried.doubts_of_payload(model):
                 console.warn(doubt)
-        elif effect in added and isinstance(effects, str):
+        elif effect in added and diagnosis is None:
             for k in indices:
                 name = model.model.parameters[k].name
                 console.say(f"{name}: {model.value_text(k)}")
@@ -200,7 +207,7 @@ def _say_sizes(effects: Any, model: Any, added: Any) -> None:
 
 def _effects(
     effect: str | None, findings: Path | None, confident: bool, only: str | None
-) -> Any:
+) -> "str | Diagnosis":
     """Return what to add: the text of EFFECT, or the selected findings of a diagnosis.
 
     Raises InputError unless exactly one of both is given.

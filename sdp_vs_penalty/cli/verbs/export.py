@@ -44,6 +44,7 @@ def verb(
     from sdp_vs_penalty.data.parsing import numbers
     from sdp_vs_penalty.effects import effect_in_words
     from sdp_vs_penalty.estimation.estimate import load_estimate
+    from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
     from sdp_vs_penalty.exporters.export import friction_at_rest, write_model
 
     estimate = load_estimate(model)
@@ -60,7 +61,8 @@ def verb(
     if loses:
         _say_what_is_lost(left_out, judged)
     else:
-        _say_verdict(estimate)
+        stored = estimate.verdict
+        console.say(NOT_JUDGED if stored is None else f"Verdict: {stored.headline}")
     if at_rest := friction_at_rest(estimate, out):
         console.paragraph(at_rest)
     console.written(out)
@@ -132,14 +134,6 @@ def _say_what_is_lost(
     console.say(exported_verdict(left_out, None if judged is None else judged[0]))
     if judged is not None and judged[1]:
         console.say(f"Without what it cannot hold: {judged[1]}")
-
-
-def _say_verdict(estimate: Estimate) -> None:
-    """Print the verdict that is stored in the model, or that there is none."""
-    from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
-
-    stored = estimate.verdict
-    console.say(NOT_JUDGED if stored is None else f"Verdict: {stored.headline}")
 
 
 def _warn_of_names(out: Path) -> None:

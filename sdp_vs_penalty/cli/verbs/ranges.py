@@ -62,8 +62,8 @@ def verb(
         )
         end = None
         if save is not None:
-            name, _, side = save.rpartition(":")
-            end = find_end(estimate, name, side, measurements, level=level)
+            saved, _, side = save.rpartition(":")
+            end = find_end(estimate, saved, side, measurements, level=level)
     worth = None
     if next_ is not None:
         worth = what_to_measure(estimate, next_, measurements, level=level)
@@ -85,5 +85,5 @@ def verb(
         estimate.with_theta(end.witness).save(out)
         console.written(out)
     if proof is not None:
-        write_proof(end.proof(name), proof)
+        write_proof(end.proof(saved), proof)
         console.written(proof)

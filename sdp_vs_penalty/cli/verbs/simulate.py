@@ -54,19 +54,9 @@ def verb(
     runs = [out / name for name in RUN_FILES[:-1]]
     console.written(f"{out}/{' '.join(RUN_FILES)} truth.json")
     console.save_json(json_, hidden.truth)
-    console.next_step(
-        [
-            "identify",
-            source,
-            "--data",
-            *runs,
-            "--effects",
-            effects,
-            *(["--hold", hold] if hold else []),
-            "--out",
-            free_name("model.json"),
-        ]
-    )
+    held = ["--hold", hold] if hold else []
+    words = ["identify", source, "--data", *runs, "--effects", effects, *held]
+    console.next_step([*words, "--out", free_name("model.json")])
 
 
 def _follow(

@@ -64,9 +64,12 @@ def _engines(
     figure, axes = new_figure((robot.n + 1) // 2, 2, 7.0, sharex=True)
     for j, unit in enumerate(robot.torque_units):
         axis = axes.flat[j]
-        for run in runs[:1] if model else ():
+        if model and runs:  # the same beside every engine
             axis.plot(
-                run.t, run.model[:, j], label="identified model", **style.LOOKS["model"]
+                runs[0].t,
+                runs[0].model[:, j],
+                label="identified model",
+                **style.LOOKS["model"],
             )
         for run in runs:
             axis.plot(
@@ -107,28 +110,32 @@ def figure_5(study: Study) -> Any:
     figure, axes = _engines(
         study, lambda run: run.torque, "torque", text, model=True, results=results
     )
-    # The measured torque is the same beside every engine: the first one's run gives it.
-    for run in _present(results)[:1]:
-        # What comes before is no motion of the robot's: from rest to its velocity.
-        moving = np.arange(len(run.t)) >= len(run.t) - len(run.error)
-        known = run.torque[moving] - run.error
-        for j in range(study.problem.robot.n):
-            axis = axes.flat[j]
-            values = known[:, j]
-            axis.plot(
-                run.t[moving],
-                values,
-                color=style.BLACK,
-                linewidth=0.7,
-                label="measured less friction",
-                zorder=3.0,
-            )
-            both = np.concatenate([values, run.torque[moving, j]])
-            spread = 0.08 * float(np.ptp(both))
-            axis.set_ylim(both.min() - spread, both.max() + spread)
-        handles = axes.flat[0].get_legend_handles_labels()
-        axes.flat[-1].legend(*handles, loc="center", handlelength=5)
+    if runs := _present(results):
+        # The measured torque is the same beside every engine: of any run.
+        _draw_measured(axes, runs[0])
     return figure
+
+
+def _draw_measured(axes: Any, run: table_v.EngineRun) -> None:
+    """Draw the measured torque that an engine's run was compared with, to its scale."""
+    # What comes before is no motion of the robot's: from rest to its velocity.
+    moving = np.arange(len(run.t)) >= len(run.t) - len(run.error)
+    torque = run.torque[moving]
+    measured = torque - run.error
+    for j, axis in enumerate(axes.flat[: torque.shape[1]]):
+        axis.plot(
+            run.t[moving],
+            measured[:, j],
+            color=style.BLACK,
+            linewidth=0.7,
+            label="measured less friction",
+            zorder=3.0,
+        )
+        both = np.concatenate([measured[:, j], torque[:, j]])
+        spread = 0.08 * float(np.ptp(both))
+        axis.set_ylim(both.min() - spread, both.max() + spread)
+    handles = axes.flat[0].get_legend_handles_labels()
+    axes.flat[-1].legend(*handles, loc="center", handlelength=5)
 
 
 def figure_6(study: Study) -> Any:
@@ -179,20 +186,19 @@ def figure_7(study: Study) -> Any:
     if study.measured is not None:
         groups["motion of the real run"] = study.once(table_v.measured_runs)
     figure, axes = new_figure(2, len(groups), 4.6, sharex="col", sharey="row")
-    for k, (name, results) in enumerate(groups.items()):
+    for column, (name, results) in zip(axes.T, groups.items(), strict=True):
         for run in _present(results):
-            for axis, values in zip(axes[:, k], (run.position, run.angle), strict=True):
+            for axis, values in zip(column, (run.position, run.angle), strict=True):
                 # Errors of position and angle below 1e-16 are rounding and are drawn
                 # there [m, rad].
                 t = run.t + run.t[0]
                 shown = 1e3 * (values + 1e-16)
                 axis.semilogy(t, shown, label=run.engine, **style.LOOKS[run.engine])
-        axes[0, k].set_title(name)
-        axes[1, k].set_xlabel("time [s]")
+        column[0].set_title(name)
+        column[1].set_xlabel("time [s]")
     axes[0, 0].set_ylabel("position error [mm]")
     axes[1, 0].set_ylabel("orientation error [mrad]")
     legend_below(figure, axes[0, 0], handle_length=5)
-    _engines_title(
-        figure, "Last joint's frame from where the commands put it", groups.popitem()[1]
-    )
+    text = "Last joint's frame from where the commands put it"
+    _engines_title(figure, text, results)
     return figure

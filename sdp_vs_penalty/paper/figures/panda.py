@@ -102,7 +102,8 @@ def _draw_unseen(
     """
     is_measured = source == "measured"
     stretches = list(_stretches(study, methods, is_measured))
-    t, torque = (np.concatenate([x[k] for x in stretches]) for k in range(2))
+    t = np.concatenate([x.t for x in stretches])
+    torque = np.concatenate([x.torque for x in stretches])
     predictions = {
         name: np.concatenate([x.predictions[name] for x in stretches])
         for name in methods

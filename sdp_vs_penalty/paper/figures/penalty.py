@@ -39,48 +39,48 @@ def draw_global_optima(
     figure, axes = new_figure(2, len(problems), 5.2, sharex=True)
     for column, ((data, name), rows) in zip(axes.T, problems, strict=True):
         is_drawn = (runs["data"] == data) & (runs["problem"] == name)
-        annealed = runs[is_drawn & (runs["search"] == "annealing")]
-        first = rows.iloc[0]
-        objective, violation = column
-        objective.set_title(f"{data} run, {name}, {first['rows']} rows")
-
-        def above(values: pandas.Series, base: float = first["feasible_loss"]) -> Any:
-            """Objectives above the feasible optimum's loss [%]."""
-            return 100.0 * (values.astype(float) / base - 1.0)
-
-        xi = rows["xi"]
-        objective.plot(
-            xi, above(rows["lower_bound"]), label="certified optimum", **_BOXED
-        )
-        without = "certified, without the box on inertias"
-        objective.plot(xi, above(rows["free_optimum"]), label=without, **_FREE)
-        _dots(objective, annealed, above(annealed["objective"]))
-        objective.set_yscale("symlog", linthresh=1.0)
-        objective.yaxis.set_major_formatter("{x:g}")
-        objective.axhline(0.0, color=style.GREY, linewidth=0.6)
-        for key, look in (("worst_violation", _BOXED), ("free_worst_violation", _FREE)):
-            violation.plot(xi, rows[key].astype(float).clip(lower=_NONE), **look)
-        worst = annealed["worst_violation"].astype(float).clip(lower=_NONE)
-        _dots(violation, annealed, worst)
-        violation.set_yscale("log")
-        ticks = [_NONE, 1e-6, 1e-4, 1e-2, 1.0]
-        violation.set_yticks(ticks, ["none", "1e-6", "1e-4", "0.01", "1"])
-        violation.set_ylim(0.5 * _NONE, 20.0)
-        for axis in column:
-            axis.set_xscale("symlog", linthresh=0.1)
-            axis.set_xticks([0, 0.1, 1, 10, 100, 1000], [0, 0.1, 1, 10, 100, 1000])
-            axis.set_xlim(-0.02, 1500.0)  # room for the dots at both ends
-            axis.axvspan(0.0, 40.0, color=style.GREY, alpha=0.15, linewidth=0)
-            exact = "exact from here on (largest multiplier)"
-            axis.axvline(
-                first["exact_weight"], color=style.RED, linestyle=":", label=exact
-            )
-        violation.set_xlabel("weight xi (grey: the paper's)")
+        _problem(column, rows, runs[is_drawn & (runs["search"] == "annealing")])
+        column[0].set_title(f"{data} run, {name}, {rows.iloc[0]['rows']} rows")
     axes[0, 0].set_ylabel("objective over feasible\noptimum [%]")
     axes[1, 0].set_ylabel("worst violation\n[kg m$^2$, kg or m]")
     legend_below(figure, axes[0, 0], n_columns=2)
     figure.suptitle(title)
     return figure
+
+
+def _problem(column: Any, rows: pandas.DataFrame, annealed: pandas.DataFrame) -> None:
+    """Draw one problem: the rows of its optima, and its runs of annealing."""
+    objective, violation = column
+    first = rows.iloc[0]
+
+    def above(values: pandas.Series) -> Any:
+        """Objectives above the feasible optimum's loss [%]."""
+        return 100.0 * (values.astype(float) / first["feasible_loss"] - 1.0)
+
+    xi = rows["xi"]
+    objective.plot(xi, above(rows["lower_bound"]), label="certified optimum", **_BOXED)
+    without = "certified, without the box on inertias"
+    objective.plot(xi, above(rows["free_optimum"]), label=without, **_FREE)
+    _dots(objective, annealed, above(annealed["objective"]))
+    objective.set_yscale("symlog", linthresh=1.0)
+    objective.yaxis.set_major_formatter("{x:g}")
+    objective.axhline(0.0, color=style.GREY, linewidth=0.6)
+    for key, look in (("worst_violation", _BOXED), ("free_worst_violation", _FREE)):
+        violation.plot(xi, rows[key].astype(float).clip(lower=_NONE), **look)
+    worst = annealed["worst_violation"].astype(float).clip(lower=_NONE)
+    _dots(violation, annealed, worst)
+    violation.set_yscale("log")
+    ticks = [_NONE, 1e-6, 1e-4, 1e-2, 1.0]
+    violation.set_yticks(ticks, ["none", "1e-6", "1e-4", "0.01", "1"])
+    violation.set_ylim(0.5 * _NONE, 20.0)
+    for axis in column:
+        axis.set_xscale("symlog", linthresh=0.1)
+        axis.set_xticks([0, 0.1, 1, 10, 100, 1000], [0, 0.1, 1, 10, 100, 1000])
+        axis.set_xlim(-0.02, 1500.0)  # room for the dots at both ends
+        axis.axvspan(0.0, 40.0, color=style.GREY, alpha=0.15, linewidth=0)
+        exact = "exact from here on (largest multiplier)"
+        axis.axvline(first["exact_weight"], color=style.RED, linestyle=":", label=exact)
+    violation.set_xlabel("weight xi (grey: the paper's)")
 
 
 def _dots(axis: Any, annealed: pandas.DataFrame, values: pandas.Series) -> None:

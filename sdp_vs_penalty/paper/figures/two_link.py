@@ -87,11 +87,8 @@ def radius_profile(problem: Problem, link: int) -> tuple[int, Array, Array]:
     along = "xyz".index(cones[0].axis)
     low, high = problem.box[link, 1 + along]
     x = np.linspace(low, high, 60)
-    return (
-        along,
-        x,
-        np.maximum(np.min([c.radius + c.slope * x for c in cones], axis=0), 0.0),
-    )
+    radius = np.min([c.radius + c.slope * x for c in cones], axis=0)
+    return along, x, np.maximum(radius, 0.0)
 
 
 #: The pose that is drawn [rad], and from where it is seen [degrees].

@@ -62,20 +62,11 @@ def emps(study: Study) -> StudyTable:
         study.progress(f"EMPS by {method}")
         options = PoseOptions(seed=study.seed)
         estimate = estimate_parameters(study.problem, filtered, method, options)
-        constants_of_estimate = _constants(estimate)
         unseen = cross_validate(
             study.problem, tracking, method, folds=FOLDS, seed=study.seed
-        )
-        rows.append(
-            _row(
-                study,
-                method,
-                constants_of_estimate,
-                tracking,
-                pulses,
-                unseen.relative_error_percent,
-            )
-        )
+        ).relative_error_percent
+        constants = _constants(estimate)
+        rows.append(_row(study, method, constants, tracking, pulses, unseen))
     # A fifth parameter: viscous friction that differs with the direction.
     effects = (*study.problem.default_effects, *REFINED)
     for method in (DEFAULT_METHOD, OUTPUT_ERROR):
@@ -128,17 +119,21 @@ def _row(
         "offset_N",
         "asymmetric_N_s_per_m",
     )
-    row: Row = {"estimate": estimate, **dict(zip(names, constants, strict=True))}
-    runs = {"tracking": tracking, "pulses": pulses}
-    for name, run in runs.items():
-        force = torque_errors(
-            compress(FilteredRuns.filtering(run, settings), model), theta
-        )[1]
-        row[f"force_error_{name}_percent"] = force
-    for name, run in runs.items():
+    forces: Row = {}
+    positions: Row = {}
+    for name, run in (("tracking", tracking), ("pulses", pulses)):
+        rows = compress(FilteredRuns.filtering(run, settings), model)
+        forces[f"force_error_{name}_percent"] = torque_errors(rows, theta)[1]
         error = simulated(run, constants) - run.q[:, 0]
-        row[f"position_rmse_{name}_mm"] = 1e3 * float(np.sqrt(np.mean(error**2)))
-    return row | {"unseen_force_error_percent": unseen, "data": "measured"}
+        positions[f"position_rmse_{name}_mm"] = 1e3 * float(np.sqrt(np.mean(error**2)))
+    return {
+        "estimate": estimate,
+        **dict(zip(names, constants, strict=True)),
+        **forces,
+        **positions,
+        "unseen_force_error_percent": unseen,
+        "data": "measured",
+    }
 
 
 def _constants(estimate: Estimate) -> tuple[float, ...]:
@@ -179,6 +174,7 @@ def simulated(
     ):
         out[k] = q
         for _ in range(substeps):
+            # Without dry friction, which then slows it down, at most to rest.
             free = v + h * (force - offset - viscous * v - asymmetric * abs(v)) / mass
             v = np.sign(free) * max(abs(free) - h * coulomb / mass, 0.0)
             q += h * v

@@ -28,15 +28,15 @@ def errata_table(study: Study) -> StudyTable:
     """Errata: where the paper contradicts itself, with the numbers that show it."""
     del study  # of the paper as a whole: both of its robots
     rows = []
-    for name, shown in zip(_PROBLEMS, (_panda, _two_link), strict=True):
-        problem = load_problem(name)
+    for problem_name, shown in zip(_PROBLEMS, (_panda, _two_link), strict=True):
+        problem = load_problem(problem_name)
         evidence = shown(problem)
         for erratum in errata(problem):
-            fields_of_row = {
-                name: getattr(erratum, name)
-                for name in ("number", "where", "printed", "corrected")
+            row = {
+                field: getattr(erratum, field)
+                for field in ("number", "where", "printed", "corrected")
             }
-            rows.append(fields_of_row | {"what_shows_it": evidence[erratum.number]})
+            rows.append(row | {"what_shows_it": evidence[erratum.number]})
     return StudyTable(
         "Errata: where the paper contradicts itself",
         sorted(rows, key=lambda row: row["number"]),
@@ -87,17 +87,7 @@ def _panda(problem: Problem) -> dict[int, str]:
     second = 0.5 * eigenvalues.sum(axis=1) - eigenvalues[:, 2]
     worst = int(np.argmin(second))
     c7z = published_values(problem, "delta")["c7z"]
-    # 7: the bounds of c5z in the authors' own file.
-    authors = "the authors' file is not at hand: not checked in this run"
-    if (file := real_file("panda", "bounds_gM.csv")) is not None:
-        rows = {
-            row[0].strip(): row[1:3]
-            for row in csv.reader(file.read_text("utf-8").splitlines())
-            if row
-        }
-        authors = (
-            f"the authors' file reads c5z,{','.join(x.strip() for x in rows['c5z'])}"
-        )
+
     return {
         1: c6z,
         2: (
@@ -115,10 +105,20 @@ def _panda(problem: Problem) -> dict[int, str]:
             f" triangle inequality) {second[worst]:.1e} kg m^2; c7z = {c7z} lies below"
             f" its bound {problem.box[6, 3, 0]}"
         ),
-        7: authors,
+        7: _bounds_of_c5z(),
         10: _free_of_link_1(problem),
         8: " and ".join(f"row {row}: {corrected[row - 1]:.4f}" for row in (8, 24)),
     }
+
+
+def _bounds_of_c5z() -> str:
+    """Say which bounds of c5z the authors' own file has."""
+    file = real_file("panda", "bounds_gM.csv")
+    if file is None:
+        return "the authors' file is not at hand: not checked in this run"
+    rows = csv.reader(file.read_text("utf-8").splitlines())
+    bounds = {row[0].strip(): row[1:3] for row in rows if row}
+    return f"the authors' file reads c5z,{','.join(x.strip() for x in bounds['c5z'])}"
 
 
 def _two_link(problem: Problem) -> dict[int, str]:
@@ -158,8 +158,7 @@ def _volumes(problem: Problem) -> str:
     radius = r_0 + slope x [m] along its axis x. The cone's volume is pi h (R^2 + R r +
     r^2) / 3.
     """
-    cones = [c for c in problem.cones if c.link == 2]
-    wide, tapered = cones
+    wide, tapered = (c for c in problem.cones if c.link == 2)
     low, high = problem.box[1, 1]
     taper = (wide.radius - tapered.radius) / -tapered.slope
     length = high - low - taper

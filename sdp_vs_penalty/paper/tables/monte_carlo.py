@@ -181,22 +181,22 @@ def _identify_from(draw: Draw) -> dict[str, dict[str, Any]]:
     run = simulate(truth.trajectory, truth.torque, truth.sensor, [draw.number, 7])
     problem = load_problem(draw.problem)
     settings = problem.preprocessing.resolve(run)
-    regression = compress(FilteredRuns.filtering(run, settings), truth.model)
+
+    def rows_of(measured: Measurements) -> Regression:
+        return compress(FilteredRuns.filtering(measured, settings), truth.model)
 
     def task_of(rows: Regression, weighting: str = "noise") -> Task:
         return make_task(problem, truth.model, rows, weighting, seed=draw.number)
 
-    def simulated(measured: Measurements) -> Task:
-        return task_of(
-            compress(FilteredRuns.filtering(measured, settings), truth.model)
-        )
-
+    regression = rows_of(run)
     by_noise = task_of(regression)
     make_rows: dict[str, Callable[[], Task]] = {
         "none": lambda: task_of(regression, "none"),
         "noise": lambda: by_noise,
         "iterated": lambda: _reweighted(by_noise, regression),
-        "simulated": lambda: simulated_rows(run, truth.loop, by_noise, simulated),
+        "simulated": lambda: simulated_rows(
+            run, truth.loop, by_noise, lambda moved: task_of(rows_of(moved))
+        ),
     }
     results = {}
     for method in draw.methods:
@@ -244,7 +244,6 @@ def truth_of(problem_name: str, setting: Setting) -> Truth:
     problem = load_problem(problem_name)
     known = experiment(problem)
     robot = problem.robot
-    zeros = np.zeros(robot.n)
     arm = robot.pinocchio_model(known.links)
 
     def rigid(motion: Motion) -> Array:
@@ -252,15 +251,6 @@ def truth_of(problem_name: str, setting: Setting) -> Truth:
         return inverse_dynamics(arm, motion.q, motion.dq, motion.ddq)
 
     exciting = known.trajectory
-    trajectory = replace(
-        exciting,
-        a=setting.amplitude * exciting.a,
-        b=setting.amplitude * exciting.b,
-        duration=setting.seconds,
-    )
-    t = np.arange(0.0, setting.seconds + STEP, STEP)
-    designed = Motion(t, *trajectory.states(t))
-    masses = robot.mass_matrices(known.links.ravel(), designed.q[::100])
     t = np.linspace(0.0, exciting.duration, 400)
     usual = np.sqrt(np.mean(rigid(Motion(t, *exciting.states(t))) ** 2, axis=0))
     usual = np.maximum(usual, 0.05 * usual.max())
@@ -273,6 +263,15 @@ def truth_of(problem_name: str, setting: Setting) -> Truth:
         dry = coulomb * np.sign(motion.dq)
         return rigid(motion) + dry + viscous * motion.dq + offset
 
+    trajectory = replace(
+        exciting,
+        a=setting.amplitude * exciting.a,
+        b=setting.amplitude * exciting.b,
+        duration=setting.seconds,
+    )
+    t = np.arange(0.0, setting.seconds + STEP, STEP)
+    designed = Motion(t, *trajectory.states(t))
+    masses = robot.mass_matrices(known.links.ravel(), designed.q[::100])
     sensor = replace(
         known.sensor,
         position_step=setting.step,
@@ -281,15 +280,14 @@ def truth_of(problem_name: str, setting: Setting) -> Truth:
         log_step=None,
     )
     model = problem.model(problem.default_effects)
-    silent = Sensor(sensor.rate, zeros)
-    runs = concatenate(
-        [
-            simulate(
-                random_trajectory(robot, seed, length), torque, silent, name=str(seed)
-            )
-            for seed, length in UNSEEN
-        ]
+    silent = Sensor(sensor.rate, np.zeros(robot.n))
+    motions = [
+        (seed, random_trajectory(robot, seed, length)) for seed, length in UNSEEN
+    ]
+    unseen = concatenate(
+        [simulate(motion, torque, silent, name=str(seed)) for seed, motion in motions]
     )
+    filtered = FilteredRuns.filtering(unseen, problem.preprocessing.resolve(unseen))
     return Truth(
         model,
         trajectory,
@@ -297,9 +295,7 @@ def truth_of(problem_name: str, setting: Setting) -> Truth:
         Loop.along(designed, torque(designed), masses.mean(axis=0).diagonal()),
         sensor,
         known.links,
-        compress(
-            FilteredRuns.filtering(runs, problem.preprocessing.resolve(runs)), model
-        ),
+        compress(filtered, model),
     )
 
 

@@ -293,15 +293,16 @@ def _row_of_sum(study: Study, data: Data, weighting: str, samples: bool) -> Row:
         study.problem, data.model, data.regression, weighting, seed=study.seed
     )
     if samples:
-        few = task.data
+        # Every row of the task stands for several samples: its square counts so often.
+        decimated = task.data
         rows = len(data.train.t) * data.regression.joints
-        factor = np.sqrt(rows / few.rows)
+        factor = np.sqrt(rows / decimated.rows)
         counted = replace(
-            few,
-            R=factor * few.R,
-            rho=factor * few.rho,
-            residual_norm=factor * few.residual_norm,
-            tau_squared=factor**2 * few.tau_squared,
+            decimated,
+            R=factor * decimated.R,
+            rho=factor * decimated.rho,
+            residual_norm=factor * decimated.residual_norm,
+            tau_squared=factor**2 * decimated.tau_squared,
             rows=rows,
         )
         task = replace(task, data=counted)
@@ -482,10 +483,9 @@ def opponents(study: Study) -> StudyTable:
     loose = SearchPlan(RUNS, None, annealing=False)
     tight = SearchPlan(RUNS, None, annealing=False, stopping=TO_THE_END)
     published = PenaltyPaper.weights
-    is_long = effort.evaluations is None
-    annealing = SearchPlan(
-        RUNS if is_long else effort.annealing_runs, effort.evaluations
-    )
+    # None: each run is as long as the authors allow, and there are as many as theirs.
+    runs = RUNS if effort.evaluations is None else effort.annealing_runs
+    annealing = SearchPlan(runs, effort.evaluations)
     tried = [
         ("annealing, then local search: as published", published, annealing),
         ("local search alone, as published", published, loose),

@@ -1,7 +1,6 @@
 """What several tables share: the data of a problem and every method's estimate,
 computed once."""
 
-import itertools
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -661,12 +660,10 @@ def worst_violations(task: Task, theta: Array) -> tuple[float, float]:
         each in its own unit; 0 below rounding.
     """
     links = task.model.rigid_indices
-    all_of = task.constraints
-    mine = [bool(np.isin(c.indices, links).all()) for c in all_of.convex]
-    sets = (
-        ConstraintSet(tuple(itertools.compress(all_of.convex, mine)), all_of.nonconvex),
-        ConstraintSet(tuple(itertools.compress(all_of.convex, np.logical_not(mine)))),
-    )
+    convex, nonconvex = task.constraints.convex, task.constraints.nonconvex
+    on_links = [c for c in convex if np.isin(c.indices, links).all()]
+    on_others = [c for c in convex if not np.isin(c.indices, links).all()]
+    sets = ConstraintSet(tuple(on_links), nonconvex), ConstraintSet(tuple(on_others))
     worst = [max(part.worst(theta).values(), default=0.0) for part in sets]
     of_links, of_others = (x if x >= ROUNDING else 0.0 for x in worst)
     return of_links, of_others

@@ -226,13 +226,13 @@ class _Data:
         """Return the weighted columns of the base parameters and phi_1 (M n, b + n), and
         those of log phi_2 and phi_3 (M n, 2 n) at phi_1 = 1."""
         n = self.robot.n
-        # (M, n, 3) becomes blocks (M, n, n): phi of a joint acts on it alone.
-        blocks = self.sigmoid(tuple(y))[:, :, :, None] * np.eye(n)[:, None]
-        amplitude, *shapes = np.moveaxis(blocks, 2, 0)
-        groups = ((self.rigid, amplitude), shapes)
-        linear, others = (np.concatenate(x, axis=2) * weights[:, None] for x in groups)
-        rows = len(self.torque) * n
-        return linear.reshape(rows, -1), others.reshape(rows, -1)
+        # (M, n, 3, n): phi of a joint acts on it alone.
+        own = self.sigmoid(tuple(y))[:, :, :, None] * np.eye(n)[:, None]
+        linear = np.concatenate([self.rigid, own[:, :, 0]], axis=2)
+        shapes = np.concatenate([own[:, :, 1], own[:, :, 2]], axis=2)
+        size = (len(self.torque) * n, -1)
+        weight = weights[:, None]
+        return (linear * weight).reshape(size), (shapes * weight).reshape(size)
 
     def projected(self, y: Array, weights: Array) -> tuple[Array, Array, Array]:
         """Solve for base parameters and phi_1 at log phi_2 and phi_3 (variable
@@ -360,11 +360,11 @@ def _steps(what: str, fit: SigmoidFit) -> str:
     none.
     """
     joints = ", ".join(map(str, np.flatnonzero(fit.at_bound) + 1))
-    sentences = (
+    why = (
         "phi_2 ran to the end of its range: the data want a step, and the interval"
         " means nothing."
     )
-    return f"{what}: on joint(s) {joints} {sentences}" if joints else ""
+    return f"{what}: on joint(s) {joints} {why}" if joints else ""
 
 
 def _rows_in(data: Data, run: Measurements) -> RowsOf:

@@ -1,6 +1,7 @@
 """Table II: the exciting trajectory, published, as commanded, and better conditioned
 ones."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -36,38 +37,24 @@ def exciting_trajectory(study: Study) -> StudyTable:
     # The coefficients as printed.
     rows: list[Row] = [{**row, "trajectory": "published"} for row in published]
 
-    def add(name: str, trajectory: str, *values: float) -> None:
+    def add(name: str, trajectory: str, values: Iterable[float]) -> None:
         """Add a row: its name, then one value for each joint (or one value alone)."""
-        rows.append(
-            {
-                **dict(zip(columns, (name, *values), strict=False)),
-                "trajectory": trajectory,
-            }
-        )
+        cells = dict(zip(columns, (name, *map(float, values)), strict=False))
+        rows.append({**cells, "trajectory": trajectory})
 
-    # Coefficients of the optimised trajectories: a_k and b_k of each harmonic, and q_0.
-    for which, excitation in optimum.items():
-        best_trajectory = excitation.trajectory
-        for letter, values in (
-            ("a", best_trajectory.a),
-            ("b", best_trajectory.b),
-            ("q", best_trajectory.q_0[:, None]),
-        ):
-            for k, column in enumerate(values.T):
-                add(
-                    f"{letter}_{k if letter == 'q' else k + 1}",
-                    which,
-                    *map(float, column),
-                )
-    trajectories = {
-        "published": paper,
-        **{name: e.trajectory for name, e in optimum.items()},
-    }
+    found = {name: excitation.trajectory for name, excitation in optimum.items()}
+    for which, trajectory in found.items():
+        for letter, harmonics in (("a", trajectory.a), ("b", trajectory.b)):
+            for k, values in enumerate(harmonics.T, start=1):
+                add(f"{letter}_{k}", which, values)
+        add("q_0", which, trajectory.q_0)
+    trajectories = {"published": paper, **found}
     # Condition numbers of the regressor along each trajectory.
     for label, effects in (("links", "rigid_body"), ("links and friction", None)):
         regressor = Regressor.from_problem(study.problem, effects)
         for which, trajectory in trajectories.items():
-            add(f"condition number ({label})", which, regressor.condition(trajectory))
+            number = regressor.condition(trajectory)
+            add(f"condition number ({label})", which, [number])
     return StudyTable(
         f"Table II: exciting trajectory of {study.problem.title}",
         rows,

@@ -65,8 +65,9 @@ def printed_deviations(
     """
     values = np.array([_digits_range(row["pi_RE"]) for row in printed])
     percent = np.array([_digits_range(row["sigma_pct_RE"]) for row in printed])
+    # The factors between which each row's printed digits leave the one of all rows. How
+    # many rows agree on a factor changes for the better at lower ends only.
     low, high = (values * percent / 100.0).T / design
-    # The number of intervals around a point changes at their lower ends only.
     agreeing = [int(((low <= x) & (x <= high)).sum()) for x in low]
     best = int(np.argmax(agreeing))
     allowed = high[(low <= low[best]) & (low[best] <= high)]
@@ -123,7 +124,12 @@ def base_parameter_table(study: Study) -> StudyTable:
     if printed is not None:
         rows = _published(printed, keys, len(base))
     else:
-        rows = _numbered(study, keys, len(base))
+        # Number and symbol of each row; condition number and error have no number.
+        symbols = [*base_parameter_symbols(study.problem).values(), *keys[len(base) :]]
+        numbers = [*range(1, len(keys) - 1), None, None]
+        rows = pandas.DataFrame(
+            {"row": numbers, "coefficient": symbols}, keys, dtype=object
+        )
         published = {f"pi_{k}": links for k, links in study.published_links.items()}
         known = published | known
     our_values = {
@@ -148,18 +154,6 @@ def base_parameter_table(study: Study) -> StudyTable:
     links = [f"pi_{column}" for column in study.published_links]
     columns = [*printed_columns, *links, *study.compared_columns]
     return table.shortened(dict.fromkeys(columns))
-
-
-def _numbered(study: Study, keys: list[str], n_base: int) -> pandas.DataFrame:
-    """Return number and symbol of each row, for a robot without a published table.
-
-    keys : names of the rows; the first n_base are base parameters.
-    """
-    symbols = [*base_parameter_symbols(study.problem).values(), *keys[n_base:]]
-    numbers = [*range(1, len(keys) - 1), None, None]
-    return pandas.DataFrame(
-        {"row": numbers, "coefficient": symbols}, keys, dtype=object
-    )
 
 
 def _notes(study: Study, printed: Sequence[Mapping[str, str]] | None) -> list[str]:

@@ -230,16 +230,12 @@ def _sensitivity(study: Study, rows: Sequence[Row]) -> str:
     assert settings.torque_cutoff is not None
     wide = replace(settings, torque_cutoff=2.0 * settings.torque_cutoff)
     other = study.sibling(replace(study.problem, preprocessing=wide))
-    data_of_study = {row["estimate"]: row["relative_error_percent"] for row in rows}
-    wider = {}
+    narrow = {row["estimate"]: row["relative_error_percent"] for row in rows}
+    errors = []
     for name in _SHOWN:
         method, effects = _estimates(other)[name]
-        result = other.unseen(method, FoldSettings(effects))
-        wider[name] = result.relative_error_percent
-    errors = [
-        f"{name} {data_of_study[f'{name}_measured']:.3g} and {wider[name]:.3g} %"
-        for name in _SHOWN
-    ]
+        wider = other.unseen(method, FoldSettings(effects)).relative_error_percent
+        errors.append(f"{name} {narrow[f'{name}_measured']:.3g} and {wider:.3g} %")
     return (
         f"The filter matters: behind {settings.torque_cutoff:g} and"
         f" {wide.torque_cutoff:g} Hz the errors on unseen motion are"
