@@ -263,19 +263,14 @@ class Workers:
             results = spread(function, todo, self.scheduler, self.jobs)
         for k, result in results:
             result_by_place[k] = result
-            if len(todo) > 1:
-                self.progress(_progress_words(len(result_by_place), len(todo), begin))
+            done, total = len(result_by_place), len(todo)
+            if total > 1:
+                # How long the others take at this pace.
+                left = (time.monotonic() - begin) * (total - done) / done
+                words = f"{done} of {total} done"
+                words += f", about {left:.0f} s left" * (left >= 1.0)
+                self.progress(words)
         return [result_by_place[k] for k in range(len(todo))]
-
-
-def _progress_words(done: int, total: int, begin: float) -> str:
-    """Say how many items are done, and how long the others take at this pace.
-
-    begin : when the work began, by the monotonic clock [s].
-    """
-    left = (time.monotonic() - begin) * (total - done) / done
-    words = f"{done} of {total} done"
-    return words if left < 1.0 else f"{words}, about {left:.0f} s left"
 
 
 #: This process alone.

@@ -241,7 +241,11 @@ def _run(words: Sequence[str]) -> None:
     _require_writable(parser, arguments)
     is_quiet = arguments.pop("quiet")
     plugins = arguments.pop("plugin")
-    _register(plugins)
+    if plugins:
+        from sdp_vs_penalty.api.registration import register_file
+
+        for file in plugins:
+            register_file(file)
     has_own_json = "json_" in parser.options
     json_file = None if has_own_json else arguments.pop("json_")
     try:
@@ -253,15 +257,6 @@ def _run(words: Sequence[str]) -> None:
             verb(**arguments)
     except RepairableError as error:
         raise _naming_the_repair(error, arguments) from error
-
-
-def _register(files: Sequence[Path]) -> None:
-    """Register the plug-ins of the files of --plugin."""
-    if files:
-        from sdp_vs_penalty.api.registration import register_file
-
-        for file in files:
-            register_file(file)
 
 
 @contextmanager

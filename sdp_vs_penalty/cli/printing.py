@@ -259,7 +259,11 @@ def diagnosis(
     for curve in words.curves:
         paragraph(f"curve: {curve}")
     say(words.left)
-    _events(words, verbose)
+    # Disturbances at single instants.
+    events = words.all_events if verbose else words.events
+    hint = "" if len(events) == len(words.all_events) else "; --verbose lists them"
+    for event in events:
+        say(f"{event}{hint}")
     if words.invisible:
         paragraph(
             "not identifiable from these runs (absorbed by existing parameters):"
@@ -270,14 +274,6 @@ def diagnosis(
     for number, finding in enumerate(words.findings[: len(shown)], start=1):
         if finding.test:
             say(f"To test finding {number}, record: {finding.test}")
-
-
-def _events(words: DiagnosisWords, verbose: bool) -> None:
-    """Print disturbances at single instants; with ``verbose`` all of them."""
-    lines = words.all_events if verbose else words.events
-    hint = "" if len(lines) == len(words.all_events) else "; --verbose lists them"
-    for line in lines:
-        say(f"{line}{hint}")
 
 
 def _findings(

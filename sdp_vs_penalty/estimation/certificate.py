@@ -108,7 +108,11 @@ class Certificate(Shown, JsonRecord):
             thickness = f"{mm_per_m * self.smallest_thickness:.1f} mm"
             out.append(("smallest thickness", thickness))
         if self.largest_gyration is not None and self.body_share is not None:
-            out.append(("largest radius of gyration", self._gyration_text()))
+            fits = "at most"
+            if self.body_share > 1.0:
+                fits = "beyond what any mass inside can have:"
+            gyration = f"{self.largest_gyration:.3g} m ({fits} {self.body_share:.2g}"
+            out.append(("largest radius of gyration", f"{gyration} of a link's body)"))
         if self.density is not None:
             # Lowest and highest, once if both read the same.
             span = " to ".join(dict.fromkeys(f"{x:.3g}" for x in self.density))
@@ -145,18 +149,6 @@ class Certificate(Shown, JsonRecord):
         kinds = dict.fromkeys(re.split("[:@]", text)[0] for text in self.held)
         held = f", with {', '.join(kinds)} held fixed" if self.held else ""
         return f"{self.gap:.1e} of the loss (certified lower bound){held}"
-
-    def _gyration_text(self) -> str:
-        """Return the largest radius of gyration and its ratio to the link's body as
-        text.
-        """
-        fits = "at most"
-        if self.body_share is not None and self.body_share > 1.0:
-            fits = "beyond what any mass inside can have:"
-        return (
-            f"{self.largest_gyration:.3g} m ({fits} {self.body_share:.2g} of a"
-            " link's body)"
-        )
 
 
 #: Of parameters on the way to others, which nobody is shown.

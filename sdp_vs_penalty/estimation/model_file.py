@@ -262,18 +262,12 @@ class ModelFile(JsonRecord):
         robot."""
         _require(ProvenanceFields, self.provenance, "provenance")
         _require(DetailsFields, self.details, "details")
-        self._check_settings()
-        self._check_joints()
-
-    def _check_settings(self) -> None:
-        """Raise InputError for settings that are not those of the method.
-
-        A method that is not installed here is not known: its settings are not checked.
-        """
         _require(_Weighting, self.settings, "settings")
+        # A method that is not installed here is not known: its settings stay unchecked.
         kind = ESTIMATORS.find(self.method)
         if kind is not None:
             _require(kind, self.settings, "settings")
+        self._check_joints()
 
     def _check_joints(self) -> None:
         """Raise InputError for arrays with another number of joints than the robot."""

@@ -478,7 +478,10 @@ def _fit(errors: ErrorsBesideNoise, source: str, is_worse_than_constant: Mask) -
     elif over is None:
         sentence = f"The whole arm errs by {errors.relative:.3g} % of its torque"
     else:
-        sentence = _worst_in_words(errors, over)
+        worst = errors.worst_of(range(1, len(over) + 1))
+        sentence = errors.joint_errs(worst)
+        if over[worst - 1] <= ABOVE_NOISE:
+            sentence = errors.within_noise_in_words(worst)
         if np.all(over <= ABOVE_NOISE):
             grade = "good"
     if over is None:
@@ -492,17 +495,6 @@ def _fit(errors: ErrorsBesideNoise, source: str, is_worse_than_constant: Mask) -
         joints = (np.flatnonzero(is_worse_than_constant) + 1).tolist()
         sentence += f"; {formatting.joints(joints)}: worse than a constant torque"
     return Line(FIT, grade, f"{sentence}.")
-
-
-def _worst_in_words(errors: ErrorsBesideNoise, over: Array) -> str:
-    """Say which joint errs most, and by how much.
-
-    ``over`` (n,) is the ratio of error and noise of each joint.
-    """
-    worst = errors.worst_of(range(1, len(over) + 1))
-    if over[worst - 1] <= ABOVE_NOISE:
-        return errors.within_noise_in_words(worst)
-    return errors.joint_errs(worst)
 
 
 def _prediction(

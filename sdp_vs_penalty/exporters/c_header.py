@@ -46,7 +46,10 @@ def write(estimate: Estimate, options: Options) -> Written:
     # Refuses what no simulator or controller should be given.
     content = Content.from_estimate(estimate)
     left = left_out(estimate, HOLDS)
-    name = _c_name(robot.name)
+    # The robot's name as an identifier of C, where it can be one.
+    name = re.sub(r"\W", "_", robot.name)
+    if not (name and name.isascii() and not name[0].isdigit()):
+        name = "robot"
     lines = [*_load_of_reference(estimate, name), *formulas(estimate)]
     # "@" in the template is the robot's name as a C identifier.
     template = Template(_TEMPLATE.read_text("utf-8").replace("@", name))
@@ -63,13 +66,6 @@ def write(estimate: Estimate, options: Options) -> Written:
         formulas="\n".join(f"  {line}" for line in lines),
     )
     return text.encode(), left
-
-
-def _c_name(name: str) -> str:
-    """Return a robot's name as an identifier of C; "robot" if that is impossible."""
-    identifier = re.sub(r"\W", "_", name)
-    is_valid = identifier and identifier.isascii() and not identifier[0].isdigit()
-    return identifier if is_valid else "robot"
 
 
 def _joint_arrays(robot: Robot) -> dict[str, str]:

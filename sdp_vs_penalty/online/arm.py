@@ -242,7 +242,9 @@ class ArmModel:
         try:
             exact = self._torque(effect, theta, q, dq, ddq, load)
             # Torque over velocity, without load and under a unit of it either way.
-            nodes = self._nodes()[:, None] * np.ones(self.n)
+            place = np.arange(_ENTRIES, dtype=float) - (_ENTRIES - 1) / 2
+            # The velocities of the table [rad/s, m/s], fine near zero.
+            nodes = (_FINEST * np.sinh(place / self._scale))[:, None] * np.ones(self.n)
             still = np.zeros_like(nodes)
             without, forth, back = (
                 self._torque(effect, theta, still, nodes, still, still + unit)
@@ -286,11 +288,6 @@ class ArmModel:
             "identify the arm without it for this purpose, or let `export` write a"
             " model.h, which says at its top whether C holds it",
         )
-
-    def _nodes(self) -> Array:
-        """Return the velocities (entries,) of the table [rad/s, m/s], fine near zero."""
-        place = np.arange(_ENTRIES, dtype=float) - (_ENTRIES - 1) / 2
-        return np.asarray(_FINEST * np.sinh(place / self._scale), float)
 
     def _torque(
         self, effect: Effect, theta: Array, q: Array, dq: Array, ddq: Array, load: Array

@@ -51,7 +51,11 @@ def link_bodies(
         shape = None if geometry is None else geometry[k]
         ellipsoid = _uniform_ellipsoid(nominal[k], largest)
         corners = np.array(np.meshgrid(*centres[k])).reshape(3, -1).T
-        if shape is not None and _is_a_links_shape(shape, largest):
+        # What lies farther off is in other units, what is flat a mere marker.
+        if shape is not None and (
+            np.ptp(shape.points, axis=0).max() > c.LAYER
+            and np.linalg.norm(shape.points, axis=1).max() < largest
+        ):
             body = _body_of_geometry(shape, ellipsoid)
         elif np.all(np.isfinite(corners)):
             places = np.concatenate([corners, joint_places(robot, k)])
@@ -64,16 +68,6 @@ def link_bodies(
             body = around(balls(joint_places(robot, k), radius), "kinematics")
         bodies.append(body)
     return tuple(bodies)
-
-
-def _is_a_links_shape(shape: Geometry, largest: float) -> bool:
-    """Return whether a shape can be a link's, and not in other units or a mere marker.
-
-    ``largest`` is the largest plausible distance of its points from the frame [m].
-    """
-    farthest = float(np.linalg.norm(shape.points, axis=1).max())
-    extent = float(np.ptp(shape.points, axis=0).max())
-    return extent > c.LAYER and farthest < largest
 
 
 def _body_of_geometry(shape: Geometry, ellipsoid: Array | None) -> Body:

@@ -127,7 +127,10 @@ class Program(Solver):
             folder = Path(name)
             begin = time.process_time()
             (folder / "problem.dat-s").write_text(sdpa_text(problem))
-            _write_parameters(folder, f"param.{program}", options)
+            template = Path(__file__).with_name(f"param.{program}")
+            if template.is_file():  # the program takes its options from a file
+                parameters = template.read_text("utf-8").format(**options)
+                (folder / template.name).write_text(parameters)
             file_seconds = time.process_time() - begin
             done = subprocess.run(
                 command,
@@ -139,7 +142,12 @@ class Program(Solver):
                 errors="replace",
             )
             # A negative return code is minus the signal that ended the program.
-            _raise_on_signal(program, -done.returncode)
+            # The calling process counts these as a crash of the solver.
+            if done.returncode == -signal.SIGXCPU:
+                raise TimeoutError(f"{program} used up its processor time")
+            if done.returncode < 0:
+                what = f"{program} ended by signal {-done.returncode}"
+                raise ChildProcessError(what)
             claims, status, iterations = self.ended(done.stdout, done.returncode)
             begin = time.process_time()
             answer = self.answer(folder, problem)
@@ -151,26 +159,6 @@ class Program(Solver):
             claims = "failed"
         nothing = Solution.none(problem, status, claims, iterations)
         return replace(nothing, file_seconds=file_seconds)
-
-
-def _write_parameters(folder: Path, name: str, options: Mapping[str, Any]) -> None:
-    """Write the program's file of options from the template of that name, if there is
-    one.
-    """
-    template = Path(__file__).with_name(name)
-    if template.is_file():
-        (folder / name).write_text(template.read_text("utf-8").format(**options))
-
-
-def _raise_on_signal(program: str, number: int) -> None:
-    """Raise TimeoutError or ChildProcessError if a signal has ended the program.
-
-    The calling process counts these as a crash of the solver.
-    """
-    if number == signal.SIGXCPU:
-        raise TimeoutError(f"{program} used up its processor time")
-    if number > 0:
-        raise ChildProcessError(f"{program} ended by signal {number}")
 
 
 class Csdp(Program):

@@ -71,8 +71,11 @@ def verb(
         console.next_step(replace(command, runs=copies).words)
     elif (words := next_command(list_remedies(reports), Files(command))) is not None:
         console.next_step(words)
-    elif not meaningless and not _are_in_another_unit(reports):
-        _say_identify(files, problem, command.options)
+    elif not meaningless:
+        issues = [issue for report in reports for issue in report.errors_and_warnings]
+        # A model of torques in another unit would have wrong masses.
+        if all(issue.kind != "torque unit" for issue in issues):
+            _say_identify(files, problem, command.options)
     if meaningless:
         raise SystemExit(1)
 
@@ -197,10 +200,3 @@ def _say_identify(files: Sequence[Path], problem: str, options: Sequence[str]) -
     words = ["--data", *NamedRuns(train).words, *options]
     words += ["--out", str(free_name("model.json"))]
     console.next_step(["identify", problem, *words])
-
-
-def _are_in_another_unit(reports: Sequence[Report]) -> bool:
-    """Whether the torques are in a unit that the user has to correct first: a model of
-    them would have wrong masses."""
-    issues = [issue for report in reports for issue in report.errors_and_warnings]
-    return any(issue.kind == "torque unit" for issue in issues)

@@ -1,13 +1,12 @@
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.cli import console
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.exporters.inertials import LinkCheck
+    pass
 
 
 def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None:
@@ -22,6 +21,7 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
     --fix fixed.urdf: Copy to write, with the mistakes corrected, else the nearest inertials.
     """
     from sdp_vs_penalty.exporters import inertials
+    from sdp_vs_penalty.results.table import Table
 
     with inertials.checkable(urdf) as file:
         checks = inertials.check_urdf(file)
@@ -34,7 +34,12 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
         console.say(verdict, style="bold")
         for remark in units:
             console.paragraph(remark)
-        _print_inertials(checks)
+        if checks:
+            title = "Inertials: mass and margins (negative: violated)"
+            margins = ("triangle [kg m^2]", "pseudo-inertia")
+            heads = ("link", "verdict", "mass [kg]", *margins)
+            rows = inertials.table(checks)
+            console.table(Table(heads, rows, title=title, words=(0, 1)))
         for remark in (*remarks, *couplings):
             console.paragraph(remark)
         content = {
@@ -50,14 +55,3 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
             console.written(fix)
     if units or not all(check.consistent for check in checks):
         raise SystemExit(1)
-
-
-def _print_inertials(checks: Sequence[LinkCheck]) -> None:
-    """Print a table of all links."""
-    from sdp_vs_penalty.exporters import inertials
-    from sdp_vs_penalty.results.table import Table
-
-    if checks:
-        title = "Inertials: mass and margins (negative: violated)"
-        heads = ("link", "verdict", "mass [kg]", "triangle [kg m^2]", "pseudo-inertia")
-        console.table(Table(heads, inertials.table(checks), title=title, words=(0, 1)))

@@ -1,15 +1,12 @@
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.cli import console
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.data.measurements import Measurements
-    from sdp_vs_penalty.estimation.estimate import Estimate
-    from sdp_vs_penalty.simulation.follow import Following
+    pass
 
 
 def verb(
@@ -34,6 +31,7 @@ def verb(
     from sdp_vs_penalty.diagnosis.comparison import compare, first_identified
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
     from sdp_vs_penalty.estimation.nominal import NOMINAL, load_model
+    from sdp_vs_penalty.simulation.follow import follow
 
     estimates = {
         str(path): model_from_options(path, gravity, load=load_model) for path in models
@@ -51,7 +49,13 @@ def verb(
     printing.where_it_fails(failures, newest)
     if verbose:
         printing.all_figures(failures, results[-1])
-    loops = {} if runs.torque_logged else _simulated_loops(estimates, runs)
+    # Runs without torque measured the motion only: under the loop of each model's servos.
+    servos = {name: e for name, e in estimates.items() if e.model.drives.any()}
+    loops = {
+        name: follow(servo, runs, drive="servo", steps=5_000)
+        for name, servo in servos.items()
+        if not runs.torque_logged
+    }
     for name, loop in loops.items():
         console.say(f"{name}: {loop.verdict}")
     console.save_json(
@@ -68,16 +72,3 @@ def verb(
     if estimate.method == NOMINAL:
         return
     say_what_follows(newest, estimate, verdict, named, gravity, whole)
-
-
-def _simulated_loops(
-    estimates: Mapping[str, Estimate], runs: Measurements
-) -> dict[str, Following]:
-    """Simulate the servo loop of each model that has one, along runs without torque.
-
-    Such runs measured the motion only. The simulation is cut off after 5000 steps.
-    """
-    from sdp_vs_penalty.simulation.follow import follow
-
-    servos = {k: e for k, e in estimates.items() if e.model.drives.any()}
-    return {k: follow(e, runs, drive="servo", steps=5_000) for k, e in servos.items()}
