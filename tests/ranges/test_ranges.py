@@ -153,6 +153,18 @@ def test_an_end_has_a_proof_that_verify_accepts(model, tmp_path):
     assert "m2 <=" in sentence
 
 
+def test_the_proof_of_a_saved_end_names_its_function(hidden, model, tmp_path):
+    save(hidden.train[0], tmp_path / "run.csv")
+    model.save(tmp_path / "model.json")
+    words = (tmp_path / "model.json", "--data", tmp_path / "run.csv")
+    for name in ("m1", "m2"):  # the widest range is of one of them
+        proof = tmp_path / f"{name}.proof.json"
+        assert (
+            run_cli("ranges", *words, "--save", f"{name}:least", "--proof", proof) == 0
+        )
+        assert f"{name} <=" in verify_proof_file(proof)[1]
+
+
 @pytest.mark.parametrize(
     ("name", "words"), [("m9", "'m9' is no parameter of this model"), ("c2x", None)]
 )
