@@ -1,12 +1,6 @@
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.cli import console
-
-if TYPE_CHECKING:
-    pass
 
 
 def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None:
