@@ -76,20 +76,18 @@ def read_and_hold(
     problem = make(hold)
     try:
         runs = read(problem)
-        singular, plural = "stands still without torque", "stand still without torque"
         found = _idle_in_all(problem, runs)
+        if not found:
+            return problem, runs, hold
+        why = "stands still without torque", "stand still without torque"
     except MissingJoints as error:
-        runs = []
-        singular, plural = "is in no column", "are in no column"
         found = dict.fromkeys(error.joints, 0.0)
-    if not found:
-        return problem, runs, hold
+        why = "is in no column", "are in no column"
     held = ",".join(f"{name}={value:.6g}" for name, value in found.items())
-    why, links = plural, "their links belong to their parents"
-    if len(found) == 1:
-        why, links = singular, "its link belongs to its parent"
+    links = "its link belongs to its parent", "their links belong to their parents"
+    are_many = len(found) > 1
     console.warn(
-        f"{formatting.words(list(found))} {why}: held, {links};"
+        f"{formatting.words(list(found))} {why[are_many]}: held, {links[are_many]};"
         f" the same by `--hold {command_line([held])}`"
     )
     hold = f"{hold},{held}" if hold else held

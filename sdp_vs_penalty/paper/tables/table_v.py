@@ -310,16 +310,16 @@ def engines(study: Study) -> StudyTable:
     n = study.problem.robot.n
     rows = []
     # The paper's table; it has no standard deviations.
+    no_errors = by_joint([None] * n)
+    no_deviations = by_joint([None] * n, "std_joint")
     for row in study.problem.published["table_V"]:
         about = {"motion": "published (V-REP)", **_NO_RUN, "status": "published"}
-        rows.append({**row, **by_joint([None] * n, "std_joint"), **about})
+        rows.append({**row, **no_deviations, **about})
     # Pose errors that stand in the paper's text.
     for engine, pose in _PUBLISHED_POSE.items():
         figures = dict(zip(_NO_RUN, (*pose, None), strict=True))
         about = {"motion": "published (text)", **figures, "status": "published"}
-        not_published = [None] * n  # torque errors of the joints
-        joints = {**by_joint(not_published), **by_joint(not_published, "std_joint")}
-        rows.append({"engine": engine, **joints, **about})
+        rows.append({"engine": engine, **no_errors, **no_deviations, **about})
     # Our runs: on sinusoids (simulated), and on the real run's motion if it is at hand.
     for data, runs in zip(study.whole, (sinusoidal_runs, measured_runs), strict=False):
         rows += [_row(study, data, kind, run) for kind, run in study.once(runs).items()]
@@ -332,7 +332,7 @@ def engines(study: Study) -> StudyTable:
         notes("V", method=METHOD, step=1e3 * MEASURED_STEP, formulations=formulations),
         digits=3,
     )
-    columns = ["engine", *by_joint([None] * n), "motion", *_POSE_FIGURES]
+    columns = ["engine", *no_errors, "motion", *_POSE_FIGURES]
     if any(row["status"] not in ("run", "published") for row in rows):
         columns.append("status")
     return table.shortened(columns)
