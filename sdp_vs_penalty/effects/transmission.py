@@ -128,13 +128,13 @@ class ElasticCoupling(Effect):
         zero for stiffnesses of other joints."""
         blocks = []
         for joint in self.joints:
-            columns = np.zeros((len(motion.t), len(self.pairs)))
-            for k, (first, second) in enumerate(self.pairs):
-                if joint == first:
-                    columns[:, k] = motion.q[:, second]
-                elif joint == second:
-                    columns[:, k] = motion.q[:, first]
-            blocks.append(Block(joint, np.arange(len(self.pairs)), columns))
+            columns = []  # stacked: in C code they are formulas
+            for first, second in self.pairs:
+                other = {first: second, second: first}.get(joint)
+                zeros = np.zeros(len(motion.t))
+                columns.append(zeros if other is None else motion.q[:, other])
+            parameters = np.arange(len(self.pairs))
+            blocks.append(Block(joint, parameters, np.column_stack(columns)))
         return blocks
 
     @classmethod
