@@ -229,11 +229,11 @@ def checkable(path: Path) -> Iterator[Path]:
         with as_urdf(path) as file:
             yield file
         return
-    file = load_robot(path)
-    nothing = [np.zeros(file.robot.n)] * 5
+    stated = load_robot(path)
+    nothing: Any = [np.zeros(stated.robot.n)] * 5
     with TemporaryDirectory() as folder:
         out = Path(folder) / f"{path.stem}.urdf"
-        out.write_bytes(make_urdf(file.robot, Content(file.links, *nothing)))
+        out.write_bytes(make_urdf(stated.robot, Content(stated.links, *nothing)))
         yield out
 
 
