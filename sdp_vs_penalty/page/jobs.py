@@ -572,18 +572,22 @@ def _load_run(options: Mapping[str, str], problem: Problem, path: Path) -> Measu
     """
     names = problem.channel_names
     if not options:
-        return read_run(path, problem.robot.n, names)
-    part = convert(
-        path,
-        problem=problem,
-        joints=options["joints"].split(",") if "joints" in options else names,
-        topic=options.get("topic"),
-        rename=pairs("--rename", options.get("rename")),
-        motors=options.get("motors", "motor_side" in options),
-        rate=numbers("rate", options.get("rate", "0"), 1)[0] or None,
-    )
+        part = read_run(path, problem.robot.n, names)
+    else:
+        part = convert(
+            path,
+            problem=problem,
+            joints=options["joints"].split(",") if "joints" in options else names,
+            topic=options.get("topic"),
+            rename=pairs("--rename", options.get("rename")),
+            motors=options.get("motors", "motor_side" in options),
+            rate=numbers("rate", options.get("rate", "0"), 1)[0] or None,
+        )
     if part.n != problem.robot.n:
         raise other_robot(part.n, problem.robot.n, path)
+    if not part.usable_rows.any():
+        what = "no row holds a number of every channel"
+        raise InputError(what, "log all channels at each instant", path)
     return part
 
 

@@ -1227,6 +1227,9 @@ class Session:
         chosen = next(run for run in self.runs if run["file"] == file)
         changed = ({**run, "use": use} if run is chosen else run for run in self.runs)
         runs = [run for run in changed if run["use"]]
+        if not use and {run["use"] for run in runs} <= {"test", "wait"}:
+            one = "split" if len(runs) == 1 and runs[0]["split"] else "train"
+            runs = [{**run, "use": one} if run is runs[0] else run for run in runs]
         models = await self._judged_on(runs, self.robot)
         gone = []
         left = {"runs": runs, "remedies": self.remedies, "robot": {}}

@@ -30,7 +30,7 @@ from sdp_vs_penalty import (
     load_measurements,
     load_problem,
 )
-from sdp_vs_penalty.checks.issue import make_explanation
+from sdp_vs_penalty.checks.issue import leave_out, make_explanation
 from sdp_vs_penalty.checks.torque_size import with_one_unit
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.diagnosis.doubts import Doubt
@@ -1142,6 +1142,18 @@ def test_rows_that_no_robot_measures_are_left_out_by_a_button(here, hidden, tmp_
         "measure"
     )  # as it was dropped, and not as its copy
     assert "fixed" not in screen.text("measure")
+
+
+def test_what_is_left_is_identified_from(here, hidden, tmp_path):
+    """Where the run for it was left out."""
+    names = ("a.csv", "test1.csv", "test2.csv")
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:3], *names))
+    change = leave_out("a.csv").to_dict()
+    do(s, lambda: s.apply(change))
+    assert [(run["name"], run["use"]) for run in s.runs] == [
+        ("test1.csv", "train"),
+        ("test2.csv", "test"),
+    ]
 
 
 def test_a_file_that_its_columns_do_not_save_is_left_out(here, strange):

@@ -554,6 +554,8 @@ def test_every_issue_without_a_remedy_has_a_button(
 
 
 REFUSED = json.loads((RECORDED / "refusals.json").read_text("utf-8"))["csv"]
+_ROWS = [f"0.0{k}," + ("nan,0" if k % 2 else "0,nan") + ",1,2" for k in range(9)]
+REFUSED["no whole row"] = ["\n".join(["t,q1,q2,tau1,tau2", *_ROWS]) + "\n"]
 
 
 @pytest.mark.parametrize("name", REFUSED)

@@ -539,7 +539,7 @@ def _findings(view: View) -> None:
                 is_apart = is_difference and _apart(session, runs, k)
                 is_done = issue["remedies"] or issue["remedy"].startswith("no action")
                 if issue["severity"] != "note" and not (is_apart or is_done):
-                    _last_resort(session, runs, k)
+                    _last_resort(session, issue, runs, k)
 
 
 def _apart(session: Session, runs: list[dict[str, Any]], k: int) -> bool:
@@ -558,7 +558,9 @@ def _apart(session: Session, runs: list[dict[str, Any]], k: int) -> bool:
     return bool(apart)
 
 
-def _last_resort(session: Session, runs: list[dict[str, Any]], k: int) -> None:
+def _last_resort(
+    session: Session, issue: dict[str, Any], runs: list[dict[str, Any]], k: int
+) -> None:
     """Draw what can be done where nothing mends an issue of these runs: go on without
     them, or with others."""
     if len(runs) < len(session.runs):
@@ -567,7 +569,8 @@ def _last_resort(session: Session, runs: list[dict[str, Any]], k: int) -> None:
             label = f"Leave {shown_run(run)} out"
             draw.button(label, out, f"out-{k}-{run['file']}")
     else:
-        draw.note("The log is taken as it is.")
+        if issue["severity"] == "warning":
+            draw.note("The log is taken as it is.")
         more = {"data_to": "measure", "data_opens": "drop-runs"}
         draw.button("Choose other measurements", lambda: None, f"more-{k}", **more)
 
