@@ -15,6 +15,8 @@ _STAGES = {
     "N*m": "N m",
     " -> ": " → ",
 }
+#: What is advised for raw files of a public data set, by the name of its robot.
+_FETCH = r"take what `sdp-vs-penalty fetch (\w+)` makes of this raw file"
 #: A clause that names a command with options, or an option of one.
 _CLAUSE = re.compile(
     r"\s*\(--[^)]*\)|^[^;:,(.`]*\s--[a-z]\S*( \S+)?, or |"
@@ -39,7 +41,10 @@ def spoken(text: str) -> str:
     'replace q2 by q2 - q1.'
     >>> spoken("tau is a current in A: --scale tau=... makes torques of it.")
     'tau is a current in A.'
+    >>> spoken("no column t: take what `sdp-vs-penalty fetch emps` makes of this raw file.")
+    'no column t: choose the built-in emps, and load its measurements.'
     """
+    text = re.sub(_FETCH, r"choose the built-in \1, and load its measurements", text)
     text = _CLAUSE.sub("", text)
     for word, stage in _STAGES.items():
         text = text.replace(word, stage)
