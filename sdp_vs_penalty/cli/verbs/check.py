@@ -72,7 +72,7 @@ def verb(
     elif (words := next_command(list_remedies(reports), Files(command))) is not None:
         console.next_step(words)
     elif not meaningless:
-        issues = [issue for report in reports for issue in report.errors_and_warnings]
+        issues = [issue for report in reports for issue in report.by_cause]
         # A model of torques in another unit would have wrong masses.
         if all(issue.kind != "torque unit" for issue in issues):
             _say_identify(files, problem, command.options)
