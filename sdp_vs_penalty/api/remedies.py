@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from sdp_vs_penalty.checks.certainty import RIVAL_EFFECT
 from sdp_vs_penalty.checks.check import check_runs
 from sdp_vs_penalty.checks.fixing import errors_left_out, fix_runs
 from sdp_vs_penalty.data.files import without_spans
@@ -110,8 +111,9 @@ def command_of(change: Change, files: Files) -> list[str] | None:
 def next_remedy(remedies: Sequence[Remedy]) -> Remedy | None:
     """Return the first remedy of a result that is a next step; None where none is.
 
-    A run that would have to be recorded is none, nor is a span that could be left out
-    or a missing effect that is only possible: these are the user's to choose.
+    A run that would have to be recorded is none, nor is a span that could be left out,
+    a missing effect that is only possible, or a repair of the log where an effect of the
+    arm explains as much: these are the user's to choose.
     """
     for remedy in remedies:
         verb = remedy.change.verb
@@ -119,6 +121,7 @@ def next_remedy(remedies: Sequence[Remedy]) -> Remedy | None:
         asks_for_unit = not all(
             remedy.change.arguments.get("scale", {"": "1"}).values()
         )
+        is_guess = is_guess or remedy.why == RIVAL_EFFECT.why
         is_choice = verb in ("record", "cut")
         if not (is_choice or is_guess or asks_for_unit):
             return remedy

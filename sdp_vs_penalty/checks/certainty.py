@@ -48,3 +48,5 @@ def possible(why: str) -> Certainty:
 
 #: How certain a fact is that stands in the file.
 READ = certain("read from the file")
+#: How certain a fault of the log is that an effect of the arm explains as well.
+RIVAL_EFFECT = possible("an effect of the arm explains the same torques")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
-from sdp_vs_penalty.checks.certainty import CERTAIN, READ, Certainty, possible
+from sdp_vs_penalty.checks.certainty import CERTAIN, READ, RIVAL_EFFECT, Certainty
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.race.fault import joints_text
@@ -180,7 +180,7 @@ def with_rival_effects(issue: Issue, effects: Sequence[str]) -> Issue:
     return replace(
         issue,
         what=f"{issue.what} It may be instead: {'; '.join(effects)}.",
-        certainty=possible("an effect of the arm explains the same torques"),
+        certainty=RIVAL_EFFECT,
         equivalents=(*issue.equivalents, *effects),
         figures={**issue.figures, "rival_effects": [*effects]},
     )

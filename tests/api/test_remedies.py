@@ -18,10 +18,11 @@ from sdp_vs_penalty.api.remedies import (
     next_command,
     next_remedy,
 )
+from sdp_vs_penalty.checks.certainty import RIVAL_EFFECT
 from sdp_vs_penalty.checks.report import list_remedies
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.problem.check_command import CheckCommand
-from sdp_vs_penalty.results import Change
+from sdp_vs_penalty.results import Change, Remedy
 
 FILES = Files(
     CheckCommand(problem="arm.urdf", runs=["run 1.csv"]),
@@ -94,6 +95,13 @@ def test_the_first_remedy_of_a_check_repairs_its_runs(spoiled):
     command = next_command(list_remedies(reports[0]), FILES)
     assert command is not None
     assert command[-2:] == ["--apply", "sign:tau2"]
+
+
+def test_a_repair_that_an_effect_of_the_arm_makes_needless_is_no_next_step():
+    change = Change("transform", "", {"apply": ["clock:t"]})
+    remedy = Remedy("", "possible", RIVAL_EFFECT.why, change)
+    assert next_remedy([remedy]) is None
+    assert next_remedy([remedy, replace(remedy, why="its size")]) is not None
 
 
 def test_spans_are_cut_units_read_and_gravity_set(spoiled):

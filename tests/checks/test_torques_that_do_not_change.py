@@ -117,8 +117,11 @@ def test_what_a_torque_that_does_not_change_is(name, pendulum):
     assert [(issue.kind, issue.severity) for issue in found] == facts
 
 
-def test_a_limit_in_place_of_a_command_is_the_torque_of_the_drive(pendulum):
+@pytest.mark.parametrize("times", [1.0, 2.0])
+def test_a_limit_in_place_of_a_command_is_the_torque_of_the_drive(pendulum, times):
     measured, command = at_limit(0)
+    is_beyond = np.abs(command.tau) > LIMIT
+    command = replace(command, tau=np.where(is_beyond, times, 1.0) * command.tau)
     ((issue,),) = (r.errors_and_warnings for r in check(pendulum, command))
     assert (issue.kind, issue.apply) == ("command beyond the limit", "limit:tau1")
     np.testing.assert_allclose(issue.repair(command).tau, measured.tau, atol=0.01)

@@ -8,13 +8,14 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from small_runs import small_run
 
 from sdp_vs_penalty import check, load_problem
 from sdp_vs_penalty.race import Hypothesis, Likelihood, Number, Part, Race
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence
-from sdp_vs_penalty.race.kinds import KINDS, effects
+from sdp_vs_penalty.race.kinds import KINDS, effects, mounting
 from sdp_vs_penalty.race.race import HeldRaces
 from sdp_vs_penalty.race.records import Further, LogView
 from sdp_vs_penalty.race.rows import RegressionData
@@ -24,9 +25,9 @@ RUN = replace(small_run(PROBLEM, seconds=8.0), dq=None)
 NONE = LogTransform.unchanged(2, (0.0, 0.0, -9.81))
 
 
-def rows_of(run):
-    settings = PROBLEM.preprocessing.resolve(run)
-    return Likelihood(PROBLEM, RegressionData.from_run(PROBLEM, run, settings))
+def rows_of(run, problem=PROBLEM):
+    settings = problem.preprocessing.resolve(run)
+    return Likelihood(problem, RegressionData.from_run(problem, run, settings))
 
 
 def judged(*runs):
@@ -113,6 +114,21 @@ def test_friction_alone_does_not_make_rows_in_reverse_likely(has_velocity):
     (claim,) = verdict.claims
     assert claim.hypothesis.kind == "time reversed"
     assert verdict.is_sure_of(claim) == has_velocity
+
+
+@pytest.mark.parametrize("share", [1.0, 0.8])
+def test_an_arm_on_a_wall_whose_upright_weight_is_subtracted(share):
+    """The controller believes in its own links' masses."""
+    panda = load_problem("panda")
+    upright = np.array(panda.robot.gravity)
+    left = np.array([-9.81, 0.0, 0.0]) - share * upright
+    run = small_run(panda.with_gravity(tuple(left)), seconds=8.0)
+    log = rows_of(run, panda)
+    outcome = Race([log]).run()
+    assert [claim.hypothesis.kind for claim in outcome.claims] == ["gravity direction"]
+    assert_allclose(outcome.view.chain.gravity, left, atol=1e-9)
+    (fault,) = mounting.list_faults(log, outcome.view.chain)
+    assert "under gravity along (-9.81, 0, 0)" in fault.what
 
 
 @pytest.mark.parametrize("late", [0.03, -0.03])

@@ -19,6 +19,9 @@ _EARTH = max(map(abs, STANDARD_GRAVITY))
 #: Step of the difference quotient by an angle, standard deviation beforehand, and the
 #: largest angle for which a first-order step is trusted [rad].
 _STEP, _SD, _FIRST_ORDER = 0.02, 0.3, 0.5
+#: Shares of its weight that a controller subtracts from an arm that stands as assumed: all
+#: of it, or that of links as light as the nominal ones.
+_SUBTRACTED = (1.0, 0.8)
 #: Natural logarithm of the odds against a tilt beside an axis of the base: two angles.
 _ODDS_AGAINST_TILT = 3.0
 
@@ -39,9 +42,9 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         chain = _with_gravity(now, new_size * axis)
         if not np.allclose(chain.gravity, gravity):
             yield Hypothesis(kind, (), prior, chain)
-            # A controller subtracts the weight of an arm that stands as assumed.
-            subtracted = _with_gravity(chain, np.array(chain.gravity) - gravity)
-            yield Hypothesis(kind, (), 2.0 * prior, subtracted)
+            for share in _SUBTRACTED:
+                left = np.array(chain.gravity) - share * gravity
+                yield Hypothesis(kind, (), 2.0 * prior, _with_gravity(chain, left))
     if is_of_earth:
         yield _tilted(evidence, fit, prior - _ODDS_AGAINST_TILT)
 
@@ -90,12 +93,28 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         kind=kind,
         joints=(),
         what=f"the weight in the torques points along ({_in_words(g)}) m/s^2,"
-        f" {angle:.0f} degrees away from the assumed ({_in_words(assumed)}).",
+        f" {angle:.0f} degrees away from the assumed ({_in_words(assumed)})"
+        f"{_subtracted_in_words(g, assumed)}.",
         remedy=remedy,
         without=_with_gravity(chain, assumed),
         place="the base",
         is_repairable=False,
         figures={"angle_degrees": angle, "vector": vector},
+    )
+
+
+def _subtracted_in_words(g: Array, assumed: Array) -> str:
+    """Say which mounting leaves a gravity (3,) that is not Earth's, where a controller
+    subtracts the weight of an arm that stands as assumed; "" where none does."""
+    if _is_earths_gravity(float(np.linalg.norm(g))):
+        return ""
+    sums = [g + share * assumed for share in _SUBTRACTED]
+    mounted = min(sums, key=lambda x: abs(float(np.linalg.norm(x)) - _EARTH))
+    if not _is_earths_gravity(float(np.linalg.norm(mounted))):
+        return ""
+    return (
+        f": as of an arm under gravity along ({_in_words(mounted)}) whose"
+        " controller subtracts the weight that it would have under the assumed"
     )
 
 
