@@ -83,17 +83,19 @@ class _Cutting:
     def windows(self, share: float) -> tuple[Windows, Windows] | None:
         """Return the windows (begin, end) [s] for training and for testing.
 
-        share : share of the motion for training. None if the run is too short. Windows
-        in which no joint moves are left out: the filters leave no row of them.
+        share : share of the motion for training. None if the run is too short.
         """
         windows = phase_windows(
             self.clock, self.seconds, share, self.pause, self.shortest
         )
-        if windows is None:
-            return None
+        return windows and self.with_motion(*windows)
+
+    def with_motion(self, *sides: Windows) -> tuple[Windows, Windows] | None:
+        """Return the windows for training and for testing in which a joint moves: of the
+        others the filters leave no row. None where a side has none."""
         train, test = (
             [(a, b) for a, b in side if moving_joints(self.run.window(a, b)).any()]
-            for side in windows
+            for side in sides
         )
         return (train, test) if train and test else None
 
@@ -209,11 +211,11 @@ def other_splits(
     step = length / len(first) / N_SPLITS
     splits = []
     for k in range(1, N_SPLITS):
-        train, test = rotated_windows(
+        rotated = rotated_windows(
             first, clock, cutting.seconds, k * step, cutting.pause, cutting.shortest
         )
-        if train and test:
-            splits.append((train, test))
+        if (windows := cutting.with_motion(*rotated)) is not None:
+            splits.append(windows)
     return splits
 
 
