@@ -59,7 +59,7 @@ from sdp_vs_penalty.diagnosis.comparison import (
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
-from sdp_vs_penalty.effects import effect_in_words, effects_in_words
+from sdp_vs_penalty.effects import effects_in_words
 from sdp_vs_penalty.errors import (
     ColumnsRemark,
     InputError,
@@ -1050,7 +1050,6 @@ def take(job: JobRequest) -> Answer:
 
     "run-<number>.csv" is a run as it was used, "findings.json" the diagnosis,
     "report.html" the report; any other name is the model in the format of its suffix.
-    Returns {"notice": a sentence for each thing that the format cannot hold}.
     """
     name = job["name"]
     out = job.folder / name
@@ -1065,8 +1064,8 @@ def take(job: JobRequest) -> Answer:
     elif name == "report.html":
         _write_report(job, out)
     else:
-        return {"notice": _write_export(job, out)}
-    return {"notice": []}
+        _write_export(job, out)
+    return {}
 
 
 def _write_report(job: JobRequest, out: Path) -> None:
@@ -1086,23 +1085,17 @@ def _write_report(job: JobRequest, out: Path) -> None:
     )
 
 
-def _write_export(job: JobRequest, out: Path) -> list[str]:
+def _write_export(job: JobRequest, out: Path) -> None:
     """Export the current model in the format of the file's suffix.
 
-    Its head has the verdict ``job["verdict"]``, which the page shows beside it. Returns a
-    sentence on what the format cannot hold, and on that verdict.
+    Its head has the verdict ``job["verdict"]``, which the page shows beside it.
     """
     urdf = job.get("urdf") if out.name == "robot.urdf" else None
     x, y, z = numbers("flange", job.get("flange") or "0,0,0", 3)
     model = job.model
     model.provenance["verdict"] = job["verdict"]
     judged = Verdict.from_dict(job["verdict"])
-    lost = write_model(model, out, urdf, flange=(x, y, z), judged=judged)
-    if not lost:
-        return []
-    names = ", ".join(map(effect_in_words, lost))
-    lacks = f"{out.suffix} files cannot hold {names}; model.json can."
-    return [lacks, f"As exported: {judged.headline}"]
+    write_model(model, out, urdf, flange=(x, y, z), judged=judged)
 
 
 def forward(job: JobRequest) -> Answer:

@@ -14,7 +14,7 @@ from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
 from sdp_vs_penalty.estimation.verdict import FIT, GRADES, MISSING, Verdict
-from sdp_vs_penalty.page.spoken import shown_name
+from sdp_vs_penalty.page.spoken import shown_name, spoken
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.render.tables import facts_from_json
 from sdp_vs_penalty.results.facts import Fact
@@ -175,4 +175,5 @@ class ModelStep(JsonRecord):
         runs = runs if len(names) <= 3 else f"{len(names)} runs"
         parts = "parts of " if len(names) < len(self.judged_on) else ""
         together = ", together" if len(names) > 1 else ""
+        kind = spoken(kind).rstrip(".")
         return f"{kind} ({parts}{runs}{together})".lstrip()

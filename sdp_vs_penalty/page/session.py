@@ -1660,16 +1660,16 @@ class Session:
         name = request["name"]
         try:
             if is_aside:
-                answer = await self.pool.run(request, no_progress, is_aside=True)
+                await self.pool.run(request, no_progress, is_aside=True)
             else:
                 self._doing(title=f"Making {name}", status="")
-                answer = await self._run(request)
+                await self._run(request)
         except InputError as error:
             self.say(f"{name}: {error}")
             return
         self.made[name] = json.dumps(request)
         self.taken = {*self.taken, name}
-        self.say(*answer["notice"], error=False)
+        self.say()
         ready(name)
 
     def _content(self, name: str) -> dict[str, Any]:

@@ -14,6 +14,7 @@ _STAGES = {
     "`ranges` says": 'under "Between which values?" stands',
     "N*m": "N m",
     " -> ": " → ",
+    "on training motion": "on motion that it was identified from",
 }
 #: What is advised for raw files of a public data set, by the name of its robot.
 _FETCH = r"take what `sdp-vs-penalty fetch (\w+)` makes of this raw file"

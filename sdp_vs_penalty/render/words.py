@@ -558,18 +558,22 @@ def describe_addition(before: Comparison, after: Comparison) -> str:
 
     The worst joint is the one with the largest error before. "" if nothing was added.
     """
-    known = {(x.name, tuple(x.joints)) for x in before.estimate.model.effects}
-    new = [
-        effect.text
-        for effect in after.estimate.model.effects
-        if (effect.name, tuple(effect.joints)) not in known
-    ]
+    new = new_effects(before.estimate, after.estimate)
     if not new:
         return ""
     joint = before.worst_joint
     error = after.errors.words(joint)
     change = f"Now, with {effects_in_words(new)}, joint {joint} errs by {error}."
     return f"{change} {describe_worse(before, after)}".rstrip()
+
+
+def new_effects(before: Estimate | None, after: Estimate) -> list[str]:
+    """Return the effects of a model, as `add` writes them, that the one before it lacks;
+    one at other constants is none. All, without one before it."""
+    known = before.model.effects if before else ()
+    places = [(effect.name, (*effect.joints,)) for effect in known]
+    effects = after.model.effects
+    return [x.text for x in effects if (x.name, (*x.joints,)) not in places]
 
 
 def describe_remedy(remedy: Remedy) -> str:

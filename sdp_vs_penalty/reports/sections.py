@@ -344,13 +344,13 @@ def history(data: ReportData) -> Context:
     """Return the context of the section on the models: what each added, and its
     errors.
     """
-    known: set[str] = set()
     steps = []
+    before = None
     for name, estimate in data.models.items():
-        new = [e.text for e in estimate.model.effects if e.text not in known]
-        known |= {e.text for e in estimate.model.effects}
+        new = words.new_effects(before, estimate)
         added = effects_in_words(new) or "the same effects"
         steps.append((name, estimate.method, len(estimate.theta), added))
+        before = estimate
     last = data.comparisons[-1]
     facts = {x.name: x.facts() for x in data.comparisons}
     if len(facts) == 1:
