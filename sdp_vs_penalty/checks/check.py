@@ -39,12 +39,14 @@ from sdp_vs_penalty.data.plausibility import (
     check_torque,
     far_outside,
     radians_per_percent,
+    usual_units,
 )
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.kinds.position_unit import KINDS_OF_UNITS
 from sdp_vs_penalty.race.race import HeldRaces
+from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, joined
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.threads import on_one_thread
@@ -314,6 +316,11 @@ def _with_range_error(
     if repairs:
         what = "the positions are not possible for this robot as they are logged."
         refused = replace(refused, what=what, remedy=repairs[0].remedy)
+    elif units := usual_units(problem.robot, run.q):
+        named = ", ".join(f"{column} in {unit}" for column, unit in units.items())
+        scale = {"run": run.names[0], "scale": units}
+        change = Change("read", f"read {named}", scale)
+        refused = replace(refused, changes=(change, *refused.changes))
     return [*(f for f in issues if f.nature == FACT), refused, *repairs]
 
 
