@@ -21,7 +21,7 @@ from PIL import Image  # noqa: E402
 from sdp_vs_penalty.reports.demo import demo  # noqa: E402
 
 #: Pixels that are kept of each screen, from its top, and the colours of a picture.
-_SCREENS = {"check": 760, "identify": 1150, "diagnose": 1700}
+_SCREENS = {"check": 760, "identify": 1150, "diagnose": 1150}
 _WIDTH = 1100
 _COLOURS = 96
 
