@@ -11,7 +11,7 @@ __getattr__ = lazy_exports(
     **{
         "hypotheses.report": "ColumnReport ColumnRow describe_columns",
         "hypotheses.weighing": "unit_of_clock",
-        "hypotheses.recognition": "recognise recognised",
+        "hypotheses.recognition": "recognise",
         "words.loggers": "LOGGERS",
     },
 )

@@ -745,6 +745,8 @@ def _as_the_arm_says(
     def clock_of_positions(q: Array) -> Array:
         return seconds(_with_unit_of_clock(found, t, {"q": q}, choice.rate))
 
+    if robot is not None:
+        found = by_arm.with_lengths(found, robot)
     if robot is not None and "q" not in (choice.scale or {}):
         links = getattr(choice.joints, "links", None)
         of_links = by_arm.fit_of(robot, clock_of_positions, links)
@@ -834,6 +836,9 @@ def sentence_and_command(
     units = (f"{group} in {x.answer}, {x.why}" for group, x in found.units.items())
     said = [f"columns recognised ({found.logger or 'as chosen'}): {', '.join(shown)}"]
     said += [*units, *found.said]
+    heard = {x.split(" ")[0] for x in (*found.units, *found.said)}
+    if unsaid := sorted(found.unsaid - heard):
+        said.append(f"no name says the unit of {formatting.words(unsaid)}: taken as SI")
     if found.joints:
         other = " in the file's order, for the robot's have other names"
         said.append(

@@ -194,6 +194,20 @@ def test_a_clock_goes_with_a_unit_of_positions_that_is_possible(tmp_path):
     assert got.unit_command.count("@2048,t=ms ")
 
 
+def test_a_slide_s_position_is_no_angle(tmp_path):
+    """The lines above a table say degrees, and mean the joints that turn."""
+    problem = load_problem(Path(__file__).parents[1] / "robot/gantry.urdf")
+    motion = small_run(problem)
+    slides = [joint.kind == "prismatic" for joint in problem.robot.joints]
+    to_file = np.where(slides, 1.0, DEGREES)
+    q, dq = to_file * motion.q, to_file * motion.dq
+    path = table(tmp_path / "run.csv", time=motion.t, pos=q, vel=dq, trq=motion.tau)
+    path.write_text(f"# units: s deg deg/s Nm\n{path.read_text()}")
+    got = convert(path, problem=problem)
+    np.testing.assert_allclose(got.q, motion.q)
+    np.testing.assert_allclose(got.dq, motion.dq, rtol=1e-4)
+
+
 def test_convert_says_what_the_arm_has_to_decide(run, tmp_path, capsys, monkeypatch):
     """By the command that `check` prints."""
     monkeypatch.chdir(tmp_path)

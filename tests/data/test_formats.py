@@ -23,7 +23,7 @@ from sdp_vs_penalty import (
     load_estimate,
     load_measurements,
 )
-from sdp_vs_penalty.data import concatenate, read_run, recognised, save
+from sdp_vs_penalty.data import concatenate, read_run, recognise, save
 from sdp_vs_penalty.data.files import run_files, training_runs
 from sdp_vs_penalty.data.formats import suffixes
 from sdp_vs_penalty.errors import Remark
@@ -278,10 +278,10 @@ def test_a_bag_that_was_cut_off_is_refused(mcap, share, tmp_path):
 
 
 def test_what_is_no_log_is_not_recognised():
-    assert recognised(["a", "b", "c"]) is None
-    assert recognised(["time", "price", "volume"]) is None
+    assert recognise(["a", "b", "c"]) is None
+    assert recognise(["time", "price", "volume"]) is None
     assert (
-        recognised(["time", *(f"q_{k}" for k in range(3, 9))]) is None
+        recognise(["time", *(f"q_{k}" for k in range(3, 9))]) is None
     )  # three joints are missing
 
 
@@ -484,20 +484,18 @@ def test_a_joint_s_force_stands_beside_torques():
     joints = ["rail_joint", "turn_joint"]
     names = ["t", "rail_joint_pos", "turn_joint_pos"]
     names += ["rail_joint_force [N]", "turn_joint_torque [Nm]"]
-    rename, _ = recognised(names, joints)
+    rename = recognise(names, joints).rename
     assert (rename["tau1"], rename["tau2"]) == (names[3], names[4])
 
 
 def test_letters_with_units_are_a_rail_s_too():
     names = ["t", "th1[m]", "th2[°]", "u1[N]", "u2[N m]"]
-    rename, scale = recognised(names)
-    assert [*rename.values()] == names
-    assert scale == {"q2": pytest.approx(np.pi / 180.0)}
+    found = recognise(names)
+    assert [*found.rename.values()] == names
+    assert found.scale == {"q2": pytest.approx(np.pi / 180.0)}
 
 
 def test_the_first_axis_is_no_ampere():
     """KUKA's and ABB's axes are A1, A2 ..."""
-    from sdp_vs_penalty.data.hypotheses.recognition import recognise
-
     found = recognise(["t", *(f"{x}.A{k}" for x in ("Pos", "Trq") for k in (1, 2))])
     assert found.torque_unit == ""

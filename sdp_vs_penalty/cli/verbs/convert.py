@@ -104,12 +104,18 @@ def _what_is_open(
     from sdp_vs_penalty.checks import check_runs
     from sdp_vs_penalty.checks.report import list_remedies
     from sdp_vs_penalty.cli import printing
+    from sdp_vs_penalty.data.files import read_run
     from sdp_vs_penalty.problem.load import as_problem
 
     if run.unit_command and "UNIT" not in run.unit_command:
         return None
-    with suppress(InputError), catch_warnings(action="ignore"):
-        (report,) = check_runs(as_problem(robot), [run])
+    with suppress(InputError):
+        known = as_problem(robot)
+        # As `check` reads it, which may tell more of what has our names.
+        copy = read_run(command.runs[0], known.robot.n, known.channel_names)
+        copy = replace(copy, unit_command=run.unit_command, torque_unit=run.torque_unit)
+        with catch_warnings(action="ignore"):
+            (report,) = check_runs(known, [copy])
         issues = report.errors_and_warnings
         left = [x for x in issues if x.severity == "error" or x.kind == "torque unit"]
         if left:

@@ -184,6 +184,19 @@ def with_unit_of_positions(
     return replace(found, is_of_arm=True), {**blocks, **moved}
 
 
+def with_lengths(found: Recognition, robot: Robot) -> Recognition:
+    """Take lengths of prismatic joints in metres where a unit of angles is said of all."""
+    slides = np.delete(np.arange(robot.n), _revolute(robot))
+    for group in ("q", "dq", "qcmd"):
+        factors = np.array(found.factors(group, robot.n))
+        if np.isin(factors[slides], (UNITS["deg"], _TURN)).any():
+            factors[slides] = 1.0
+            said = f"{group} of prismatic joints in m, which no angle is"
+            found = found.with_factors(group, factors.tolist())
+            found = replace(found, said=(*found.said, said))
+    return found
+
+
 def with_joint_side(
     found: Recognition, blocks: dict[str, Array], robot: Robot, fit: Fit
 ) -> tuple[Recognition, dict[str, Array]]:

@@ -77,11 +77,8 @@ class Recognition:
 
     def with_unit(self, group: str, unit: ColumnHypothesis) -> Recognition:
         """Return the recognition with another unit of a channel group."""
-        scale = {k: x for k, x in self.scale.items() if group_of(k) != group}
-        factor = UNITS.get(unit.answer.lower(), 1.0)
-        if factor != 1.0:
-            scale |= {k: factor for k in self.rename if group_of(k) == group}
-        return replace(self, scale=scale, units={**self.units, group: unit})
+        found = self.with_factors(group, [UNITS.get(unit.answer.lower(), 1.0)])
+        return replace(found, units={**self.units, group: unit})
 
     def with_factors(self, group: str, factors: Sequence[float]) -> Recognition:
         """Return the recognition with other factors to SI of a group's joints."""
@@ -91,7 +88,8 @@ class Recognition:
         elif len(names) < len(factors):  # of a block
             names = [f"{group}{k}" for k, _ in enumerate(factors, 1)]
         scale = {k: x for k, x in self.scale.items() if group_of(k) != group}
-        return replace(self, scale=scale | dict(zip(names, factors, strict=True)))
+        scale |= {k: x for k, x in zip(names, factors, strict=True) if x != 1.0}
+        return replace(self, scale=scale)
 
     def without_unit(self, group: str) -> Recognition:
         """Return the recognition that says nothing of a channel group's unit."""

@@ -209,19 +209,6 @@ def _without_unit(found: Recognition, said: Mapping[str, Meaning]) -> frozenset[
     return frozenset({"q", "tau"} - has_unit)
 
 
-def recognised(
-    names: Sequence[str], joints: Sequence[str] | None = None
-) -> tuple[dict[str, str], dict[str, float]] | None:
-    """Recognise columns by their names alone: the file's names, and factors to SI, by
-    ours; None where positions, torques or the clock are not recognised."""
-    found = recognise(names, joints)
-    return (
-        None
-        if found is None or "t" not in found.rename
-        else (found.rename, found.scale)
-    )
-
-
 def _shortened(names: Sequence[str]) -> str:
     """List columns for a message. A group whose names differ only by numbers is shown
     by its first and its last."""
