@@ -20,6 +20,7 @@ from recorded import refusal
 from sdp_vs_penalty import export, load_problem
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.verdict import FIT, Line, Verdict
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.exporters.inertials import check_urdf, massless_links
 from sdp_vs_penalty.page import jobs
@@ -186,6 +187,7 @@ def test_a_payload_for_the_makers_controllers(tmp_path):
         "model": str(tmp_path / "model.json"),
         "folder": str(tmp_path),
         "flange": "0,0,0.05",
+        "verdict": Verdict((Line(FIT, "good", "No error."),), None, "", ()).to_dict(),
     }
     jobs.take(
         jobs.JobRequest({**request, "name": "endeffector-config.json"})
