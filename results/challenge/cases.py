@@ -208,15 +208,6 @@ def truth_of(case: Case, built: BuiltCase) -> Record:
     }
 
 
-def all_hidden_energies(
-    kind: CaseClass, estimate: Estimate, built: BuiltCase
-) -> list[float]:
-    """How visible each hidden effect is; none where nothing is hidden."""
-    if not built.hidden:
-        return []
-    return energies(built.logged[:-1], estimate, kind.frozen)
-
-
 def run_case(case: Case) -> tuple[str, Record]:
     """The case's key and its record, which is plain JSON: its world and runs, the last
     of which is the test run, what the diagnosis says of them, in how many seconds of

@@ -6,6 +6,7 @@ the order of the code.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -146,30 +147,26 @@ def check_runs(
         if run.n != problem.robot.n:
             raise other_robot(run.n, problem.robot.n, run.names[0])
     # A report for each window of each run; a run that is not long is one window.
-    windows: list[Report] = []
-    of_run: list[tuple[Measurements, slice]] = []
-    for run in runs:
-        first = len(windows)
-        windows += _facts_of_windows(problem, run)
-        of_run.append((run, slice(first, len(windows))))
-    for k, issue in find_overlaps([w.original or w.repaired_all for w in windows]):
+    by_run = [_facts_of_windows(problem, run) for run in runs]
+    windows = [*chain.from_iterable(by_run)]
+    for k, issue in find_overlaps([w.as_logged for w in windows]):
         windows[k] = with_issues(windows[k], [issue])
     windows = judge_dynamics(problem, windows, races or HeldRaces())
     windows = [judge_ranges(problem, report, are_plausible) for report in windows]
     if thorough:
         windows = [judge_excitation(problem, report) for report in windows]
     windows = [
-        replace(
-            w,
-            repaired_certain=mended_for_certain(w.original or w.repaired_all, w.issues),
-        )
+        replace(w, repaired_certain=mended_for_certain(w.as_logged, w.issues))
         for w in windows
     ]
-    reports = [_report_of_run(run, windows[part]) for run, part in of_run]
-    return [
-        replace(r, issues=gravest_first(_with_last_resort(r, len(runs) > 1)))
-        for r in reports
-    ]
+    reports, first = list[Report](), 0
+    for run, of_run in zip(runs, by_run, strict=True):
+        end = first + len(of_run)
+        report = _report_of_run(run, windows[first:end])
+        issues = _with_last_resort(report, len(runs) > 1)
+        reports.append(replace(report, issues=gravest_first(issues)))
+        first = end
+    return reports
 
 
 def _with_last_resort(report: Report, has_others: bool) -> list[Issue]:
@@ -291,7 +288,7 @@ def _with_range_error(
 
     Otherwise nothing that a model makes of impossible positions is worth saying.
     """
-    run = report.original or report.repaired_all
+    run = report.as_logged
     impossible = None
     try:
         if not is_plausible:
@@ -299,14 +296,14 @@ def _with_range_error(
     except InputError as error:
         impossible = error
     if any(f.kind in KINDS_OF_UNITS for f in issues):
-        issues = [f for f in issues if f.kind != "quantisation"]  # of the unit's steps
         percent = radians_per_percent(problem.robot, run.q)
-        return [
-            unit_as_fact(f, impossible is not None, percent)
-            if f.kind in KINDS_OF_UNITS
-            else f
-            for f in issues
-        ]
+        as_facts = []
+        for issue in issues:
+            if issue.kind in KINDS_OF_UNITS:
+                issue = unit_as_fact(issue, impossible is not None, percent)
+            if issue.kind != "quantisation":  # of the unit's steps
+                as_facts.append(issue)
+        return as_facts
     if impossible is None:
         return [*issues]
     far = far_outside(problem.robot, run.q)

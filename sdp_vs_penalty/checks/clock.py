@@ -6,7 +6,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.certainty import certain, likely, possible
@@ -21,7 +20,7 @@ from sdp_vs_penalty.data.store import column_range
 from sdp_vs_penalty.data.stretches.gaps import is_set_back
 from sdp_vs_penalty.data.words.units import UNITS
 from sdp_vs_penalty.results.remedy import Change
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
 from sdp_vs_penalty.signals.runs import spans
 
 #: Time steps [s] of a log that somebody would identify from.
@@ -82,11 +81,14 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     shortest, longest = _STEPS
     t = glance.run.t
     found = unit_of_dates(t)
-    fits = {
+    # Clocks that count hundreds of nanoseconds count dates.
+    possible_units = [unit for unit in _UNITS.values() if unit != "100ns"]
+    if found:
+        possible_units = [found.answer]
+    fits = {  # units [s] that bring the steps inside, by their names
         name: UNITS[unit]
         for name, unit in _UNITS.items()
-        # Clocks that count hundreds of nanoseconds count dates.
-        if (unit == found.answer if found else unit != "100ns")
+        if unit in possible_units
         and shortest <= glance.usual_step * UNITS[unit] <= longest
     }
     if not fits:
@@ -178,20 +180,20 @@ def _usual_speed(glance: RunSummary, unit: float = 1.0) -> float:
     t = glance.run.t
     if glance.usual_step == 0.0 or not glance.moving.any():
         return 0.0
-    averaged = max(_AVERAGED_ROWS, round(_AVERAGED / (glance.usual_step * unit)))
-    averages = min(_AVERAGES, len(t) // averaged)
-    if averages < 2:
+    rows_averaged = max(_AVERAGED_ROWS, round(_AVERAGED / (glance.usual_step * unit)))
+    n_averages = min(_AVERAGES, len(t) // rows_averaged)
+    if n_averages < 2:
         return 0.0
-    length = averages * averaged  # rows of a stretch
+    length = n_averages * rows_averaged  # rows of a stretch
     count = max(1, min(len(t), _ROWS_OF_SPEED) // length)
     first = np.linspace(0, len(t) - length, count).astype(int)
     rows = first[:, None] + np.arange(length)  # (stretches, rows)
     # A wrapped angle jumps by a turn, which is no travel.
     q = np.unwrap(glance.run.q[rows][..., glance.moving], axis=1)
-    smooth = q.reshape(count, averages, averaged, -1).mean(axis=2)
+    smooth = q.reshape(count, n_averages, rows_averaged, -1).mean(axis=2)
     travel = np.abs(np.diff(smooth, axis=1)).sum(axis=1)  # (stretches, joints)
     # From the middle of the first average to that of the last.
-    share = (averages - 1) * averaged / (length - 1)
+    share = (n_averages - 1) * rows_averaged / (length - 1)
     took = share * unit * np.abs(np.diff(t[rows], axis=1)).sum(axis=1)
     speeds = travel[took > 0.0] / took[took > 0.0, None]
     if speeds.size == 0:
@@ -209,14 +211,14 @@ def _may_be_in_radians(glance: RunSummary) -> bool:
     return bool(np.all(is_within[glance.moving]))
 
 
-def _goes_on(glance: RunSummary, rows: NDArray[np.intp]) -> Rows:
+def _goes_on(glance: RunSummary, rows: Indices) -> Rows:
     """Return at which of K steps (numbers of the rows before them) the arm moves no
     farther than in the ten steps before and behind: the motion goes on there."""
     scaled = glance.run.q / nonzero_or_one(np.ptp(glance.run.q, axis=0))
     travel = np.linalg.norm(np.diff(scaled, axis=0), axis=1)
     usual = [float(np.median(travel[max(k - 10, 0) : k + 11])) for k in rows]
     # A thousandth of the range allows for noise at rest.
-    return np.asarray(travel[rows] < 3.0 * np.array(usual) + 1e-3)
+    return travel[rows] < 3.0 * np.array(usual) + 1e-3
 
 
 def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
@@ -349,7 +351,7 @@ def _even(t: Array) -> Array:
     middle = np.mean(used)
     centred = used - middle
     step = float(centred @ (t[used] - t[0])) / float(centred @ centred)
-    return np.asarray(np.mean(t[used]) + step * (row - middle))
+    return np.mean(t[used]) + step * (row - middle)
 
 
 def find_repeated_time(glance: RunSummary) -> Iterator[Issue]:
@@ -476,7 +478,7 @@ def _roughness(glance: RunSummary, share: Array, is_inner: Rows) -> Array:
     q = glance.run.q[:, glance.moving]
     on_line = q[:-2] * (1.0 - share)[:, None] + q[2:] * share[:, None]
     distance = (q[1:-1] - on_line)[is_inner]
-    return np.asarray(np.sqrt(np.mean(distance**2, axis=0)))
+    return np.sqrt(np.mean(distance**2, axis=0))
 
 
 def find_time_jumps(glance: RunSummary) -> Iterator[Issue]:
@@ -496,6 +498,7 @@ def find_time_jumps(glance: RunSummary) -> Iterator[Issue]:
     shortest_pause = 0.02  # s
     is_long = glance.steps > max(GAP * glance.usual_step, shortest_pause)
     for issue in find_changes_of_rate(glance):
+        # A file's rows count from 1, its heads first: row 2 is the first sample.
         first, last = issue.figures["rows"]
         is_long[first - 2 : last - 2] = False
     long = np.flatnonzero(is_long)
@@ -509,7 +512,7 @@ def find_time_jumps(glance: RunSummary) -> Iterator[Issue]:
         yield _gap(glance, long[~is_set])
 
 
-def _clock_step(glance: RunSummary, rows: NDArray[np.intp]) -> Issue:
+def _clock_step(glance: RunSummary, rows: Indices) -> Issue:
     """Return the warning that the clock was set ahead after some rows (numbers from
     0)."""
     is_wrong = np.isin(np.arange(len(glance.steps)), rows)
@@ -525,7 +528,7 @@ def _clock_step(glance: RunSummary, rows: NDArray[np.intp]) -> Issue:
     )
 
 
-def _gap(glance: RunSummary, rows: NDArray[np.intp]) -> Issue:
+def _gap(glance: RunSummary, rows: Indices) -> Issue:
     """Return the warning that samples are missing after some rows (numbers from 0)."""
     steps = glance.steps[rows]
     return _about_steps(
@@ -539,7 +542,7 @@ def _gap(glance: RunSummary, rows: NDArray[np.intp]) -> Issue:
     )
 
 
-def _about_steps(glance: RunSummary, rows: NDArray[np.intp], **said: Any) -> Issue:
+def _about_steps(glance: RunSummary, rows: Indices, **said: Any) -> Issue:
     """Return an issue about the long steps after some rows (numbers from 0), with the rows
     behind them as a file numbers them (a hundred at most), and the longest step [s]."""
     return make_issue(

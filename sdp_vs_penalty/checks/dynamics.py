@@ -102,9 +102,10 @@ class LoggerJudge:
         self.reports = [*reports]
         self.logs: dict[int, Likelihood] = {}
         for k, report in enumerate(reports):
-            if not has_dynamics(report):
-                continue
             run = report.repaired_all
+            is_ruled_out = any(f.kind in NO_DYNAMICS for f in report.issues)
+            if is_ruled_out or not run.torque_logged:
+                continue
             try:
                 filters = problem.preprocessing.resolve(run)
                 data = RegressionData.from_run(problem, run, filters)
@@ -186,11 +187,8 @@ class LoggerJudge:
         if is_rated or any(issue.kind in UNSCALED for issue in size):
             stated = [f for f in stated if f.kind not in ("torque gain", "torque unit")]
             # Columns of several joints tell something where their torques compare.
-            across = [
-                claim.hypothesis.kind
-                for claim in verdict.claims
-                if claim.hypothesis.further is not None
-            ]
+            hypotheses = [claim.hypothesis for claim in verdict.claims]
+            across = [h.kind for h in hypotheses if h.further is not None]
             stated = [
                 with_rival_effects(f, [OWN_GAINS]) if f.kind in across else f
                 for f in stated
@@ -203,24 +201,22 @@ class LoggerJudge:
     ) -> tuple[list[Issue], LogTransform]:
         """List the issues about what differs in one run, or from an instant of it on,
         with what undoes those that a change of its log does."""
-        log = self.logs[number]
+        log, run = self.logs[number], self.reports[number].run
         place = [*self.logs].index(number)
-        issues = []
+        issues: list[Issue] = []
         undone = log.as_logged
         for claim in verdict.differences():
             part = claim.hypothesis.part
             if part is None or part.run not in (None, place):
                 continue
             if part.until is not None:
-                ends = [self._time_in_run(number, x) for x in part.ends]
-                begin, end = ends
+                begin, end = (self._time_in_run(number, t) for t in part.ends)
                 if begin is None or end is None:
                     continue
                 issue = issue_of_span(log, claim, begin, end)
             elif part.after is not None:
                 issue = _two_arms(log, claim, part.after, mass_unit)
             else:
-                run = self.reports[number].run
                 issue = issue_of_difference(log, claim, run, mass_unit)
                 if (repair := repair_of(claim)) is not None:
                     undone = undone.followed_by(repair)
@@ -265,15 +261,17 @@ class LoggerJudge:
             # Rows are judged as the difference from the other runs is undone.
             net = repaired
         # What is done twice to a run, as its sign turned in all runs and here again, is
-        # not done.
-        left = list_faults(log, repaired)
-        faults = {(fault.kind, j + 1) for fault in left for j in fault.joints or (-1,)}
-        of_log = [
-            issue
-            for issue in (*self._said_of_run(number, stated), *differences)
-            if not issue.apply
-            or faults & {(issue.kind, j) for j in issue.figures["joints"] or (0,)}
-        ]
+        # not done. A fault of no joint stands as one of joint 0.
+        faults_left = {
+            (fault.kind, joint)
+            for fault in list_faults(log, repaired)
+            for joint in [j + 1 for j in fault.joints] or [0]
+        }
+        of_log = []
+        for issue in (*self._said_of_run(number, stated), *differences):
+            joints = issue.figures["joints"] or [0] if issue.apply else []
+            if not issue.apply or faults_left & {(issue.kind, j) for j in joints}:
+                of_log.append(issue)
         # Of a motion of few directions what is left says nothing.
         unexplained = [] if self.is_poor_motion else [*unexplained_torque(log, net)]
         if any(x.kind in (TWO_ARMS, EVENT, *NOT_REPAIRED) for x in differences):
@@ -376,19 +374,6 @@ def with_issues(report: Report, issues: Sequence[Issue]) -> Report:
     return replace(report, issues=(*report.issues, *issues))
 
 
-def has_dynamics(report: Report) -> bool:
-    """Whether the dynamics of a run can be judged: torques were logged, and no fact
-    rules it out.
-
-    Returns
-    -------
-    bool
-        Whether they can be judged.
-    """
-    stops = any(f.kind in NO_DYNAMICS for f in report.issues)
-    return report.repaired_all.torque_logged and not stops
-
-
 def is_explained_by_a_fact(issue: Issue, report: Report) -> bool:
     """Whether a fact of the run already explains an issue: all its joints are clipped,
     or a one-off event lies where rows are missing."""
@@ -417,18 +402,19 @@ def _cuts(report: Report, issue: Issue) -> tuple[Change, ...]:
     if "t" not in issue.figures:
         return ()
     at = issue.figures["t"]
-    half = 0.5 * EVENT_WIDTH
-    first, last = issue.figures.get("span", [at - half, at + half])
-    begin, end = report.repaired_all.t[[0, -1]].tolist()
-    parts = [("what comes after", [at, end]), ("what comes before", [begin, at])]
-    parts.sort(key=lambda part: part[1][1] - part[1][0])
     if issue.kind == EVENT:
-        parts = [(f"{last - first:.2g} s around", [first, last])]
+        half = 0.5 * EVENT_WIDTH
+        first, last = issue.figures.get("span", [at - half, at + half])
+        parts = [(f"{last - first:.2g} s around", first, last)]
+    else:
+        begin, end = report.repaired_all.t[[0, -1]].tolist()
+        parts = [("what comes after", at, end), ("what comes before", begin, at)]
+        parts.sort(key=lambda part: part[2] - part[1])
     return tuple(
         Change(
             "cut",
             f"leave {what} {at:.4g} s of {report.run} out",
-            {"run": report.run, "spans": [span]},
+            {"run": report.run, "spans": [[first, last]]},
         )
-        for what, span in parts
+        for what, first, last in parts
     )

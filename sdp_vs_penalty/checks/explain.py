@@ -67,15 +67,9 @@ def issues_of_all(
     runs : sequence of tuple
         Name and rows of each run, and how they are repaired.
     """
-    faults = list_faults(log, net)
     issues = []
-    for fault in faults:
-        claims = [
-            claim
-            for claim in verdict.claims_of_all()
-            if claim.hypothesis.kind == fault.kind
-            and _is_within(claim.hypothesis.joints, fault.joints)
-        ]
+    for fault in list_faults(log, net):
+        claims = [x for x in verdict.claims_of_all() if _is_about(x, fault)]
         if fault.kind == DRIFT and len(runs) > 1:
             fault = drift_of_runs(fault, runs)
         issues.append(graded(_of_fault(log, fault, claims, net), verdict, claims))
@@ -83,6 +77,16 @@ def issues_of_all(
         if claim.hypothesis.by_controller:
             issues.append(graded(_of_controller(claim), verdict, [claim]))
     return issues
+
+
+def _is_about(claim: Claim, fault: Fault) -> bool:
+    """Whether a claim has made a fault: they are of one kind, and the joints of one are
+    among those of the other, since several claims may make one fault and the other way
+    round."""
+    joints, others = set(claim.hypothesis.joints), set(fault.joints)
+    return claim.hypothesis.kind == fault.kind and (
+        joints <= others or others <= joints
+    )
 
 
 def graded(issue: Issue, verdict: RaceOutcome, claims: Sequence[Claim]) -> Issue:
@@ -136,11 +140,6 @@ def _of_controller(claim: Claim) -> Issue:
     )
 
 
-def _is_within(one: Sequence[int], other: Sequence[int]) -> bool:
-    """Whether all joints of one are joints of the other, or the other way round."""
-    return set(one) <= set(other) or set(other) <= set(one)
-
-
 def _of_fault(
     log: Likelihood, fault: Fault, claims: Sequence[Claim], net: LogTransform
 ) -> Issue:
@@ -156,20 +155,16 @@ def _of_fault(
         figures["interval"] = ends
         what = f"{what.rstrip('.')} (95 %: {fault.interval_in_words(ends)})."
     rivals = [x for claim in claims for x in claim.rivals]
-    faults = [x for x in rivals if not x.hypothesis.effect]
-    words = [
-        text
-        for x in faults
-        if (text := _words_of_rival(log, x, claims)) != fault.sentence
-    ]
-    if words:
-        words = [text.rstrip(".") for text in words]
-        what = f"{what} As likely: {'; '.join(words)}."
+    effects = [x.hypothesis.effect for x in rivals if x.hypothesis.effect]
+    rival_faults = [x for x in rivals if not x.hypothesis.effect]
+    sentences = [_words_of_rival(log, x, claims) for x in rival_faults]
+    as_likely = [text.rstrip(".") for text in sentences if text != fault.sentence]
+    if as_likely:
+        what = f"{what} As likely: {'; '.join(as_likely)}."
         figures["as_likely"] = [
             {"kind": x.hypothesis.kind, "joints": [j + 1 for j in x.hypothesis.joints]}
-            for x in faults
+            for x in rival_faults
         ]
-
     is_repaired = fault.is_repairable and is_known
 
     issue = Issue(
@@ -184,9 +179,8 @@ def _of_fault(
         figures=figures,
         gravity=net.gravity_left if fault.kind.startswith("gravity") else None,
         apply=fault.apply if is_repaired else "",
-        equivalents=tuple(words),
+        equivalents=tuple(as_likely),
     )
-    effects = [x.hypothesis.effect for x in rivals if x.hypothesis.effect]
     return with_rival_effects(issue, effects)
 
 
@@ -200,18 +194,21 @@ def _asked(fault: Fault) -> tuple[Change, ...]:
 
 
 def _words_of_rival(log: Likelihood, rival: Claim, claims: Sequence[Claim]) -> str:
-    """Say what else explains a log as well as claims do."""
+    """Say what else explains a log as well as claims do: the fault that a rival adds to
+    those before the claims."""
     h = rival.hypothesis
-    known = {x.sentence for x in list_faults(log, claims[0].before.chain)}
-    for fault in list_faults(log, rival.fit.chain):
-        if fault.sentence not in known and h.part is None:
-            return fault.sentence
+    if h.part is None:
+        before = {x.sentence for x in list_faults(log, claims[0].before.chain)}
+        for fault in list_faults(log, rival.fit.chain):
+            if fault.sentence not in before:
+                return fault.sentence
     return f"{h.kind} of {joints_text(h.joints)} in a part of the log"
 
 
 def keep_only(log: Likelihood, net: LogTransform, fault: Fault) -> LogTransform:
     """Return the transform that corrects a single one of its faults."""
-    for _ in range(len(list_faults(log, net))):
+    for _ in list_faults(log, net):
+        # Without one fault the transforms of the others are other ones.
         others = [x for x in list_faults(log, net) if x.name != fault.name]
         if not others:
             break
@@ -272,11 +269,16 @@ def issue_of_difference(
         (fault,) = list_faults(log, repair)
         what = f"in {name} only: {fault.what}"
         remedy, apply = f"{fault.remedy} in this run", fault.apply
-    others = {} if h.kind in NOT_REPAIRED else _RIVALS
-    effects = (others.get(x.hypothesis.kind, x.hypothesis.effect) for x in claim.rivals)
+    rivals = []
+    for hypothesis in [rival.hypothesis for rival in claim.rivals]:
+        effect = hypothesis.effect
+        if h.kind not in NOT_REPAIRED:
+            effect = _RIVALS.get(hypothesis.kind, effect)
+        if effect:
+            rivals.append(effect)
     return _of_claim(
         claim,
-        [effect for effect in effects if effect],
+        rivals,
         "one arm for all leaves of a joint's torque {times}",
         kind=h.kind,
         where=joints_text(h.joints) if h.joints else "the run",

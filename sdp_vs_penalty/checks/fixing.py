@@ -177,11 +177,8 @@ def _fixed(report: Report, apply: Sequence[str]) -> tuple[Measurements, list[Iss
     Orders of channels are repaired first: signs and gains refer to joints.
     """
     facts = [f for f in report.issues if f.can_fix]
-    named = [
-        f
-        for f in report.issues
-        if f.apply in apply and f.repair is not None and not f.can_fix
-    ]
+    others = [f for f in report.issues if not f.can_fix]
+    named = [f for f in others if f.apply in apply and f.repair is not None]
     run = report.repaired_certain
     for issue in sorted(named, key=lambda f: not f.apply.startswith("order:")):
         assert issue.repair is not None
@@ -228,7 +225,7 @@ def _checked_again(
             report.repaired_certain if of_run else copy
             for report, copy, of_run in zip(reports, copies, left, strict=True)
         )
-    remaining = list[tuple[str, Issue]]()
+    remaining: list[tuple[str, Issue]] = []
     for report, of_run, explained in zip(reports, left, explanations, strict=True):
         again = [f for f in report.issues if (f.kind, f.where) in explained]
         remaining += [(report.run, issue) for issue in (*of_run, *again)]

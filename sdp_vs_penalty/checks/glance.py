@@ -15,14 +15,14 @@ from sdp_vs_penalty.checks.issue import Issue, make_issue, rows_text
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Mask, nonzero_or_one
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun
 from sdp_vs_penalty.signals.filtered import Rows as FilteredRows
 from sdp_vs_penalty.signals.runs import Movement, moving_joints, spans
 
 #: Which rows: (N,).
-Rows = NDArray[np.bool_]
+Rows = Mask
 
 #: A joint that rests does so for so long [s], or as long as it is asked about.
 _QUARTER_SECOND = 0.25
@@ -172,14 +172,16 @@ class RunSummary:
         **figures
             Further numbers for the sentence and JSON.
         """
-        channels = bad if isinstance(bad, Mapping) else {"": bad}
-        channels = {name: rows for name, rows in channels.items() if rows.any()}
-        if not channels:
+        by_channel = bad if isinstance(bad, Mapping) else {}
+        channels = {name: rows for name, rows in by_channel.items() if rows.any()}
+        gone = np.zeros(len(self.run.t), bool) if isinstance(bad, Mapping) else bad
+        for rows in channels.values():
+            gone = gone | rows
+        if not gone.any():
             return
-        gone = np.any([*channels.values()], axis=0)
         t = self.run.t
         places = spans(gone)  # (parts, 2) first and end row
-        named = ", ".join(filter(None, channels))
+        named = ", ".join(channels)
         first = np.maximum(places[:, 0] - 1, 0)
         last = np.minimum(places[:, 1], len(t)) - 1
         figures |= {
@@ -187,15 +189,14 @@ class RunSummary:
             "parts": len(places),
             "rows": int(gone.sum()),
             "named": named,
-            "joints": sorted({int(x.lstrip("qtau")) - 1 for x in channels if x}),
+            "joints": sorted({int(name.lstrip("qtau")) - 1 for name in channels}),
         }
-        rows = rows_text(self.run, np.flatnonzero(gone))
-        where = f"{named}, {rows}" if named else rows
+        where = rows_text(self.run, np.flatnonzero(gone))
         refuses = unusable or self._lost_share(channels, gone) > c.MOST_LOST
         yield make_issue(
             kind=kind,
             severity="error" if refuses else "warning",
-            where=where,
+            where=f"{named}, {where}" if named else where,
             what=what.format(
                 **figures,
                 times=formatting.times(len(places)),
@@ -229,7 +230,7 @@ def _left_by(columns: Array, torque: Array) -> Array:
     """Return what columns (M, p) leave of a torque (M,) in the least squares."""
     scaled = columns / nonzero_or_one(np.linalg.norm(columns, axis=0))
     theta = np.linalg.lstsq(scaled, torque, c.SEEN_DIRECTIONS)[0]
-    return np.asarray(torque - scaled @ theta)
+    return torque - scaled @ theta
 
 
 def _rms(x: Array) -> float:

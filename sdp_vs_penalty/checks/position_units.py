@@ -27,23 +27,23 @@ def unit_as_fact(
         is_sure = issue.certainty.grade != "possible"
         nature, severity = (FACT, "error") if is_sure else (EXPLANATION, "warning")
         return replace(issue, nature=nature, severity=severity)
-    told, changes = issue.certainty, issue.changes
+    fact = replace(issue, nature=FACT, severity="error")
     is_percent = issue.kind == "positions in per cent"
-    if is_percent or issue.kind in ("positions in degrees", "position unit"):
-        unit = "per cent" if is_percent else "degrees"
-        why = f"outside what the joints can reach, and inside it as {unit}"
-        told = certain(why)
-        if percent is not None:
-            factors = ":".join(f"{scale:.6g}" for scale, _ in percent.values())
-            other = "degrees" if is_percent else "per cent of each joint's range"
-            reading = {"scale": {"q": "deg" if is_percent else factors}}
-            changes = (*changes, Change("read", f"read q in {other}", reading))
-            told = likely(f"{why}; as {other} the torques are explained worse")
-            if issue.equivalents:
-                told = possible(f"{why}; as {other} the torques are explained as well")
-    return replace(
-        issue, nature=FACT, severity="error", certainty=told, changes=changes
-    )
+    if not is_percent and issue.kind not in ("positions in degrees", "position unit"):
+        return fact
+    unit, other = "degrees", "per cent of each joint's range"
+    if is_percent:
+        unit, other = "per cent", "degrees"
+    why = f"outside what the joints can reach, and inside it as {unit}"
+    if percent is None:
+        return replace(fact, certainty=certain(why))
+    factors = ":".join(f"{scale:.6g}" for scale, _ in percent.values())
+    reading = {"scale": {"q": "deg" if is_percent else factors}}
+    told = likely(f"{why}; as {other} the torques are explained worse")
+    if issue.equivalents:
+        told = possible(f"{why}; as {other} the torques are explained as well")
+    change = Change("read", f"read q in {other}", reading)
+    return replace(fact, certainty=told, changes=(*issue.changes, change))
 
 
 def unit_asked_for(evidence: Evidence, fit: ViewFit, command: str) -> list[Issue]:

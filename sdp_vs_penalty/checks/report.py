@@ -38,14 +38,14 @@ def list_remedies(reports: Sequence[Report]) -> tuple[Remedy, ...]:
     repairs = [x for x in repairs if x.why != RIVAL_EFFECT.why]
     if len(repairs) > 1:
         words = [word for x in repairs for word in x.change.arguments["apply"]]
-        change = Change(
-            "transform", f"make these {len(repairs)} repairs", {"apply": words}
-        )
         problems = dict.fromkeys(x.problem.rstrip(".") for x in repairs)
-        kinds = f"{formatting.words(list(problems))}."
-        grade = min((x.certainty for x in repairs), key=_GRADES.index)
-        why = "the least sure of them is so"
-        remedies.insert(0, Remedy(kinds, grade, why, change))
+        everything = Remedy(
+            f"{formatting.words(list(problems))}.",
+            min((x.certainty for x in repairs), key=_GRADES.index),
+            "the least sure of them is so",
+            Change("transform", f"make these {len(repairs)} repairs", {"apply": words}),
+        )
+        remedies.insert(0, everything)
     first = ("transform", "mount", "read", "cut", "hold", "record").index
     return tuple(sorted(remedies, key=lambda x: first(x.change.verb)))
 
@@ -96,6 +96,11 @@ class Report(Record):
     def has_poor_motion(self) -> bool:
         """Whether the motion has at most half as many directions as moving joints."""
         return self.lockstep is not None and self.lockstep.is_poor
+
+    @property
+    def as_logged(self) -> Measurements:
+        """The run before any repair."""
+        return self.original or self.repaired_all
 
     @property
     def is_long(self) -> bool:
@@ -179,16 +184,14 @@ class Report(Record):
             The issues that were repaired.
         """
         left = [f for f in self.errors_and_warnings if f not in done]
-        title = (
-            "Repaired copy of {}, in the order of repair:" if done else "Copy of {}:"
-        )
-        lines = [title.format(name)]
+        if done:
+            lines = [f"Repaired copy of {name}, in the order of repair:"]
+        else:
+            lines = [f"Copy of {name}:", "- nothing was changed"]
         lines += [
             f"- {f.kind} ({f.where}): {f.what} Done: {f.remedy}. ({f.certainty})"
             for f in done
         ]
-        if not done:
-            lines.append("- nothing was changed")
         if left:
             lines.append("Not repaired:")
         lines += [f"- {f.kind} ({f.where}): {f.what} To do: {f.remedy}." for f in left]

@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.certainty import likely
@@ -30,6 +29,7 @@ from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.results.remedy import Change
+from sdp_vs_penalty.robot.arrays import Indices
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 #: Kind of what happens once.
@@ -133,7 +133,7 @@ def leaves_more_than_usual(log: Likelihood, fit: ArmFit) -> bool:
     return fit.unexplained**0.5 > 2.0 * c.TYPICAL[log.problem.torque_side]
 
 
-def contradicting_joints(log: Likelihood, repair: LogTransform) -> NDArray[np.intp]:
+def contradicting_joints(log: Likelihood, repair: LogTransform) -> Indices:
     """Return the joints (K,), from 0, that contradict the others: one arm for all
     joints leaves far more of their torque's energy than a model of the joint alone.
 
@@ -177,10 +177,10 @@ def _event(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
         largest = float(error.max())
         is_near = np.abs(t - at) <= EVENT_WIDTH
         elsewhere = error[~is_near].max(initial=0.0)
-        if np.sum(error[is_near] ** 2) < LEAST_SHARE * fit.energy[j]:
-            continue
+        is_little = np.sum(error[is_near] ** 2) < LEAST_SHARE * fit.energy[j]
         is_known = np.min(np.abs(known - at)) <= 3.0 * EVENT_WIDTH
-        if is_known or not largest > _EVENT_OVER_REST * elsewhere > 0.0:
+        stands_out = largest > _EVENT_OVER_REST * elsewhere > 0.0
+        if is_little or is_known or not stands_out:
             continue
         unit = log.problem.robot.torque_units[j]
         yield make_explanation(
@@ -229,11 +229,11 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
         base_rows(model, problem.independent),
         white=True,
     )
-    # A base parameter is named after its first link parameter.
+    # A base parameter is named after its first link parameter, "m3 + 0.2 m4" after m3.
     dark = [x.name.split(" ")[0] for x in known.base if x.verdict == NOT_SEEN]
     if dark:
         total = len(known.base)
-        joint_of = {p.name: p.joint for p in model.parameters}
+        joint_of = {p.name: p.joint for p in model.parameters}  # from 1; 0: of none
         joints = sorted({joint_of[name] - 1 for name in dark if joint_of[name]})
         severity = "warning" if len(dark) > c.UNRELATED * total else "note"
         yield make_explanation(

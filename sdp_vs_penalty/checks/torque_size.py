@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import constants as c
@@ -27,7 +26,7 @@ from sdp_vs_penalty.race.fault import UNITS
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.regression.normal_equations import solve
 from sdp_vs_penalty.results.remedy import Change
-from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Mask, at_least_tiny, nonzero_or_one
 
 #: Largest share of the joints that have a unit of their own; of more, all share it.
 _SINGLE_JOINTS = 0.3
@@ -37,6 +36,8 @@ _TENTHS = {"kgf cm": NAMED["kgfcm"], "lbf in": NAMED["lbfin"]}
 #: Times the N m of an arm that its motors' currents in mA may be: their gears make more than
 #: 3 N m of an ampere.
 _OF_CURRENTS = 300.0
+#: What stands for the share of effort limits where there are none.
+_NO_LIMIT = -1.0
 _CORRECT_MASSES = "if right, correct the problem's masses"
 
 
@@ -87,10 +88,10 @@ def _shares_of_effort(log: Likelihood, repair: LogTransform) -> Array:
     limits = np.array([joint.effort for joint in log.problem.robot.joints], float)
     is_limit = (limits > 0.0) & np.isfinite(limits)
     largest = np.abs(log.torques(repair)).max(axis=1)
-    return np.asarray(largest / np.where(is_limit, limits, np.nan))
+    return largest / np.where(is_limit, limits, np.nan)
 
 
-def _is_as_nominal(log: Likelihood, repair: LogTransform) -> NDArray[np.bool_]:
+def _is_as_nominal(log: Likelihood, repair: LogTransform) -> Mask:
     """Flag the joints (n,) whose torque is what the problem's links need for the motion.
 
     A motion that needs more than a joint is made for tells of the limit, or of a
@@ -102,7 +103,7 @@ def _is_as_nominal(log: Likelihood, repair: LogTransform) -> NDArray[np.bool_]:
     arm = log.torque_mask(repair) * log.nominal(repair).T
     nominal = np.linalg.norm(arm, axis=1)
     measured = np.linalg.norm(log.channels(repair), axis=1)
-    return np.asarray(measured < c.EFFORT[1] * nominal)
+    return measured < c.EFFORT[1] * nominal
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ class _Size:
 
     #: Size in words.
     description: str
-    #: Largest torque over its joint's effort limit; -1 without limits.
+    #: Largest torque over its joint's effort limit; _NO_LIMIT without limits.
     over: float
     #: Torque over that of an arm with the problem's nominal links.
     measured: float
@@ -142,28 +143,27 @@ class _Size:
     ) -> "_Size":
         """Return the size of the torques of a repaired log; shares (n,) : largest
         torques over the effort limits."""
-        over = float(np.max(shares, initial=-1.0, where=shares > 0.0))
+        over = float(np.max(shares, initial=_NO_LIMIT, where=shares > 0.0))
         problem = log.problem
         masses = float(problem.prior_links[:, 0].sum())
         if masses <= 0.0 or np.all(problem.guessed_links):
             return cls(f"{over:.3g} times what the joints are made for", over, over)
         low, high, weighs = _possible_masses(problem, masses)
-        arm = (log.torque_mask(repair).T * log.nominal(repair)).T[:, :, None]
-        measured = _norm(log.channels(repair).T) / _norm(arm)
+        nominal = (log.torque_mask(repair).T * log.nominal(repair)).T[:, :, None]
+        measured = _norm(log.channels(repair).T) / _norm(nominal)
         largest = high / masses * c.EFFORT[1]
         smallest = max(low, 0.1 * high) / masses / c.EFFORT[1]
         # Upright axes bear friction, and no weight: without it the torques have to be
         # too large as well.
         rows = log.rows(repair)
-        shared = _norm(rows.projected @ log.fit(repair).theta) / _norm(
-            rows.project_out_own(arm)
-        )
+        of_links = rows.projected @ log.fit(repair).theta
+        shared = _norm(of_links) / _norm(rows.project_out_own(nominal))
         return cls(
-            f"{measured:.3g} times what an arm of {weighs} kg needs",
-            over,
-            measured,
-            smallest,
-            largest,
+            description=f"{measured:.3g} times what an arm of {weighs} kg needs",
+            over=over,
+            measured=measured,
+            smallest=smallest,
+            largest=largest,
             is_large=min(measured, shared) > largest,
             is_small=measured < smallest,
             is_mass_known=True,
@@ -429,7 +429,7 @@ def _left_by_weight(log: Likelihood) -> Array:
     torque = (fit.channels / size).reshape(-1)
     fitted = solve(columns.T @ columns, columns.T @ torque[:, None])[:, 0]
     left = torque - columns @ fitted
-    return np.asarray(np.sum(left.reshape(log.n, -1) ** 2, axis=1))
+    return np.sum(left.reshape(log.n, -1) ** 2, axis=1)
 
 
 def _norm(torques: Array) -> float:

@@ -77,9 +77,8 @@ def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
     if is_common and abs(np.log(ratio)) > _CLOCK:
         largest = np.abs(glance.run.q).max()
         is_unit_said = not glance.run.unit_command and largest < _TWO_TURNS
-        yield _in_another_unit(ratio, is_unit_said) or _against_the_clock(
-            ratio, n_alike, len(known)
-        )
+        by_unit = _in_another_unit(ratio, is_unit_said)
+        yield by_unit or _against_the_clock(ratio, n_alike, len(known))
         return
     for j in known.tolist():
         yield from _of_one_joint(j, float(ratios[j]))
@@ -213,7 +212,7 @@ def _between_rows(glance: RunSummary, j: int) -> Array:
     """Return the logged velocity (N - 1,) of joint j halfway between rows, the mean of
     both."""
     assert glance.run.dq is not None
-    return np.asarray(0.5 * (glance.run.dq[1:, j] + glance.run.dq[:-1, j]))
+    return 0.5 * (glance.run.dq[1:, j] + glance.run.dq[:-1, j])
 
 
 def _ratio(rate: Array, speed: Array) -> float:
@@ -222,12 +221,11 @@ def _ratio(rate: Array, speed: Array) -> float:
     It is the ratio of their root mean squares, which noise in either biases alike (a
     least-squares slope would trust one of them); nan where they are not proportional.
     """
-    xx = float(rate @ rate)
-    yy = float(speed @ speed)
-    xy = float(rate @ speed)
-    if xx * yy <= 0.0 or xy * xy <= _PROPORTIONAL * xx * yy:
+    rates, speeds = float(rate @ rate), float(speed @ speed)
+    common = float(rate @ speed)
+    if rates * speeds <= 0.0 or common * common <= _PROPORTIONAL * rates * speeds:
         return np.nan
-    return float(np.sign(xy) * np.sqrt(yy / xx))
+    return float(np.sign(common) * np.sqrt(speeds / rates))
 
 
 def velocity_lag(glance: RunSummary) -> float | None:

@@ -136,7 +136,9 @@ def add(
     details = {**extended.details, "at_ends": at_ends}
     extended = replace(extended, details=details)
     extended = with_intervals_of_search(extended, _findings_of(effects))
-    return _with_noise_of(estimate, extended)
+    if noise := estimate.provenance.get("noise"):
+        extended.provenance["noise"] = noise
+    return extended
 
 
 def _searched_constants(
@@ -291,21 +293,6 @@ class _Again:
         return replace(extended, details=details)
 
 
-def _with_noise_of(estimate: Estimate, extended: Estimate) -> Estimate:
-    """Copy the noise floor in the original model's provenance, if any, to the extended
-    model.
-
-    Parameters
-    ----------
-    extended
-        The extended model, which is changed in place and returned.
-    """
-    noise = estimate.provenance.get("noise")
-    if noise:
-        extended.provenance["noise"] = noise
-    return extended
-
-
 def _retunes(
     estimate: Estimate, new_effects: Sequence[Effect], frozen: bool
 ) -> tuple[list[Effect], list[ShapeEstimate]]:
@@ -377,14 +364,12 @@ def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
     free -= {r.key for r in retuned}
     out = []
     for effect in with_shapes(estimate.model.effects, retuned):
-        free_constants_of_effect = [
+        its_free = [
             shape
             for shape in effect.shapes
             if all((effect.name, j, shape) in free for j in effect.joints)
         ]
-        if free_constants_of_effect:
-            effect = effect.with_free_shapes(free_constants_of_effect)
-        out.append(effect)
+        out.append(effect.with_free_shapes(its_free) if its_free else effect)
     return out
 
 
@@ -441,13 +426,12 @@ def _add_frozen(
         "versions": versions(),
         "verdict": None,  # that of the smaller model is not this one's
     }
+    uncertainty = _uncertainty_beside(estimate, fit, runs, base)
     return replace(
         estimate,
         model=fit.model,
         theta=theta,
-        uncertainty=_uncertainty_beside(estimate, fit, runs, base).named_by_sources(
-            details
-        ),
+        uncertainty=uncertainty.named_by_sources(details),
         certificate=certify_beside(estimate, fit.model, theta, fit.certificate),
         details=details,
         provenance=provenance,

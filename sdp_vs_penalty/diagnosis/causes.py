@@ -13,13 +13,12 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.events import spectral_lines
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.regression.linalg import span
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
 from sdp_vs_penalty.signals.reversals import since_reversal
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.signals.standstill import STILL
@@ -178,7 +177,7 @@ def travel_since_reversal(q: Array, velocity: Array, rows: SegmentedRuns) -> Arr
     # Of each row the last row before it at which something begins.
     starts = np.where(begins, np.arange(len(q)), 0)
     last_start = np.maximum.accumulate(starts)
-    return np.asarray(np.abs(q - q[last_start]))
+    return np.abs(q - q[last_start])
 
 
 @dataclass(frozen=True)
@@ -192,7 +191,7 @@ class _Seen:
 
     def __getattr__(self, name: str) -> Array:
         """Return a state (M,) of the joint, such as its velocity ``dq``."""
-        return np.asarray(getattr(self.states, name)[:, self.of.joint])
+        return getattr(self.states, name)[:, self.of.joint]
 
     @cached_property
     def direction(self) -> Array:
@@ -221,12 +220,12 @@ def _near_reversals(x: _Seen) -> Array:
 def _poses(x: _Seen) -> Array:
     """Return columns (M, 4 (n - 1)), such as of an error of gravity: products of sine
     and cosine of the joint's position with those of each other joint's."""
-    own, *others = (
-        np.column_stack([np.sin(q), np.cos(q)])
-        for q in x.states.q.T[[x.of.joint, *x.states.others(x.of.joint)]]
-    )
-    products = [own * other[:, [k]] for other in others for k in (0, 1)]
-    return np.hstack([np.zeros((len(own), 0)), *products])
+    own = np.column_stack([np.sin(x.q), np.cos(x.q)])
+    products = [np.zeros((len(own), 0))]  # of an arm of one joint there are none
+    for joint in x.states.others(x.of.joint):
+        other = x.states.q[:, joint]
+        products += [own * wave(other)[:, None] for wave in (np.sin, np.cos)]
+    return np.hstack(products)
 
 
 def _waves(x: _Seen) -> Array:
@@ -379,21 +378,15 @@ class CauseShares:
         """
         # Causes in other joints have lower weights, since they are many.
         shares = self.likelihood
-        weights = {name: self._weight(name, shares) for name in self.names}
-        best = max(self.names, key=weights.__getitem__)
+        best = max(self.names, key=lambda name: self._weight(name, shares))
         smallest_share = shares[best] - _SAME_SHARE
         tied = [best]
         for name in self.names:
-            share = shares[name]
-            if name != best and share > 0.0 and share >= smallest_share:
+            if name != best and shares[name] > 0.0 and shares[name] >= smallest_share:
                 tied.append(name)
-        return sorted(
-            tied,
-            key=lambda name: (
-                name not in _SINGLE_COLUMNS,
-                -self._weight(name, self.of_error),
-            ),
-        )
+        # Sorted twice: what is sorted by last counts first.
+        tied.sort(key=lambda name: -self._weight(name, self.of_error))
+        return sorted(tied, key=lambda name: name not in _SINGLE_COLUMNS)
 
     @cached_property
     def ranking(self) -> list[str]:
@@ -404,12 +397,9 @@ class CauseShares:
         """
         first = self.equivalent_causes
         others = [name for name in self.names if name not in first]
-        others.sort(
-            key=lambda name: (
-                -self._weight(name, self.likelihood),
-                -self._weight(name, self.of_error),
-            )
-        )
+        # Sorted twice: what is sorted by last counts first.
+        for shares in (self.of_error, self.likelihood):
+            others.sort(key=lambda name: -self._weight(name, shares))
         return [*first, *others]
 
     def with_fast_hum(self, energy: float) -> CauseShares:
@@ -488,7 +478,7 @@ class Refit:
         makes of them: x - B B' x, with the joint's rows B (M, r) of the ``basis``.
         """
         basis = self.basis[joint]
-        return np.asarray(columns - basis @ (basis.T @ columns))
+        return columns - basis @ (basis.T @ columns)
 
 
 class ExplainedShares(NamedTuple):
@@ -514,12 +504,12 @@ class SplitError:
     #: Number of the joint, from 0.
     joint: int
     #: (M,) fold of each row, for shares on data left out.
-    fold: NDArray[np.intp]
+    fold: Indices
 
     @property
     def beyond_model(self) -> Array:
         """(M,) the part of the error that no other parameters of the model make."""
-        return np.asarray(self.refit.remainder[self.joint])
+        return self.refit.remainder[self.joint]
 
     @property
     def refit_share(self) -> float:
@@ -572,10 +562,10 @@ class SplitError:
         beyond = self.refit.without_model(columns, self.joint)
         energy = np.sum(columns**2, axis=0)
         is_visible = np.sum(beyond**2, axis=0) > _ABSORBED * energy
-        return np.asarray(beyond[:, is_visible])
+        return beyond[:, is_visible]
 
 
-def held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> float:
+def held_out_share(features: Array, error: Array, fold: Indices) -> float:
     """Return the share of an error (M,) that features predict on data left out, at
     least 0.
 
@@ -602,10 +592,10 @@ def held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> flo
     if not n_features or len(folds) < 2 or total == 0.0:
         return 0.0
     scaled = features / nonzero_or_one(np.sqrt(np.mean(features**2, axis=0)))
-    # Of each fold the products A'A (k, k) and A'y (k,).
-    rows_by_fold = [(scaled[fold == f], error[fold == f]) for f in folds]
-    grams = np.array([A.T @ A for A, _ in rows_by_fold])
-    pulls = np.array([A.T @ y for A, y in rows_by_fold])
+    # Of each fold, with columns A and error y, the products A'A (k, k) and A'y (k,).
+    of_folds = [(scaled[fold == number], error[fold == number]) for number in folds]
+    grams = np.array([A.T @ A for A, _ in of_folds])
+    pulls = np.array([A.T @ y for A, y in of_folds])
     # Of each fold the products of all others, to which it is fitted.
     gram = grams.sum(axis=0) - grams
     pull = pulls.sum(axis=0) - pulls

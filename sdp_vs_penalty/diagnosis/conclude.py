@@ -72,7 +72,7 @@ class Conclusion:
     @property
     def known_floor(self) -> Array:
         """(n,) noise floor [N m or N], zero where the noise is not known."""
-        return np.asarray(self.data.noise.floor * self.data.noise_is_known)
+        return self.data.noise.floor * self.data.noise_is_known
 
     @cached_property
     def errors_of_constants(self) -> list[ConstantErrors]:
@@ -119,10 +119,28 @@ class Conclusion:
         """The findings, and which of them help; one that does not is weak."""
         # The flags of re-estimated constants come first.
         flags = self.help_together[self.ladder.n_own :]
-        return [
-            replace(finding, helps=True) if helps else _weakened(finding, "alone")
-            for finding, helps in zip(self.findings_alone, flags, strict=True)
+        findings = []
+        for finding, helps in zip(self.findings_alone, flags, strict=True):
+            if helps:
+                findings.append(replace(finding, helps=True))
+                continue
+            doubts = (*finding.doubts, Doubt("alone"))
+            findings.append(replace(finding, confidence="weak", doubts=doubts))
+        return findings
+
+    @property
+    def _told(self) -> tuple[list[Finding], Array]:
+        """The findings that are told, each with the errors (n,) before and after it joins
+        those before it; and the errors with all of them [N m or N]."""
+        places = [k for k, f in enumerate(self.findings) if not f.is_not_told]
+        errors = [self.ladder.errors_with(places[:k]) for k in range(len(places) + 1)]
+        told = [
+            replace(
+                self.findings[k], held_out_rmse_before=before, held_out_rmse_after=after
+            )
+            for k, (before, after) in zip(places, pairwise(errors), strict=True)
         ]
+        return told, errors[-1]
 
     def diagnosis(self) -> Diagnosis:
         """Return the diagnosis: findings, verdict, events, and what is left.
@@ -138,26 +156,16 @@ class Conclusion:
         remaining = self.left
         noise = self.data.noise
         held_out = self.ladder.held_out
-        is_not_told = [finding.is_not_told for finding in self.findings]
-        places = np.flatnonzero(np.logical_not(is_not_told)).tolist()
-        beside_told = all(
-            CURVE in self.findings[k].indistinguishable_from
-            for k in np.flatnonzero(is_not_told)
-        )
-        errors = [self.ladder.errors_with(places[:k]) for k in range(len(places) + 1)]
-        findings = [
-            replace(
-                self.findings[k], held_out_rmse_before=before, held_out_rmse_after=after
-            )
-            for k, (before, after) in zip(places, pairwise(errors), strict=True)
-        ]
+        told, error_with_all = self._told
+        untold = [finding for finding in self.findings if finding.is_not_told]
+        replaces_untold = all(CURVE in f.indistinguishable_from for f in untold)
         # By joint (from 0): RMS torque beyond the noise [N m or N].
         unexplained = {
             j: float(remaining.beyond[j]) for j in remaining.joints_unexplained
         }
         joints_without_name = {*unexplained, *(c.joint for c in self.curves)}
         verdict: Literal["effect_missing", "nothing_missing", "unknown_effect"]
-        verdict = "effect_missing" if findings else "nothing_missing"
+        verdict = "effect_missing" if told else "nothing_missing"
         if joints_without_name:
             verdict = "unknown_effect"
         happened = find_events(
@@ -166,22 +174,22 @@ class Conclusion:
             remaining.residual,
             sorted(joints_without_name),
         )
-        by_joint = sorted(unexplained.items())
-        terms = zip(self.search.terms, self.findings, strict=True)
-        passing = passing_causes(
-            self.search, [term for term, f in terms if f.torque_is_certain]
-        )
+        certain = [
+            term
+            for term, finding in zip(self.search.terms, self.findings, strict=True)
+            if finding.torque_is_certain
+        ]
         return Diagnosis(
             verdict=verdict,
-            effects=tuple(findings),
+            effects=tuple(told),
             noise_floor=noise.floor,
             invisible=invisible_effects(self.search),
             events=tuple(sorted([*happened, *self.hums], key=Event.order)),
-            passing=passing,
+            passing=passing_causes(self.search, certain),
             notices=find_notices(self.search, self.explanation.estimate),
             noise_source=noise.source,
             unexplained=remaining.in_sample_excess_variance,
-            held_out_rmse=errors[-1],
+            held_out_rmse=error_with_all,
             band_hz=self.data.rows.cutoff,
             remarks=self.remarks,
             held_out_rmse_before=held_out.errors(()),
@@ -189,9 +197,9 @@ class Conclusion:
             frozen=self.data.frozen,
             new_motion_share=self.new_motion_share,
             retuned=self.retunes,
-            curves=self.described_curves if beside_told else (),
+            curves=self.described_curves if replaces_untold else (),
             torque_units=self.explanation.estimate.torque_units,
-            remains=tuple(Remaining(j + 1, torque) for j, torque in by_joint),
+            remains=tuple(Remaining(j + 1, x) for j, x in sorted(unexplained.items())),
         )
 
     @property
@@ -258,12 +266,6 @@ def least_help_of(finding: Finding) -> float | None:
     if may_be_zero:
         return MINOR
     return -MINOR if finding.doubts else None
-
-
-def _weakened(finding: Finding, reason: str) -> Finding:
-    """Return a finding as weak, with one more doubt (a key of REASONS)."""
-    doubts = *finding.doubts, Doubt(reason)
-    return replace(finding, confidence="weak", doubts=doubts)
 
 
 def describe_finding(judged: Judged, doubts: Sequence[Doubt]) -> Finding:

@@ -88,11 +88,6 @@ class Judged:
         return self.effect.looks_like(size, coverage)
 
 
-def _is_insignificant(x: Judged) -> bool:
-    """Return whether the size, with the errors of the shape constants, may be zero."""
-    return is_insignificant(*size_of(x.effect, x.size.beta, x.size.covariance))
-
-
 def _makes_no_torque(x: Judged) -> bool:
     """Return whether nothing tells the torque from zero: neither its own interval, nor
     that of the size if the shape constants were exact.
@@ -154,7 +149,10 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "rivals": lambda x: bool(x.term.rivals or x.effect.resembles),
     # As if its shape constants were exact; "insignificant" counts their errors too.
     "uncertain": lambda x: is_uncertain(*x.value_and_std),
-    "insignificant": _is_insignificant,
+    # With the errors of the shape constants.
+    "insignificant": lambda x: is_insignificant(
+        *size_of(x.effect, x.size.beta, x.size.covariance)
+    ),
     "no_torque": _makes_no_torque,
     "small": lambda x: _is_small(x) and not _is_clear_elsewhere(x),
     "small_here": lambda x: _is_small(x) and _is_clear_elsewhere(x),

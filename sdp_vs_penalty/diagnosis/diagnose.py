@@ -105,14 +105,14 @@ def diagnose(
     """
     progress("filtering the runs")
     runs = DiagnosisRuns(
-        model,
-        measurements,
-        test,
-        noise_from,
-        frozen,
-        left_out,
-        left_out_of_test,
-        progress,
+        model=model,
+        measurements=measurements,
+        test=test,
+        noise_from=noise_from,
+        frozen=frozen,
+        left_out=left_out,
+        left_out_of_test=left_out_of_test,
+        progress=progress,
     ).without_harmful_spans()
     diagnosis = diagnose_beside_passing(
         runs, partial(diagnose_runs, seed=seed, progress=progress)
@@ -150,9 +150,10 @@ def diagnose_beside_passing(
         Runs all steps on recordings.
     """
     diagnosis = diagnose(runs)
-    passing = found = diagnosis.passing
+    passing = new = diagnosis.passing
     judged = runs
-    while found and len(passing) < _MOST_PASSING:
+    # What acts in the spans of the first causes may hide further ones.
+    while new and len(passing) < _MOST_PASSING:
         spans = tuple(span for cause in passing for span in cause.spans)
         rest = replace(
             runs,
@@ -161,12 +162,12 @@ def diagnose_beside_passing(
         )
         if rest.searched.samples < ENOUGH * runs.searched.samples:
             break
-        judged = rest
-        diagnosis = diagnose(rest)
-        found = diagnosis.passing
-        passing += found
+        judged, diagnosis = rest, diagnose(rest)
+        new = diagnosis.passing
+        passing += new
     if not judged.left_out:
         return diagnosis
+    # The spans that the check has named were left out from the first.
     return replace(
         diagnosis,
         passing=passing,

@@ -14,14 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.results.remedy import Change, Remedy
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, nonzero_or_one
 from sdp_vs_penalty.signals.coloured_noise import (
     FALSE_EVENT,
     RARE,
@@ -36,8 +35,6 @@ from sdp_vs_penalty.signals.runs import Stretch, split_at_gaps
 from sdp_vs_penalty.signals.spectrum import periodograms
 from sdp_vs_penalty.signals.standstill import SLOW
 from sdp_vs_penalty.signals.timing import largest_timing_errors, torque_rates
-
-Mask = NDArray[np.bool_]
 
 #: Times a joint's RMS error that a peak has to reach to be reported. In rows without
 #: noise the smallest error of a model stands out of the noise: such windows of fresh
@@ -132,9 +129,7 @@ def find_events(
     return sorted(out, key=Event.order)
 
 
-def _groups_in_time(
-    data: WhiteData, outlier_rows: NDArray[np.bool_], joint: int
-) -> list[NDArray[np.intp]]:
+def _groups_in_time(data: WhiteData, outlier_rows: Mask, joint: int) -> list[Indices]:
     """Divide the outlier rows of one joint into groups, one for each event.
 
     A gap of more than 2 SAME_PHASE seconds between two outlier rows begins a new group.
@@ -164,7 +159,7 @@ def _groups_in_time(
     return out
 
 
-def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]:
+def _core_of_event(group: Indices, residual: Array) -> Indices:
     """Cut an event to the rows between the first and the last that carry its energy.
 
     These are the rows with the largest squared residuals that together hold 99 % of the
@@ -188,7 +183,7 @@ def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]
 
 
 def _timing_limits(
-    data: WhiteData, residual: Array, rates: Array, event: NDArray[np.intp], joint: int
+    data: WhiteData, residual: Array, rates: Array, event: Indices, joint: int
 ) -> Array:
     """Return the largest errors that being late explains in the rows of an event.
 
@@ -307,7 +302,7 @@ def _rms(torque: Array) -> float:
     return float(nonzero_or_one(np.sqrt(np.sum(torque**2) / n_known)))
 
 
-def _stands_out(torque: Array, pieces: Sequence[NDArray[np.intp]], tests: int) -> Mask:
+def _stands_out(torque: Array, pieces: Sequence[Indices], tests: int) -> Mask:
     """Flag the rows (M,) of windows with much more energy than the others of all
     motion.
 
@@ -329,7 +324,7 @@ def _stands_out(torque: Array, pieces: Sequence[NDArray[np.intp]], tests: int) -
 
 def _near_in_time(mask: Mask, rate: float) -> Mask:
     """Flag the rows (M, n) within SAME_PHASE seconds of a flagged row; rate in Hz."""
-    return np.asarray(_sums_near_in_time(mask.astype(float), rate) > 0.5)
+    return _sums_near_in_time(mask.astype(float), rate) > 0.5
 
 
 def _sums_near_in_time(series: Array, rate: float) -> Array:
@@ -417,7 +412,7 @@ def hann_spectrum(series: Array, rate: float) -> tuple[Array, Array]:
     The series has a sampling rate [Hz]; its mean is taken out.
     """
     spectrum = np.fft.rfft((series - series.mean()) * np.hanning(len(series)))
-    frequency = np.asarray(np.fft.rfftfreq(len(series), 1.0 / rate), float)
+    frequency = np.asarray(np.fft.rfftfreq(len(series), 1.0 / rate))
     return np.abs(spectrum) ** 2, frequency
 
 
@@ -425,7 +420,7 @@ def is_of_line(line: float, frequency: Array) -> Mask:
     """Return which frequencies (K,) [Hz] of a spectrum with a Hann window belong to the
     line at a frequency [Hz].
     """
-    return np.asarray(np.abs(frequency - line) < _LOBE * frequency[1])
+    return np.abs(frequency - line) < _LOBE * frequency[1]
 
 
 def stands_alone(line: float, power: Array, frequency: Array) -> bool:
@@ -456,7 +451,7 @@ def _median_of_neighbours(power: Array, half: int) -> Array:
     padded = np.pad(power, (half, 0), mode="edge")
     padded = np.pad(padded, (0, half), mode="reflect")
     median = scipy.ndimage.median_filter(padded, size=2 * half + 1)
-    return np.asarray(median[half : half + len(power)])
+    return median[half : half + len(power)]
 
 
 def spectral_lines(

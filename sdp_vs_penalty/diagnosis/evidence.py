@@ -31,9 +31,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import ABSORBED, COARSENING_ROWS
 from sdp_vs_penalty.diagnosis.library import Batch, Candidate, Key
@@ -48,7 +48,7 @@ from sdp_vs_penalty.diagnosis.linear_fit import (
 )
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.regression.evidence import price, rows_worth_one
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class Trial:
     products: ColumnProducts
     #: (k,) flags of the columns of which the fit leaves more than 0.1 % (ABSORBED); T
     #: is zero in the others.
-    is_visible: NDArray[np.bool_]
+    is_visible: Mask
     #: (k,) prior standard deviations of the k coefficients about zero.
     prior_std: Array
 
@@ -103,15 +103,10 @@ class Trial:
 
         T'T comes from the rows, the diagonal from the prior on the coefficients.
         """
-        return np.asarray(self.gram + np.diag(self.prior_std**-2.0))
-
-    @cached_property
-    def products_with_residual(self) -> Array:
-        """(k,) the products T'r of the columns T with the fit's residual r."""
-        return self.products.with_residual * self.is_visible
+        return self.gram + np.diag(self.prior_std**-2.0)
 
     @property
-    def nonnegative(self) -> NDArray[np.bool_]:
+    def nonnegative(self) -> Mask:
         """(k,) flags: which coefficients must not be negative (a friction's size, say)."""
         return np.array(self.form.nonnegative, bool)
 
@@ -122,9 +117,8 @@ class Trial:
         They minimise b'(T'T + diag(prior_std^-2)) b / 2 - (T'r)'b for the fit's
         residual r, subject to the sign constraints ``nonnegative``.
         """
-        return bounded_least_squares(
-            self.information, self.products_with_residual, self.nonnegative
-        )
+        with_residual = self.products.with_residual * self.is_visible
+        return bounded_least_squares(self.information, with_residual, self.nonnegative)
 
     @cached_property
     def squares(self) -> Array:
@@ -164,6 +158,23 @@ class Trial:
         information = with_ridge(self.information[among_free])
         determined = np.linalg.solve(information, self.gram[among_free])
         return float(np.trace(determined)) + self.form.n_constants
+
+
+class _BatchProducts(NamedTuple):
+    """Products of the columns Z of F candidates, of k coefficients each, weighted by each
+    joint's residual as a fit's rows are."""
+
+    #: (r, F, k) Q'Z with the fit's r columns Q.
+    along_fit: Array
+    #: (F, k) Z'r with the fit's residual r.
+    with_residual: Array
+    #: (F, k, k) Z'Z of each candidate.
+    grams: Array
+
+    @property
+    def energy(self) -> Array:
+        """(F, k) squares of the columns."""
+        return np.diagonal(self.grams, axis1=1, axis2=2)
 
 
 class EvidenceScorer(WhiteFitter):
@@ -296,13 +307,12 @@ class EvidenceScorer(WhiteFitter):
             return None
         refined = {(name, form.key[1]) for name in form.effect.refines}
         change = fit.whitener @ (trial.products.along_fit @ trial.beta)
-        below_zero = (
-            key
-            for key in refined & signed.keys()
-            for number in fit.design.columns_of_model[key]
-            if number in fit.columns_kept and fit.theta[number] < change[number]
-        )
-        return next(below_zero, None)
+        for key in refined & signed.keys():
+            for number in fit.design.columns_of_model[key]:
+                is_fitted = number in fit.columns_kept
+                if is_fitted and fit.theta[number] < change[number]:
+                    return key
+        return None
 
     def _score(self, trial: Trial, columns: dict[int, Array]) -> ScoredEffect:
         """Compute the evidence J = dD / v - price of a candidate that is added to a fit.
@@ -416,46 +426,27 @@ class EvidenceScorer(WhiteFitter):
         It is |Q'Z|^2 / |Z|^2 for the fit's orthonormal columns Q and the candidate's
         weighted columns Z, from 0 to 1; 1 for a candidate without any torque.
         """
-        along_fit, _, _, energy = self._products(fit, batch)
-        energy = energy.sum(axis=1)
-        share = np.ones(len(energy))
-        np.divide(
-            np.sum(along_fit**2, axis=(0, 2)), energy, out=share, where=energy > 0.0
-        )
-        return share
+        products = self._products(fit, batch)
+        energy = products.energy.sum(axis=1)
+        explained = np.sum(products.along_fit**2, axis=(0, 2))
+        every = np.ones(len(energy))
+        return np.divide(explained, energy, out=every, where=energy > 0.0)
 
     @staticmethod
-    def _products(fit: WhiteFit, batch: Batch) -> tuple[Array, Array, Array, Array]:
-        """Multiply the columns Z of a batch's F candidates with a fit's columns.
-
-        Z has k columns for each candidate, weighted by each joint's residual as the
-        fit's rows are.
-
-        Returns
-        -------
-        (r, F, k) array
-            Q'Z with the fit's r columns Q.
-        (F, k) array
-            Z'r with the fit's residual r.
-        (F, k, k) array
-            Z'Z of each candidate.
-        (F, k) array
-            Squares of the columns.
-        """
-        F = len(batch.forms)
-        k = batch.forms[0].n_coefficients
+    def _products(fit: WhiteFit, batch: Batch) -> _BatchProducts:
+        """Multiply the columns of a batch's F candidates with those of a fit."""
+        shape = len(batch.forms), batch.forms[0].n_coefficients
         weights = fit.level[list(batch.joints)] ** -2.0
+        # Of each joint the products A'Z and Z'y with the fit's columns A and the torque y.
         pairs = fit.design.products_with(batch)
-        AZ = sum(w * along for w, (along, _) in zip(weights, pairs, strict=True))
-        Zy = sum(w * pull for w, (_, pull) in zip(weights, pairs, strict=True))
-        ZZ = np.tensordot(weights, batch.grams, axes=1)
+        AZ = sum(w * with_A for w, (with_A, _) in zip(weights, pairs, strict=True))
+        Zy = sum(w * with_y for w, (_, with_y) in zip(weights, pairs, strict=True))
         Zr = Zy - fit.theta @ AZ  # the residual is r = y - A theta
         QZ = fit.whitener.T @ AZ
-        return (
-            np.reshape(QZ, (-1, F, k)),
-            np.reshape(Zr, (F, k)),
-            ZZ,
-            np.diagonal(ZZ, axis1=1, axis2=2),
+        return _BatchProducts(
+            along_fit=np.reshape(QZ, (-1, *shape)),
+            with_residual=np.reshape(Zr, shape),
+            grams=np.tensordot(weights, batch.grams, axes=1),
         )
 
     def screened(self, fit: WhiteFit, batch: Batch) -> Array:
@@ -474,7 +465,7 @@ class EvidenceScorer(WhiteFitter):
         if replaces_constant:
             rise = (fit_without.rss - fit.rss) / fit_without.level**2
             drop = drop - float(np.sum(rise))
-        return np.asarray(drop - n_determined * price_per_coefficient)
+        return drop - n_determined * price_per_coefficient
 
     def explained(self, fit: WhiteFit, batch: Batch) -> tuple[Array, Array]:
         """Return how much each candidate of a batch lowers the weighted squared error.
@@ -493,12 +484,13 @@ class EvidenceScorer(WhiteFitter):
         (F,) array
             The effective number of coefficients, trace(A^-1 D).
         """
-        along_fit, Zr, ZZ, energy = self._products(fit, batch)
-        ZQ = along_fit.transpose(1, 2, 0)  # (F, k, r)
-        D = ZZ - ZQ @ ZQ.transpose(0, 2, 1)  # (F, k, k)
+        products = self._products(fit, batch)
+        energy = products.energy
+        ZQ = products.along_fit.transpose(1, 2, 0)  # (F, k, r)
+        D = products.grams - ZQ @ ZQ.transpose(0, 2, 1)  # (F, k, k)
         is_visible = np.diagonal(D, axis1=1, axis2=2) > ABSORBED * energy
         D = D * is_visible[:, :, None] * is_visible[:, None, :]
-        Zr = Zr * is_visible
+        Zr = products.with_residual * is_visible
         prior_std = self.prior(fit, batch.plausible, list(batch.joints), energy)
         k = Zr.shape[1]
         A = with_ridge(D + np.eye(k) * prior_std[:, :, None] ** -2.0)

@@ -641,14 +641,12 @@ class Diagnosis(Record, JsonRecord):
 
     def beside_faults_of_log(self, faults: Sequence[Remedy]) -> Diagnosis:
         """Return the diagnosis of a log that is likely wrong: every finding is weak, and
-        neither curves nor spans are drawn. The same one without faults.
+        neither curves nor spans are drawn. Without any fault it is the diagnosis itself.
         """
         if not faults:
             return self
-
-        out = self._doubted(Doubt("log"), ())
         return replace(
-            out,
+            self._with_doubt(Doubt("log")),
             log_faults=tuple(faults),
             curves=(),
             passing=(),
@@ -666,25 +664,25 @@ class Diagnosis(Record, JsonRecord):
         told = sentence[:1].lower() + sentence[1:].rstrip(".")
         cause = f"the check explains its torque as well, by a {kind}: {told}"
         curves = [c for c in self.curves if joints and c.joint not in joints]
-        return replace(
-            self._doubted(Doubt("explained", cause), joints), curves=tuple(curves)
-        )
+        doubted = self._with_doubt(Doubt("explained", cause), joints)
+        return replace(doubted, curves=tuple(curves))
 
-    def _doubted(self, doubt: Doubt, joints: Sequence[int]) -> Diagnosis:
+    def _with_doubt(self, doubt: Doubt, joints: Sequence[int] = ()) -> Diagnosis:
         """Return the diagnosis with one more doubt of the findings and constants on some
-        joints (from 1; empty: on all)."""
+        joints (from 1; none named: on all), and of those on the whole robot."""
 
-        def doubted(found: _Rated, on: Sequence[int]) -> _Rated:
+        def with_doubt(found: _Rated, on: Sequence[int]) -> _Rated:
             """Return a finding or a constant, with the doubt if it is on the joints."""
-            if joints and on and set(joints).isdisjoint(on):
+            is_elsewhere = joints and on and set(joints).isdisjoint(on)
+            if is_elsewhere:
                 return found
             doubts = *found.doubts, doubt
             return replace(found, confidence="weak", doubts=doubts)  # type: ignore
 
         return replace(
             self,
-            effects=tuple(doubted(f, f.joints) for f in self.effects),
-            retuned=tuple(doubted(r, r.joints) for r in self.retuned),
+            effects=tuple(with_doubt(f, f.joints) for f in self.effects),
+            retuned=tuple(with_doubt(r, r.joints) for r in self.retuned),
         )
 
     def selected(
@@ -777,9 +775,9 @@ class Diagnosis(Record, JsonRecord):
             return replace(judged, held_out_rmse=before)
         findings = list(self.effects)
         error_with_all = self.held_out_rmse
-        n_certain = len([f for f in findings if f.torque_is_certain])
-        are_first = all(f.torque_is_certain for f in findings[:n_certain])
-        if are_first and not self.curves:
+        are_certain = [f.torque_is_certain for f in findings]
+        n_certain = sum(are_certain)
+        if all(are_certain[:n_certain]) and not self.curves:
             # What follows changes the judged error by the share that the search says.
             searched = findings[0].held_out_rmse_before
             if n_certain:
@@ -829,14 +827,14 @@ class Diagnosis(Record, JsonRecord):
         """
         joint = finding.main_joint
         error = self.held_out_rmse_before[joint - 1]
-        group = [f for f in self.effects if f.main_joint == joint]
-        group = [f for f in group if f.torque_is_certain]
-        is_open = [f.size_is_open and (f.torque_rms or 0.0) > error for f in group]
-        if sum(is_open) > 1:
-            group = [
-                f for f, f_is_open in zip(group, is_open, strict=True) if f_is_open
-            ]
-        if not any(is_open) or len(group) < 2 or finding not in group:
+        of_joint = [f for f in self.effects if f.main_joint == joint]
+        sure = [f for f in of_joint if f.torque_is_certain]
+        cancelling = [
+            f for f in sure if f.size_is_open and (f.torque_rms or 0.0) > error
+        ]
+        # A single one cancels with all that is sure there.
+        group = cancelling if len(cancelling) > 1 else sure
+        if not cancelling or len(group) < 2 or finding not in group:
             return ()
         return tuple(group)
 
@@ -969,8 +967,8 @@ class Diagnosis(Record, JsonRecord):
             words = f"add the {len(texts)} that are sure"
             if any(f.rating != "confident" for f in self.sure):
                 words = f"add the {len(texts)} whose torque is sure"
-            open_sizes = [f for f in self.effects if f.size_is_open]
-            if n_open := len([f for f in open_sizes if f.torque_is_certain]):
+            open_sizes = [f.size_is_open for f in self.effects if f.torque_is_certain]
+            if n_open := sum(open_sizes):
                 words = f"add the {len(texts)} that help; the size of {n_open} is open"
         change = Change(
             "add",

@@ -19,7 +19,6 @@ from itertools import combinations, groupby
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import (
     CLEAR_HELP,
@@ -46,15 +45,14 @@ from sdp_vs_penalty.estimators.estimator import (
 from sdp_vs_penalty.regression.evidence import jackknifed, student_95
 from sdp_vs_penalty.regression.products import ProductRegression
 from sdp_vs_penalty.regression.regression import Regression
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 from sdp_vs_penalty.robot.constraint import ConstraintSet
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 
 @dataclass(frozen=True)
 class HeldOutSplit:
-    """Rows to fit to (train), and rows to judge on: one regression a stretch of a recording
-    (tests), and those of them, and of the rows fitted to, in which the joints slide.
+    """Rows to fit to, and rows to judge on, as regressions.
 
     Their columns are those of the model, then those of ``effects``; the target is the
     torque. If the model is held fixed (``frozen``), the columns are those of the
@@ -67,7 +65,8 @@ class HeldOutSplit:
     train: Regression
     #: The rows to judge on, one regression a stretch, recording after recording.
     tests: tuple[Regression, ...]
-    #: The rows of each stretch and, last, those fitted to, in which the joints slide.
+    #: Of the rows of each stretch and, last, of those fitted to, the ones in which the
+    #: joints slide.
     sliding: tuple[Regression, ...]
     #: Whether the model is held fixed.
     frozen: bool
@@ -127,7 +126,7 @@ class Columns(NamedTuple):
     #: Effects that are added to them.
     new: list[Effect]
     #: (p,) flags of the split's p columns that belong to either.
-    kept: NDArray[np.bool_]
+    kept: Mask
 
     def with_zeros(self, theta: Array) -> Array:
         """Return the parameters (p,) of all columns: ``theta`` of the kept ones, zeros
@@ -191,7 +190,7 @@ class HeldOut:
         mean_squares = self._by_stretch(squares, sliding).sum(axis=0) / np.maximum(
             n_rows, 1.0
         )
-        return np.asarray(np.sqrt(mean_squares))
+        return np.sqrt(mean_squares)
 
     def _is_told_by_sliding(self, judged: int | None) -> bool:
         """Return whether the rows in which the joints slide tell of an effect (its
@@ -211,7 +210,7 @@ class HeldOut:
         left out: those of all their rows, or of the ones in which the joints slide."""
         n_tests = len(self.splits[0].tests)
         first = n_tests if sliding else 0
-        return np.asarray(values[:, first : first + n_tests].sum(axis=0))
+        return values[:, first : first + n_tests].sum(axis=0)
 
     def errors_by_recording(self, chosen: Sequence[int]) -> Array:
         """Return the RMS errors (R + 1, n) [N m or N] of each of R recordings left out,
@@ -228,7 +227,7 @@ class HeldOut:
             np.add.reduceat(values[:, n_tests:].sum(axis=0), first_stretches)
             for values in (self._squares(chosen, False), self._n_rows)
         )
-        return np.asarray(np.sqrt(squares / np.maximum(n_rows, 1)))
+        return np.sqrt(squares / np.maximum(n_rows, 1))
 
     @cached_property
     def _n_rows(self) -> Array:
@@ -331,11 +330,11 @@ class HeldOut:
         sure = set[int]()  # they helped by much in the last round
         while accepted:
             judged = set(accepted) - confirmed
-            least = partial(self._harms, accepted, least_help, doubted)
-            harms = least(judged - sure, -CLEAR_HELP)
+            harms_of = partial(self._harms, accepted, least_help, doubted)
+            harms = harms_of(judged - sure, -CLEAR_HELP)
             if max(harms.values(), default=-np.inf) < 0.0:
-                harms |= least(judged & sure, -SURE_HELP)
-            sure |= {k for k, x in harms.items() if x < -SURE_HELP}
+                harms |= harms_of(judged & sure, -SURE_HELP)
+            sure |= {k for k, harm_of_k in harms.items() if harm_of_k < -SURE_HELP}
             worst = max(harms, key=harms.__getitem__, default=None)
             if worst is None or harms[worst] < 0.0:
                 break
@@ -365,13 +364,14 @@ class HeldOut:
         for k in accepted:
             if k not in judged:
                 continue
+            without = _without(accepted, k)
+            least = least_help.get(k, -MINOR)
+            # By least squares first; None: by the model's method, under all constraints.
             for fitted in (least_squares_parameters, None):
-                choices = _without(accepted, k), accepted
-                least = least_help.get(k, -MINOR)
                 if k in doubted:
-                    out[k] = self._missing_help(*choices, k, least, fitted)
+                    out[k] = self._missing_help(without, accepted, k, least, fitted)
                 else:
-                    out[k] = self.change(*choices, k, fitted).rise + least
+                    out[k] = self.change(without, accepted, k, fitted).rise + least
                 if out[k] < by_least_squares:
                     break
         return out
@@ -464,19 +464,21 @@ class HeldOut:
 
         while True:
             rest = [k for k in in_doubt if k not in accepted]
-            candidates = [*combinations(rest, 1), *combinations(rest, 2)]
-            rises = {
-                x: self.change(
-                    accepted, [*accepted, *x], told_by(x), least_squares_parameters
-                ).rise
-                for x in candidates
-            }
-            promising = [x for x in candidates if rises[x] < 0.0]
-            promising.sort(key=lambda x: rises[x])
-            added = next(filter(helps, promising), None)
-            if added is None:
+            promising = []
+            for added in [*combinations(rest, 1), *combinations(rest, 2)]:
+                change = self.change(
+                    accepted,
+                    [*accepted, *added],
+                    told_by(added),
+                    least_squares_parameters,
+                )
+                if change.rise < 0.0:
+                    promising.append((change.rise, added))
+            promising.sort(key=lambda pair: pair[0])
+            best = next((added for _, added in promising if helps(added)), None)
+            if best is None:
                 return accepted
-            accepted += added
+            accepted += best
 
     def drop_harmful_to_a_joint(
         self, accepted: Sequence[int], floor: Array
@@ -608,9 +610,7 @@ class _Table:
             self._last = effects, np.concatenate(blocks, axis=2)
         return self._last[1]
 
-    def compressed(
-        self, effects: Sequence[Effect], keep: NDArray[np.bool_]
-    ) -> Regression:
+    def compressed(self, effects: Sequence[Effect], keep: Mask) -> Regression:
         """Return the regression of some rows, compressed to the products of its columns.
 
         Parameters
@@ -626,6 +626,49 @@ class _Table:
         of_joints = self._columns(effects)
         rows = [x[kept] for x, kept in zip(of_joints, keep.T, strict=True)]
         return ProductRegression.from_rows(parameters, rows)
+
+
+def _make_split(
+    effects: tuple[Effect, ...],
+    train: _Table,
+    train_rows: Mask,
+    test: _Table,
+    stretches: Sequence[Mask],
+) -> HeldOutSplit:
+    """Make the regressions of a split for a model with effects: of the rows to fit to,
+    and of the stretches to judge on, (M, n) flags each."""
+    slides = where_joints_slide(test.rows)
+    train_slides = where_joints_slide(train.rows)
+    return HeldOutSplit(
+        effects=effects,
+        train=train.compressed(effects, train_rows),
+        tests=tuple(test.compressed(effects, rows) for rows in stretches),
+        sliding=(
+            *(test.compressed(effects, rows & slides) for rows in stretches),
+            train.compressed(effects, train_rows & train_slides),
+        ),
+        frozen=train.frozen,
+    )
+
+
+def _errors_of_folds(
+    table: _Table, effects: tuple[Effect, ...], by_fold: Mapping[int, Sequence[Effect]]
+) -> HeldOut:
+    """Prepare the errors on three folds (THIRDS) of the searched rows by the phase of the
+    motion; by_fold : by the number of an effect, the one to use for each fold instead."""
+    fold = folds_of(table.rows, THIRDS)
+    stretches, n_stretches = rows_by_stretch(table.rows)
+    splits = []
+    for number in range(fold.max() + 1):
+        its_effects = effects
+        if by_fold:
+            replaced = {k: of_folds[number] for k, of_folds in by_fold.items()}
+            its_effects = tuple(replaced.get(k, e) for k, e in enumerate(effects))
+        is_left_out = (fold == number)[:, None]
+        left_out = [rows & is_left_out for rows in stretches]
+        train_rows = table.rows.keep & ~is_left_out
+        splits.append(_make_split(its_effects, table, train_rows, table, left_out))
+    return HeldOut(table.estimate, table.frozen, splits, "folds", n_stretches)
 
 
 @dataclass(frozen=True)
@@ -670,81 +713,22 @@ class HeldOutData:
         HeldOut
             The errors, computed when they are needed.
         """
+        effects = tuple(effects)
         table = _Table(rows, estimate, self.frozen)
-        by_folds = partial(self._by_folds, table, tuple(effects), by_fold or {})
+        errors_of_folds = partial(_errors_of_folds, table, effects, by_fold or {})
         if self.test is None:
-            return by_folds()
+            return errors_of_folds()
         # Torque-dependent columns follow from the same model as in the searched rows.
         test = _Table(self.test.with_model(*rows.attached), estimate, self.frozen)
-        test_slides = where_joints_slide(test.rows)
         stretches, n_stretches = rows_by_stretch(test.rows)
-        split = HeldOutSplit(
-            effects=tuple(effects),
-            train=table.compressed(effects, rows.keep),
-            tests=tuple(test.compressed(effects, x) for x in stretches),
-            sliding=(
-                *(test.compressed(effects, x & test_slides) for x in stretches),
-                table.compressed(effects, where_joints_slide(rows)),
-            ),
-            frozen=self.frozen,
-        )
         return HeldOut(
             estimate,
             self.frozen,
-            splits=(split,),
+            splits=(_make_split(effects, table, rows.keep, test, stretches),),
             source="test",
             n_stretches=n_stretches,
-            make_second=by_folds,
+            make_second=errors_of_folds,
         )
-
-    def _by_folds(
-        self,
-        table: _Table,
-        effects: tuple[Effect, ...],
-        by_fold: Mapping[int, Sequence[Effect]],
-    ) -> HeldOut:
-        """Prepare the errors on three folds (THIRDS) by the phase of the motion.
-
-        Parameters
-        ----------
-        table
-            The searched rows with the columns of the model.
-        effects
-            The effects that may be added to the model.
-        by_fold
-            By the number of an effect: the effect to use for each fold instead.
-        """
-        fold = folds_of(table.rows, THIRDS)
-        slides = where_joints_slide(table.rows)
-        stretches, n_stretches = rows_by_stretch(table.rows)
-        splits = []
-        for f in range(fold.max() + 1):
-            effects_of_fold = effects
-            if by_fold:
-                effects_of_fold = tuple(
-                    by_fold[k][f] if k in by_fold else e for k, e in enumerate(effects)
-                )
-            left_out = (fold == f)[:, None]
-            train_rows = table.rows.keep & ~left_out
-            test_rows = table.rows.keep & left_out
-            split = HeldOutSplit(
-                effects=effects_of_fold,
-                train=table.compressed(effects_of_fold, train_rows),
-                tests=tuple(
-                    table.compressed(effects_of_fold, test_rows & its_rows)
-                    for its_rows in stretches
-                ),
-                sliding=tuple(
-                    table.compressed(effects_of_fold, its_rows & slides)
-                    for its_rows in (
-                        *(test_rows & its_rows for its_rows in stretches),
-                        train_rows,
-                    )
-                ),
-                frozen=self.frozen,
-            )
-            splits.append(split)
-        return HeldOut(table.estimate, self.frozen, splits, "folds", n_stretches)
 
     def outside(
         self, rows: SegmentedRuns, effect: Effect, by_fold: Sequence[Effect]
@@ -775,7 +759,7 @@ class HeldOutData:
         return float(np.mean(is_outside[rows.keep.any(axis=1)]))
 
 
-def rows_outside(rows: SegmentedRuns, effect: Effect) -> NDArray[np.bool_]:
+def rows_outside(rows: SegmentedRuns, effect: Effect) -> Mask:
     """Return the flags (M,) of the rows that lie outside of an effect's known range.
 
     A row is outside if more than half of the instants that were filtered into it are.
@@ -783,10 +767,10 @@ def rows_outside(rows: SegmentedRuns, effect: Effect) -> NDArray[np.bool_]:
     share_of_row = [
         s.low_pass @ effect.outside(s.motion).astype(float) for s in rows.segments
     ]
-    return np.asarray(np.concatenate(share_of_row) > 0.5)
+    return np.concatenate(share_of_row) > 0.5
 
 
-def where_joints_slide(rows: SegmentedRuns) -> NDArray[np.bool_]:
+def where_joints_slide(rows: SegmentedRuns) -> Mask:
     """Return the flags (M, n): which rows count for which joint, and it slides in them.
 
     A joint that slides in too few of them keeps all.
@@ -796,7 +780,7 @@ def where_joints_slide(rows: SegmentedRuns) -> NDArray[np.bool_]:
     return np.where(has_enough, slides, rows.keep)
 
 
-def rows_by_stretch(rows: SegmentedRuns) -> tuple[list[NDArray[np.bool_]], int]:
+def rows_by_stretch(rows: SegmentedRuns) -> tuple[list[Mask], int]:
     """Return for each stretch of each recording the flags (M, n): which of its rows count
     for which joint; and the number of stretches of a recording.
 
@@ -866,8 +850,11 @@ def least_squares_parameters(
     if not effects:
         return [np.zeros(0) for _ in data]
     model = replace(estimate.model, effects=effects, reference=None)
-    weighted = (weighted_by_residuals(rows, model)[0] for rows in data)
-    return [model.with_known(squares.nearest(0.0)) for squares in weighted]
+    out = []
+    for rows in data:
+        weighted, *_ = weighted_by_residuals(rows, model)
+        out.append(model.with_known(weighted.nearest(0.0)))
+    return out
 
 
 def estimator_beside(estimate: Estimate) -> Estimator:
@@ -910,15 +897,14 @@ def task_beside(
     problem = estimate.problem
     data, weights, _ = weighted_by_residuals(left, own_model)
     return Task(
-        own_model,
-        data,
-        ConstraintSet(problem.constraints(own_model).convex),
-        problem.parameter_bound(own_model),
-        problem.nominal(own_model),
-        problem.box,
-        None,
-        seed,
-        progress,
+        model=own_model,
+        data=data,
+        constraints=ConstraintSet(problem.constraints(own_model).convex),
+        bound=problem.parameter_bound(own_model),
+        nominal=problem.nominal(own_model),
+        box=problem.box,
+        seed=seed,
+        progress=progress,
         weights=weights,
     )
 
@@ -950,9 +936,9 @@ def fitted_parameters(
     list of (p,) arrays
         For each set of rows the parameters, in SI units.
     """
-    if not (own_effects or new):
-        return [np.zeros(0) for _ in data]
     effects = (*own_effects, *new)
+    if not effects:
+        return [np.zeros(0) for _ in data]
     model = replace(estimate.model, effects=effects, reference=None)
     method = estimator_beside(estimate) if frozen else estimate.estimator
     weighting = estimate.weighting

@@ -157,7 +157,7 @@ class Batch:
         n_joints, M, _ = self.whitened_columns.shape
         columns = self.whitened_columns.reshape(n_joints, M, len(self.forms), k)
         transposed = columns.transpose(0, 2, 3, 1)  # (n_joints, F, k, M)
-        return np.asarray(transposed @ transposed.transpose(0, 1, 3, 2))
+        return transposed @ transposed.transpose(0, 1, 3, 2)
 
     @classmethod
     def from_columns(

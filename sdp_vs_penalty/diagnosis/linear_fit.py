@@ -9,14 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, LAW_TOLERANCE
 from sdp_vs_penalty.diagnosis.library import Batch, Candidate, Key, Nuisance
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.regression.evidence import deviance
 from sdp_vs_penalty.regression.linalg import span
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, nonzero_or_one
 
 #: Share of a column below which what others leave of it is rounding.
 DEPENDENT = 1e-5
@@ -110,7 +109,7 @@ class BasisProducts:
     @cached_property
     def with_torque(self) -> Array:
         """(n, r) the products B'y of the model's columns and the torque."""
-        return np.asarray((self.basis.transpose(0, 2, 1) @ self.y[:, :, None])[:, :, 0])
+        return (self.basis.transpose(0, 2, 1) @ self.y[:, :, None])[:, :, 0]
 
     def with_batch(self, batch: Batch) -> list[tuple[Array, Array]]:
         """Return the products B'Z (r, F k) and Z'y (F k,), one pair a joint of a batch.
@@ -142,7 +141,7 @@ class JointTerms(NamedTuple):
     """The columns of terms that act on one joint."""
 
     #: (t,) numbers of these columns among the design's.
-    numbers: NDArray[np.intp]
+    numbers: Indices
     #: (M, t) the columns, scaled as the design's are.
     columns: Array
 
@@ -186,7 +185,7 @@ class Design:
     @cached_property
     def torque_squared(self) -> Array:
         """(n,) the squares y'y of each joint's torque."""
-        return np.asarray(np.sum(self.y**2, axis=1))
+        return np.sum(self.y**2, axis=1)
 
     def times(self, coefficients: Array) -> Array:
         """Return A C (n, M, K) for coefficients C (p, K)."""
@@ -196,7 +195,7 @@ class Design:
         for j, terms in enumerate(self.terms_by_joint):
             if len(terms.numbers):
                 out[j] += terms.columns @ coefficients[terms.numbers]
-        return np.asarray(out)
+        return out
 
     def products_on(self, joint: int, z: Array) -> Array:
         """Return A'Z (p, K) for columns Z (M, K) on a joint (from 0)."""
@@ -253,12 +252,12 @@ class WhiteFit:
     @property
     def target(self) -> Array:
         """(n, M) the torque over the standard deviation of each joint's residual."""
-        return np.asarray(self.design.y / self.level[:, None])
+        return self.design.y / self.level[:, None]
 
     @cached_property
     def torque_energy(self) -> Array:
         """(n,) squares of each joint's torque over the variance of its residual."""
-        return np.asarray(self.design.torque_squared / self.level**2)
+        return self.design.torque_squared / self.level**2
 
     @cached_property
     def own_deviance(self) -> float:
@@ -269,13 +268,13 @@ class WhiteFit:
     def residual(self) -> Array:
         """(n, M) what the fit leaves of the torque, divided by each joint's level."""
         residual = self.design.y - self.design.times(self.theta[:, None])[:, :, 0]
-        return np.asarray(residual / self.level[:, None])
+        return residual / self.level[:, None]
 
     @property
     def leverage(self) -> Array:
         """(n, M) share of each row's noise that the fit absorbs, from 0 to 1: the sum
         of squares of the row in ``basis``."""
-        return np.asarray(np.sum(self.basis**2, axis=2))
+        return np.sum(self.basis**2, axis=2)
 
     @property
     def basis(self) -> Array:
@@ -287,19 +286,19 @@ class WhiteFit:
     def precision(self) -> Array:
         """(r, r) precision of the priors, of coefficients of ``basis``."""
         summed = self.level**-2.0 @ self.design.precision
-        return np.asarray((self.whitener.T * summed) @ self.whitener)
+        return (self.whitener.T * summed) @ self.whitener
 
     @property
     def along_torque(self) -> Array:
         """(r,) the products Q'y with the weighted torque, of Q the ``basis``."""
-        return np.asarray(self.whitener.T @ (self.level**-2.0 @ self.design.Ay))
+        return self.whitener.T @ (self.level**-2.0 @ self.design.Ay)
 
     @cached_property
     def design_with_residual(self) -> Array:
         """(n, p) the products A'r / level of the weighted design and residual, less the
         pull of the priors."""
         left = self.design.Ay - self.design.gram @ self.theta
-        return np.asarray(left / self.level[:, None] ** 2)
+        return left / self.level[:, None] ** 2
 
     def deviance(self, rss: Array) -> Array:
         """Return the deviance -2 log L (...,) for sums of squared errors rss (..., n).
@@ -358,13 +357,13 @@ class ColumnProducts:
     @cached_property
     def along_fit(self) -> Array:
         """(r, K) the products Q'Z with the fit's r columns Q, its ``basis``."""
-        return np.asarray(self.fit.whitener.T @ sum(self.with_design.values()))
+        return self.fit.whitener.T @ sum(self.with_design.values())
 
     @cached_property
     def gram_left(self) -> Array:
         """(K, K) the Gram matrix of what the fit leaves of Z: Z'Z - (Q'Z)'Q'Z."""
         gram = sum(self.grams.values())
-        return np.asarray(gram - self.along_fit.T @ self.along_fit)
+        return gram - self.along_fit.T @ self.along_fit
 
     @cached_property
     def with_residuals(self) -> dict[int, Array]:
@@ -389,7 +388,7 @@ class ColumnProducts:
         left = fit.design.times(explained) / -fit.level[:, None, None]
         for j, z in self.columns.items():
             left[j] += z
-        return np.asarray(left)
+        return left
 
     def squares_with(self, beta: Array) -> Array:
         """Return the squares (n,) of T beta on each joint for coefficients beta (K,),
@@ -401,7 +400,7 @@ class ColumnProducts:
         for j, gram in self.grams.items():
             along_design = float((self.with_design[j] @ beta) @ d)
             squares[j] += float(beta @ gram @ beta) - 2.0 * along_design
-        return np.asarray(np.maximum(squares, 0.0))
+        return np.maximum(squares, 0.0)
 
     def rss_with(self, beta: Array, squares_of_torque: Array) -> Array:
         """Return the squared errors (n,) of the joints once T beta joins the fit, with
@@ -415,7 +414,7 @@ class ColumnProducts:
         squares += 2.0 * fit.design_with_residual @ d
         for j, products in self.with_residuals.items():
             squares[j] -= 2.0 * float(products @ beta)
-        return np.asarray(np.maximum(squares, 0.0) * fit.level**2)
+        return np.maximum(squares, 0.0) * fit.level**2
 
 
 class WhiteFitter:
@@ -499,12 +498,10 @@ class WhiteFitter:
             design = self._design(terms)
         effects = [t for t in terms if isinstance(t, ScoredEffect)]
         replaced = {t.key for t in effects if t.form.replaces_own_constant}
-        columns = [
-            i
-            for key, its_columns in design.columns_of_model.items()
-            if key not in replaced
-            for i in its_columns
-        ]
+        columns = list[int]()
+        for key, its_columns in design.columns_of_model.items():
+            if key not in replaced:
+                columns += its_columns
         columns += sorted(i for t in terms for i in design.columns_by_text[t.text])
         level = np.ones(len(design.y)) if near is None else near.level
         return self._fitted(design, tuple(columns), level)
@@ -682,14 +679,14 @@ def _solve(L: Array, b: Array) -> Array:
     """Solve L L' x = b (m,) for a lower triangle L (m, m); return x (m,)."""
     if not len(b):  # LAPACK refuses an empty matrix
         return b
-    return np.asarray(scipy.linalg.lapack.dpotrs(L, b, lower=True)[0])
+    return scipy.linalg.lapack.dpotrs(L, b, lower=True)[0]
 
 
 def _inverse_triangle(L: Array) -> Array:
     """Return the inverse (m, m) of a lower triangle L (m, m)."""
     if not len(L):
         return L
-    return np.asarray(scipy.linalg.lapack.dtrtri(L, lower=True)[0])
+    return scipy.linalg.lapack.dtrtri(L, lower=True)[0]
 
 
 def _unit(columns: Array) -> Array:
@@ -715,15 +712,10 @@ def with_ridge(A: Array) -> Array:
     A zero on the diagonal becomes 1e-310, so that the matrix can be inverted.
     """
     diagonal = np.diagonal(A, axis1=-2, axis2=-1) + 1e-300
-    return np.asarray(A + 1e-10 * diagonal[..., None] * np.eye(A.shape[-1]))
+    return A + 1e-10 * diagonal[..., None] * np.eye(A.shape[-1])
 
 
-def _with_ridge_of_one(a: float) -> float:
-    """Return a matrix of one number as :func:`with_ridge` does."""
-    return a + 1e-10 * (a + 1e-300)
-
-
-def bounded_least_squares(A: Array, Xy: Array, nonnegative: NDArray[np.bool_]) -> Array:
+def bounded_least_squares(A: Array, Xy: Array, nonnegative: Mask) -> Array:
     """Minimise b'A b / 2 - (X'y)'b, with some coefficients b not negative.
 
     Parameters
@@ -740,11 +732,13 @@ def bounded_least_squares(A: Array, Xy: Array, nonnegative: NDArray[np.bool_]) -
         non-negative least squares.
     """
     if len(Xy) == 1:
-        coefficient = float(Xy[0] / _with_ridge_of_one(float(A[0, 0])))
+        a = float(A[0, 0])
+        ridge = 1e-10 * (a + 1e-300)  # as that of more coefficients
+        coefficient = float(Xy[0] / (a + ridge))
         return np.array([max(coefficient, 0.0) if nonnegative[0] else coefficient])
-    beta = np.linalg.solve(with_ridge(A), Xy)
+    beta = np.asarray(np.linalg.solve(with_ridge(A), Xy))
     if not np.any(beta[nonnegative] < 0.0):
-        return np.asarray(beta)
+        return beta
     # With A = R'R, minimise |R b - R'^-1 X'y|^2. A coefficient of any sign is the
     # difference of two that are not negative: R has a second column for it.
     R = np.linalg.cholesky(with_ridge(A)).T
@@ -754,4 +748,4 @@ def bounded_least_squares(A: Array, Xy: Array, nonnegative: NDArray[np.bool_]) -
     k = len(nonnegative)
     beta = solution[:k].copy()
     beta[~nonnegative] -= solution[k:]
-    return np.asarray(beta)
+    return beta

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import SERIES
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
@@ -25,7 +24,7 @@ from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.records import JsonRecord
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
 from sdp_vs_penalty.robot.inertia import gyration_about_joint, inertia_matrix
 
 #: Tolerance of a robot's file, as relative standard deviations: of a mass; of a centre
@@ -224,7 +223,7 @@ def file_deviations(links: Array) -> Array:
     return np.maximum(out, 1e-9)
 
 
-def _describes(fit: FitWithPriors, places: NDArray[np.intp]) -> bool:
+def _describes(fit: FitWithPriors, places: Indices) -> bool:
     """Return whether a file describes links as well as its tolerance says.
 
     The squares of their deviations, in units of the tolerance, are compared with those
@@ -265,17 +264,13 @@ def offsets_beside_friction(
     p = len(estimate.theta)
     fit = fit_with_priors(rows, np.zeros(p), np.full(p, np.inf))
     friction = np.zeros(estimate.robot.n)
-    names = [standard_effect(field).name for field in ("friction", "offset")]
-    name_of_friction, name_of_offset = names
+    name_of_friction = standard_effect("friction").name
+    name_of_offset = standard_effect("offset").name
     for index, parameter in enumerate(estimate.model.parameters):
         if parameter.effect == name_of_friction:
             friction[parameter.joint - 1] = fit.theta[index]
-    explained = {
-        joint
-        for term in search.terms
-        if _may_be_constant(search, term)
-        for joint in term.joints
-    }
+    constant = [t.joints for t in search.terms if _may_be_constant(search, t)]
+    explained = frozenset[int]().union(*constant)
     out = []
     for index, parameter in enumerate(estimate.model.parameters):
         joint = parameter.joint - 1
@@ -330,7 +325,7 @@ class ScaledRows:
     #: Number p of the model's parameters.
     n_parameters: int
     #: Ways to group the rows that err together: labels (M,) of the rows.
-    clusters: Sequence[NDArray[np.intp]]
+    clusters: Sequence[Indices]
 
     @classmethod
     def of_search(cls, search: Search) -> ScaledRows:
@@ -374,7 +369,7 @@ class ScaledRows:
             residual = y - z @ theta
             scores += z * residual[:, None]
         factor = largest_sums_of_scores(self.clusters, scores)
-        return np.asarray(factor @ factor.T)
+        return factor @ factor.T
 
     def padded(self, of_model: Array) -> Array:
         """Return values of the model's parameters (p,), with zeros of the findings'

@@ -82,7 +82,7 @@ def law_misfit_columns(
 
 def _in_units_of_largest(x: Array) -> Array:
     """Divide x (N,) by its largest magnitude; an array of zeros stays."""
-    return np.asarray(x / nonzero_or_one(np.abs(x).max()))
+    return x / nonzero_or_one(np.abs(x).max())
 
 
 class Nuisances:

@@ -142,7 +142,7 @@ def with_constants(estimate: Estimate, constants: Sequence[ScoredEffect]) -> Est
 
 
 def constant_std(
-    fit: WhiteFit, errors: Sequence[ConstantErrors], s: ShapeEstimate
+    fit: WhiteFit, errors: Sequence[ConstantErrors], constant: ShapeEstimate
 ) -> float:
     """Return the standard deviation of a re-estimated shape constant, in its unit.
 
@@ -163,22 +163,24 @@ def constant_std(
     float
         Infinite if the rows hold less information than the prior.
     """
-    for change, columns in errors:
-        effect = change.effect
-        is_its = effect.name == s.effect and s.index in effect.joints
-        if not is_its or s.shape not in change.keys:
+    name = constant.shape
+    for derivatives, columns in errors:
+        effect = derivatives.effect
+        is_its = effect.name == constant.effect and constant.index in effect.joints
+        if not is_its or name not in derivatives.keys:
             continue
-        k = change.keys.index(s.shape)
+        k = derivatives.keys.index(name)
         remaining = fit.residual_of(fit.scaled(columns))[:, :, k]
         information = float(np.sum(remaining**2))
         if information <= 1.0:
             return np.inf
-        return float(s.after * prior_deviation(effect, s.shape) / information**0.5)
+        deviation = constant.after * prior_deviation(effect, name)
+        return float(deviation / information**0.5)
     return np.inf
 
 
 def retune(
-    s: ShapeEstimate,
+    constant: ShapeEstimate,
     std: float,
     robot: Robot,
     before: Array,
@@ -189,8 +191,8 @@ def retune(
 
     Parameters
     ----------
-    s
-        The constant with the values before and after.
+    constant
+        With the values before and after.
     std
         Standard deviation of the value, in its unit.
     before
@@ -206,29 +208,26 @@ def retune(
         The report. It is weak if the value lies at the end of its range, does not lower
         its joint's error on data left out, or is harmful.
     """
-    shape = effect_types()[s.effect].shapes[s.shape]
-    kind = robot.joints[s.index].kind
-    unit = plain_unit(robot.torque_units[s.index])
-    errors = float(before[s.index]), float(after[s.index])
-    explanation = (
-        f"{changed_constant_in_words(s, shape, kind)};"
-        f" error on data left out {errors[0]:.3g} to {errors[1]:.3g} {unit}"
-    )
+    j = constant.index
+    shape = effect_types()[constant.effect].shapes[constant.shape]
+    change = changed_constant_in_words(constant, shape, robot.joints[j].kind)
+    was, now = float(before[j]), float(after[j])
+    unit = plain_unit(robot.torque_units[j])
     doubts = []
-    if s.at_end:
+    if constant.at_end:
         doubts.append(Doubt("at_end"))
     # As of a finding: what does not lower the error on data left out is no setting.
-    if errors[1] > (1.0 + MINOR) * errors[0]:
+    if now > (1.0 + MINOR) * was:
         doubts.append(Doubt("raises"))
-    elif errors[1] > (1.0 - MINOR) * errors[0]:
+    elif now > (1.0 - MINOR) * was:
         doubts.append(Doubt("not_held_out"))
     if is_harmful:
         doubts.append(Doubt("alone"))
     return Retune(
-        **vars(replace(s, std=std)),
+        **vars(replace(constant, std=std)),
         confidence="weak" if doubts else "confident",
-        rmse_before=errors[0],
-        rmse_after=errors[1],
-        explanation=explanation,
+        rmse_before=was,
+        rmse_after=now,
+        explanation=f"{change}; error on data left out {was:.3g} to {now:.3g} {unit}",
         doubts=tuple(doubts),
     )

@@ -107,15 +107,15 @@ def _refine_along(judge: Judge, start: ScoredEffect, name: str) -> ScoredEffect:
     start
         The scored candidate from which the constant starts.
     """
-    effect = start.form.effect
-    shape = effect.shapes[name].on(effect.robot.joints[effect.joints[0]].kind)
-    if shape.bounds is None:
+    if start.form.bounds(name) is None:
         return start
     lattice = _Lattice(judge, start, name)
     x = 0.0  # position: spacings of the grid from the start
     for step in STEPS:
         x = lattice.climb(x, step)
-    # The top of the parabola through the last point and its neighbours.
+    # The top of the parabola through the last point and its neighbours, by the drops of
+    # the deviance there: the larger the better.
+    step = STEPS[-1]
     below = lattice.drop(x - step)
     middle = lattice.drop(x)
     above = lattice.drop(x + step)

@@ -75,18 +75,13 @@ def least_squares_refit(
     smallest_variance = 1.0 if data.noise_is_known else 1e-12
     level = np.ones(n)
     for _ in range(3):
-        rows = [prior, *(x / v for x, v in zip(triangles, level, strict=True))]
-        A = np.vstack(rows)
-        step = min_norm_lstsq(A[:, :-1], A[:, -1])
-        squares = np.array([_squared_error(x, step) for x in triangles])
+        scaled = [x / of_joint for x, of_joint in zip(triangles, level, strict=True)]
+        rows = np.vstack([prior, *scaled])
+        step = min_norm_lstsq(rows[:, :-1], rows[:, -1])
+        left = [triangle[:, -1] - triangle[:, :-1] @ step for triangle in triangles]
+        squares = np.array([np.sum(of_joint**2) for of_joint in left])
         variance = squares / np.maximum(data.count, 1.0)
         level = np.sqrt(np.maximum(variance, smallest_variance))
     theta = first + step
     modelled = np.column_stack([columns_on(j) @ theta for j in range(n)])
-    return theta, np.asarray(torque - modelled)
-
-
-def _squared_error(triangle: Array, step: Array) -> float:
-    """Return the squared error |b - A step|^2 of a compressed problem [A, b] (r, p + 1),
-    for a change of the parameters (p,)."""
-    return float(np.sum((triangle[:, -1] - triangle[:, :-1] @ step) ** 2))
+    return theta, (torque - modelled)

@@ -247,21 +247,12 @@ class Search:
                 if law not in best or score > best[law][0]:
                     best[law] = (score, form, batch.columns(f))
         ranked = sorted(best.values(), key=lambda entry: -entry[0])
-        return [
-            self._judge_screened(fit, form, columns)
-            for form, columns in _keep_best_candidates(ranked)
-        ]
-
-    def _judge_screened(
-        self, fit: WhiteFit, form: Candidate, columns: dict[int, Array]
-    ) -> ScoredEffect:
-        """Score a candidate as an addition to a fit, with columns computed before.
-
-        ``columns`` are its white columns, (M, k) by joint, as its batch holds them;
-        they are kept for later calls of :meth:`columns`.
-        """
-        self._known_columns(form).setdefault(form.text, columns)
-        return self.score.evidence_of(fit, form, columns)
+        judged = []
+        for form, columns in _keep_best_candidates(ranked):
+            # The columns are kept for later calls of :meth:`columns`.
+            self._known_columns(form).setdefault(form.text, columns)
+            judged.append(self.score.evidence_of(fit, form, columns))
+        return judged
 
     def simplest(self, ranked: Sequence[ScoredEffect]) -> ScoredEffect | None:
         """Return the simplest of the candidates that are about as good as the best one.

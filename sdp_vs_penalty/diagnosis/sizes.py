@@ -23,9 +23,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import PARTS, SIGNIFICANT, UNCERTAIN
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
@@ -42,7 +42,7 @@ from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, free_constants
 from sdp_vs_penalty.regression.evidence import cluster_sums, student_95
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 
@@ -164,30 +164,20 @@ def size_with_interval(
     others = [t for t in search.terms if t != term]
     fit = search.score.fit(others, fit_of_all)
     trial = search.score.trial_beside(fit, fit, term.form, term.columns)
-    on_its_joints = [
-        (derivatives, z)
-        for derivatives, z in errors_of_constants
-        if not term.joints.isdisjoint(z)
-    ]
-    columns_of_constants = [fit.residual_of(fit.scaled(z)) for _, z in on_its_joints]
-    is_own = np.concatenate(
-        [
-            np.ones(k, bool),
-            *(
-                np.full(len(d.keys), d.effect.text == term.text)
-                for d, _ in on_its_joints
-            ),
-        ]
-    )
     # (n, M, K): the effect's k columns first, then those of errors of shape constants,
     # which are scaled so that their prior standard deviation is 1.
-    T = np.concatenate([trial.columns_left, *columns_of_constants], axis=2)
+    columns, is_own = [trial.columns_left], [True] * k
+    for derivatives, white in errors_of_constants:
+        if not term.joints.isdisjoint(white):
+            columns.append(fit.residual_of(fit.scaled(white)))
+            is_own += [derivatives.effect.text == term.text] * len(derivatives.keys)
+    T = np.concatenate(columns, axis=2)
     n_constants = T.shape[2] - k
     prior = np.diag(np.concatenate([trial.prior_std**-2.0, np.ones(n_constants)]))
     joints_and_rows = ((0, 1), (0, 1))
     gram = np.tensordot(T, T, axes=joints_and_rows)
     A = gram + prior
-    inverse = np.linalg.pinv(A, rcond=1e-12, hermitian=True)
+    inverse = _inverse(A)
     residual = fit.residual - T[:, :, :k] @ term.beta
     # Factors F of the sandwich's middle S = F F', side by side.
     factors = [largest_sums(search.data, T, residual)]
@@ -197,22 +187,17 @@ def size_with_interval(
         factors.append(np.tensordot(T, doubt, axes=joints_and_rows))
     covariance = _sandwich(inverse, factors, gram)
     # Without the columns of the constants, as if these were exact.
-    inverse_given_constants = np.linalg.pinv(A[:k, :k], rcond=1e-12, hermitian=True)
-    own = np.flatnonzero(is_own)
-    inverse_of_own = np.linalg.pinv(A[np.ix_(own, own)], rcond=1e-12, hermitian=True)
-    by_constants = inverse_of_own[:k, :k] - inverse_given_constants
-    tolerated = share_of_one_misfit(term.form.effect) * max(term.drop, 0.0)
+    inverse_given_constants = _inverse(A[:k, :k])
+    given_constants = partial(_sandwich, inverse_given_constants, gram=gram[:k, :k])
     of_effect = [factor[:k] for factor in factors]
-    gram_of_effect = gram[:k, :k]
+    own = np.flatnonzero(is_own)
+    by_constants = _inverse(A[np.ix_(own, own)])[:k, :k] - inverse_given_constants
+    tolerated = share_of_one_misfit(term.form.effect) * max(term.drop, 0.0)
     return Size(
         beta=term.beta,
         covariance=covariance[:k, :k],
-        covariance_given_constants=_sandwich(
-            inverse_given_constants, of_effect, gram_of_effect
-        ),
-        covariance_of_rows=_sandwich(
-            inverse_given_constants, of_effect[:1], gram_of_effect
-        ),
+        covariance_given_constants=given_constants(of_effect),
+        covariance_of_rows=given_constants(of_effect[:1]),
         covariance_of_law=tolerated * by_constants,
         torque=torque_made(
             search.data.rows,
@@ -228,8 +213,8 @@ def joints_with_offset(data: WhiteData) -> frozenset[int]:
     """Return the joints (from 0) whose constant torque the model's own offset takes in;
     none of a model that is held fixed."""
     effects = () if data.frozen else data.estimate.model.effects
-    offsets = [e for e in effects if e.simulator_field == "offset"]
-    return frozenset(joint for effect in offsets for joint in effect.joints)
+    offsets = [set(e.joints) for e in effects if e.simulator_field == "offset"]
+    return frozenset[int]().union(*offsets)
 
 
 def beside_offsets(columns: Array, effect: Effect, offsets: frozenset[int]) -> Array:
@@ -296,6 +281,11 @@ def torque_made(
     return TorqueMade(joint, rms, float(np.sqrt(max(variance, 0.0) + of_law)))
 
 
+def _inverse(A: Array) -> Array:
+    """Return the inverse of a symmetric matrix, where it has one."""
+    return np.asarray(np.linalg.pinv(A, rcond=1e-12, hermitian=True), float)
+
+
 def _sandwich(inverse: Array, factors: Sequence[Array], gram: Array) -> Array:
     """Return the covariance A^-1 F F' A^-1 (K, K); variances are at least those of
     independent rows.
@@ -315,9 +305,7 @@ def largest_sums(data: WhiteData, T: Array, residual: Array) -> Array:
     return largest_sums_of_scores(data.clusters, scores)
 
 
-def largest_sums_of_scores(
-    clusters: Sequence[NDArray[np.intp]], scores: Array
-) -> Array:
+def largest_sums_of_scores(clusters: Sequence[Indices], scores: Array) -> Array:
     """Return a factor F (K, clusters) of the sandwich covariance's middle S = F F'.
 
     A column of F is the score summed over a cluster of rows that err together. Rows are
@@ -355,7 +343,7 @@ def _sums_of_parts(sums: Array) -> Array:
     first_clusters = np.linspace(0, len(sums), PARTS, endpoint=False).astype(np.intp)
     of_parts = np.add.reduceat(sums, first_clusters, axis=0)
     degrees = PARTS / (PARTS - 1)
-    return np.asarray(of_parts * np.sqrt(degrees) * student_95(PARTS) / NORMAL_95)
+    return of_parts * np.sqrt(degrees) * student_95(PARTS) / NORMAL_95
 
 
 def _at_least(covariance: Array, smallest: Array) -> Array:
@@ -366,7 +354,7 @@ def _at_least(covariance: Array, smallest: Array) -> Array:
     variances = np.diagonal(covariance)
     larger = np.maximum(variances, np.diagonal(smallest))
     growth = larger / np.maximum(variances, 1e-300)
-    return np.asarray(covariance * np.sqrt(growth[:, None] * growth))
+    return covariance * np.sqrt(growth[:, None] * growth)
 
 
 def torque_errors(data: WhiteData, estimate: Estimate) -> Array:
@@ -384,13 +372,11 @@ def torque_errors(data: WhiteData, estimate: Estimate) -> Array:
     """
     uncertainty = estimate.uncertainty
     rows = data.rows
-    n = rows.n
-    M = len(rows.t)
     if not data.frozen and not uncertainty.gain_errors.any():
-        return np.zeros((n, M, 0))
+        return np.zeros((rows.n, len(rows.t), 0))
     columns = model_columns(rows, estimate)
     by_joint = []
-    for j in range(n):
+    for j in range(rows.n):
         # (M, n) change of this joint's error for a unit error of each channel's gain.
         by_gain = -columns[j] @ uncertainty.gain_response
         by_gain[:, j] += rows.torque[:, j]

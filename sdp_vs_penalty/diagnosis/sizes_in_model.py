@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.conclude import physics_of
 from sdp_vs_penalty.diagnosis.doubts import Doubt
@@ -25,6 +24,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.regression.base_parameters import base_rows
+from sdp_vs_penalty.robot.arrays import Indices
 
 #: Share of its standard deviation below which a size is held at its bound, zero: one
 #: that is free is as near to zero once in a thousand times.
@@ -163,9 +163,7 @@ def std_of_both(size: float, std: float, finding: Finding) -> float:
     return float(np.hypot(of_both, finding.std_of_law))
 
 
-def effect_of(
-    finding: Finding, model: Estimate
-) -> tuple[Effect, NDArray[np.intp]] | None:
+def effect_of(finding: Finding, model: Estimate) -> tuple[Effect, Indices] | None:
     """Find the effect of a model that a finding is about.
 
     It has the finding's name, joints and law (constants with few choices). Of several

@@ -51,15 +51,16 @@ def contradicted_by_sliding(
     out = []
     for term in terms:
         places = fit.design.columns_by_text[term.text]
-        b = fit.theta[places]
-        size = float(np.linalg.norm(b))
-        along = (b / max(size, 1e-300)) @ fit.whitener[places]
+        coefficients = fit.theta[places]
+        size = float(np.linalg.norm(coefficients))
+        # The size's gradient by the coefficients of B.
+        along = (coefficients / max(size, 1e-300)) @ fit.whitener[places]
         difference = float(along @ change)
         influence = B @ (inverse @ along)
         scores = np.sum(influence * residual, axis=0)[:, None]
         std = float(np.linalg.norm(largest_sums_of_scores(data.clusters, scores)))
-        # At least that of independent rows.
-        std = max(std, float(along @ inverse @ along) ** 0.5)
+        std_of_independent_rows = float(along @ inverse @ along) ** 0.5
+        std = max(std, std_of_independent_rows)
         is_other_size = abs(difference) > max(_CHANGE * size, 2.0 * std)
         evidence = max(size + difference, 0.0) ** 2 / std**2 - term.price
         is_evident = evidence > EVIDENCE_TO_ADD or term.form.effect.is_dry_friction

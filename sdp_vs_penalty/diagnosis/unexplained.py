@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import (
     CHANCE,
@@ -24,7 +23,7 @@ from sdp_vs_penalty.diagnosis.linear_fit import WhiteFit
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 from sdp_vs_penalty.signals.noise import REPETITION, Noise
 from sdp_vs_penalty.signals.standstill import STILL
 
@@ -46,7 +45,7 @@ class Remainder:
     #: (M, n) torque that is left [N m or N].
     residual: Array
     #: (M, n) flags of the rows of events.
-    outlier_rows: NDArray[np.bool_]
+    outlier_rows: Mask
 
 
 def unexplained_error(search: Search) -> Remainder:
@@ -77,7 +76,7 @@ def unexplained_error(search: Search) -> Remainder:
 
 
 def remainder(
-    data: WhiteData, fit: WhiteFit, residual: Array, outlier_rows: NDArray[np.bool_]
+    data: WhiteData, fit: WhiteFit, residual: Array, outlier_rows: Mask
 ) -> Remainder:
     """Judge a residual against the noise, joint by joint.
 
@@ -110,15 +109,15 @@ def remainder(
     # (M, n) share of a row's noise that the fit has absorbed.
     leverage = fit.leverage.T
 
-    def mean(squares: Array, which: NDArray[np.bool_]) -> Array:
+    def mean(squares: Array, which: Mask) -> Array:
         """Average squares (M, n) over rows, without bias by the fitted parameters."""
         degrees = np.maximum((which * (1.0 - leverage)).sum(axis=0), 1.0)
-        return np.asarray((which * squares).sum(axis=0) / degrees)
+        return (which * squares).sum(axis=0) / degrees
 
     variance = mean(white**2, slides)
     squares = mean(residual**2, slides)
     floor = noise.floor
-    rise = (1.0 + MIN_ERROR_RISE) ** 2
+    rise = (1.0 + MIN_ERROR_RISE) ** 2  # of squares, that matters
     raised = np.flatnonzero((squares > rise * floor**2) & data.noise_is_known)
     if raised.size:  # the torque of encoder steps counts as noise, too
         floor = np.sqrt(floor**2 + mean(rows.steps**2, slides))
@@ -154,5 +153,5 @@ def _smallest_variance(noise: Noise, rise: float) -> Array:
     """
     if noise.source == REPETITION:  # as the mean of so many squares is itself known
         degrees = noise.degrees
-        return np.asarray(rise * degrees / scipy.special.chdtri(degrees, 1.0 - CHANCE))
+        return rise * degrees / scipy.special.chdtri(degrees, 1.0 - CHANCE)
     return np.full(len(noise.floor), SPECTRUM_NOISE_FACTOR**2 * rise)

@@ -59,7 +59,7 @@ from sdp_vs_penalty.formatting import plain_unit, words
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -410,7 +410,7 @@ class Failures(Record, JsonRecord):
         if all(f.noise_floor for f in self):
             units = [f.noise_floor for f in self]
         errors = np.array([f.total_error for f in self])
-        return np.asarray(errors / [unit or 1.0 for unit in units])
+        return errors / [unit or 1.0 for unit in units]
 
     @property
     def worst_first(self) -> list[JointFailure]:
@@ -515,12 +515,10 @@ def where_it_fails(
         keep=np.asarray(rows.keep.all(axis=1), bool),
         repeats=source == REPETITION,
     )
-    joints = (
-        judge.failure_of(
-            j, residual[:, j], None if floors is None else float(floors[j])
-        )
-        for j in range(rows.n)
-    )
+    joints = []
+    for j in range(rows.n):
+        floor = None if floors is None else float(floors[j])
+        joints.append(judge.failure_of(j, residual[:, j], floor))
     return Failures(tuple(joints), estimate.torque_units)
 
 
@@ -537,9 +535,9 @@ class _Judge:
     #: Motion and torque of every row.
     states: States
     #: (M,) folds of the rows, by phase of the motion.
-    folds: NDArray[np.intp]
+    folds: Indices
     #: (M,) flags of the rows that count.
-    keep: NDArray[np.bool_]
+    keep: Mask
     #: Whether repetition shows the noise.
     repeats: bool
 
@@ -674,7 +672,7 @@ class _Judge:
 
 
 def _reversal_lift(
-    velocity: Array, error: Array, rows: SegmentedRuns, keep: NDArray[np.bool_]
+    velocity: Array, error: Array, rows: SegmentedRuns, keep: Mask
 ) -> float:
     """Return how many times as large the RMS error is near velocity reversals as
     elsewhere.
@@ -744,6 +742,8 @@ def _full_rate(
 #: Times the median of its neighbours from which an order is a wave. Of white noise one
 #: of 2^16 orders has four times, and one of 2^36 has six; real errors have heavier tails.
 _WAVE = 6.0
+#: Orders of whose amplitudes the median is taken, the order itself in the middle.
+_NEIGHBOURS = 31
 #: Waves that are looked for in a joint's residual.
 _MOST_WAVES = 5
 
@@ -804,24 +804,19 @@ def _orders(full: Sequence[_FullRate], bins: int = 4096) -> tuple[TurnWave, ...]
         wave = [np.cos(order * angle), np.sin(order * angle)]
         with_wave = np.column_stack([columns, *wave])
         sizes_with, amplitude_with = fitted(with_wave)
-        around = max(_surroundings(amplitude_with)[order], 1e-300)
-        over = np.hypot(*sizes_with[-2:]) / around  # of its cosine and sine
+        median = scipy.ndimage.median_filter(amplitude_with, _NEIGHBOURS)[order]
+        over = np.hypot(*sizes_with[-2:]) / max(median, 1e-300)  # of cosine and sine
         if over <= _WAVE:
             break
         waves[order] = float(over)
         columns, sizes, amplitude = with_wave, sizes_with, amplitude_with
+    # Of each wave the sizes of its cosine and sine, behind those of all else.
+    of_waves = sizes[n_smooth:].reshape(-1, 2)
     found = [
         TurnWave(order, float(np.hypot(*size)), over)
-        for (order, over), size in zip(
-            waves.items(), sizes[n_smooth:].reshape(-1, 2), strict=True
-        )
+        for (order, over), size in zip(waves.items(), of_waves, strict=True)
     ]
     return tuple(sorted(found, key=lambda wave: -wave.amplitude))
-
-
-def _surroundings(amplitude: Array) -> Array:
-    """Return the median amplitude of each order's 31 neighbours (K,)."""
-    return np.asarray(scipy.ndimage.median_filter(amplitude, 31))
 
 
 def _amplitudes(

@@ -6,10 +6,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import CLUSTERS, FORGETS
@@ -18,7 +17,7 @@ from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, sensitivities
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.noise import RESIDUAL, Noise, noise_of, rate_features
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -84,11 +83,9 @@ def with_estimate(
         gains = np.array(model.gains or (1.0,))  # no gains: all are 1
         return motion.with_torque(motion.model_torque + torque_of_others * gains)
 
-    def motion_seen_by_model(motion: Motion) -> Motion:
-        """Add the model's torque and links to a motion."""
-        return model.seen_along(estimate.theta, motion)
-
-    return runs.with_model(motion_seen_by_model, add_torque_of_others, model.gains)
+    # Adds the model's torque and links to a motion.
+    attach = partial(model.seen_along, estimate.theta)
+    return runs.with_model(attach, add_torque_of_others, model.gains)
 
 
 #: What errors of an effect's free shape constants make of torque, white.
@@ -111,7 +108,7 @@ class WhiteData:
     #: (n, M) white torque; if the model is held fixed, the white residual of the model.
     y: Array
     #: Labels (M,) of rows that err together, by time and by phase of the motion.
-    clusters: tuple[NDArray[np.intp], ...]
+    clusters: tuple[Indices, ...]
     #: (n,) number of rows that carry information.
     count: Array
     #: Whether the model is held fixed.
@@ -175,13 +172,13 @@ class WhiteData:
         if self.frozen:
             return {}
         parameters = self.estimate.model.parameters
-        return {
-            (effect.name, joint): int(column)
-            for effect, columns in self.estimate.model.parts
-            if len(columns) == len(effect.joints)
-            for joint, column in zip(effect.joints, columns, strict=True)
-            if parameters[int(column)].lower == 0.0
-        }
+        out = dict[tuple[str, int], int]()
+        for effect, columns in self.estimate.model.parts:
+            if len(columns) == len(effect.joints):
+                for joint, column in zip(effect.joints, columns.tolist(), strict=True):
+                    if parameters[column].lower == 0.0:
+                        out[effect.name, joint] = column
+        return out
 
     @cached_property
     def rates(self) -> Array:
@@ -277,7 +274,7 @@ def whiten_rows(
     return whiten_with_noise(rows, noise, estimate, frozen)
 
 
-def mask_unsettled_rows(rows: SegmentedRuns) -> NDArray[np.bool_]:
+def mask_unsettled_rows(rows: SegmentedRuns) -> Mask:
     """Return (M, n) flags of rows in which friction may depend on the time before.
 
     Friction with a memory forgets its initial state over a travel of FORGETS (0.03 rad
@@ -326,7 +323,8 @@ def whiten_with_noise(
         torque = torque - (columns[:, :, known] @ estimate.theta[known]).T
         columns[:, :, known] = 0.0
     X, y = white_rows(rows, noise, columns, torque)
-    clusters = cluster_rows(rows)
+    # An error of the model recurs whenever the motion repeats.
+    _, phase_clusters = phase_stretches(rows, CLUSTERS)
     # The first rows of each piece only serve to whiten the next ones. Each other row
     # counts by its worth (0 to 1): less where the joint stands still.
     count = np.array(
@@ -338,7 +336,7 @@ def whiten_with_noise(
         estimate=estimate,
         X=X,
         y=y,
-        clusters=clusters,
+        clusters=(time_clusters(rows), phase_clusters),
         count=count,
         frozen=frozen,
     )
@@ -398,15 +396,7 @@ def model_columns(
     )
 
 
-def cluster_rows(rows: SegmentedRuns) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Label rows whose errors are correlated, in two ways: by intervals of time (M,)
-    and by intervals of the motion's phase (M,), since an error of the model recurs
-    whenever the motion repeats."""
-    # [1]: the labels of phase and motion together.
-    return time_clusters(rows), phase_stretches(rows, CLUSTERS)[1]
-
-
-def time_clusters(rows: SegmentedRuns) -> NDArray[np.intp]:
+def time_clusters(rows: SegmentedRuns) -> Indices:
     """Label the rows (M,) by intervals of equal duration within each run.
 
     There are about CLUSTERS (50) intervals, each at least half a second long. Labels
@@ -426,7 +416,7 @@ def time_clusters(rows: SegmentedRuns) -> NDArray[np.intp]:
     return np.unique(label, return_inverse=True)[1]  # numbered without gaps
 
 
-def folds_of(rows: SegmentedRuns, count: int) -> NDArray[np.intp]:
+def folds_of(rows: SegmentedRuns, count: int) -> Indices:
     """Number the rows (M,) by folds of the motion's phase, from 0.
 
     There are at most ``count`` folds; each is the same phase interval in all motions.
@@ -435,9 +425,7 @@ def folds_of(rows: SegmentedRuns, count: int) -> NDArray[np.intp]:
     return np.unique(phase_stretches(rows, count)[0], return_inverse=True)[1]
 
 
-def phase_stretches(
-    rows: SegmentedRuns, count: int
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def phase_stretches(rows: SegmentedRuns, count: int) -> tuple[Indices, Indices]:
     """Divide the phase of each motion into ``count`` intervals.
 
     The phase tells where a repeated motion is in its cycle; that of a run is computed

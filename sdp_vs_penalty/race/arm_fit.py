@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Mask, nonzero_or_one
 
 #: A column of which less than this share of its square is outside the basis is spanned
 #: by it: rounding errors are no column [-].
@@ -42,7 +41,7 @@ class RepairedRows:
     #: (n, k, s) coefficients of the shared columns in the basis.
     in_basis: Array
     #: (n, s) whether a column is more than what the basis spans.
-    is_shared: NDArray[np.bool_]
+    is_shared: Mask
     #: (n, s, s) Gram matrices of ``projected``.
     gram: Array
 
@@ -71,12 +70,12 @@ class RepairedRows:
     def projected(self) -> Array:
         """(n, M, s) shared columns with the basis projected out."""
         left = self.raw - self.basis @ self.in_basis
-        return np.asarray(left * self.is_shared[..., None, :])
+        return left * self.is_shared[..., None, :]
 
     def products_with(self, torques: Array) -> Array:
         """Return the products (n, K, s) of K torques (n, M, K), own columns projected
         out, with what is left of the shared columns."""
-        return np.asarray((torques.swapaxes(1, 2) @ self.raw) * self.is_shared[:, None])
+        return (torques.swapaxes(1, 2) @ self.raw) * self.is_shared[:, None]
 
     def project_out_own(self, y: Array) -> Array:
         """Return torques or columns with each joint's own columns projected out.
@@ -95,7 +94,7 @@ class RepairedRows:
             Their parts orthogonal to the joint's own columns.
         """
         in_basis = np.swapaxes(self.basis, -1, -2) @ y
-        return np.asarray(y - self.basis @ in_basis)
+        return y - self.basis @ in_basis
 
 
 @dataclass
@@ -103,7 +102,7 @@ class ArmFit:
     """One arm fitted to one repaired log of n joints and M rows."""
 
     #: (n,) which joints move.
-    moving: NDArray[np.bool_]
+    moving: Mask
     #: Columns of the rows under the repair.
     rows: RepairedRows
     #: (n, M) torque as repaired.
@@ -136,7 +135,7 @@ class ArmFit:
     def residual(self) -> Array:
         """(n, M) torque that the arm and the joints' own columns leave [N m or N]."""
         left = self.rows.project_out_own(self.channels[:, :, None])[:, :, 0]
-        return np.asarray(left - self.rows.projected @ self.theta)
+        return left - self.rows.projected @ self.theta
 
 
 def orthonormal(columns: Array) -> Array:
@@ -159,4 +158,4 @@ def orthonormal(columns: Array) -> Array:
     is_independent = sizes > _DEPENDENT_SHARE * sizes.max(
         axis=1, keepdims=True, initial=0.0
     )
-    return np.asarray(basis * is_independent[:, None])
+    return basis * is_independent[:, None]

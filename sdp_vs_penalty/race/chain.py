@@ -44,9 +44,9 @@ class LogEvent:
         to 1 for a drift, 0 before a step and 1 after it."""
         if self.at is None:
             ramp = (t - t[0]) / max(t[-1] - t[0], 1e-300)
-            return np.asarray(ramp)[:, None]
+            return ramp[:, None]
         is_after = t > self.at
-        return np.asarray(is_after * 1.0)[:, None]
+        return is_after.astype(float)[:, None]
 
 
 @dataclass(frozen=True)
@@ -281,7 +281,7 @@ class LogTransform:
         """Return angles, velocities or accelerations (N, n) of joints by those of
         motors."""
         a = self.joints_by_motors
-        return np.asarray(motors if a is None else motors @ a.T)
+        return motors if a is None else motors @ a.T
 
     def apply(self, run: Measurements) -> Measurements:
         """Return the log repaired: order, scale, zero, gain, limit, delay and clock.
@@ -325,7 +325,7 @@ class LogTransform:
                 tau[:, j] = np.interp(run.t + lead, run.t, tau[:, j])
         tau = self.within_limits(tau * self.torque_factors)
         a = self.joints_by_motors
-        return np.asarray(tau if a is None else tau @ np.linalg.inv(a))
+        return tau if a is None else tau @ np.linalg.inv(a)
 
 
 def _in_reverse(run: Measurements) -> Measurements:

@@ -21,7 +21,6 @@ from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from sdp_vs_penalty.race import constants as c
@@ -31,7 +30,7 @@ from sdp_vs_penalty.race.likelihood import ROWS_AT_A_TIME, Likelihood, recent
 from sdp_vs_penalty.race.records import Hypothesis, LogView, Number, Part
 from sdp_vs_penalty.regression.evidence import independent_rows, jackknifed
 from sdp_vs_penalty.regression.normal_equations import NormalEquations
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Mask, nonzero_or_one
 
 #: Rounds of reweighting each joint by its own residual.
 _ROUNDS = 4
@@ -118,13 +117,13 @@ class ViewFit:
     @property
     def shares(self) -> Array:
         """(n,) share of each torque's energy that is left."""
-        return np.asarray(self.left / self.total)
+        return self.left / self.total
 
     @property
-    def is_poorly_explained(self) -> NDArray[np.bool_]:
+    def is_poorly_explained(self) -> Mask:
         """(n,) whether more of a joint's torque is left than friction laws and filters
         err by: its motion may be another one."""
-        return np.asarray(self.shares > c.POORLY)
+        return self.shares > c.POORLY
 
 
 @dataclass(frozen=True)
@@ -169,7 +168,7 @@ class _Products:
     probe_on_torque: Array
 
     @classmethod
-    def of_views(cls, views: Sequence[ViewFit], moving: NDArray[np.bool_]) -> _Products:
+    def of_views(cls, views: Sequence[ViewFit], moving: Mask) -> _Products:
         """Stack the products of views; those of one motion follow each other."""
         grams: list[tuple[slice, Array]] = []
         first = 0
@@ -265,7 +264,7 @@ class Evidence:
         """Return the evidence of one row in ``step``."""
         return Evidence(self.log.select_rows(slice(None, None, step)))
 
-    def rows_of(self, part: Part) -> NDArray[np.bool_]:
+    def rows_of(self, part: Part) -> Mask:
         """Return which rows (M,) belong to a part."""
         return part.rows(self.log.data.run, self.log.data.motion.t)
 
@@ -337,15 +336,11 @@ class Evidence:
             raw, states, mask = raw.copy(), states.copy(), mask.copy()
             own = log.data.own_columns[list(chain.order)].copy()
             for part, beside in motion.parts:
-                at = self.rows_of(part)
-                other = beside.followed_by(chain)
+                at, other = self.rows_of(part), beside.followed_by(chain)
                 raw[:, at] = log.raw(other)[:, at]
                 mask[:, at] = log.torque_mask(other)[:, at]
                 states[:, :, at] = np.stack(self._states(other))[:, :, at]
-                sign = np.sign(np.array(other.scale) / np.array(chain.scale))
-                of_part = log.data.own_columns[list(other.order)][:, at]
-                own[:, at] = of_part * sign[:, None, None]
-                own[:, at, _OFFSET] = of_part[:, :, _OFFSET]
+                own[:, at] = self._own_columns(other, chain)[:, at]
             basis = orthonormal(own * mask[:, :, None])
         if motion.further:
             further = [x.columns * mask[:, :, None] for x in motion.further]
@@ -357,6 +352,16 @@ class Evidence:
         power = (probe[:, None] @ raw)[:, 0]
         rows = RepairedRows.from_basis(basis, raw)
         return _Columns(rows, probe, power, mask.sum(axis=1))
+
+    def _own_columns(self, part: LogTransform, whole: LogTransform) -> Array:
+        """Return the joints' own columns (n, M, k) under the transform of a part, so
+        that they go on those of the whole log: friction, which follows the sign of the
+        position, turns round with it, and the offset does not."""
+        columns = self.log.data.own_columns[list(part.order)]
+        sign = np.sign(np.array(part.scale) / np.array(whole.scale))
+        turned = columns * sign[:, None, None]
+        turned[:, :, _OFFSET] = columns[:, :, _OFFSET]
+        return turned
 
     def _states(self, chain: LogTransform) -> tuple[Array, Array]:
         """Return velocity and acceleration (n, M) of the motors under a transform."""
@@ -534,7 +539,7 @@ class Evidence:
         """Return the torque (n, M) that the arm and each joint's own columns leave."""
         rows = fit.columns.rows
         beside_own = rows.project_out_own(self._torque(fit.view)[:, :, None])[:, :, 0]
-        return np.asarray(beside_own - rows.projected @ fit.theta)
+        return beside_own - rows.projected @ fit.theta
 
     def rows_worth_one(self, fit: ViewFit) -> float:
         """Return how many rows are worth one, by how long the residual stays alike."""

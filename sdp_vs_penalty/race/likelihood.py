@@ -431,7 +431,7 @@ class Likelihood:
         drift; 0 for other joints."""
         is_joint = np.arange(self.n)[:, None] == event.joint
         shape = event.shape(self.data.motion.t)[None]
-        return np.asarray(shape * is_joint[:, :, None])
+        return shape * is_joint[:, :, None]
 
     def unexplained(self, repair: LogTransform, theta: Array) -> Array:
         """Return the torque (n, M) that the links of an arm, theta (s,), do not
@@ -439,7 +439,7 @@ class Likelihood:
 
         Friction, rotor and offset of each joint are still in it.
         """
-        return np.asarray(self.channels(repair) - self.raw(repair) @ theta)
+        return self.channels(repair) - self.raw(repair) @ theta
 
     # -- fits
 
@@ -499,4 +499,4 @@ def _straighten(value: Array, limit: float) -> Array:
     """
     limit = max(limit, _TINY)  # a dead channel has no limit
     share = np.clip(value / limit, -_LARGEST_SHARE_OF_LIMIT, _LARGEST_SHARE_OF_LIMIT)
-    return np.asarray(limit * np.arctanh(share))
+    return limit * np.arctanh(share)

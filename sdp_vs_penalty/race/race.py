@@ -156,7 +156,7 @@ class HeldRaces:
         return held[1]
 
 
-class _Look(NamedTuple):
+class _FirstLook(NamedTuple):
     """What the first look, at few rows, says of a hypothesis."""
 
     #: Natural logarithm of its odds against the incumbent.
@@ -167,7 +167,7 @@ class _Look(NamedTuple):
     step: float = 0.0
 
 
-class _Size(NamedTuple):
+class _FoundSize(NamedTuple):
     """The best size of a hypothesis."""
 
     #: In its own unit.
@@ -254,7 +254,9 @@ class Race:
         ranking = [x.beside(incumbent, self.all.worth(x.fit, v)) for x in exact]
         return sorted(ranking, key=lambda claim: -claim.log_odds)
 
-    def _screen(self, fit: ViewFit, few_fit: ViewFit, explained: float) -> list[_Look]:
+    def _screen(
+        self, fit: ViewFit, few_fit: ViewFit, explained: float
+    ) -> list[_FirstLook]:
         """List the hypotheses that are worth a look at all rows, of each key the best.
 
         What a wrong incumbent leaves errs slowly, and what is right may leave white
@@ -262,7 +264,7 @@ class Race:
         that were less likely than by ``explained`` [log-odds] before are not looked at
         again.
         """
-        looks: list[_Look] = []
+        looks: list[_FirstLook] = []
         numbers: list[Hypothesis] = []
         with_columns: list[Hypothesis] = []
         changes: dict[tuple[object, int], Hypothesis] = {}
@@ -271,7 +273,7 @@ class Race:
             if h.further is not None:
                 with_columns.append(h)
             elif not h.is_friction_real:
-                looks.append(_Look(-few_fit.physics + h.log_prior, h))
+                looks.append(_FirstLook(-few_fit.physics + h.log_prior, h))
             elif h.number is not None and (h.part is not None or h.chain == fit.chain):
                 numbers.append(h)
             else:
@@ -289,7 +291,7 @@ class Race:
         for (key, h), value in zip(changes.items(), values, strict=True):
             odds = float(rows_over_few * (value - few_fit.value) + h.log_prior)
             self.looked_at[key] = odds
-            looks.append(_Look(odds, h))
+            looks.append(_FirstLook(odds, h))
         return _best_of_each_key(looks)
 
     def _look_to_first_order(
@@ -298,7 +300,7 @@ class Race:
         numbers: Sequence[Hypothesis],
         with_columns: Sequence[Hypothesis],
         rows_over_few: float,
-    ) -> list[_Look]:
+    ) -> list[_FirstLook]:
         """Look at hypotheses about a number, and about further columns of torque, as
         columns beside the incumbent's on few rows."""
         about = [(h.number, h.number.size_in(h.chain)) for h in numbers if h.number]
@@ -313,18 +315,18 @@ class Race:
             return []
         screened = zip(*self.few.screen(few_fit, groups), strict=True)
         return [
-            _Look(rows_over_few * gain + h.log_prior, h, float(step))
+            _FirstLook(rows_over_few * gain + h.log_prior, h, float(step))
             for h, (gain, step) in zip([*numbers, *with_columns], screened, strict=True)
         ]
 
-    def _exact(self, look: _Look, fit: ViewFit, few_fit: ViewFit) -> Claim | None:
+    def _exact(self, look: _FirstLook, fit: ViewFit, few_fit: ViewFit) -> Claim | None:
         """Return a hypothesis at its best size, on all rows; None where few rows speak
         against it at that size.
 
         fit, few_fit : of the incumbent, to all rows and to few.
         """
         h = look.hypothesis
-        best: _Size | None = _Size()
+        best: _FoundSize | None = _FoundSize()
         if h.number is not None:
             best = self._best_size(look, h.number, fit, few_fit)
         if best is None:
@@ -345,8 +347,8 @@ class Race:
         return Claim(h, 0.0, found, incumbent, *best).beside(incumbent, found)
 
     def _best_size(
-        self, look: _Look, number: Number, fit: ViewFit, few_fit: ViewFit
-    ) -> _Size | None:
+        self, look: _FirstLook, number: Number, fit: ViewFit, few_fit: ViewFit
+    ) -> _FoundSize | None:
         """Return the best size of a hypothesis about a number, a round one where it is as
         good; None where few rows speak against it at that size."""
         h = look.hypothesis
@@ -365,10 +367,10 @@ class Race:
         reach = min(reach, number.rounded_within)
         near = [x for x in number.round_sizes if abs(x - size) < reach]
         if not near:
-            return _Size(size, spread, occam - 0.5 * (away / number.sd) ** 2)
+            return _FoundSize(size, spread, occam - 0.5 * (away / number.sd) ** 2)
         # Half of the prior is shared by the round sizes.
         occam = max(occam, -float(np.log(2.0 * len(number.round_sizes))))
-        return _Size(min(near, key=lambda x: abs(x - size)), spread, occam)
+        return _FoundSize(min(near, key=lambda x: abs(x - size)), spread, occam)
 
     @staticmethod
     def _refined(
@@ -441,10 +443,10 @@ class Race:
         return bool(clearness > c.WITNESS_SIGMAS and is_large)
 
 
-def _best_of_each_key(looks: Sequence[_Look]) -> list[_Look]:
+def _best_of_each_key(looks: Sequence[_FirstLook]) -> list[_FirstLook]:
     """List the best looks, LOOKS at most, the likeliest first. Neighbours on a grid, of
     instants or of sizes, count as one: they must not crowd out another fault."""
-    best: dict[object, _Look] = {}
+    best: dict[object, _FirstLook] = {}
     for look in sorted(looks, key=lambda look: -look.log_odds):
         h = look.hypothesis
         is_instant = h.part is not None and h.part.after is not None
@@ -454,7 +456,7 @@ def _best_of_each_key(looks: Sequence[_Look]) -> list[_Look]:
     return [*best.values()][: c.LOOKS]
 
 
-def _size_of_columns(fit: ViewFit, further: Further, occam: float) -> _Size:
+def _size_of_columns(fit: ViewFit, further: Further, occam: float) -> _FoundSize:
     """Return the first size of further columns that a fit has last, with its standard
     deviation; occam : what it costs where it may have either sign."""
     place = len(fit.theta) - len(further.sd)
@@ -463,7 +465,7 @@ def _size_of_columns(fit: ViewFit, further: Further, occam: float) -> _Size:
     spread = float(np.sqrt(covariance[place, place]))
     if further.is_positive:
         occam = float(np.log(2.0) + log_ndtr(size / spread))
-    return _Size(size, spread, occam)
+    return _FoundSize(size, spread, occam)
 
 
 def _is_same(one: Claim, other: Claim) -> bool:

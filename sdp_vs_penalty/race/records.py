@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.race.chain import LogTransform
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ class Part:
         assert self.until is not None
         return self.after, self.until
 
-    def rows(self, runs: NDArray[np.intp], t: Array) -> NDArray[np.bool_]:
+    def rows(self, runs: Indices, t: Array) -> Mask:
         """Return which rows (M,) belong to it.
 
         Parameters

@@ -27,7 +27,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.constants import COULOMB_WIDTHS, ROWS, TRAVELS
 from sdp_vs_penalty.regression.base_parameters import structure
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import joined
 from sdp_vs_penalty.signals.kernels import Decimator
@@ -80,7 +80,7 @@ class RegressionData:
     #: (M, n) 1 where a joint slides, 0 where its torque is not used.
     torque_mask: Array
     #: (n,) whether a joint moves.
-    moving: NDArray[np.bool_]
+    moving: Mask
     #: (n,) largest absolute value of each raw channel.
     largest: Array
     #: Cut-off frequency of the low-pass [Hz].
@@ -89,7 +89,7 @@ class RegressionData:
     #: [s].
     seconds: float
     #: (M,) number of each row's run, from 0.
-    run: NDArray[np.intp]
+    run: Indices
     #: By how much the clock of each run is put forward here [s].
     clock_shifts: tuple[float, ...] = (0.0,)
     #: Sign of the logged velocity over the positions' derivative; 0 where none was logged.

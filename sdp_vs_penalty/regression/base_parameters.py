@@ -236,9 +236,8 @@ def structure(
             "leave the list out to let the program choose",
         )
     # Y = Y_lead B by least squares.
-    dependence = np.asarray(
-        np.linalg.lstsq(stacked[:, leading], stacked, rcond=None)[0], float
-    )
+    fitted = np.linalg.lstsq(stacked[:, leading], stacked, rcond=None)[0]
+    dependence = np.asarray(fitted, float)
     dependence[np.abs(dependence) < 1e-10] = 0.0
     return dependence, leading
 

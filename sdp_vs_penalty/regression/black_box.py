@@ -207,21 +207,14 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
         equations = [(gravity, box.gravity[:, joint])]
         for k in range(joint, n):
             equations.append((inertial[k], box.mass_matrix[:, joint, k]))
-        stack = [
-            np.column_stack(
-                [
-                    rows[:, joint, columns] * is_free[columns],
-                    values - rows[:, joint, columns] @ known_links[columns],
-                ]
-            )
-            for rows, values in equations
-        ]
+        stack = []
+        for regressor, values in equations:
+            rows = regressor[:, joint, columns]
+            known_torque = rows @ known_links[columns]
+            free = rows * is_free[columns]
+            stack.append(np.column_stack([free, values - known_torque]))
         n_rows = sum(map(len, stack))
-        factors.append(
-            Factor(
-                joint, block=0, indices=columns, triangle=triangular(stack), rows=n_rows
-            )
-        )
+        factors.append(Factor(joint, 0, columns, triangular(stack), n_rows))
     block = (0, 0.0, 0.0)
     return Regression(
         model.parameters,

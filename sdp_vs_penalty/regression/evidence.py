@@ -156,7 +156,7 @@ def jackknifed(estimates: Array) -> tuple[Array, Array]:
 
 def relative_error(errors: ArrayLike, torques: ArrayLike) -> Array:
     """Return 100 |error| / |torque| [%] from sums of their squares."""
-    return np.asarray(100.0 * np.sqrt(np.divide(errors, torques)))
+    return 100.0 * np.sqrt(np.divide(errors, torques))
 
 
 def relative_errors_without(errors: Array, torques: Array) -> Array:

@@ -26,6 +26,7 @@ decides only how much they tell.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,10 +36,19 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
 
-#: One joint's rows in one block: the joint, the parameters (k,) of Z and X, and both
-#: with their torques, which differ where parameters are known: (r, k + 1) [Z, tau_Z]
-#: and [X, tau].
-Instrumented = tuple[int, Indices, Array, Array]
+
+class _Instrumented(NamedTuple):
+    """One joint's rows in one block, with their instruments."""
+
+    #: The joint, from 0.
+    joint: int
+    #: (k,) the parameters of Z and X.
+    indices: Indices
+    #: (r, k + 1) instruments and the torque beside them, [Z, tau_Z].
+    simulated: Array
+    #: (r, k + 1) regressor and torque, [X, tau]; tau differs from tau_Z where
+    #: parameters are known.
+    measured: Array
 
 
 def commanded_motion(measured: Measurements) -> Measurements:
@@ -126,31 +136,28 @@ def instrumented(
         k = len(indices)
         if np.any(indices >= p):
             k = k // 2
-        instruments_of_part = rows[:, : k + 1]
-        columns_of_part = rows[:, -k - 1 :]
-        parts.append((joint, indices[-k:], instruments_of_part, columns_of_part))
+        simulated = rows[:, : k + 1]
+        measured = rows[:, -k - 1 :]
+        parts.append(_Instrumented(joint, indices[-k:], simulated, measured))
     instruments, theta = _estimate(model, parts)
     out = []
-    for (_, indices, _, X), Z in zip(parts, instruments, strict=True):
-        change = Z - X[:, :-1]
-        torque = X[:, -1] + change @ theta[indices]  # tau^ = tau - X theta^ + Z theta^
-        out.append((indices, np.column_stack([Z, torque])))
+    for part, Z in zip(parts, instruments, strict=True):
+        X, tau = part.measured[:, :-1], part.measured[:, -1]
+        torque = tau + (Z - X) @ theta[part.indices]  # tau^ = tau - X theta^ + Z theta^
+        out.append((part.indices, np.column_stack([Z, torque])))
     return out
 
 
-def _residuals(model: Model, parts: Sequence[Instrumented], theta: Array) -> Array:
-    """Return (n,) the squared residual |X theta - tau|^2 of each joint's torque.
-
-    A part is (joint, indices of its parameters, instruments, rows [X, tau]).
-    """
+def _residuals(model: Model, parts: Sequence[_Instrumented], theta: Array) -> Array:
+    """Return (n,) the squared residual |X theta - tau|^2 of each joint's torque."""
     out = np.zeros(model.robot.n)
-    for joint, indices, _, X in parts:
-        error = X[:, :-1] @ theta[indices] - X[:, -1]
-        out[joint] += np.sum(error**2)
+    for part in parts:
+        modelled = part.measured[:, :-1] @ theta[part.indices]
+        out[part.joint] += np.sum((modelled - part.measured[:, -1]) ** 2)
     return out
 
 
-def _instruments_of(part: Instrumented, model: Model, theta: Array | None) -> Array:
+def _instruments_of(part: _Instrumented, model: Model, theta: Array | None) -> Array:
     """Return the instruments Z (r, k) of a part: columns without the sensors' noise.
 
     They are the columns on the simulated motion, with one exception: a servo's control
@@ -158,24 +165,25 @@ def _instruments_of(part: Instrumented, model: Model, theta: Array | None) -> Ar
     without noise would have, e^ = (tau - L theta) / kp, with L all other columns.
     Without ``theta`` the columns stay as they are.
     """
-    joint, indices, rows, _ = part
-    Z = rows[:, :-1]
-    gain = model.error_gains[joint]  # index of kp in theta
-    places = np.flatnonzero(indices == gain)
+    Z = part.simulated[:, :-1]
+    gain = model.error_gains[part.joint]  # index of kp in theta
+    places = np.flatnonzero(part.indices == gain)
     if theta is None or not len(places):  # no servo on this joint
         return Z
     k = places[0]
     if not np.any(Z[:, k]) or theta[gain] <= 0.0:  # no error, or no usable gain
         return Z
-    coefficients = theta[indices]
+    coefficients = theta[part.indices]
     coefficients[k] = 0.0
-    torque_of_error = rows[:, -1] - Z @ coefficients
+    torque_of_error = part.simulated[:, -1] - Z @ coefficients
     Z = Z.copy()
     Z[:, k] = torque_of_error / theta[gain]
     return Z
 
 
-def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array], Array]:
+def _estimate(
+    model: Model, parts: Sequence[_Instrumented]
+) -> tuple[list[Array], Array]:
     """Return the instruments Z of each part, and the estimate theta^ (p,) with them.
 
     Joint weights are inverse squared residuals, and the instrument of a servo's control
@@ -199,7 +207,7 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
 
 
 def _solution(
-    p: int, parts: Sequence[Instrumented], instruments: Sequence[Array], weights: Array
+    p: int, parts: Sequence[_Instrumented], instruments: Sequence[Array], weights: Array
 ) -> Array:
     """Solve the instrumental-variable equations Z^T W (tau - X theta) = 0 for theta
     (p,).
@@ -211,12 +219,12 @@ def _solution(
     zz = np.zeros((p, p))
     zx = np.zeros((p, p))
     right = np.zeros(p)
-    for (joint, indices, _, X), Z in zip(parts, instruments, strict=True):
-        weighted = weights[joint] * Z.T
-        place = np.ix_(indices, indices)
+    for part, Z in zip(parts, instruments, strict=True):
+        weighted = weights[part.joint] * Z.T
+        place = np.ix_(part.indices, part.indices)
         zz[place] += weighted @ Z
-        zx[place] += weighted @ X[:, :-1]
-        right[indices] += weighted @ X[:, -1]
+        zx[place] += weighted @ part.measured[:, :-1]
+        right[part.indices] += weighted @ part.measured[:, -1]
     # Directions V that the instruments determine, from Z^T Z with unit columns.
     size = np.sqrt(np.diag(zz))
     used = np.flatnonzero(size > 1e-10 * size.max(initial=0.0))

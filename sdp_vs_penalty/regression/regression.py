@@ -344,28 +344,16 @@ class Regression:
         joint without rows gets a factor with zero rows.
         """
         merged = []
-        empty = Factor(
-            0, block=0, indices=np.arange(0), triangle=np.zeros((0, 1)), rows=0
-        )
+        empty = Factor(0, 0, indices=np.arange(0), triangle=np.zeros((0, 1)), rows=0)
         for joint in range(self.joints):
             parts = [factor for factor in self.factors if factor.joint == joint]
-            parts = parts or [empty]
-            first = parts[0]
-            if len(parts) == 1 and len(first.triangle) <= 2 * self.p:
-                # So few rows that a factorisation gains nothing.
-                merged.append(replace(first, block=0))
-                continue
-            triangle = triangular([part.triangle for part in parts])
-            n_rows = sum(part.rows for part in parts)
-            merged.append(
-                Factor(
-                    joint,
-                    block=0,
-                    indices=first.indices,
-                    triangle=triangle,
-                    rows=n_rows,
-                )
-            )
+            merged_part = replace(parts[0] if parts else empty, block=0)
+            # Of one part with few rows a factorisation gains nothing.
+            if len(parts) > 1 or len(merged_part.triangle) > 2 * self.p:
+                triangle = triangular([part.triangle for part in parts])
+                n_rows = sum(part.rows for part in parts)
+                merged_part = replace(merged_part, triangle=triangle, rows=n_rows)
+            merged.append(merged_part)
         return tuple(merged)
 
     def least_squares(self, weights: ArrayLike | None = None) -> LeastSquares:

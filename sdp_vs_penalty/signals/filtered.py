@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -118,15 +118,8 @@ class _ChunkCache:
         Left out are columns that depend on a current model's torque and, of a long run,
         those that are quick to make again.
         """
-
-        def put(blocks: list[Block]) -> Read:
-            """Put columns away, in memory or on the shelf; return what reads them."""
-            return (
-                partial(list, blocks) if self.shelf is None else self.shelf.put(blocks)
-            )
-
         self.columns = [
-            (effect, model.sign_width, reads.get(k) or put(known[k]))
+            (effect, model.sign_width, reads.get(k) or _put(self.shelf, known[k]))
             for k, effect in enumerate(model.effects)
             if not depends(effect) and (effect.smooth or self.shelf is None)
         ]
@@ -169,14 +162,19 @@ def low_passed(
         The same with columns at the rows.
     """
     columns = [b.columns for effect_blocks in blocks.values() for b in effect_blocks]
-    is_narrow = [x.shape[1] < _WIDE for x in columns]
-    narrow = [k for k, x in enumerate(is_narrow) if x]
-    filtered = {k: low_pass @ columns[k] for k, x in enumerate(is_narrow) if not x}
-    together = _filtered_together(low_pass, [columns[k] for k in narrow])
-    filtered |= zip(narrow, together, strict=True)
-    in_order = iter([filtered[k] for k in range(len(columns))])
+    narrow = [x for x in columns if x.shape[1] < _WIDE]
+    narrow_filtered = iter(_filtered_together(low_pass, narrow))
+
+    def filtered(block: Block) -> Block:
+        """Return a block at the rows; narrow ones are asked for in their order."""
+        x = block.columns
+        is_narrow = x.shape[1] < _WIDE
+        return replace(
+            block, columns=next(narrow_filtered) if is_narrow else low_pass @ x
+        )
+
     return {
-        k: [replace(b, columns=next(in_order)) for b in effect_blocks]
+        k: [filtered(block) for block in effect_blocks]
         for k, effect_blocks in blocks.items()
     }
 
@@ -310,11 +308,7 @@ class FilteredRun:
             shelf = DiskCache() if is_long else None
             caches = []
             for chunk in self._cut(uncut):
-                # A function that returns the chunk, from memory or from the file.
-                read: Any = (
-                    partial(_itself, chunk) if shelf is None else shelf.put(chunk)
-                )
-                caches.append(_ChunkCache(read, shelf))
+                caches.append(_ChunkCache(_put(shelf, chunk), shelf))
             self._chunk_caches[uncut] = caches
         return self._chunk_caches[uncut]
 
@@ -356,9 +350,9 @@ class FilteredRun:
             return False
 
 
-def _itself(chunk: FilteredChunk) -> FilteredChunk:
-    """Return the chunk; with functools.partial, a function that reads it from memory."""
-    return chunk
+def _put(shelf: DiskCache | None, value: Any) -> Callable[[], Any]:
+    """Put a value away, on the shelf or, without one, in memory; return what reads it."""
+    return (lambda: value) if shelf is None else shelf.put(value)
 
 
 def _chunk(filters: RunFilter, part: Stretch, at: Indices, keep: Mask) -> FilteredChunk:

@@ -225,7 +225,7 @@ def autoregressive(poles: ArrayLike, inputs: Array) -> Array:
     solved = scipy.linalg.blas.dtbsv(
         len(diagonals) - 1, np.asfortranarray(diagonals), inputs, lower=1, diag=1
     )
-    return np.asarray(solved)
+    return solved
 
 
 def _moment_factor(

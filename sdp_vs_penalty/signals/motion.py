@@ -145,11 +145,12 @@ def record_motion(runs: FilteredRuns) -> MotionRecord | None:
     if not np.all(scale > 0.0):
         return None
 
-    def scaled_paths() -> Iterator[Array]:
-        """Yield the paths in units of the scale, about the centre."""
-        return ((path - centre) / scale for path in _paths(runs))
-
-    return _record(centre, scale, scaled_paths, DISTANCE)
+    return _record(
+        centre,
+        scale,
+        lambda: ((path - centre) / scale for path in _paths(runs)),
+        DISTANCE,
+    )
 
 
 def _paths(runs: FilteredRuns) -> Iterator[Array]:

@@ -15,7 +15,7 @@ stand in, and what is called noise is a guess.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -329,14 +329,17 @@ class _RepeatedRows:
         # may hold another torque: this is no noise of the sensor.
         no_law = runs.unexplained_standstill_torque[1]
         self.stuck = no_law[self.earlier_rows] | no_law[later_rows]
-        n_independent, self._phase = motions_of_rows(self.both, self.n_rows)
+        n_independent, phase = motions_of_rows(self.both, self.n_rows)
         self.independent_share = min(1.0, n_independent / len(self.earlier_rows))
         self.rates = rate_features(runs)
         # Seconds from the earlier to the later instant of each difference, (D,).
         gaps = [repeat.later - runs.t[repeat.rows] for repeat in repeats]
         self._gap = np.concatenate(gaps)
         # Number of rows within which two phases of the motion count as the same.
-        self._rows_of_same_phase = max(1, round(SAME_PHASE * runs.rate))
+        reach = max(1, round(SAME_PHASE * runs.rate))
+        # Flags which of marked differences (D,) come back at other instants with the
+        # same motion: noise that the motion amplifies, and no single events.
+        self._comes_back = partial(recurring, self.both, phase, reach)
 
     def joint(self, j: int, rates_shown: Array) -> _JointNoise:
         """Measure the noise of joint j (from 0) from its D differences.
@@ -393,14 +396,6 @@ class _RepeatedRows:
         growing = np.column_stack([laws, since[:, None] * laws])
         drift = self._gap[:, None] * growing
         return drift / nonzero_or_one(np.linalg.norm(drift, axis=0))
-
-    def _comes_back(self, marked: Mask) -> Mask:
-        """Return which of the marked differences (D,) recur at other instants with the
-        same motion.
-
-        These are noise that the motion amplifies, and no single events.
-        """
-        return recurring(self.both, self._phase, self._rows_of_same_phase, marked)
 
 
 def _carried(suspect: Mask, runs: SegmentedRuns, shown: SegmentedRuns) -> Mask:

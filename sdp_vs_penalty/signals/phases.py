@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -125,6 +125,17 @@ def motion_clocks(tracks: Sequence[Track]) -> tuple[MotionClock, ...]:
     return tuple(clocks)
 
 
+class _MotionCells(NamedTuple):
+    """The cells of one motion."""
+
+    #: Number of its first cell, among those of all motions.
+    first: int
+    #: Its clock.
+    clock: MotionClock
+    #: (K,) borders of its cells on that clock [s].
+    edges: Array
+
+
 @dataclass(frozen=True)
 class PhaseFolds:
     """Folds of runs: fold k tests on the k-th of ``count`` equal stretches of every
@@ -157,9 +168,9 @@ class PhaseFolds:
         that a fold tests, trains on or leaves out whole cells.
         """
         clock = self.clocks[run]
-        first, _, edges = self._motions[clock.motion]
-        inner = edges[1:-1]
-        return first + np.searchsorted(inner, clock.at(t), side="right")
+        cells = self._motions[clock.motion]
+        inner = cells.edges[1:-1]
+        return cells.first + np.searchsorted(inner, clock.at(t), side="right")
 
     @property
     def places(self) -> list[tuple[int, float, float]]:
@@ -167,8 +178,8 @@ class PhaseFolds:
         instants on that motion's clock at which the cell begins and ends [s].
         """
         places = []
-        for motion, (_, _, edges) in self._motions.items():
-            for begin, end in pairwise(edges.tolist()):
+        for motion, cells in self._motions.items():
+            for begin, end in pairwise(cells.edges.tolist()):
                 places.append((motion, begin, end))
         return places
 
@@ -194,13 +205,12 @@ class PhaseFolds:
         return fold * length / self.count, (fold + 1) * length / self.count
 
     @cached_property
-    def _motions(self) -> dict[int, tuple[int, MotionClock, Array]]:
-        """By the number of a motion: its first cell, its clock, and the borders of its
-        cells on that clock, (K,) [s].
+    def _motions(self) -> dict[int, _MotionCells]:
+        """The cells of each motion, by its number.
 
         Borders are those of the folds, and the guard's distance before and behind each.
         """
-        motions = dict[int, tuple[int, MotionClock, Array]]()
+        motions = dict[int, _MotionCells]()
         first = 0
         clocks = {clock.motion: clock for clock in reversed(self.clocks)}
         for motion, clock in sorted(clocks.items()):
@@ -209,7 +219,7 @@ class PhaseFolds:
             marks = marks % clock.length if clock.periodic else marks
             marks = marks[(marks > 0.0) & (marks < clock.length)]
             borders = np.unique([0.0, *marks, clock.length])
-            motions[motion] = first, clock, borders
+            motions[motion] = _MotionCells(first, clock, borders)
             first += len(borders) - 1
         return motions
 

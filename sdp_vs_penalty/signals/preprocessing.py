@@ -95,9 +95,7 @@ class Preprocessing:
         """Choose the numbers that are None from the measurements, all runs together."""
         runs = list(measurements.runs())
         highest = min(sample_rate(run) for run in runs) / 5.0
-        state = (
-            highest if self.state_cutoff is None else min(self.state_cutoff, highest)
-        )
+        state = min(self.state_cutoff or highest, highest)
         torque = self.torque_cutoff
         if torque is None:
             torque = 10.0 * max(highest_harmonic(run) for run in runs)
@@ -215,14 +213,14 @@ class RunFilter:
             end."""
             return [x[margin : count - margin : stride] for x in states]
 
-        first = at[0] - reach
-        last = at[-1] + reach
-        fine = self.motion(part, first, last, on_grid(longest - reach, self.stride))
+        fine = self.motion(
+            part, at[0] - reach, at[-1] + reach, on_grid(longest - reach, self.stride)
+        )
+        samples = np.arange(
+            at[0] - smooth_reach, at[-1] + smooth_reach + 1, self.smooth_stride
+        )
         q, dq, ddq = on_grid(longest - smooth_reach, self.smooth_stride)
-        first = at[0] - smooth_reach
-        last = at[-1] + smooth_reach
-        clock = part.clock(np.arange(first, last + 1, self.smooth_stride))
-        return fine, Motion(clock, q, dq, ddq)
+        return fine, Motion(part.clock(samples), q, dq, ddq)
 
     def _states(
         self, part: Stretch, q: Array, first: int, last: int

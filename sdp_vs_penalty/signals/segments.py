@@ -25,7 +25,7 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.effects.effect import Block, Effect, JointCoverage, Motion
-from sdp_vs_penalty.effects.model import depends, with_sign_width_of
+from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.memory import LONG_RECORDING
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.coloured_noise import Pieces
@@ -85,9 +85,8 @@ class SegmentColumns:
         key = type(effect), effect.joints, *effect.shape.items(), sign_width
         # Columns that depend on a model's torque have a cache of their own.
         kept = self.cache[depends(effect)]
-        cached_effect, blocks = kept.get(key, (None, None))
-        is_same = cached_effect is not None and cached_effect.same_columns(effect)
-        if blocks is None or not is_same:
+        cached_effect, blocks = kept.get(key, (effect, None))
+        if blocks is None or not cached_effect.same_columns(effect):
             blocks = self._make_columns(effect)
             if keep:
                 kept[key] = effect, blocks
@@ -107,14 +106,13 @@ class SegmentColumns:
             count = len(low_pass.at)
             step = count if uncut else PART // (2 * len(effect.parameters))
             for start in range(0, count, step):
-                chunk_low_pass = low_pass
-                chunk_motion = motion
+                chunk = low_pass, motion
                 if step < count:
-                    chunk_low_pass, samples = low_pass.part(start, start + step)
-                    chunk_motion = motion.part(samples)
-                pieces.append(
-                    low_passed(chunk_low_pass, {0: effect.blocks(chunk_motion)})[0]
-                )
+                    part, samples = low_pass.part(start, start + step)
+                    chunk = part, motion.part(samples)
+                chunk_low_pass, chunk_motion = chunk
+                blocks = {0: effect.blocks(chunk_motion)}
+                pieces.append(low_passed(chunk_low_pass, blocks)[0])
         joined = []
         for parts_of_block in zip(*pieces, strict=True):
             columns = np.concatenate([part.columns for part in parts_of_block])
@@ -178,12 +176,9 @@ class SegmentedRuns:
     masked: Mask = field(default_factory=lambda: np.zeros((0, 0), bool))
     #: The arguments of :meth:`with_model`; empty without a model.
     attached: tuple[Any, ...] = ()
-
-    @property
-    def gains(self) -> tuple[float, ...] | None:
-        """(n,) gains of the torque channels (reading over true torque), if the attached
-        model has them."""
-        return self.attached[2] if self.attached else None
+    #: (n,) gains of the torque channels (reading over true torque), if the attached
+    #: model has them.
+    gains: tuple[float, ...] | None = None
 
     @cached_property
     def t(self) -> Array:
@@ -233,11 +228,10 @@ class SegmentedRuns:
         slide."""
         is_slow = ~is_sliding(np.concatenate([s.motion.dq for s in self.segments]))
         ends = np.cumsum([len(s.motion.dq) for s in self.segments])
+        by_segment = np.split(is_slow, ends[:-1])
         shares = [
-            abs(s.low_pass) @ is_slow_in_segment.astype(float)
-            for s, is_slow_in_segment in zip(
-                self.segments, np.split(is_slow, ends[:-1]), strict=True
-            )
+            abs(s.low_pass) @ slow_samples.astype(float)
+            for s, slow_samples in zip(self.segments, by_segment, strict=True)
         ]
         return np.concatenate(shares)
 
@@ -394,25 +388,13 @@ class SegmentedRuns:
         segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
         parts = [(s.low_pass, add_others(s.motion)) for s in segments]
         columns = SegmentColumns(parts, (self.columns.cache[0], {}))
-        model = attach, add_others, gains
-        return replace(self, segments=segments, columns=columns, attached=model)
-
-    def with_sign_of(self, effect: Effect) -> SegmentedRuns:
-        """Return the runs with the width over which a friction effect changes its sign.
-
-        The signs of all columns on the effect's joints then turn round over that width.
-        The attached model keeps its torque.
-
-        Parameters
-        ----------
-        effect : Effect
-            Has the width as its constant ``v_s`` [rad/s, m/s].
-        """
-        parts = [
-            (low_pass, with_sign_width_of(motion, effect))
-            for low_pass, motion in self.columns.parts
-        ]
-        return replace(self, columns=SegmentColumns(parts, (self.columns.cache[0], {})))
+        return replace(
+            self,
+            segments=segments,
+            columns=columns,
+            attached=(attach, add_others, gains),
+            gains=gains,
+        )
 
     def blocks(self, effect: Effect, keep: bool = True) -> list[Block]:
         """Return an effect's columns at the rows, as the torque channels read them;
@@ -460,7 +442,12 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
             if segment is not None:
                 segments.append(segment)
                 rate = 1.0 / (filters.dt * filters.step(0.5 * OVERSAMPLING))
-    read_shifted = partial(_runs_with_shifted_encoders, measurements, settings)
+
+    def read_shifted() -> Iterator[SegmentedRuns]:
+        """Yield each run, filtered as encoders read it whose steps lie elsewhere."""
+        for run in measurements.runs():
+            yield segmented(read_again(run), settings)
+
     is_long = measurements.samples >= LONG_RECORDING  # too much memory to keep all runs
     return SegmentedRuns(
         segments=tuple(segments),
@@ -476,14 +463,6 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
             read_shifted if is_long else cache(lambda: list(read_shifted()))
         ),
     )
-
-
-def _runs_with_shifted_encoders(
-    measurements: Measurements, settings: Preprocessing
-) -> Iterator[SegmentedRuns]:
-    """Yield each run, filtered as encoders read it whose steps lie elsewhere."""
-    for run in measurements.runs():
-        yield segmented(read_again(run), settings)
 
 
 def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:

@@ -94,7 +94,7 @@ def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
     pieces = [part.resampled(values, start, start + length) for start in starts]
     spectra = [periodograms(piece, length)[0] for piece in pieces]
     frequency = np.asarray(np.fft.rfftfreq(length, part.dt), float)
-    return np.asarray(np.mean(spectra, axis=0)), frequency
+    return (np.mean(spectra, axis=0)), frequency
 
 
 def periodograms(x: Array, length: int, degree: int = 0) -> Array:
@@ -187,17 +187,74 @@ class _PositionSpectrum:
         behind the low-pass of the states, over the acceleration in the torque's band
         (both root mean squares); 0 for a run shorter than the filter.
         """
-        if self.length * self.dt * cutoff < 8.0:  # twice a kernel of 2 / cut-off
+        if self._is_shorter_than_filter(cutoff):
             return 0.0
         derived = (2.0 * np.pi * self.frequency) ** 2
-        velocity_gain = derived * _gain(Kernel(cutoff, self.dt), self.length) ** 2
-        acceleration_gain = derived**2 * _gain(Kernel(band, self.dt), self.length) ** 2
+        velocity_gain = derived * self._gain(cutoff) ** 2
+        acceleration_gain = derived**2 * self._gain(band) ** 2
         # At the highest frequencies there is only noise; it is taken for white.
         noise = self.powers[self.frequency > c.LAST / self.dt].mean(axis=0)
         velocity_noise = noise * velocity_gain.sum()
         acceleration = acceleration_gain @ self.powers
         ratios = velocity_noise / np.maximum(acceleration, np.finfo(float).tiny)
         return float(np.sqrt(ratios.max(initial=0.0)))
+
+    def errors(self, cutoffs: Array, band: float) -> Array:
+        """Compute the errors that low-passes make in the accelerations of the joints.
+
+        Parameters
+        ----------
+        cutoffs : (C,) array
+            Cut-offs of the low-pass of the states [Hz].
+        band : float
+            Cut-off of the torque's low-pass, through which accelerations pass too [Hz].
+
+        Returns
+        -------
+        (2, joints, C) array
+            Squared errors over the mean square acceleration: of the motion that a
+            filter takes away, and of the noise that it lets through. No joints for a
+            run shorter than the filter.
+        """
+        errors = []
+        if not self._is_shorter_than_filter(cutoffs[0]):
+            frequency = self.frequency
+            twice_derived = (2.0 * np.pi * frequency) ** 4
+            transfer = twice_derived * self._gain(band) ** 2
+            gains = np.array([self._gain(cutoff) for cutoff in cutoffs])  # (C, F)
+            taken = (1.0 - gains.T) ** 2
+            noise_gain = twice_derived @ gains.T**2
+            # The spectrum is smoothed over 1 Hz.
+            width = min(max(1, int(1.0 / frequency[1])), len(frequency))
+            for power in self.powers.T:  # of each joint
+                # At the highest frequencies there is only noise; it is taken for white.
+                noise = float(power[frequency > c.LAST / self.dt].mean())
+                smooth = np.convolve(power, np.ones(width) / width, mode="same")
+                is_noise = smooth < c.ABOVE * noise
+                end_of_motion = min(frequency[is_noise], default=np.inf)
+                moved = np.where(frequency < end_of_motion, power, 0.0)
+                acceleration = moved * transfer
+                total = acceleration.sum()
+                if acceleration.any():
+                    lost = acceleration @ taken / total
+                    errors.append((lost, noise * noise_gain / total))
+        return np.array(errors).reshape(-1, 2, len(cutoffs)).swapaxes(0, 1)
+
+    def _is_shorter_than_filter(self, cutoff: float) -> bool:
+        """Whether the stretch is shorter than twice a kernel, which reaches 2 / cut-off
+        each way."""
+        return self.length * self.dt * cutoff < 8.0
+
+    def _gain(self, cutoff: float) -> Array:
+        """Return the gain (F,) of a low-pass of this cut-off [Hz] at the frequencies.
+
+        The kernel is rolled so that its middle is at sample 0: its transform is then
+        real.
+        """
+        kernel = Kernel(cutoff, self.dt)
+        padded = np.pad(kernel.value, (0, self.length - len(kernel.value)))
+        centred = np.roll(padded, -kernel.half)
+        return np.fft.rfft(centred).real
 
 
 def unbent_cutoff(
@@ -230,7 +287,8 @@ def unbent_cutoff(
     steps = np.arange(1 + int(2.0 * n_octaves))
     candidates = np.asarray(cutoff * 2.0 ** (0.5 * steps), np.float64)
     # Mean squares over that of the acceleration; (joints of all runs, candidates).
-    errors_by_run = [_errors(run, candidates, band) for run in runs]
+    spectra = [_PositionSpectrum.from_run(run) for run in runs]
+    errors_by_run = [spectrum.errors(candidates, band) for spectrum in spectra]
     motion_lost, noise_passed = np.concatenate(errors_by_run, axis=1)
     has_no_rows = not len(motion_lost)
     if has_no_rows or motion_lost[:, 0].mean() < ALIKE**2:
@@ -240,59 +298,6 @@ def unbent_cutoff(
     # The lowest cut-off is always allowed.
     mean_error = np.where(is_too_noisy & (candidates > cutoff), np.inf, mean_error)
     return float(candidates[np.argmin(mean_error)])
-
-
-def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
-    """Compute the errors that low-passes make in the accelerations of moving joints.
-
-    Parameters
-    ----------
-    cutoffs : (C,) array
-        Cut-offs of the low-pass of the states [Hz].
-    band : float
-        Cut-off of the torque's low-pass, through which accelerations pass too [Hz].
-
-    Returns
-    -------
-    (2, joints, C) array
-        Squared errors over the mean square acceleration: of the motion that a filter
-        takes away, and of the noise that it lets through. No joints for a run shorter
-        than the filter.
-    """
-    part = max(split_at_gaps(run), key=lambda p: p.count)
-    length = min(part.count, c.SAMPLES)
-    if length * part.dt * cutoffs[0] < 8.0:  # twice a kernel of 2 / cut-off each way
-        return np.zeros((2, 0, len(cutoffs)))
-    powers, frequency = _power(part, part.q[:, moving_joints(run)])
-    twice_derived = (2.0 * np.pi * frequency) ** 4
-    transfer = twice_derived * _gain(Kernel(band, part.dt), length) ** 2
-    gains = np.array([_gain(Kernel(x, part.dt), length) for x in cutoffs])  # (C, F)
-    taken = (1.0 - gains.T) ** 2
-    noise_gain = twice_derived @ gains.T**2
-    # The spectrum is smoothed over 1 Hz.
-    width = min(max(1, int(1.0 / frequency[1])), len(frequency))
-    errors = []
-    for power in powers.T:  # of each joint
-        # At the highest frequencies there is only noise; it is taken for white.
-        noise = float(power[frequency > c.LAST / part.dt].mean())
-        smooth = np.convolve(power, np.ones(width) / width, mode="same")
-        end_of_motion = min(frequency[smooth < c.ABOVE * noise], default=np.inf)
-        acceleration = np.where(frequency < end_of_motion, power, 0.0) * transfer
-        total = acceleration.sum()
-        if acceleration.any():
-            errors.append((acceleration @ taken / total, noise * noise_gain / total))
-    return np.array(errors).reshape(-1, 2, len(cutoffs)).swapaxes(0, 1)
-
-
-def _gain(kernel: Kernel, length: int) -> Array:
-    """Return the gain (F,) of a low-pass at the frequencies k / (length dt) of a
-    spectrum of ``length`` samples, F = length // 2 + 1.
-
-    The kernel is rolled so that its middle is at sample 0: its transform is then real.
-    """
-    padded = np.pad(kernel.value, (0, length - len(kernel.value)))
-    centred = np.roll(padded, -kernel.half)
-    return np.asarray(np.fft.rfft(centred).real)
 
 
 @dataclass(frozen=True)
@@ -334,9 +339,7 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | No
     if not parts:
         return None
     dt = parts[0].dt
-    windows = _windows(parts, cutoff, [p.tau for p in parts])
-    length = _window_length(cutoff, dt)
-    frequency = np.asarray(np.fft.rfftfreq(length, dt), float)
+    windows, frequency = _windows(parts, cutoff, [p.tau for p in parts])
     band = (frequency >= c.STOPS * cutoff) & (frequency <= c.LAST / dt)
     largest = max(float(np.abs(p.tau).max()) for p in parts)
     # A quantile needs some windows below it, a colour some frequencies.
@@ -358,32 +361,24 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | No
     )
 
 
-def _window_length(cutoff: float, dt: float) -> int:
-    """Return the samples of a window that is as long as a low-pass of this cut-off [Hz]
-    reaches; dt : sample time [s].
-    """
-    return 2 * round(1.0 / cutoff / dt)
-
-
 def _windows(
     parts: Sequence[Stretch], cutoff: float, signals: Sequence[Array]
-) -> list[Array]:
-    """Return the periodograms (W, F, n) of n signals in each stretch.
+) -> tuple[list[Array], Array]:
+    """Return the periodograms (W, F, n) of n signals in each stretch, and their
+    frequencies (F,) [Hz].
 
+    A window is as long as a low-pass of this cut-off [Hz] reaches.
     signals : (N, n) at the samples of each stretch. Stretches that are shorter than a
     window, or have not the first one's sample time, are left out.
     """
     dt = parts[0].dt
-    length = _window_length(cutoff, dt)
-    return [
-        periodograms(
-            part.resampled(signal, 0, min(part.count, c.SAMPLES)),
-            length,
-            degree=_DEGREE,
-        )
-        for part, signal in zip(parts, signals, strict=True)
-        if part.count >= length and part.dt == dt
-    ]
+    length = 2 * round(1.0 / cutoff / dt)
+    windows = []
+    for part, signal in zip(parts, signals, strict=True):
+        if part.count >= length and part.dt == dt:
+            samples = part.resampled(signal, 0, min(part.count, c.SAMPLES))
+            windows.append(periodograms(samples, length, _DEGREE))
+    return windows, np.asarray(np.fft.rfftfreq(length, dt), float)
 
 
 def _lowered_to_quiet_windows(spectrum: Array, quiet: Array) -> Array:
@@ -446,9 +441,7 @@ def position_noise(parts: Sequence[Stretch], cutoff: float) -> Array | None:
     """
     if not parts:
         return None
-    windows = _windows(parts, cutoff, [p.q for p in parts])
-    length = _window_length(cutoff, parts[0].dt)
-    frequency = np.fft.rfftfreq(length, parts[0].dt)
+    windows, frequency = _windows(parts, cutoff, [p.q for p in parts])
     above = frequency >= max(c.STOPS * cutoff, 0.25 / parts[0].dt)
     if not windows or not above.any():
         return None

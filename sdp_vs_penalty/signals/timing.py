@@ -77,7 +77,6 @@ def largest_timing_errors(
     steepest = np.array([np.max(rates[rows] ** 2) for rows in used])
     size = max(float(steepest.mean()), np.finfo(float).tiny)
     columns = np.column_stack([np.ones(len(used)), steepest / size])
-    variance = (
-        float(scipy.optimize.nnls(columns, squares)[0][1]) / size
-    )  # of delta [s^2]
+    _, slope = scipy.optimize.nnls(columns, squares)[0]
+    variance = float(slope) / size  # of delta [s^2]
     return np.sqrt(float(scipy.special.chdtri(1, _CHANCE)) * variance) * rates

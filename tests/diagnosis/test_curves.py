@@ -113,8 +113,8 @@ def test_a_curve_stands_instead_of_terms_that_are_worth_less(
     law = size and SimpleNamespace(size=size)
     named = max(worth, 0.0) + (beside or 0.0)
     for more in (0.1, -0.1):
-        alone = SimpleNamespace(J=named + least + more, law=law)
-        other = None if beside is None else SimpleNamespace(J=beside)
+        alone = SimpleNamespace(evidence=named + least + more, law=law)
+        other = None if beside is None else SimpleNamespace(evidence=beside)
         assert is_curve_preferred(worth, terms, alone, other) is (more > 0.0)
 
 

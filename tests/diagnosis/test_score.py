@@ -387,8 +387,10 @@ def test_rows_that_err_together_are_worth_less_unless_it_is_not_asked():
     fit = (score := EvidenceScorer(data, 10)).fit(())
     robust = CurveColumns.from_columns(score, fit, z[:, None], 0, robust=True)
     plainly = CurveColumns.from_columns(score, fit, z[:, None], 0, robust=False)
-    assert plainly.v == pytest.approx(1.0 + plainly.count / COARSENING_ROWS)
-    assert robust.v > 2.0 * plainly.v
+    assert plainly.rows_worth_one == pytest.approx(
+        1.0 + plainly.degrees / COARSENING_ROWS
+    )
+    assert robust.rows_worth_one > 2.0 * plainly.rows_worth_one
 
 
 def test_screening_is_the_drop_of_the_squared_error():

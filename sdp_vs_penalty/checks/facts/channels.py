@@ -141,7 +141,7 @@ def _into_range(robot: Robot, q: Array) -> Array:
     has_range = np.isfinite(high - low)
     middle = 0.5 * (np.where(has_range, low, 0.0) + np.where(has_range, high, 0.0))
     turns = np.round((np.median(q, axis=0) - middle) / (2.0 * np.pi))
-    return np.asarray(q - 2.0 * np.pi * turns)
+    return q - 2.0 * np.pi * turns
 
 
 def find_degrees(glance: RunSummary) -> Iterator[Issue]:

@@ -121,4 +121,4 @@ def motion_rank(q: Array) -> int:
 
 def _standardised(q: Array) -> Array:
     """Return positions q (N, n) about their means, each joint scaled to variance 1."""
-    return np.asarray((q - q.mean(axis=0)) / nonzero_or_one(np.std(q, axis=0)))
+    return (q - q.mean(axis=0)) / nonzero_or_one(np.std(q, axis=0))

@@ -34,24 +34,24 @@ def find_model_torques(glance: RunSummary) -> Iterator[Issue]:
     torque, in joints that turn both ways.
     """
     joints = np.flatnonzero(glance.moving)
-    rows = None
-    if not any(shows_noise(glance.run.tau[:, j]) for j in joints):
-        rows = glance.arm_rows
+    if any(shows_noise(glance.run.tau[:, j]) for j in joints):
+        return
+    rows = glance.arm_rows
     if rows is None:
         return
     links = glance.problem.model().rigid_indices
-    shares = []
+    shares = []  # of each torque's energy that the links leave; 1 where nothing tells
     for j in joints:
-        turns_round = min(rows.motion.dq[:, j].max(), -rows.motion.dq[:, j].min()) > 0.0
+        velocity, torque = rows.motion.dq[:, j], rows.torque[:, j]
         of_links = np.isin(rows.columns[j].indices, links)
         columns = rows.columns[j].columns[:, of_links]
-        torque = rows.torque[:, j]
         left = _squares_left(torque, orthonormal(columns[None])[0])
-        shares.append(left / nonzero_or_one(torque @ torque) if turns_round else 1.0)
-    if (
-        len(torque) > _ROWS_A_LINK_COLUMN * len(links)
-        and max(shares) < c.MODEL_OF_WEIGHT
-    ):
+        turns_both_ways = velocity.min() < 0.0 < velocity.max()
+        shares.append(
+            left / nonzero_or_one(torque @ torque) if turns_both_ways else 1.0
+        )
+    has_many_rows = len(rows.torque) > _ROWS_A_LINK_COLUMN * len(links)
+    if has_many_rows and max(shares) < c.MODEL_OF_WEIGHT:
         yield make_issue(
             kind="torques of a model",
             what="these torques carry no noise and no friction: a model made them, a"

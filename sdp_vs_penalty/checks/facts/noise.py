@@ -17,10 +17,13 @@ def shows_noise(x: Array) -> bool:
     of equal sizes, 1 / sum p_k^2 is 5, and 15 with as much noise beside it. Floating
     digits keep d within a power of two and of ten: the rows of the most frequent are taken.
     """
-    decades = np.floor(np.log10(nonzero_or_one(np.abs(x))))
-    places = 1000.0 * np.frexp(x)[1] + decades
-    values, counts = np.unique(places, return_counts=True)
-    differences = np.diff(x, 4)[places[2:-2] == values[np.argmax(counts)]]
+    powers_of_ten = np.floor(np.log10(nonzero_or_one(np.abs(x))))
+    powers_of_two = np.frexp(x)[1]
+    # One number for each pair of powers: rows with the same one have the same digits.
+    pairs = 1000.0 * powers_of_two + powers_of_ten
+    values, counts = np.unique(pairs, return_counts=True)
+    is_most_frequent = pairs[2:-2] == values[np.argmax(counts)]
+    differences = np.diff(x, 4)[is_most_frequent]
     differences = differences[differences != 0.0]
     if len(differences) < 2:
         return False

@@ -35,14 +35,14 @@ def find_repeated_run(glance: RunSummary) -> Iterator[Issue]:
     a jump of the motion is a copy.
     """
     # Equal rows have equal numbers; a lag is a row's distance from its first equal.
-    number = numbers_of_rows([*glance.run.groups.values()])
-    first_row_of_number = np.unique(number, return_index=True)[1]
-    lags = np.arange(len(number)) - first_row_of_number[number]
-    lags = lags[lags > RUN]
-    if not len(lags):
+    numbers = numbers_of_rows([*glance.run.groups.values()])
+    first_equal = np.unique(numbers, return_index=True)[1][numbers]
+    lags = np.arange(len(numbers)) - first_equal
+    long_lags = lags[lags > RUN]
+    if not len(long_lags):
         return
-    lag = int(np.argmax(np.bincount(lags)))  # the most frequent distance [rows]
-    is_same = np.concatenate([np.zeros(lag, bool), number[lag:] == number[:-lag]])
+    lag = int(np.argmax(np.bincount(long_lags)))  # the most frequent distance [rows]
+    is_same = np.concatenate([np.zeros(lag, bool), numbers[lag:] == numbers[:-lag]])
     steps = np.abs(np.diff(glance.run.q, axis=0))
     is_jump = np.any(steps > _JUMP * np.quantile(steps, 0.99, axis=0), axis=1)
     has_noise = _has_noise(glance.run)
@@ -109,29 +109,28 @@ def find_overlaps(runs: Sequence[Measurements]) -> Iterator[tuple[int, Issue]]:
         row = int(of_run[first] - ends[other] + len(runs[other].t))
         if not _has_noise(run) and run.t[first] != runs[other].t[row]:
             continue
-        is_copy = mask_of(len(run.t), parts)
-        cut = Change(
-            "cut",
-            f"leave these rows out of {run.names[0]}",
-            {
-                "run": run.names[0],
-                "spans": [run.t[[a, b - 1]].tolist() for a, b in parts],
-            },
-        )
-        yield (
-            k,
-            make_issue(
-                kind="overlapping runs",
-                where=rows_text(run, np.flatnonzero(is_copy)),
-                what=f"{is_copy.sum()} rows are rows of {runs[other].names[0]} as well, bit by"
-                " bit: the files overlap, and what both hold would count as a repetition"
-                " without noise.",
-                remedy="leave these rows out of one of the two",
-                rows=int(is_copy.sum()),
-                of=runs[other].names[0],
-                changes=() if is_copy.all() else (cut,),
-            ),
-        )
+        yield k, _overlap(run, runs[other].names[0], parts)
+
+
+def _overlap(run: Measurements, other: str, parts: Sequence[tuple[int, int]]) -> Issue:
+    """Return the warning that parts of a run, first and end row each, are rows of an
+    ``other`` one as well."""
+    is_copy = mask_of(len(run.t), parts)
+    name = run.names[0]
+    spans_of_time = [run.t[[first, end - 1]].tolist() for first, end in parts]
+    cut = Change(
+        "cut", f"leave these rows out of {name}", {"run": name, "spans": spans_of_time}
+    )
+    return make_issue(
+        kind="overlapping runs",
+        where=rows_text(run, np.flatnonzero(is_copy)),
+        what=f"{is_copy.sum()} rows are rows of {other} as well, bit by bit: the files"
+        " overlap, and what both hold would count as a repetition without noise.",
+        remedy="leave these rows out of one of the two",
+        rows=int(is_copy.sum()),
+        of=other,
+        changes=() if is_copy.all() else (cut,),
+    )
 
 
 def find_held_rows(glance: RunSummary) -> Iterator[Issue]:
@@ -223,10 +222,11 @@ def _doubled_rows(glance: RunSummary, same: Rows) -> Iterator[Issue]:
     around = q[(places + span).clip(max=len(q) - 1)] - q[(places - span).clip(min=0)]
     travel = np.linalg.norm(around, axis=1)
     same = same & (travel > glance.standstill * travel.max())
-    single = np.flatnonzero(same[span:-span]) + span
-    single = single[~same[single - 1] & ~same[single + 1]]
+    copies = np.flatnonzero(same[span:-span]) + span
+    single = copies[~same[copies - 1] & ~same[copies + 1]]
     # A share of 0.2 % may be chance; at four in five the position hardly moves.
-    if not 0.1 / RUN <= same.mean() <= 0.8 or not len(single):
+    share = same.mean()
+    if not 0.1 / RUN <= share <= 0.8 or not len(single):
         return
     by_chance = _chances_of_equal_rows(glance)[glance.movement.moves].sum()
     if same.sum() <= _TIMES_BY_CHANCE * by_chance:
@@ -237,7 +237,7 @@ def _doubled_rows(glance: RunSummary, same: Rows) -> Iterator[Issue]:
     far = travel[single] / span
     skips = bool(np.median(near / np.maximum(far, 1e-300)) > 0.75)
     # From half of the rows on the source is slower than the logger: no packet is lost.
-    if skips and not 1 / RUN < same.mean() < 0.5:
+    if skips and not 1 / RUN < share < 0.5:
         return
     if skips:
         after = "skips ahead"
@@ -291,7 +291,7 @@ def _sum_around(x: Array | Rows, reach: int) -> Array:
     """Return of each row of x (N, n) the sum over the rows at most ``reach`` away."""
     total = np.cumsum(np.pad(x, ((reach + 1, reach), (0, 0))), axis=0, dtype=float)
     width = 2 * reach + 1
-    return np.asarray(total[width:] - total[:-width])
+    return total[width:] - total[:-width]
 
 
 def _without_copies(run: Measurements, same: Rows, keeps_time: bool) -> Measurements:

@@ -5,7 +5,6 @@ from functools import partial
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.certainty import certain
 from sdp_vs_penalty.checks.constants import LONG_STRETCH, RUN, SPIKE, STUCK
@@ -13,7 +12,7 @@ from sdp_vs_penalty.checks.facts.stuck import largest_step_of_resolution
 from sdp_vs_penalty.checks.glance import Rows, RunSummary, mask_of, with_time_steps
 from sdp_vs_penalty.checks.issue import Issue, make_issue, rows_text
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.signals.encoder import lattice_step
 from sdp_vs_penalty.signals.runs import spans
 
@@ -178,7 +177,7 @@ def _is_steady(glance: RunSummary, j: int) -> Rows:
     is_same_way = before * after > 0.0
     least = largest_step_of_resolution(q)
     goes_on = is_same_way & (shorter > least) & (longer <= 2.0 * shorter)
-    return np.asarray(goes_on | (longer <= least))
+    return goes_on | (longer <= least)
 
 
 #: A sample is alone if its neighbours lie less far than this share of its distance.
@@ -194,10 +193,10 @@ def _is_alone(distance: Array) -> Rows:
     """
     padded = np.pad(distance, 1)
     neighbours = np.maximum(padded[:-2], padded[2:])
-    return np.asarray(neighbours < _NEIGHBOUR_OF_SPIKE * distance)
+    return neighbours < _NEIGHBOUR_OF_SPIKE * distance
 
 
-def _near_large_steps(x: Array, least: float) -> NDArray[np.intp]:
+def _near_large_steps(x: Array, least: float) -> Indices:
     """Return the rows of a channel x (N,) at most three rows from a step of more than
     ``least``.
 
@@ -275,7 +274,7 @@ def _mean_of_neighbours(x: Array, reach: int) -> Array:
     return total / (2 * reach)
 
 
-def _skips(speed: Array, usual: Array, is_clear: Rows) -> NDArray[np.intp]:
+def _skips(speed: Array, usual: Array, is_clear: Rows) -> Indices:
     """Return the numbers of steps in which three in four joints move more than twice as
     far as in the steps around.
 

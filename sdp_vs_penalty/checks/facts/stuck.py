@@ -81,12 +81,14 @@ def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
     """
     bad = {}
     for name, j, x in glance.channels:
-        if glance.moving[j] and np.count_nonzero(x) >= RUN and np.ptp(x) > 0.0:
-            bad[name] = _filled(x)
-            if name.startswith("tau"):
-                for first, end in spans(bad[name]):
-                    bad[name][first:end] = not glance.is_at_rest(j, first, end)
-                bad[name] &= not glance.holds_torque(j, bad[name])
+        if not glance.moving[j] or np.count_nonzero(x) < RUN or not np.ptp(x) > 0.0:
+            continue
+        zeros = _filled(x)
+        if name.startswith("tau"):
+            for first, end in spans(zeros):
+                zeros[first:end] = not glance.is_at_rest(j, first, end)
+            zeros &= not glance.holds_torque(j, zeros)
+        bad[name] = zeros
     what = (
         "{rows} rows of {named} are exactly zero, and jump there and back: nothing was"
         " measured."
@@ -139,8 +141,9 @@ def find_frozen_channels(glance: RunSummary, word: str, name: str) -> Iterator[I
     for channel, j, x in glance.channels:
         is_judged = glance.moving[j] or not is_position
         if channel[0] == name and is_judged and np.ptp(x) > 0.0:
-            bad[channel] = _stuck(glance, j, x, is_position)
-            bad[channel] &= is_position or not glance.holds_torque(j, bad[channel])
+            frozen = _stuck(glance, j, x, is_position)
+            is_true = not is_position and glance.holds_torque(j, frozen)
+            bad[channel] = frozen & (not is_true)
     what = (
         "{named} repeat{s} one value for {seconds:.3g} s, {times}, while the arm"
         " moves: frozen."
@@ -287,9 +290,8 @@ def _clipped(glance: RunSummary, j: int, x: Array) -> Iterator[Issue]:
     parts = spans(np.diff(x) == 0.0)  # stretches of one value: first row, last row
     lengths = np.diff(parts)[:, 0] + 1
     values = x[parts[:, 0]]
-    is_extreme = np.isin(values, (x.min(), x.max())) & (
-        values != 0.0
-    )  # zero: a drive off
+    is_drive_off = values == 0.0
+    is_extreme = np.isin(values, (x.min(), x.max())) & ~is_drive_off
     elsewhere = int(lengths[~is_extreme].max(initial=1))
     longest = int(lengths[is_extreme].max(initial=1))
     if longest < max(LONG_STRETCH * elsewhere, STUCK):
@@ -299,23 +301,24 @@ def _clipped(glance: RunSummary, j: int, x: Array) -> Iterator[Issue]:
     at_limits = mask_of(len(x), parts[are_long] + [0, 1])
     times = glance.one_arm_is_worse(j, at_limits)
     is_torque = glance.holds_torque(j, at_limits)
-    which, remedy = "the drive or the channel is", "record again, with a larger range"
+    severity, which = "warning", "the drive or the channel is"
+    remedy = "record again, with a larger range"
+    certainty = likely(
+        f"elsewhere it is never constant for more than {elsewhere} samples"
+    )
     if is_torque:
-        which, remedy = "the drive is", "no action needed: that is the torque"
+        severity, which = "note", "the drive is"
+        remedy, certainty = "no action needed: that is the torque", _AS_ELSEWHERE
     elif times is not None:
         which = "the channel is"
         remedy += ", or slower; delete those rows until then"
     yield make_issue(
         kind="saturation",
-        severity="note" if is_torque else "warning",
+        severity=severity,
         joints=[j],
         what=f"tau{j + 1} stays at {value:.6g} {glance.robot.torque_units[j]} for up to"
         f" {longest} samples in a row ({np.sum(x == value)} in total): {which} at its limit.",
-        certainty=_AS_ELSEWHERE
-        if is_torque
-        else likely(
-            f"elsewhere it is never constant for more than {elsewhere} samples"
-        ),
+        certainty=certainty,
         remedy=remedy,
         where=f"tau{j + 1}",
         limit=value,

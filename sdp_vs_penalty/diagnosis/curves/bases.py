@@ -19,7 +19,6 @@ from itertools import product
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import ABSORBED_CURVE, COARSENING_ROWS
 from sdp_vs_penalty.diagnosis.evidence import EvidenceScorer
@@ -28,11 +27,15 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.effects.transmission import list_joint_combinations
 from sdp_vs_penalty.regression.evidence import price
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 _DEGREE = 3
+#: The variable that is the sign of a velocity.
+_SIGN = "sign(dq)"
+#: A variable that changes by less has no range [in its unit].
+_NO_CHANGE = 1e-6
 #: Splines along one variable, and along each of a pair.
 _SPLINES_ALONE = 32
 _SPLINES_OF_PAIR = 9
@@ -57,7 +60,7 @@ class Axis:
     @property
     def is_sign(self) -> bool:
         """Whether the variable is the sign of a velocity, which is -1 or 1."""
-        return self.variable.word == "sign(dq)"
+        return self.variable.word == _SIGN
 
     def columns(self, x: Array) -> Array:
         """Return the values (N, count) of the B-splines at N values of the variable.
@@ -77,9 +80,7 @@ class Axis:
         inside = np.clip(x, self.low, just_below)
         step = (self.high - self.low) / (self.count - _DEGREE)
         knots = self.low + step * np.arange(-_DEGREE, self.count + 1)
-        return np.asarray(
-            scipy.interpolate.BSpline.design_matrix(inside, knots, _DEGREE).toarray()
-        )
+        return scipy.interpolate.BSpline.design_matrix(inside, knots, _DEGREE).toarray()
 
     @property
     def points(self) -> Array:
@@ -123,13 +124,15 @@ class Basis:
 
         A basis over one variable has 32 splines, and is returned unchanged.
         """
-        coarse_axes = [
-            replace(a, count=2 * _SPLINES_OF_PAIR // 3)
-            if a.count == _SPLINES_OF_PAIR
-            else a
-            for a in self.axes
-        ]
-        return Basis(tuple(coarse_axes))
+        two_thirds = 2 * _SPLINES_OF_PAIR // 3
+        return Basis(
+            tuple(
+                replace(axis, count=two_thirds)
+                if axis.count == _SPLINES_OF_PAIR
+                else axis
+                for axis in self.axes
+            )
+        )
 
     @property
     def points(self) -> Array:
@@ -285,8 +288,12 @@ class Variables:
         self.has_temperature = all(
             s.motion.temperature is not None for s in rows.segments
         )
-        self.on_rows = lru_cache(self._on_rows_of)
-        self._splines = lru_cache(self._splines_of)
+        # Low-passed values (M,) of a variable on all rows, in its unit.
+        self.on_rows = lru_cache(lambda variable: self._filtered(variable.along))
+        # Splines (M, count) of one variable at these values.
+        self._splines = lru_cache(
+            lambda axis: axis.columns(self.on_rows(axis.variable))
+        )
 
     def _filtered(self, dense: Callable[[Motion], Array]) -> Array:
         """Return a quantity on the M filtered rows of all segments, (M,) or (M, k):
@@ -298,10 +305,6 @@ class Variables:
             [s.low_pass @ dense(s.motion) for s in self.rows.segments]
         )
 
-    def _on_rows_of(self, v: Variable) -> Array:
-        """Return the low-passed values (M,) of a variable on all rows, in its unit."""
-        return self._filtered(v.along)
-
     def basis(self, of: tuple[Variable, ...]) -> Basis | None:
         """Return splines over the ranges that these one or two variables have in the
         log.
@@ -309,17 +312,17 @@ class Variables:
         None if one of them does not change.
         """
         axes = []
-        continuous = [v for v in of if v.word != "sign(dq)"]
-        count = _SPLINES_OF_PAIR if len(continuous) > 1 else _SPLINES_ALONE
+        n_continuous = sum(variable.word != _SIGN for variable in of)
+        count = _SPLINES_OF_PAIR if n_continuous > 1 else _SPLINES_ALONE
         for variable in of:
-            if variable.word == "sign(dq)":
+            if variable.word == _SIGN:
                 axes.append(Axis(variable, low=-1.0, high=1.0, count=2))
                 continue
             x = self.on_rows(variable)[self.keep]
             # As many digits as a written effect has.
             low = float(f"{x.min():.6g}")
             high = float(f"{x.max():.6g}")
-            if not high - low > 1e-6:
+            if not high - low > _NO_CHANGE:
                 return None
             axes.append(Axis(variable, low, high, count))
         return Basis(tuple(axes))
@@ -331,10 +334,6 @@ class Variables:
         first comparison of bases.
         """
         return _products([self._splines(a) for a in basis.axes])
-
-    def _splines_of(self, axis: Axis) -> Array:
-        """Return the splines (M, count) of one variable at its filtered values."""
-        return axis.columns(self.on_rows(axis.variable))
 
     def filtered_splines(self, basis: Basis) -> Array:
         """Return the basis functions (M, K) along the motion, low-passed as the torque
@@ -365,9 +364,7 @@ class Variables:
         """
         return basis.points[self.is_near_motion(basis, self.keep)]
 
-    def is_near_motion(
-        self, basis: Basis, which: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
+    def is_near_motion(self, basis: Basis, which: Mask) -> Mask:
         """Return for each point of a basis's grid whether some rows of the motion come
         near it.
 
@@ -412,18 +409,18 @@ class CurveColumns:
     fit: WhiteFit
     #: Number of the joint, from 0.
     joint: int
-    #: (M, k) the white columns over the joint's level.
-    z: Array
-    #: (k, k) products of the columns with each other, beside the fit's columns.
-    D: Array
-    #: (k,) products of the columns with the residual, beside the fit's columns.
-    s: Array
+    #: (M, k) z, the white columns over the joint's level.
+    scaled: Array
+    #: (k, k) D, products of the columns with each other, beside the fit's columns.
+    gram_left: Array
+    #: (k,) s, products of the columns with the residual, beside the fit's columns.
+    with_residual: Array
     #: (k, k) products z'z of the columns alone.
-    raw: Array
+    gram: Array
     #: Degrees of freedom of the joint's residual: its rows less its share of the rank.
-    count: float
-    #: Number of correlated rows that count as one.
-    v: float
+    degrees: float
+    #: v, number of correlated rows that count as one.
+    rows_worth_one: float
 
     @classmethod
     def from_columns(
@@ -458,30 +455,29 @@ class CurveColumns:
             independent, v = 1. N / COARSENING_ROWS is added in both cases, since no law
             is exact.
         """
-        z = white / fit.level[joint]
-        products = ColumnProducts.from_columns(fit, {joint: z})
-        raw = z.T @ z
-        D = products.gram_left
-        s = products.with_residual
-        count = float(fit.degrees[joint])
-        v = 1.0
-        if robust and len(s):
-            ridge = 1e-9 * np.trace(raw) * np.eye(len(s))
-            inverse = np.linalg.inv(D + raw / count + ridge)
-            coefficients = inverse @ s
-            freedom = max(float(np.trace(inverse @ D)), 1.0)
-            T = products.residual
-            residual = fit.residual - T @ coefficients
-            v = score.rows_worth_one(T, residual, inverse, freedom)
+        scaled = white / fit.level[joint]
+        products = ColumnProducts.from_columns(fit, {joint: scaled})
+        gram = scaled.T @ scaled
+        gram_left = products.gram_left
+        with_residual = products.with_residual
+        degrees = float(fit.degrees[joint])
+        rows_worth_one = 1.0
+        if robust and len(with_residual):
+            ridge = 1e-9 * np.trace(gram) * np.eye(len(gram))
+            inverse = np.linalg.inv(gram_left + gram / degrees + ridge)
+            freedom = max(float(np.trace(inverse @ gram_left)), 1.0)
+            left = products.residual  # of the columns
+            residual = fit.residual - left @ (inverse @ with_residual)
+            rows_worth_one = score.rows_worth_one(left, residual, inverse, freedom)
         return cls(
             fit=fit,
             joint=joint,
-            z=z,
-            D=D,
-            s=s,
-            raw=raw,
-            count=count,
-            v=v + count / COARSENING_ROWS,
+            scaled=scaled,
+            gram_left=gram_left,
+            with_residual=with_residual,
+            gram=gram,
+            degrees=degrees,
+            rows_worth_one=rows_worth_one + degrees / COARSENING_ROWS,
         )
 
     def score(self, drop: Array, freedom: Array, looked: int) -> Array:
@@ -514,10 +510,10 @@ class CurveColumns:
         # ``drop`` is in units of the fit's level (its RMS residual).
         rss[..., j] = np.maximum(fit.rss[j] - drop * fit.level[j] ** 2, 0.0)
         deviance_drop = fit.own_deviance - fit.deviance(rss)
-        cost = price(freedom, self.count, self.v, max(looked, 1))
-        return np.asarray(deviance_drop / self.v - cost)
+        v = self.rows_worth_one
+        return deviance_drop / v - price(freedom, self.degrees, v, max(looked, 1))
 
-    def without_fold(self, fold: NDArray[np.intp], P: Array) -> Array:
+    def without_fold(self, fold: Indices, penalty: Array) -> Array:
         """Fit the curve's coefficients (F, k), F times, each time without the rows of
         one fold.
 
@@ -530,30 +526,30 @@ class CurveColumns:
         ----------
         fold
             (M,) the fold of each row.
-        P
-            (k, k) penalty of the curve's coefficients.
+        penalty
+            (k, k) P, the penalty of the curve's coefficients.
         """
         fit = self.fit
         Q = fit.basis  # (n, M, r) in the rows of each of n joints
         r = Q.shape[2]
-        k = len(self.s)
-        prior = 1.0 / self.count  # worth one row
+        k = len(penalty)
+        worth_one_row = 1.0 / self.degrees
         curve = np.zeros((*Q.shape[:2], k))
-        curve[self.joint] = self.z
+        curve[self.joint] = self.scaled
         # (n, M, r + k + 1): the fit's columns, the curve's, and the torque.
         columns = np.concatenate([Q, curve, fit.target[:, :, None]], axis=2)
-        penalty = np.zeros((r + k, r + k))
-        penalty[:r, :r] = prior * np.eye(r) + fit.precision
-        penalty[r:, r:] = P
+        prior = np.zeros((r + k, r + k))
+        prior[:r, :r] = worth_one_row * np.eye(r) + fit.precision
+        prior[r:, r:] = penalty
         # Coefficients of Q on all rows, near which the prior holds them.
-        pull_of_prior = np.concatenate([prior * fit.along_torque, np.zeros(k)])
+        held_near = np.concatenate([worth_one_row * fit.along_torque, np.zeros(k)])
         out = []
-        for f in np.unique(fold):
-            X = columns[:, fold != f].reshape(-1, r + k + 1)
-            products = X.T @ X
-            G = products[:-1, :-1] + penalty
-            pull = products[:-1, -1] + pull_of_prior
-            out.append(np.linalg.solve(G, pull)[r:])
+        for number in np.unique(fold):
+            others = columns[:, fold != number].reshape(-1, r + k + 1)
+            products = others.T @ others
+            gram = products[:-1, :-1] + prior
+            pull = products[:-1, -1] + held_near
+            out.append(np.linalg.solve(gram, pull)[r:])
         return np.array(out)
 
 
@@ -563,14 +559,12 @@ class SplineFit:
 
     #: The splines.
     basis: Basis
-    #: (M, k) filtered columns of the splines, not white.
-    raw: Array
     #: The white columns and their products.
     columns: CurveColumns
-    #: (k, k) penalty of the coefficients, with the roughness that was chosen.
-    P: Array
-    #: Evidence of the curve.
-    J: float
+    #: (k, k) P, penalty of the coefficients, with the roughness that was chosen.
+    penalty: Array
+    #: J, evidence of the curve.
+    evidence: float
 
     @property
     def joint(self) -> int:
@@ -585,33 +579,33 @@ class SplineFit:
         D and s are the splines' products with each other and with the residual, beside
         the model's columns; P is the penalty.
         """
-        return np.asarray(np.linalg.solve(self.columns.D + self.P, self.columns.s))
+        information = self.columns.gram_left + self.penalty
+        return np.asarray(np.linalg.solve(information, self.columns.with_residual))
 
     @cached_property
     def projector(self) -> Array:
         """(k, k) matrix V V' (z'z + P) that projects coefficients onto what the rows
-        determine.
+        determine; z are the white columns of the splines, and D their products beside
+        the model's columns.
 
         The columns of V are generalised eigenvectors, D v = share (z'z + P) v, with a
         share above ABSORBED_CURVE (2 %). Directions with a smaller share are those that
         the model's own columns can make, or that the penalty P alone decides.
         """
-        metric = self.columns.raw + self.P
-        values, vectors = scipy.linalg.eigh(self.columns.D, metric)
-        significant = vectors[:, values > ABSORBED_CURVE]
-        return np.asarray(significant @ significant.T @ metric)
+        metric = self.columns.gram + self.penalty
+        shares, vectors = scipy.linalg.eigh(self.columns.gram_left, metric)
+        determined = vectors[:, shares > ABSORBED_CURVE]
+        return determined @ determined.T @ metric
 
     @property
     def coefficients(self) -> Array:
         """(k,) coefficients without the part that the model's own columns could make as
         well.
         """
-        return np.asarray(self.projector @ self.solution)
+        return self.projector @ self.solution
 
 
-def fit_spline(
-    basis: Basis, raw: Array, columns: CurveColumns, looked: int
-) -> SplineFit:
+def fit_spline(basis: Basis, columns: CurveColumns, looked: int) -> SplineFit:
     """Fit a spline curve with the weight of the roughness penalty that has most
     evidence.
 
@@ -621,8 +615,6 @@ def fit_spline(
 
     Parameters
     ----------
-    raw
-        (M, k) their filtered columns, not whitened.
     columns
         The whitened columns z with their products beside a fit: D (k, k) with each
         other, s (k,) with the residual.
@@ -634,29 +626,30 @@ def fit_spline(
     SplineFit
         The curve with its evidence.
     """
-    energy = np.trace(columns.raw)
-    ridge = 1e-10 * energy * np.eye(len(columns.s))
-    prior = columns.raw / max(columns.count, 1.0) + ridge  # worth one row
+    energy = np.trace(columns.gram)
+    ridge = 1e-10 * energy * np.eye(len(columns.gram))
+    prior = columns.gram / max(columns.degrees, 1.0) + ridge  # worth one row
     splines = tuple((axis.count, axis.is_sign) for axis in basis.axes)
     roughness = _roughness(splines) * energy
     # In the basis V of these eigenvectors D + prior is the identity and the roughness
     # is diagonal: the solution for any weight is a division.
-    values, V = scipy.linalg.eigh(roughness, columns.D + prior, check_finite=False)
-    D = V.T @ columns.D @ V
-    s = V.T @ columns.s
+    values, V = scipy.linalg.eigh(
+        roughness, columns.gram_left + prior, check_finite=False
+    )
+    D = V.T @ columns.gram_left @ V
+    s = V.T @ columns.with_residual
     weights = _WEIGHTS if roughness.any() else np.ones(1)
     shrinkage = 1.0 / (1.0 + weights[:, None] * np.maximum(values, 0.0))
     c = shrinkage * s  # (weights, k)
     drop = 2.0 * c @ s - np.sum((c @ D) * c, axis=1)
     freedom = shrinkage @ np.diagonal(D)
-    J = columns.score(drop, freedom, looked)
-    best = int(np.argmax(J))
+    evidence = columns.score(drop, freedom, looked)
+    best = int(np.argmax(evidence))
     return SplineFit(
         basis=basis,
-        raw=raw,
         columns=columns,
-        P=prior + weights[best] * roughness,
-        J=float(J[best]),
+        penalty=prior + weights[best] * roughness,
+        evidence=float(evidence[best]),
     )
 
 
@@ -684,16 +677,16 @@ def confidence_band(
         Share of curves within the band.
     """
     rng = np.random.default_rng(seed)
-    A = fit.columns.D + fit.P
-    values, vectors = np.linalg.eigh(A)
-    # root root' = A^-1; rounding may make the smallest eigenvalues negative.
+    information = fit.columns.gram_left + fit.penalty
+    values, vectors = np.linalg.eigh(information)
+    # root root' is its inverse; rounding may make the smallest eigenvalues negative.
     root = vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
     # v without the coarsening of the evidence, which is no error of the curve.
-    v = fit.columns.v - fit.columns.count / COARSENING_ROWS
+    v = fit.columns.rows_worth_one - fit.columns.degrees / COARSENING_ROWS
     spread = np.sqrt(max(v, 1.0))
-    normal = rng.normal(size=(draws, len(A)))
+    normal = rng.normal(size=(draws, len(information)))
     errors = spread * normal @ root.T @ fit.projector.T @ grid.T  # (draws, P)
     deviation = np.maximum(errors.std(axis=0), 1e-300)
     # Of each drawn curve the largest error, in standard deviations of its point.
     largest = np.max(np.abs(errors) / deviation, axis=1)
-    return np.asarray(np.quantile(largest, level) * deviation)
+    return np.quantile(largest, level) * deviation

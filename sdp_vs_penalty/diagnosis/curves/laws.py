@@ -299,11 +299,11 @@ class LawFit:
         """Return the torque (P,) [N m or N] of the law at points (P, number of
         variables).
         """
-        return np.asarray(self.law.columns(points, self.constants) @ self.amplitudes)
+        return self.law.columns(points, self.constants) @ self.amplitudes
 
 
 def recognise_law(
-    f: SplineFit, on_rows: Callable[[CurveLaw, Array], CurveColumns], looked: int
+    curve: SplineFit, on_rows: Callable[[CurveLaw, Array], CurveColumns], looked: int
 ) -> tuple[float, LawFit | None]:
     """Find the simplest law with about as much evidence as the best law and as the
     curve.
@@ -328,18 +328,18 @@ def recognise_law(
 
     def in_splines(law: CurveLaw, constants: Array) -> tuple[Array, Array]:
         """Return the normal equations of a law approximated by the splines."""
-        coefficients = _coefficients_in_splines(f.basis, law, constants)
-        return _normal_equations(coefficients, f.columns)
+        coefficients = _coefficients_in_splines(curve.basis, law, constants)
+        return _normal_equations(coefficients, curve.columns)
 
     def evidence_of(fit: LawFit) -> float:
         """Return the evidence J of a law by its drop of the squared error."""
         n_numbers = np.array(fit.size)
-        return float(f.columns.score(np.array(fit.chi2), n_numbers, looked))
+        return float(curve.columns.score(np.array(fit.chi2), n_numbers, looked))
 
     # Fast: every law at the best of its starts, approximated by the curve's splines.
     fits = []
-    for law, coefficients in _laws_with_starts(f.basis):
-        gram, pull = _normal_equations(coefficients, f.columns)
+    for law, coefficients in _laws_with_starts(curve.basis):
+        gram, pull = _normal_equations(coefficients, curve.columns)
         amplitudes, chi2 = _solve_amplitudes(gram, pull)
         best = int(np.argmax(chi2))
         constants = np.array(law.starts[best], float)
@@ -350,16 +350,20 @@ def recognise_law(
     for start in fits[:MAX_CANDIDATES_REFINED]:
         refined = _refine_law(start, in_splines)
         columns = on_rows(refined.law, refined.constants)
-        amplitudes, chi2 = _solve_amplitudes(columns.D[None], columns.s[None])
+        amplitudes, chi2 = _solve_amplitudes(
+            columns.gram_left[None], columns.with_residual[None]
+        )
         exact = replace(
             refined, amplitudes=amplitudes[0], chi2=float(chi2[0]), columns=columns
         )
         scored.append((evidence_of(exact), exact))
-    top = max([f.J, *(J for J, _ in scored)])
-    equivalent = [(J, law) for J, law in scored if top - margin(top) < J]
+    top = max([curve.evidence, *(evidence for evidence, _ in scored)])
+    equivalent = [pair for pair in scored if top - margin(top) < pair[0]]
     # The fewest numbers first, then the highest evidence.
     return min(
-        equivalent, key=lambda pair: (pair[1].size, -pair[0]), default=(f.J, None)
+        equivalent,
+        key=lambda pair: (pair[1].size, -pair[0]),
+        default=(curve.evidence, None),
     )
 
 
@@ -425,7 +429,9 @@ def _laws_with_starts(basis: Basis) -> list[tuple[CurveLaw, Array]]:
     return out
 
 
-def _normal_equations(c: Array, f: CurveColumns) -> tuple[Array, Array]:
+def _normal_equations(
+    coefficients: Array, splines: CurveColumns
+) -> tuple[Array, Array]:
     """Return the normal equations of a law's amplitudes, C D C' (S, m, m) and C s (S,
     m), for S sets of constants with coefficients C (S, m, k) of the m terms in the k
     splines.
@@ -435,31 +441,34 @@ def _normal_equations(c: Array, f: CurveColumns) -> tuple[Array, Array]:
     :func:`_solve_amplitudes` ignores the set.
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        weighed = (c.reshape(-1, c.shape[2]) @ f.D).reshape(c.shape)
-        return weighed @ c.transpose(0, 2, 1), c @ f.s
+        flat = coefficients.reshape(-1, coefficients.shape[2])
+        weighed = (flat @ splines.gram_left).reshape(coefficients.shape)
+        gram = weighed @ coefficients.transpose(0, 2, 1)
+        return gram, coefficients @ splines.with_residual
 
 
-def law_in_words(law: LawFit, f: SplineFit, torque_units: Sequence[str]) -> str:
+def law_in_words(law: LawFit, curve: SplineFit, torque_units: Sequence[str]) -> str:
     """Write a law as a formula with the unit of its torque, and of its variables in
     brackets.
 
     Parameters
     ----------
-    f
+    curve
         The curve that follows it, which knows joint and variables.
     torque_units
         Unit of the torque of each joint, such as "N m".
     """
-    unit = plain_unit(torque_units[f.joint])
-    units = {v: Variable.parse(v).unit(torque_units) for v in f.basis.variable_names}
-    units_in_words = ", ".join(f"{v} in {u}" for v, u in units.items() if u != "-")
-    names = []
-    for axis in f.basis.axes:
+    names, units = [], []
+    for axis in curve.basis.axes:
         name = axis.variable.name
         is_sum = axis.variable.other >= 0  # of two joints' positions or velocities
         names.append(f"({name})" if is_sum else name)
+        unit = Variable.parse(name).unit(torque_units)
+        if unit != "-":
+            units.append(f"{name} in {unit}")
     text = law.law.text(names, law.amplitudes, law.constants)
-    return f"{text} {unit}" + (f" ({units_in_words})" if units_in_words else "")
+    in_brackets = f" ({', '.join(units)})" if units else ""
+    return f"{text} {plain_unit(torque_units[curve.joint])}{in_brackets}"
 
 
 def _solve_amplitudes(gram: Array, pull: Array) -> tuple[Array, Array]:
@@ -483,7 +492,7 @@ def _solve_amplitudes(gram: Array, pull: Array) -> tuple[Array, Array]:
     # "smm->sm" takes the diagonal of each matrix.
     is_visible = np.einsum("smm->sm", gram) > DEPENDENT**2
     is_finite = np.isfinite(gram).all(axis=(1, 2))
-    known = np.asarray(is_finite & is_visible.all(axis=1))
+    known = is_finite & is_visible.all(axis=1)
     gram = np.where(known[:, None, None], gram, 0.0)
     pull = np.where(known[:, None], pull, 0.0)
     # Solved with columns of unit length, scaled back afterwards.

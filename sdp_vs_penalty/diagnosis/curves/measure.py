@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import (
     EVIDENCE_TO_ADD,
@@ -43,14 +42,14 @@ from sdp_vs_penalty.effects.measured_curve import (
     table_variables,
 )
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 
 
 class _RatedCurve(NamedTuple):
     """The best curve of a joint."""
 
-    #: Evidence J of the law, or of the spline where that is larger.
-    J: float
+    #: Evidence of the law, or of the spline where that is larger.
+    evidence: float
     #: The curve.
     spline: SplineFit
     #: The simple formula that it follows, or None.
@@ -74,8 +73,6 @@ class Measured:
     variables: Variables
     #: The findings that the curve replaces.
     replaced: tuple[ScoredEffect, ...]
-    #: Evidence of the curve.
-    J: float
     #: RMS error of the joint on data left out, without the curve [N m or N].
     before: float = np.nan
     #: (n,) RMS errors of all joints on data left out, with the curve [N m or N]; empty
@@ -152,7 +149,7 @@ def in_parts(search: Search) -> list[int]:
 
 
 def measure_curves(
-    search: Search, left: Sequence[int], fold: NDArray[np.intp] | None = None
+    search: Search, left: Sequence[int], fold: Indices | None = None
 ) -> list[Measured]:
     """Measure curves on joints with unexplained torque, or with a function found in
     parts.
@@ -202,10 +199,7 @@ def measure_curves(
             chosen = curve_alone
             replaced = tuple(of_joint)
         if chosen is not None:
-            curve = _tabulate(
-                search, chosen.spline, chosen.law, variables, fold, replaced
-            )
-            out.append(curve)
+            out.append(_tabulate(search, chosen, variables, fold, replaced))
     return out
 
 
@@ -232,15 +226,15 @@ def is_curve_preferred(
     findings
         The findings of the joint.
     """
-    J_to_replace = max(J_of_findings, 0.0)
+    to_replace = max(J_of_findings, 0.0)
     if curve_beside is not None:
-        J_to_replace += curve_beside.J
+        to_replace += curve_beside.evidence
     n_numbers = sum(t.form.n_coefficients + t.form.n_constants for t in findings)
     law = curve_alone.law
     has_shorter_law = law is not None and law.size < n_numbers
     if curve_beside is not None or has_shorter_law:
-        return J_to_replace - margin(J_to_replace) < curve_alone.J
-    return J_to_replace + margin(J_to_replace) < curve_alone.J
+        return to_replace - margin(to_replace) < curve_alone.evidence
+    return to_replace + margin(to_replace) < curve_alone.evidence
 
 
 def _best_curve(
@@ -268,8 +262,8 @@ def _best_curve(
     best = measuring.best_spline()
     if best is None:
         return None
-    J, law = measuring.recognise(best)
-    return _RatedCurve(max(best.J, J), best, law)
+    evidence, law = measuring.recognise(best)
+    return _RatedCurve(max(best.evidence, evidence), best, law)
 
 
 class _Measuring:
@@ -357,9 +351,8 @@ class _Measuring:
         robust
             Whether the scorer accounts for correlated rows.
         """
-        torque_columns = self.gain * raw
-        columns = self._columns(torque_columns, robust)
-        return fit_spline(basis, torque_columns, columns, looked=len(self.bases))
+        columns = self._columns(self.gain * raw, robust)
+        return fit_spline(basis, columns, looked=len(self.bases))
 
     def best_spline(self) -> SplineFit | None:
         """Return the spline curve with the highest evidence; None if none has enough.
@@ -371,10 +364,13 @@ class _Measuring:
         for basis in self._most_promising():
             splines = self.variables.filtered_splines(basis)
             exact.append(self._fit_spline(basis, splines, robust=True))
-        highest = max((f.J for f in exact), default=0.0)
+        highest = max((fit.evidence for fit in exact), default=0.0)
         threshold = max(highest - margin(highest), EVIDENCE_TO_ADD)
-        equivalent = [f for f in exact if threshold < f.J]
-        return min(equivalent, key=lambda f: (len(f.basis.axes), -f.J), default=None)
+        return min(
+            (fit for fit in exact if threshold < fit.evidence),
+            key=lambda fit: (len(fit.basis.axes), -fit.evidence),
+            default=None,
+        )
 
     def _most_promising(self) -> list[Basis]:
         """List the bases whose curves have most evidence, by a fast approximate fit.
@@ -386,8 +382,8 @@ class _Measuring:
         for basis in self.bases:
             splines = self.variables.approximate_splines(basis.coarser)
             rough_curve = self._fit_spline(basis.coarser, splines, robust=False)
-            if rough_curve.J > EVIDENCE_TO_ADD:
-                rated.append((rough_curve.J, basis))
+            if rough_curve.evidence > EVIDENCE_TO_ADD:
+                rated.append((rough_curve.evidence, basis))
         rated.sort(key=lambda pair: -pair[0])
         out = list[Basis]()
         for n_variables in (1, 2):
@@ -414,10 +410,9 @@ class _Measuring:
 
 def _tabulate(
     search: Search,
-    f: SplineFit,
-    law: LawFit | None,
+    chosen: _RatedCurve,
     variables: Variables,
-    fold: NDArray[np.intp],
+    fold: Indices,
     replaced: tuple[ScoredEffect, ...],
 ) -> Measured:
     """Tabulate a curve as an effect, once from all rows and once without each fold.
@@ -429,8 +424,8 @@ def _tabulate(
     ----------
     search
         The findings beside the model.
-    law
-        The law that the curve follows, or None.
+    chosen
+        The curve, with the law that it follows.
     variables
         Values of the variables on the rows.
     fold
@@ -443,62 +438,60 @@ def _tabulate(
     Measured
         The curve with its table, and a table for each fold from the other folds' rows.
     """
-    robot = search.data.estimate.robot
-    points = variables.points_near_motion(f.basis)
-    measured = len(points)
-    # grid @ coefficients are the values; P is the penalty of the coefficients.
+    spline, law = chosen.spline, chosen.law
+    basis = spline.basis
+    points = variables.points_near_motion(basis)
+    n_measured = len(points)
+    # Columns times coefficients are the values at the points.
     if law is None or law.columns is None:
-        values = f.basis.evaluate(*points.T) @ f.coefficients
-        grid = f.basis.evaluate(*points.T) @ f.projector
-        columns = f.columns
-        P = f.P
+        splines = basis.evaluate(*points.T)
+        values = splines @ spline.coefficients
+        at_points = splines @ spline.projector
+        columns, penalty = spline.columns, spline.penalty
     else:
-        points = np.vstack([points, unmeasured(f.basis, points)])
+        points = np.vstack([points, unmeasured(basis, points)])
         values = law.torque_at(points)
-        grid = law.law.columns(points, law.constants)
+        at_points = law.law.columns(points, law.constants)
         columns = law.columns
-        P = 1e-9 * np.trace(columns.raw) * np.eye(len(columns.s))
-    table = table_effect(
-        robot,
-        joint=f.joint,
-        of=f.basis.variable_names,
-        points=points,
-        values=values,
-        measured=measured,
-    )
+        penalty = 1e-9 * np.trace(columns.gram) * np.eye(len(columns.gram))
+
+    def table(values: Array, is_known: Mask, n_measured: int) -> JointEffect:
+        """Return the table of values (P,) at those points that are known."""
+        return table_effect(
+            search.data.estimate.robot,
+            joint=spline.joint,
+            of=basis.variable_names,
+            points=points[is_known],
+            values=values[is_known],
+            measured=n_measured,
+        )
+
+    every = np.ones(len(points), bool)
     by_fold = []
-    for k, coefficients in enumerate(columns.without_fold(fold, P)):
-        values_of_fold = grid @ coefficients
-        is_known = np.ones(len(points), bool)
+    for number, coefficients in enumerate(columns.without_fold(fold, penalty)):
+        values_of_fold = at_points @ coefficients
+        is_known = every
         if law is None:
-            is_known = _is_known_without_fold(variables, f.basis, fold == k)
+            is_known = _is_known_without_fold(variables, basis, fold == number)
         varies = np.diff(points[is_known], axis=0).any(axis=0)
         if not varies.all():  # a single value of a variable is no table: no torque
-            is_known[:] = True
+            is_known = every
             values_of_fold = np.zeros(len(points))
-        effect = table_effect(
-            robot,
-            joint=f.joint,
-            of=f.basis.variable_names,
-            points=points[is_known],
-            values=values_of_fold[is_known],
-            measured=min(measured, int(is_known.sum())),
-        )
-        by_fold.append(effect)
+        n_known = int(is_known.sum())
+        by_fold.append(table(values_of_fold, is_known, min(n_measured, n_known)))
     return Measured(
-        fitted=f,
+        fitted=spline,
         law=law,
-        table=table,
+        table=table(values, every, n_measured),
         by_fold=tuple(by_fold),
         variables=variables,
         replaced=replaced,
-        J=f.J,
     )
 
 
 def _is_known_without_fold(
-    variables: Variables, basis: Basis, is_left_out: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+    variables: Variables, basis: Basis, is_left_out: Mask
+) -> Mask:
     """Return which measured points of a grid stay measured without the rows of a fold.
 
     The others are points that the motion has come near in that fold only.

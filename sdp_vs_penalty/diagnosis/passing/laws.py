@@ -128,7 +128,12 @@ class PassingCandidate(Candidate):
     def from_law(cls, law: Law, n_numbers: int) -> PassingCandidate:
         """Return the candidate of a law that so many numbers describe."""
         k = law.columns.shape[2]
-        return cls((law.text, None), law.effect, False, k, n_numbers - k)
+        return cls(
+            key=(law.text, None),
+            effect=law.effect,
+            n_coefficients=k,
+            n_constants=n_numbers - k,
+        )
 
     @cached_property
     def text(self) -> str:
@@ -164,12 +169,12 @@ _OF_JOINTS: dict[str, type[Effect]] = {
 def joint_laws(data: WhiteData, *kinds: str) -> list[Law]:
     """Return the laws of some kinds, one for each joint: a constant "torque", a change
     of dry "friction"."""
-    return [
-        Law(kind, j + 1, effect, spread_columns(data.rows, effect), 1)
-        for kind in kinds
-        for j in range(data.n)
-        for effect in [_OF_JOINTS[kind](data.estimate.robot, [j])]
-    ]
+    laws = []
+    for kind in kinds:
+        for j in range(data.n):
+            effect = _OF_JOINTS[kind](data.estimate.robot, [j])
+            laws.append(Law(kind, j + 1, effect, spread_columns(data.rows, effect), 1))
+    return laws
 
 
 def wandering_laws(data: WhiteData) -> list[Law]:
@@ -245,10 +250,10 @@ def point_of_force(gram: Array, right: Array, reach: float) -> tuple[Array, Arra
         of_point = np.hstack([np.zeros((3, 3)), np.eye(3) / reach])
         return np.vstack([R @ np.hstack([by_force, by_point]), of_point])
 
-    at_origin = np.zeros(6)
-    J = slopes(at_origin)[:, :3]
-    at_origin[:3] = np.linalg.lstsq(J, -errors(at_origin))[0]
-    solution = scipy.optimize.least_squares(errors, at_origin, slopes, x_scale="jac")
-    J = solution.jac
-    covariance = np.linalg.inv(with_ridge(J.T @ J))
+    # The search begins at the origin, with the force that is best there.
+    start = np.zeros(6)
+    by_force = slopes(start)[:, :3]
+    start[:3] = np.linalg.lstsq(by_force, -errors(start))[0]
+    solution = scipy.optimize.least_squares(errors, start, slopes, x_scale="jac")
+    covariance = np.linalg.inv(with_ridge(solution.jac.T @ solution.jac))
     return np.asarray(solution.x[3:], float), np.asarray(covariance[:3, :3], float)

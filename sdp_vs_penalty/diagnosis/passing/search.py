@@ -114,14 +114,12 @@ class PassingSearch:
         """Search the spans of a law, made of cells, and judge it; None if it explains
         nothing."""
         level, cells = self.base.level, self.cells
-        x = np.zeros(len(cells.run))
-        white = self._white(law, np.ones(len(self.data.y[0])))
-        fit = self.base
+        nowhere = np.zeros(len(cells.run))
+        white = self._white(law)
         for _ in range(_MAX_ROUNDS):
-            products = CellProducts.from_cells(
-                self.score.at_level(self.base, level), white, cells
-            )
-            x = find_spans(products, cells, np.zeros(len(x)), self._price)
+            base = self.score.at_level(self.base, level)
+            products = CellProducts.from_cells(base, white, cells)
+            x = find_spans(products, cells, nowhere, self._price)
             if not x.any() or x.all():
                 return None
             fit = self._fit(law, x, cells)
@@ -138,9 +136,7 @@ class PassingSearch:
         cells = self.cells.divided(_FINER)
         x = np.zeros(len(cells.run))
         x[cells.label] = trial.x[self.cells.label]
-        white = self._white(trial.law, np.ones(len(self.data.y[0])))
-        base = self.score.at_level(self.base, trial.fit.level)
-        products = CellProducts.from_cells(base, white, cells)
+        products = self._products(trial.law, cells, trial.fit.level)
         x = find_spans(products, cells, x, self._price, longest=_FINER)
         judged = self._judged(trial.law, cells, x)
         return trial if judged is None else self._with_errors_of_edges(judged)
@@ -151,9 +147,7 @@ class PassingSearch:
         An edge is known to a cell on either side. Its error is spread evenly over these
         two, so that a change d of the parameters by a cell counts as d d' / 3.
         """
-        white = self._white(trial.fitted_law, np.ones(len(self.data.y[0])))
-        base = self.score.at_level(self.base, trial.fit.level)
-        products = CellProducts.from_cells(base, white, trial.cells)
+        products = self._products(trial.fitted_law, trial.cells, trial.fit.level)
         covariance = trial.covariance.copy()
         for before, behind in trial.cells.with_moved_edges(trial.x):
             change = 0.5 * (products.parameters(behind) - products.parameters(before))
@@ -172,13 +166,20 @@ class PassingSearch:
         worth = 1.0 + n_rows / COARSENING_ROWS
         return max(worth * float(np.log(n_rows)), EVIDENCE_TO_ADD)
 
-    def _white(self, law: Law, acts: Array) -> Array:
-        """Return a law's white columns (n, M, k) in the rows in which it acts (M,)."""
+    def _products(
+        self, law: Law, cells: Cells, level: Array, acts: Array | None = None
+    ) -> CellProducts:
+        """Return the products of cells for a law in the rows in which it acts (M,), by
+        default all, beside the fit at a level (n,) of the noise."""
+        base = self.score.at_level(self.base, level)
+        return CellProducts.from_cells(base, self._white(law, acts), cells)
+
+    def _white(self, law: Law, acts: Array | None = None) -> Array:
+        """Return a law's white columns (n, M, k) in the rows in which it acts (M,), by
+        default all."""
+        acting = law.columns if acts is None else law.columns * acts[:, None]
         return np.stack(
-            [
-                self.data.white(law.columns[j] * acts[:, None], j)
-                for j in range(self.data.n)
-            ]
+            [self.data.white(columns, j) for j, columns in enumerate(acting)]
         )
 
     def _term(self, law: Law, acts: Array, n_numbers: int = 0) -> ScoredEffect:
@@ -199,17 +200,11 @@ class PassingSearch:
         """
         if not x.any() or (x.all() and law.kind != WANDERING):
             return None
-        point = np.zeros(3)
-        covariance = np.zeros(0)
-        fitted_law = law
         acts = x[cells.label]
+        point, fitted_law = np.zeros(3), law
+        covariance: Array | None = None
         if law.kind == "force":
-            level = self._fit(law, x, cells).level
-            base = self.score.at_level(self.base, level)
-            white = self._white(law, acts)
-            gram, right = CellProducts.from_cells(base, white, cells).over(x)
-            reach = float(np.sum(self.data.estimate.robot.link_reach()))
-            point, covariance = point_of_force(gram, right, reach)
+            point, covariance = self._point_of_force(law, cells, x)
             fitted_law = law.at_point(point)
         n_numbers = law.freedom + cells.count_edges(x)
         term = self._term(fitted_law, acts, n_numbers)
@@ -217,12 +212,12 @@ class PassingSearch:
         base = self.score.at_level(self.base, fit.level)
         term = self.score.evidence_of(base, term.form, term.columns)
         scaled = base.scaled(term.columns)
-        T = base.residual_of(scaled)
-        residual = base.residual - T @ term.beta
-        if not covariance.size:
-            own = sum(z.T @ z for z in scaled.values())
-            gram = np.einsum("jmk,jml->kl", T, T)
-            inverse = np.linalg.inv(with_ridge(regular(gram, np.asarray(own))))
+        left = base.residual_of(scaled)  # (n, M, k) of the law's columns
+        residual = base.residual - left @ term.beta
+        if covariance is None:
+            own = np.asarray(sum(z.T @ z for z in scaled.values()))
+            gram = np.einsum("jmk,jml->kl", left, left)
+            inverse = np.linalg.inv(with_ridge(regular(gram, own)))
             covariance = np.asarray(inverse, float)
         beside = standing(base.residual, residual, self.cells, self._coarse(acts))
         return PassingTrial(
@@ -237,6 +232,14 @@ class PassingSearch:
             chance=beside.chance,
             point=point,
         )
+
+    def _point_of_force(self, law: Law, cells: Cells, x: Array) -> tuple[Array, Array]:
+        """Return the point (3,) [m] of its link at which a force acts in spans x (C,), and
+        the force's covariance (3, 3), for noise of variance 1."""
+        level = self._fit(law, x, cells).level
+        gram, right = self._products(law, cells, level, x[cells.label]).over(x)
+        reach = float(np.sum(self.data.estimate.robot.link_reach()))
+        return point_of_force(gram, right, reach)
 
 
 def _without_repetition(

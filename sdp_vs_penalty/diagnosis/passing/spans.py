@@ -12,10 +12,9 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.linear_fit import WhiteFit
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 
 #: The most inversions of spans.
 _MAX_INVERSIONS = 12
@@ -69,7 +68,7 @@ class CellProducts:
         own = np.tensordot(x, self.grams, 1)
         return np.asarray(np.linalg.solve(regular(gram, own), right))
 
-    def falls(self, x: Array, pairs: NDArray[np.intp]) -> Array:
+    def falls(self, x: Array, pairs: Indices) -> Array:
         """Return by how much the squared error falls (P,) with the spans x (C,)
         inverted between two cells.
 
@@ -107,7 +106,7 @@ def regular(left: Array, gram: Array) -> Array:
     A column that the fit absorbs then has no coefficient. left, gram (..., k, k).
     """
     own = np.diagonal(gram, axis1=-2, axis2=-1) + 1e-12
-    return np.asarray(left + 1e-6 * own[..., None] * np.eye(gram.shape[-1]))
+    return left + 1e-6 * own[..., None] * np.eye(gram.shape[-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,20 +114,18 @@ class Cells:
     """Cells of time, in order: which of the M rows belong to each, and to which run."""
 
     #: (M,) the cell of each row.
-    label: NDArray[np.intp]
+    label: Indices
     #: (C,) the run of each cell.
-    run: NDArray[np.intp]
+    run: Indices
 
     @classmethod
-    def from_labels(
-        cls, label: NDArray[np.intp], run_of_rows: NDArray[np.intp]
-    ) -> Cells:
+    def from_labels(cls, label: Indices, run_of_rows: Indices) -> Cells:
         """Make cells of labels from 0 without gaps."""
         _, first = np.unique(label, return_index=True)
         return cls(label, run_of_rows[first])
 
     @cached_property
-    def rows(self) -> list[NDArray[np.intp]]:
+    def rows(self) -> list[Indices]:
         """The numbers of each cell's rows."""
         order = np.argsort(self.label, kind="stable")
         ends = np.searchsorted(self.label[order], np.arange(len(self.run) + 1))
@@ -151,7 +148,7 @@ class Cells:
         """Count the instants at which x (C,) changes within a run."""
         return int(np.sum(self._steps(x)))
 
-    def _steps(self, x: Array) -> NDArray[np.bool_]:
+    def _steps(self, x: Array) -> Mask:
         """Flag the C - 1 borders of cells at which x (C,) changes within a run."""
         return (np.diff(x) != 0.0) & (np.diff(self.run) == 0)
 
@@ -164,7 +161,7 @@ class Cells:
             later[edge + 1] = x[edge]
             yield earlier, later
 
-    def edges_added(self, x: Array, pairs: NDArray[np.intp]) -> NDArray[np.intp]:
+    def edges_added(self, x: Array, pairs: Indices) -> Indices:
         """Return how many edges (P,) an inversion of x (C,) between two borders adds.
 
         A border at the begin or end of a run costs nothing; one at an edge moves it.
@@ -172,7 +169,7 @@ class Cells:
         added = np.zeros(len(x) + 1, np.intp)
         in_run = np.diff(self.run) == 0
         added[1:-1] = np.where(in_run, np.where(self._steps(x), -1, 1), 0)
-        return np.asarray(added[pairs[:, 0]] + added[pairs[:, 1]])
+        return added[pairs[:, 0]] + added[pairs[:, 1]]
 
 
 def find_spans(

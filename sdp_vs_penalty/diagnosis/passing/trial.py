@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_ADD, UNCERTAIN
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit, margin
 from sdp_vs_penalty.diagnosis.passing.laws import Law
 from sdp_vs_penalty.diagnosis.passing.spans import Cells
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 
 #: Share of the error in its spans that a cause has to explain: more than it leaves.
 _MOST = 0.5
@@ -117,14 +116,14 @@ def best_of(
     taken.
     """
     closest = max(trials, key=lambda t: t.term.drop)
-    J = {t: t.term.evidence_with_worth_of(closest.term) for t in trials}
-    best = max(J.values())
-    tied = [t for t in trials if best - J[t] < margin(best)]
-    chosen = min(tied, key=lambda t: (t.law.freedom, -J[t]))
+    evidence = {t: t.term.evidence_with_worth_of(closest.term) for t in trials}
+    best = max(evidence.values())
+    tied = [t for t in trials if best - evidence[t] < margin(best)]
+    chosen = min(tied, key=lambda t: (t.law.freedom, -evidence[t]))
     return chosen, tuple(t for t in tied if t is not chosen)
 
 
-def explained_share(before: Array, after: Array, acts: NDArray[np.bool_]) -> float:
+def explained_share(before: Array, after: Array, acts: Mask) -> float:
     """Return the share, below 1, of the squared error in some rows that a cause
     explains.
 
@@ -196,7 +195,7 @@ def standing(before: Array, after: Array, cells: Cells, x: Array) -> Standing:
     )
 
 
-def chance_of_groups(flags: NDArray[np.bool_]) -> float:
+def chance_of_groups(flags: Mask) -> float:
     """Return the probability that as many flags at random are in as few groups or
     fewer; 1 without any."""
     n_flags = int(flags.sum())

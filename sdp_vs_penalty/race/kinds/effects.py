@@ -11,7 +11,6 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
@@ -20,6 +19,7 @@ from sdp_vs_penalty.race.fault import prior_of_one_of
 from sdp_vs_penalty.race.kinds.of_one_part import load_on_last_link
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Further, Hypothesis, Part
+from sdp_vs_penalty.robot.arrays import Indices
 
 #: Standard deviation beforehand of a force [N] and of its moment [N m].
 _FORCE, _MOMENT = 30.0, 6.0
@@ -55,7 +55,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
 
 
 def _forces(
-    evidence: Evidence, fit: ViewFit, last_link: NDArray[np.intp]
+    evidence: Evidence, fit: ViewFit, last_link: Indices
 ) -> Iterator[Hypothesis]:
     """Yield a force on the last link, always and in the spans in which the arm errs most;
     last_link (10,) : indices of its parameters.

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.stretches.gaps import recorded_seconds
 from sdp_vs_penalty.race import constants as c
@@ -15,7 +14,7 @@ from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices
 
 DRIFT = "torque drift"
 #: Smallest share of the rows before a step, and of those after it, in which the joint
@@ -81,9 +80,7 @@ def _likeliest_step(evidence: Evidence, fit: ViewFit) -> Iterator[LogEvent]:
         yield LogEvent(j, moments[k])
 
 
-def _log_falls_by_steps(
-    evidence: Evidence, fit: ViewFit, first_rows: NDArray[np.intp]
-) -> Array:
+def _log_falls_by_steps(evidence: Evidence, fit: ViewFit, first_rows: Indices) -> Array:
     """Predict the falls (n, K) of log S_j by columns x that step from 0 to 1 at some of
     the rows (K,).
 
@@ -99,7 +96,7 @@ def _log_falls_by_steps(
         """Return the sums (n, K, ...) of y (n, M, ...) from each step's row on."""
         # Cumulative sums from the last row backwards.
         sums_to_end = np.cumsum(y[:, ::-1], axis=1)[:, ::-1]
-        return np.asarray(sums_to_end[:, first_rows])
+        return sums_to_end[:, first_rows]
 
     on_residual = from_rows(mask * evidence.residual(fit))  # (n, K): x . r
     on_arm = from_rows(mask[:, :, None] * rows.projected).swapaxes(1, 2)
@@ -111,7 +108,7 @@ def _log_falls_by_steps(
     beside_arm = np.maximum(beside_arm, _SHARE_LEFT_BY_ARM * beside_basis)
     scale = np.maximum(beside_arm * fit.left[:, None], 1e-280)
     is_new = beside_basis > _NOTHING_NEW_SHARE * squares
-    return np.asarray(is_new * np.log1p(on_residual**2 / scale))
+    return is_new * np.log1p(on_residual**2 / scale)
 
 
 def _size(log: Likelihood, repair: LogTransform, event: LogEvent) -> float:
