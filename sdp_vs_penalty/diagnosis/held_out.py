@@ -841,10 +841,12 @@ def least_squares_parameters(
     data: Sequence[Regression],
     frozen: bool,
 ) -> list[Array]:
-    """Fit effects as :func:`fitted_parameters` does, but by least squares, with priors
-    from their plausible sizes alone.
+    """Fit effects to each of several sets of rows by least squares, with no prior but
+    the plausible sizes of the effects; return their parameters for each set.
 
-    Joints are weighted as there, by their residuals in a first fit.
+    own_effects : of the model, which are fitted again; new : beside these; frozen : not
+    read, since all are fitted either way (:func:`fitted_parameters` has the same
+    arguments). Joints are weighted by their residuals in a first fit.
     """
     effects = (*own_effects, *new)
     if not effects:

@@ -35,7 +35,8 @@ def commands_of(
     name = first.opened or "model1.json"
     names = [name]
 
-    def identified(model: ModelStep, out: str) -> list[str]:
+    def identify_words(model: ModelStep, out: str) -> list[str]:
+        """Return the words of the `identify` that makes a model as its file ``out``."""
         words = ["--method", model.method, "--effects", ",".join(model.effects)]
         if not has_check:
             words.append("--no-check")
@@ -48,14 +49,14 @@ def commands_of(
         return ["identify", source, *data, *words, "--out", out]
 
     if not first.opened:
-        commands.append(identified(first, name))
+        commands.append(identify_words(first, name))
     # A model that was kept is the last of those that the commands before it made.
     n_made = max(1, sum(words[0] in ("identify", "add") for words in prepared))
     for k, model in enumerate(history[1:], start=n_made + 1):
         if model.made_for:
             name = f"model{k}.json"
             names.append(name)
-            commands.append(identified(model, name))
+            commands.append(identify_words(model, name))
             continue
         frozen = ["--frozen"] if model.frozen else []
         how = [*data, *test, *frozen]

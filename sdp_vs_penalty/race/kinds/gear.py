@@ -14,18 +14,22 @@ from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
 
 #: Ratios that are tried, over the logger's [-].
 _RATIOS = (1.0, 0.6, 1.6)
+#: Standard deviation of its logarithm beforehand, and the largest that is believed: a
+#: factor of 7.
+_SD, _LARGEST = 0.5, 2.0
 
 
 def _number(j: int) -> Number:
-    """Return the ratio of joint j, over the logger's."""
+    """Return joint j's gear ratio over the one by which the logger divided, as a number
+    that the race looks for; sizes are natural logarithms of that factor."""
     return Number(
         "ratio",
         (j,),
-        sd=0.5,
+        sd=_SD,
         usual=c.CALIBRATED_GAIN,
         is_factor=True,
         widest=c.WIDEST,
-        limits=(-2.0, 2.0),
+        limits=(-_LARGEST, _LARGEST),
     )
 
 
