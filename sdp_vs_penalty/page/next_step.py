@@ -247,15 +247,22 @@ def _to_add(
     """Return the step that adds what is sure by the first remedy of a diagnosis: what is
     confident alone, where more is sure, and all of it as a second choice."""
     main = diagnosis.main_finding
-    change, other = remedy.change, None
+    change = remedy.change
+    other: tuple[str, Callable[[], Any]] | None = None
     is_judged = True
-    if "findings" in change.arguments and (alone := diagnosis.confident_change):
+    label = label_of(change.words)
+    n_all = len(diagnosis.sure)
+    n_uncertain = len([f for f in diagnosis.sure if f.rating != "confident"])
+    is_all = "findings" in change.arguments and n_uncertain > 0
+    alone = diagnosis.confident_change if is_all else None
+    if is_all and n_all > 1 and not diagnosis.curves:
+        label = f"Add all {n_all} ({n_uncertain} uncertain)"
+    if alone is not None:
         assert main is not None  # something is confident
         all_of_it = partial(session.start, session.apply, change.to_dict())
         numbers = alone.arguments["findings"]
-        n_all = len(diagnosis.sure)
-        label = f"Or add all {n_all} ({n_all - len(numbers)} uncertain)"
-        change, other = alone, (label, all_of_it)
+        other = f"Or add all {n_all} ({n_all - len(numbers)} uncertain)", all_of_it
+        change, label = alone, label_of(alone.words)
         at = {main.main_joint}
         on_joint = [f for f in diagnosis.effects if f.torque_is_certain]
         on_joint = [f for f in on_joint if not f.joints or at & {*f.joints}]
@@ -267,12 +274,12 @@ def _to_add(
         text = f"{session.current.within_noise} {text}".lstrip()
     elif joint is not None and share.value is not None:
         percent = share.of_joint(joint)
-        text = f"{text} That is {percent} % of joint {joint}'s torque beyond the noise."
+        torque = f"{percent} % of joint {joint}'s torque beyond the noise"
+        text = f"{text} The error is {torque}."
     outcome = describe_outcome(remedy, session.robot["units"], joint)
     if outcome and is_judged:
         text = f"{text} {formatting.sentence(outcome)}"
     do = partial(session.start, session.apply, change.to_dict())
-    label = label_of(change.words)
     return NextStep(text, label, "diagnose", do, level=level, other=other)
 
 

@@ -81,6 +81,10 @@ def take_away(view: View) -> None:
         draw.tag("pre", "\n".join(session.commands()), tabindex="0")
 
 
+#: Colours of grades that are not called like these.
+_LEVELS = {"do not use": "bad"}
+
+
 def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) -> None:
     """Draw the card of a file: what it is for, the verdict that stands in it, and a
     button to download it; of one that cannot hold all of the model what it lacks, and a
@@ -93,7 +97,7 @@ def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) 
             draw.tag("h4", name)
             if name in _MODELS or name == "model.json":
                 grade = model.verdict_on(name).grade
-                level = "bad" if grade == "do not use" else grade
+                level = model.level if record is None else _LEVELS.get(grade, grade)
                 draw.tag("span", formatting.sentence(grade), f"badge {level}")
         draw.note(use)
         if record is not None:
