@@ -126,7 +126,7 @@ def split_run(
     -------
     dict or None
         Windows [s] "train" and "test", rounded so that a command can name them;
-        "train_seconds", "test_seconds"; "share" of the motion for training;
+        "train_seconds", "test_seconds", "other_seconds" in neither; "share" of the motion for training;
         "judged_share" of the run behind the filters; "bar": side, begin and length [%
         of the run] of each window. None for a run that is too short.
     """
@@ -143,7 +143,8 @@ def split_run(
         split[side] = [(round(a, 3), round(b, 3)) for a, b in stretches]
         split[f"{side}_seconds"] = round(sum(b - a for a, b in stretches), 3)
         split["bar"] += [_piece(side, a, b, cutting.seconds) for a, b in stretches]
-    return split
+    used = split["train_seconds"] + split["test_seconds"]
+    return split | {"other_seconds": cutting.seconds - used}
 
 
 def _best_cut(

@@ -136,8 +136,9 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     """
     sure, others = list[partial[None]](), list[partial[None]]()
     badges = dict[str, None]()
+    places = {finding.number: k for k, finding in enumerate(diagnosis.effects)}
     for finding in diagnosis.in_order_of_reading:
-        k = finding.number - 1
+        k = places[finding.number]
         if words.findings[k].said_by:
             continue
         badges[words.findings[k].badge] = None

@@ -410,9 +410,9 @@ def _split_bar(session: Session, run: dict[str, Any], k: int) -> None:
     split = run["split"]
     with draw.tag("div", style="split"):
         with draw.tag("p", style="soft row"):
-            seconds = [split["train_seconds"], split["test_seconds"]]
             train, test, between = (
-                formatting.number(x) for x in (*seconds, run["seconds"] - sum(seconds))
+                formatting.number(split[f"{side}_seconds"])
+                for side in ("train", "test", "other")
             )
             text = f"{train} s to identify from: {formatting.percent(split['share'], 2)} of the motion"
             draw.tag("span", text, "train-words")
