@@ -100,7 +100,10 @@ def test_a_size_whose_interval_holds_zero_is_not_called_sure():
     known, unknown = (
         words.evidence for words in describe_diagnosis(found, ["N m"] * 7).findings
     )
-    size, not_told = "Size 1 ± 0.2 N m (95 %).", "Its size is not told from zero."
+    size, not_told = (
+        "Size 1 ± 0.2 N m (95 %), so to 20 %.",
+        "Its size is not told from zero.",
+    )
     assert (size, True) in known
     assert (not_told, False) in unknown
     assert not any(text == not_told for text, _ in known)
