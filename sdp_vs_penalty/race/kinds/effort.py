@@ -12,6 +12,8 @@ from sdp_vs_penalty.race.records import Hypothesis
 
 #: A drive exceeds its limit by less than this share for longer than an instant.
 _ABOVE_LIMIT = 1.05
+#: A torque that exceeds it by more than this factor has another unit (N cm are 100).
+_OTHER_UNIT = 30.0
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
@@ -20,7 +22,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     largest = np.abs(log.torques(now)).max(axis=1)  # (n,)
     for j in log.joints:
         limit = log.problem.robot.joints[j].effort or np.inf
-        if largest[j] > _ABOVE_LIMIT * limit:
+        if _ABOVE_LIMIT * limit < largest[j] < _OTHER_UNIT * limit:
             chain = now.with_entries("limit", (j,), limit)
             prior = prior_of_one_of(log.n)
             yield Hypothesis("command beyond the limit", (j,), prior, chain)
