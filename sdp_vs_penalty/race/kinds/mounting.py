@@ -114,7 +114,7 @@ def _subtracted_in_words(g: Array, assumed: Array) -> str:
         return ""
     return (
         f": as of an arm under gravity along ({_in_words(mounted)}) whose"
-        " controller subtracts the weight that it would have under the assumed"
+        " controller subtracts its weight as if gravity were the assumed one"
     )
 
 
