@@ -91,7 +91,7 @@ def data_words(runs: Sequence[Mapping[str, Any]]) -> list[str]:
 
     A single run that is split needs the time windows [s] of its training part.
     """
-    names = [run["name"] for run in runs if run["use"] in ("train", "split")]
+    names = [run["in_commands"] for run in runs if run["use"] in ("train", "split")]
     words = ["--data", *names]
     if len(runs) == 1 and runs[0]["use"] == "split":
         words += ["--window", _windows(runs[0], "train")]
@@ -103,8 +103,8 @@ def test_words(runs: Sequence[Mapping[str, Any]]) -> list[str]:
     windows; none where the page judges on several runs, or on those of training."""
     if len(runs) == 1 and runs[0]["use"] == "split":
         windows = _windows(runs[0], "test")
-        return ["--test", runs[0]["name"], "--test-window", windows]
-    tested = [run["name"] for run in runs if run["use"] == "test"]
+        return ["--test", runs[0]["in_commands"], "--test-window", windows]
+    tested = [run["in_commands"] for run in runs if run["use"] == "test"]
     return ["--test", *tested] if len(tested) == 1 else []
 
 

@@ -285,15 +285,15 @@ def read(job: JobRequest) -> Answer:
             each_once = {str(w.message): w.message for w in heard}.values()
             said = [remark for remark in each_once if isinstance(remark, Remark)]
             remarks += map(str, said)
-            name = f"{Path(file['name']).stem}_read.csv" if how else file["name"]
-            check_torque(replace(part, names=(file["name"],)))
+            name = file["name"]
+            part = replace(part, names=(name,))
+            check_torque(part)
             _refuse_duplicate(part, state.runs, path)
-            part = replace(part, names=(name,))  # as the command `convert` calls it
             state = replace(state, runs=(*state.runs, part))
             kept.append(
                 {
                     "use": "train",
-                    "dropped": file["name"],
+                    "in_commands": f"{Path(name).stem}_read.csv" if how else name,
                     "columns": names,
                     "stated": [],
                 }
@@ -344,10 +344,11 @@ def _names_of_columns(path: Path) -> list[str]:
 
 def _kept_of(run: Mapping[str, Any]) -> Answer:
     """Return what stays in the record of a run, whatever is done to its samples: its use,
-    the name and the columns of its file, and the readings that a person stated of it."""
+    what commands call its file, the columns of that, and the readings that a person
+    stated of it."""
     return {
         "use": run["use"],
-        "dropped": run.get("dropped", ""),
+        "in_commands": run["in_commands"],
         "columns": run.get("columns", []),  # older projects have none
         "stated": run.get("stated", []),
     }
@@ -392,8 +393,8 @@ def _judged(job: JobRequest, state: State, kept: Sequence[Answer]) -> Answer:
 def change(job: JobRequest) -> Answer:
     """Apply the change of a remedy, ``job["change"]``, to robot and runs.
 
-    ``job["files"]`` are the runs that are changed; ``job["names"]`` what all are called
-    afterwards. Returns what :func:`_judged` does, and "effect": what it did to the error
+    ``job["files"]`` are the runs that are changed; ``job["names"]`` what commands call
+    all of them afterwards. Returns what :func:`_judged` does, and "effect": what it did to the error
     on data left out.
     """
     change = Change.from_dict(job["change"])
@@ -410,9 +411,9 @@ def change(job: JobRequest) -> Answer:
     if change.verb == "read":
         for k in chosen:
             kept[k]["stated"] = [*kept[k]["stated"], job["change"]]
-    named = zip(runs, job["names"], strict=True)
-    after = replace(after, runs=tuple(replace(x, names=(name,)) for x, name in named))
-    return {"effect": effect} | _judged(job, after, kept)
+    for stays, name in zip(kept, job["names"], strict=True):
+        stays["in_commands"] = name
+    return {"effect": effect} | _judged(job, replace(after, runs=runs), kept)
 
 
 def check_again(job: JobRequest) -> Answer:
@@ -609,7 +610,9 @@ def simulate(job: JobRequest) -> Answer:
     named = zip(names, hidden_result.runs, strict=True)
     runs = tuple(replace(part, names=(name,)) for name, part in named)
     judged = _judged(
-        job, State(problem, runs), [_kept_of({"use": "train"})] * len(runs)
+        job,
+        State(problem, runs),
+        [_kept_of({"use": "train", "in_commands": name}) for name in names],
     )
     return judged | {"effects": hidden_result.truth["model_effects"]}
 

@@ -14,7 +14,7 @@ from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
 from sdp_vs_penalty.estimation.verdict import FIT, GRADES, MISSING, Verdict
-from sdp_vs_penalty.page.spoken import shown_name, spoken
+from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.render.tables import facts_from_json
 from sdp_vs_penalty.results.facts import Fact
@@ -159,7 +159,7 @@ class ModelStep(JsonRecord):
             unit = formatting.plain_unit(units[j])
             return (
                 f"Joint {j + 1} errs by {formatting.number(there)} {unit} in"
-                f" {shown_name(name)}, and by {formatting.number(before)} {unit} in the"
+                f" {name}, and by {formatting.number(before)} {unit} in the"
                 " runs that the model is from."
             )
         return ""
@@ -171,7 +171,7 @@ class ModelStep(JsonRecord):
         is_recorded = self.facts["new_motion_percent"].value is not None
         kind = (known.text if known else "") or "on unseen motion" * is_recorded
         names = [*dict.fromkeys(name.partition(", ")[0] for name in self.judged_on)]
-        runs = formatting.words([*map(shown_name, names)])
+        runs = formatting.words(names)
         runs = runs if len(names) <= 3 else f"{len(names)} runs"
         parts = "parts of " if len(names) < len(self.judged_on) else ""
         together = ", together" if len(names) > 1 else ""

@@ -11,7 +11,6 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.page.session import MOTION, Session, asks_for_unit, is_refused
-from sdp_vs_penalty.page.spoken import shown_run
 from sdp_vs_penalty.page.stages.use import worse_in_words
 from sdp_vs_penalty.page.view import (
     ACCEPT,
@@ -53,12 +52,6 @@ class NextStep:
 
 def next_step(view: View) -> NextStep:
     """Return the verdict on a session, and its next step."""
-    step = _next_step(view)
-    return replace(step, text=view.session.with_shown_names(step.text))
-
-
-def _next_step(view: View) -> NextStep:
-    """Return the same, in which runs have the names of their present files."""
     session = view.session
     if not session.robot:
         text = "Choose the robot that was measured: its file, or a built-in one."
@@ -75,7 +68,7 @@ def _next_step(view: View) -> NextStep:
             return _of_waiting(session, run)
     if (offer := session.offer) is not None:
         do = partial(session.start, session.accept, offer)
-        label = ACCEPT.format(shown_run(offer.run))
+        label = ACCEPT.format(offer.run["name"])
         return NextStep(offer.sentence, label, "check", do, level="usable")
     if waiting:
         return _of_waiting(session, waiting[0])
@@ -96,10 +89,9 @@ def _of_waiting(session: Session, run: Mapping[str, Any]) -> NextStep:
         return _unit(session, "usable")
     else:
         do = partial(session.start, session.use, run["file"], "")
-        label = f"Leave {shown_run(run)} out"
+        label = f"Leave {run['name']} out"
         text = found[0]["what"] if found else "its torque is in another unit."
-    name = shown_run(run)
-    return NextStep(f"{name}: {text}", label, "check", do, level="bad")
+    return NextStep(f"{run['name']}: {text}", label, "check", do, level="bad")
 
 
 def _columns(session: Session) -> NextStep:

@@ -43,7 +43,7 @@ from sdp_vs_penalty.estimators.estimator import no_progress
 from sdp_vs_penalty.files import require_format, write_text
 from sdp_vs_penalty.page.commands import commands_of, option_words
 from sdp_vs_penalty.page.model_step import ModelStep
-from sdp_vs_penalty.page.spoken import shown_name, shown_run, spoken
+from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.problem.check_command import CheckCommand
 from sdp_vs_penalty.records import from_json, to_json
@@ -126,7 +126,7 @@ class Offer:
         """What is offered, and why."""
         names = formatting.words([*self.others])
         return (
-            f"{shown_run(self.run)} has the columns of {names}, and you said of"
+            f"{self.run['name']} has the columns of {names}, and you said of"
             f" these: {self.change['words']}."
         )
 
@@ -201,7 +201,7 @@ def _offers(runs: Sequence[dict[str, Any]]) -> Iterator[Offer]:
         stated = [c for x in others for c in x.get("stated", ())]
         for change in stated if run.get("columns") else ():
             if change["arguments"] not in known and "is_declined" not in change:
-                names = [shown_run(x) for x in others if change in x["stated"]]
+                names = [x["name"] for x in others if change in x["stated"]]
                 yield Offer(run, tuple(names), change)
 
 
@@ -384,7 +384,7 @@ class Session:
         With any of them, a model identified from these runs would be meaningless.
         """
         return [
-            spoken(f"{shown_run(run)}: {f['what'].rstrip('.')}: {f['remedy']}")
+            spoken(f"{run['name']}: {f['what'].rstrip('.')}: {f['remedy']}")
             for run in self.runs
             if run["use"] in ("train", "split")
             for f in run["findings"]
@@ -415,7 +415,7 @@ class Session:
                 is_new = issue["severity"] == "warning" and issue["kind"] not in seen
                 is_likely = not issue["certainty"].startswith("possible")
                 if issue["severity"] == "error" or (is_new and is_likely):
-                    return f"{shown_run(run)}: {spoken(issue['what'])}"
+                    return f"{run['name']}: {spoken(issue['what'])}"
         return ""
 
     @property
@@ -577,14 +577,7 @@ class Session:
             f"{self.folder}/": "",
         }.items():
             text = text.replace(path, name)
-        return self.with_shown_names(spoken(text))
-
-    def with_shown_names(self, text: str) -> str:
-        """Return a text in which runs have the names of the files that were dropped."""
-        for run in self.runs:
-            for name in (run["name"], shown_name(run["name"])):
-                text = text.replace(name, shown_run(run))
-        return text
+        return spoken(text)
 
     def start(
         self, do: Callable[..., Coroutine[Any, Any, None]], *arguments: Any, **how: Any
@@ -787,6 +780,8 @@ class Session:
                 robot["source"] = here(robot["source"])
             for mapping in kept["mappings"]:
                 mapping["path"] = here(mapping["path"])
+            for run in kept["runs"]:  # an older version knows one name
+                run.setdefault("in_commands", run["name"])
             return {**kept, "history": [steps[k] for k in kept["history"]]}
 
         for name in {*CHOSEN} & content.keys():  # an older version has fewer
@@ -1018,7 +1013,7 @@ class Session:
                     words = ["convert", how["file"]]
                     for name, value in how["options"].items():
                         words += option_words(name, value)
-                    words += ["--problem", self.robot_word, "--out", run["name"]]
+                    words += ["--problem", self.robot_word, "--out", run["in_commands"]]
                     self.prepared = [*self.prepared, words]
             self._choose_uses(new)
             self.effects = list(answer.get("effects", self.effects))
@@ -1026,7 +1021,7 @@ class Session:
         remarks = [*answer.get("remarks", ())]
         if waiting := [run for run in new if run["use"] == "wait"]:
             self.new = ("check", "check")
-        tested = [shown_run(run) for run in new if run not in waiting]
+        tested = [run["name"] for run in new if run not in waiting]
         if tested and self.history:
             names = formatting.words(tested)
             remarks.append(f"The model is tested on {names} as well.")
@@ -1178,7 +1173,7 @@ class Session:
         texts = []
         for issue, runs in self.issues:
             verbs = [remedy["change"]["verb"] for remedy in issue["remedies"]]
-            names = formatting.words([shown_run(run) for run in runs])
+            names = formatting.words([run["name"] for run in runs])
             names = "all runs" if len(runs) == len(self.runs) > 1 else names
             if "transform" in verbs:
                 texts.append(f"{names}: {issue['kind']} ({issue['where']})")
@@ -1338,10 +1333,14 @@ class Session:
     ) -> list[list[str]]:
         """Return the words of the commands that make a change of these runs: one for
         all, or, where each is read anew, one a run."""
-        one = Change.from_dict(change)
+        written = {run["name"]: run["in_commands"] for run in self.runs}
+        arguments = change["arguments"]
+        if "run" in arguments:
+            arguments = {**arguments, "run": written[arguments["run"]]}
+        one = Change.from_dict({**change, "arguments": arguments})
         checks = [self._check_command]
         if change["verb"] == "read":
-            names = [run["name"] for run in self.runs if run["file"] in files]
+            names = [run["in_commands"] for run in self.runs if run["file"] in files]
             checks = [replace(checks[0], runs=[name]) for name in names]
         commands = [command_of(one, Files(check)) for check in checks]
         return [words for words in commands if words is not None]
@@ -1349,10 +1348,10 @@ class Session:
     def _change_request(
         self, change: Mapping[str, Any], files: Collection[str] | None = None
     ) -> dict[str, Any]:
-        """Return the request for a change of robot and runs, with the names that the
-        runs have afterwards: those of the command that does the same."""
+        """Return the request for a change of robot and runs, with what commands call the
+        runs afterwards: as the command that does the same."""
         command = self._check_command
-        names = [run["name"] for run in self.runs]
+        names = [run["in_commands"] for run in self.runs]
         chosen = [run["file"] for run in self.runs]
         chosen = [file for file in chosen if files is None or file in files]
         has_commands = bool(self._commands_of(change, chosen))
@@ -1360,14 +1359,17 @@ class Session:
             names = [f"{command.copy}/{Path(name).stem}.csv" for name in names]
         elif change["verb"] in ("transform", "read") and has_commands:
             names = [
-                str(replace(command, runs=[run["name"]]).copy)
+                str(replace(command, runs=[run["in_commands"]]).copy)
                 if run["file"] in chosen
-                else run["name"]
+                else run["in_commands"]
                 for run in self.runs
             ]
         elif change["verb"] == "cut":
             cut = change["arguments"]["run"]
-            names = [str(cut_copy(x)) if x == cut else x for x in names]
+            places = enumerate(run["name"] == cut for run in self.runs)
+            names = [
+                str(cut_copy(names[k])) if is_cut else names[k] for k, is_cut in places
+            ]
         change = {**change, "words": _words_of_reading(change) or change["words"]}
         return self._request("change", change=change, files=chosen, names=names)
 
@@ -1408,7 +1410,7 @@ class Session:
         is_own = gravity == self.robot["own_gravity"]
         return CheckCommand(
             problem=self.robot_word,
-            runs=[run["name"] for run in self.runs] or ["run.csv"],
+            runs=[run["in_commands"] for run in self.runs] or ["run.csv"],
             hold=self.robot["hold"] or None,
             gravity=None if is_own else ",".join(f"{g:g}" for g in gravity),
         )

@@ -22,7 +22,7 @@ from sdp_vs_penalty.page.session import (
     kind_of,
     read_state,
 )
-from sdp_vs_penalty.page.spoken import name_in_title, shown_run
+from sdp_vs_penalty.page.spoken import name_in_title
 from sdp_vs_penalty.page.view import Project
 from sdp_vs_penalty.page.worker import LEAST, WorkerPool
 
@@ -264,7 +264,7 @@ def title_of(name: str, robot: Mapping[str, Any], begun: float) -> str:
 
 def _runs_and_verdict(content: Mapping[str, Any]) -> str:
     """Return a saved project's runs, and the grade of its model, in words."""
-    names = [shown_run(run) for run in content["now"]["runs"]]
+    names = [run["name"] for run in content["now"]["runs"]]
     more = len(names) - _MOST_RUNS
     shown = names[:_MOST_RUNS] + ([f"{more} more"] if more > 0 else [])
     models = content["now"]["history"]

@@ -1,9 +1,7 @@
 """What the page says for sentences of the command line, and for names."""
 
 import re
-from collections.abc import Mapping
 from pathlib import PureWindowsPath
-from typing import Any
 
 #: Words of the command line, and what the page has for them.
 _STAGES = {
@@ -81,11 +79,6 @@ def shown_name(name_given: str) -> str:
     if name in ("", ".", ".."):
         return "file"
     return name if len(name) <= 80 else f"{name[:40]}...{name[-36:]}"
-
-
-def shown_run(run: Mapping[str, Any]) -> str:
-    """Return the name to show for a run: that of the file that was dropped."""
-    return shown_name(run.get("dropped") or run["name"])
 
 
 def name_in_title(title: str) -> str:

@@ -15,7 +15,7 @@ from nicegui.client import Client
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.causes import VELOCITY
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.spoken import shown_run, spoken
+from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
 from sdp_vs_penalty.signals.noise import said_before
 
@@ -177,13 +177,13 @@ def label_of_motion(change: Mapping[str, Any]) -> str:
 
 def look_in_words(session: Session) -> str:
     """Return what looks for a load, or another change, with the model as it is."""
-    names = formatting.words([shown_run(run) for run in session.runs_since])
+    names = formatting.words([run["name"] for run in session.runs_since])
     return f"Find a load, or what else has changed, in {names}"
 
 
 def set_aside_in_words(run: Mapping[str, Any]) -> str:
     """Return what keeps a run that differs out of the model."""
-    return f"Identify without {shown_run(run)}, and test on it"
+    return f"Identify without {run['name']}, and test on it"
 
 
 def graded(text: str, grade: str) -> str:
@@ -203,7 +203,7 @@ def checked(session: Session) -> StageVerdict:
     if warnings := session.warnings:
         others = len(session.kinds_of_issue) - 1
         grade = warnings[0]["certainty"].partition(":")[0]
-        text = session.with_shown_names(graded(warnings[0]["what"], grade))
+        text = graded(warnings[0]["what"], grade)
         text += f" And {others} more." if others else ""
         return StageVerdict("usable", text, "Check")
     runs = formatting.count(len(session.runs), "run")

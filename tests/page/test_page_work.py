@@ -112,7 +112,7 @@ def test_a_run_is_repaired_where_it_is_certain(here, hidden, tmp_path):
     )
     do(s, lambda: s.apply(s.remedies[0]["change"]))
     (run,) = s.runs
-    assert run["name"] == "spikes_fixed.csv"
+    assert run["name"] == "spikes.csv"
     assert not s.kinds_of_issue
     assert "Error on motion left out" in s.repairs[0][1]
     s.undo()
@@ -228,7 +228,7 @@ def test_a_span_is_left_out_of_a_run_and_undone(here, hidden, tmp_path):
     s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:2], "a.csv", "b.csv"))
     cut = Change("cut", "leave it out", {"run": "a.csv", "spans": [[3.0, 4.0]]})
     do(s, lambda: s.apply(cut.to_dict()))
-    assert [run["name"] for run in s.runs] == ["a_cut.csv", "b.csv"]
+    assert [run["in_commands"] for run in s.runs] == ["a_cut.csv", "b.csv"]
     assert s.runs[0]["samples"] < s.runs[1]["samples"]
     assert "convert a.csv --cut 3:4 --out a_cut.csv" in s.commands()[0]
     s.undo()
@@ -698,7 +698,7 @@ def test_a_file_is_read_by_the_columns_that_were_chosen(here, strange, hidden):
     for ours, theirs in {"t": "t", "tau1": "alpha", "tau2": "beta"}.items():
         s.choose_column(columns, ours, theirs)
     do(s, lambda: s.read_mapped(columns))
-    assert [run["name"] for run in s.runs] == ["strange_read.csv"]
+    assert [run["in_commands"] for run in s.runs] == ["strange_read.csv"]
     assert not s.mappings
     (command,) = s.commands()
     assert "convert strange.csv --rename 't=#1,q1=#2" in command
@@ -762,7 +762,10 @@ def test_a_wide_table_is_read_by_the_order_that_the_command_line_proposes(wide, 
     wide.click("next")
     assert not wide.session.runs  # the guess is shown first
     wide.click("next")
-    assert [run["name"] for run in wide.session.runs] == ["a_read.csv", "b_read.csv"]
+    assert [run["in_commands"] for run in wide.session.runs] == [
+        "a_read.csv",
+        "b_read.csv",
+    ]
     assert "tau1=#6,tau2=#7" in wide.session.commands()[0]
     assert "Read with these columns" not in wide.text("next")
 
@@ -1000,7 +1003,7 @@ def test_an_issue_of_two_runs_is_said_once_and_repaired_together(
     screen = Screen(s)
     assert screen.text("check").count("a.csv and b.csv: spikes.") == 1
     screen.click("next")
-    assert [run["name"] for run in s.runs] == ["fixed/a.csv", "fixed/b.csv"]
+    assert [run["in_commands"] for run in s.runs] == ["fixed/a.csv", "fixed/b.csv"]
     assert not s.meaningless
 
 
@@ -1080,7 +1083,7 @@ def test_what_was_stated_of_runs_is_offered_for_a_new_one(here, hidden, tmp_path
     said = "new.csv has the columns of a.csv and test.csv"
     assert said in screen.text("next")
     assert [run["use"] for run in s.runs] == ["train", "test", "wait"]
-    assert s.current.judged_on == ["test_fixed.csv"]  # nothing is tested before
+    assert s.current.judged_on == ["test.csv"]  # nothing is tested before
     screen.click("next")
     assert s.history
     assert s.offer is None

@@ -18,7 +18,6 @@ from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import chart_and_arm
 from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.spoken import shown_name
 from sdp_vs_penalty.page.view import (
     PagePart,
     Stage,
@@ -201,8 +200,7 @@ class _Fit:
         draw.note("Click a joint to see it below.")
         with draw.tag("div", style="pick"):
             choose = lambda name: view.select(run=name)  # noqa: E731
-            names = [(name, shown_name(name)) for name in self.model.runs]
-            draw.choice("Run", names, view.run, choose, "shown-run")
+            draw.choice("Run", self.model.runs, view.run, choose, "shown-run")
         label = "Measured and modelled torque, and the error"
         caption = "a link's colour: the torque error of its joint"
         scale = charts.error_scale(self.model)
@@ -316,7 +314,7 @@ def _runs_apart(model: ModelStep) -> None:
     with draw.details("Error of each run alone", "runs-apart"):
         rows = [
             (
-                shown_name(run),
+                run,
                 "tested" if run in model.judged_on else "identified from",
                 *map(formatting.number, errors),
             )

@@ -17,7 +17,7 @@ from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import ArmScene, chart_and_arm
 from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.session import ENDINGS, Session, asks_for_unit
-from sdp_vs_penalty.page.spoken import heading_of, name_in_title, shown_run, spoken
+from sdp_vs_penalty.page.spoken import heading_of, name_in_title, spoken
 from sdp_vs_penalty.page.view import (
     ACCEPT,
     PagePart,
@@ -367,11 +367,11 @@ def _list(view: View) -> None:
         with draw.tag("tbody"):
             for k, run in enumerate(session.runs):
                 with draw.tag("tr"):
-                    draw.tag("th", shown_run(run), "name", scope="row")
+                    draw.tag("th", run["name"], "name", scope="row")
                     draw.tag("td", f"{formatting.number(run['seconds'])} s")
                     draw.tag("td", f"{run['samples']} at {run['rate']:.4g} Hz")
                     with draw.tag("td"):
-                        label = f"Use of {shown_run(run)}"
+                        label = f"Use of {run['name']}"
                         use = partial(session.start_use, run["file"])
                         uses = [
                             (name, text)
@@ -475,11 +475,7 @@ def check(view: View) -> None:
     if len(views) > 1:
         with draw.tag("div", style="pick"):
             draw.choice(
-                "Run",
-                [(run["name"], shown_run(run)) for run in session.runs],
-                first,
-                look,
-                "checked-run",
+                "Run", [run["name"] for run in session.runs], first, look, "checked-run"
             )
     caption = "Positions, velocities and torques of all joints over time"
     drawn, move = chart_and_arm(view, caption, session.robot["drawn"], "nominal links")
@@ -494,18 +490,18 @@ def _findings(view: View) -> None:
     """
     session = view.session
     for words, effect in session.repairs:
-        done = session.with_shown_names(label_of(words))
+        done = label_of(words)
         draw.tag("p", f"Done: {done}. {effect}", "chosen")
     with draw.tag("p", style="row"):
         for run in session.runs:
             if all(issue["severity"] == "note" for issue in run["findings"]):
-                draw.tag("span", f"✓ {shown_run(run)}", "tick")
+                draw.tag("span", f"✓ {run['name']}", "tick")
     if (offer := session.offer) is not None:
         with draw.tag("div", style="finding"):
             draw.tag("p", offer.sentence)
             with draw.tag("div", style="row"):
                 accept = partial(session.start, session.accept, offer)
-                label = ACCEPT.format(shown_run(offer.run))
+                label = ACCEPT.format(offer.run["name"])
                 draw.button(label, accept, "accept")
                 decline = partial(session.start, session.decline, offer)
                 draw.button("Leave it as it is", decline, "decline")
@@ -518,11 +514,11 @@ def _findings(view: View) -> None:
         with draw.tag("div", style="row"):
             _remedy(view, first[0], "remedy-all")
     for k, (issue, runs) in enumerate(session.issues):
-        names = formatting.words([shown_run(run) for run in runs])
+        names = formatting.words([run["name"] for run in runs])
         with draw.tag("div", style=f"finding {issue['severity']}"):
             grade, _, why = issue["certainty"].partition(": ")
             draw.tag("strong", f"{names}: {heading_of(issue['kind'])}. ")
-            draw.tag("span", session.with_shown_names(graded(issue["what"], grade)))
+            draw.tag("span", graded(issue["what"], grade))
             verbs = {remedy["change"]["verb"] for remedy in issue["remedies"]}
             if why and "transform" not in verbs:  # its trial says more
                 draw.note(formatting.sentence(spoken(why)))
@@ -566,7 +562,7 @@ def _last_resort(
     if len(runs) < len(session.runs):
         for run in runs:
             out = partial(session.start, session.use, run["file"], "")
-            label = f"Leave {shown_run(run)} out"
+            label = f"Leave {run['name']} out"
             draw.button(label, out, f"out-{k}-{run['file']}")
     else:
         if issue["severity"] == "warning":
@@ -580,7 +576,7 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
     and why it was refused, where it was."""
     session = view.session
     change = remedy["change"]
-    label = session.with_shown_names(label_of(change["words"]))
+    label = label_of(change["words"])
     do = partial(session.start, session.apply, change)
     asked = [k for k, v in change["arguments"].get("scale", {}).items() if not v]
     if change["verb"] == "record":
