@@ -1196,12 +1196,12 @@ class Diagnosis(Record, JsonRecord):
         It names the joint with the largest error over noise, and joints with torque
         that no effect explains.
         """
-        over = self.held_out_over_noise
+        over = over_noise(self.held_out_rmse_before, self.known_floor)
         if over is None or not len(over):
             return "Nothing is missing that these measurements could show."
         worst = int(np.argmax(over)) + 1
         ratio = float(over[worst - 1])
-        left = float(self.held_out_rmse_with_all[worst - 1])
+        left = float(self.held_out_rmse_before[worst - 1])
         unit = self.torque_unit(worst)
         error = formatting.times_noise(ratio, left, unit)
         above_noise = self.joints_above_noise

@@ -71,7 +71,7 @@ from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
-from sdp_vs_penalty.estimation.excitation import excite, save_trajectory
+from sdp_vs_penalty.estimation.excitation import Limits, excite, save_trajectory
 from sdp_vs_penalty.estimation.identify import estimate_parameters
 from sdp_vs_penalty.estimation.separation import separate
 from sdp_vs_penalty.estimation.shapes import effects_to_estimate_again
@@ -406,7 +406,8 @@ def change(job: JobRequest) -> Answer:
     changed = dict(zip(chosen, after.runs, strict=True))
     runs = tuple(changed.get(k, run) for k, run in enumerate(before.runs))
     effect = ""
-    if all(run.usable_rows.all() and np.all(np.diff(run.t) > 0.0) for run in runs):
+    is_whole = all(r.usable_rows.all() and np.all(np.diff(r.t) > 0.0) for r in runs)
+    if change.verb != "read" and is_whole:  # a unit repairs nothing
         effect = effect_on_error(before, replace(after, runs=runs))
     if change.verb == "read":
         for k in chosen:
@@ -423,8 +424,9 @@ def check_again(job: JobRequest) -> Answer:
 
 
 def motion(job: JobRequest) -> Answer:
-    """Write the motion that a remedy asks to record: within the robot's limits, or the
-    one that tells the effects of ``job["separate"]`` apart.
+    """Write the motion that a remedy asks to record, or the one that tells the effects of
+    ``job["separate"]`` apart: within the robot's limits, and no faster than
+    ``job["speed"]`` [%] of the fastest joint in the runs.
 
     Returns {"file": its name, in the session's folder; "words": its length and speed, and
     what to do with it}.
@@ -432,12 +434,12 @@ def motion(job: JobRequest) -> Answer:
     job.progress("looking for a motion within the robot's limits")
     name = "trajectory.csv"
     trajectory: FourierTrajectory | PointTrajectory
+    how: dict[str, Any] = {"progress": job.progress}
+    how["limits"] = _limits_of_motion(job)
     if job["separate"]:
-        trajectory = separate(
-            job.model, ",".join(job["separate"]), progress=job.progress
-        ).trajectory
+        trajectory = separate(job.model, ",".join(job["separate"]), **how).trajectory
     else:
-        trajectory = excite(job.problem, progress=job.progress).trajectory
+        trajectory = excite(job.problem, **how).trajectory
     save_trajectory(trajectory, job.folder / name)
     _, dq, _ = trajectory.states(np.arange(0.0, trajectory.duration, 0.01))
     speeds = np.abs(dq).max(axis=0)
@@ -449,9 +451,26 @@ def motion(job: JobRequest) -> Answer:
             f"{name} is in your downloads: {trajectory.duration:.3g} s of t, q, dq and ddq"
             f" within the limits of the robot's file, at most {formatting.number(speeds[fastest])}"
             f" {unit} (joint {fastest + 1}). Look at it in a simulator, run it on the arm,"
-            " and bring the log under Measure."
+            " and bring the log under Measure, where it can be made slower or faster."
         ),
     }
+
+
+def _limits_of_motion(job: JobRequest) -> Limits:
+    """Return the robot's limits, with the speed of a joint at most a share of the fastest
+    one of its kind in the runs; of joints none of which moves there the robot's."""
+    robot = job.problem.robot
+    limits = Limits.from_robot(robot)
+    views = [np.load(job.folder / run["view"])["dq"] for run in job["runs"]]
+    if not views:
+        return limits
+    logged = np.nanquantile(np.abs(np.vstack(views)), 0.995, axis=0)
+    units = np.array(robot.torque_units)
+    fastest = np.array([logged[units == unit].max() for unit in units])
+    speed = fastest * numbers("speed", job["speed"], 1)[0] / 100.0
+    velocity = np.minimum(limits.velocity, np.where(fastest > 0.0, speed, np.inf))
+    slower = velocity / limits.velocity
+    return replace(limits, velocity=velocity, acceleration=slower * limits.acceleration)
 
 
 def fetch(job: JobRequest) -> Answer:
@@ -1221,7 +1240,7 @@ def _files_judged(
         lost = effects_left_out(estimate, home.FILE)
         if part is None or not lost:
             continue
-        job.progress(f"judging {home.FILE}")
+        job.progress("judging the files to export")
         (held,) = compare_filtered({home.FILE: part}, filtered, noise=comparison.noise)
         judged[home.FILE] = {
             "lost": effects_in_words(lost),

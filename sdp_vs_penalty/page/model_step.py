@@ -13,7 +13,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
-from sdp_vs_penalty.estimation.verdict import FIT, GRADES, MISSING, Verdict
+from sdp_vs_penalty.estimation.verdict import FIT, GRADES, MISSING, Verdict, over_noise
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.render.tables import facts_from_json
@@ -141,13 +141,20 @@ class ModelStep(JsonRecord):
     def changed_runs(self) -> dict[str, int]:
         """The runs that the model was not identified from, and in which a joint errs far
         more than in those that it is from: something has changed since. Of each the joint
-        (from 0)."""
-        tested = {x: e for x, e in self.errors_of_runs.items() if x in self.judged_on}
-        errors = {x: e / self._usual_error for x, e in tested.items()}
-        return {x: int(e.argmax()) for x, e in errors.items() if e.max() > CHANGED}
+        (from 0) that errs most of those, as the bars show it."""
+        floor = self.comparison["noise_floor"]
+        changed = {}
+        for name in self.errors_of_runs:
+            errors = np.array(self.errors_of_runs[name])
+            times = errors / self.usual_error
+            if name in self.judged_on and times.max() > CHANGED:
+                over = over_noise(errors, floor)
+                size = times if over is None else over
+                changed[name] = int(np.where(times > CHANGED, size, 0.0).argmax())
+        return changed
 
     @property
-    def _usual_error(self) -> Array:
+    def usual_error(self) -> Array:
         """(n,) largest error of each joint in the runs that the model is from [N m, N]."""
         runs = self.errors_of_runs.items()
         return np.max([e for x, e in runs if x not in self.judged_on], axis=0)
@@ -155,7 +162,7 @@ class ModelStep(JsonRecord):
     def change_in_words(self, units: Sequence[str]) -> str:
         """Say how the first of the changed runs differs; "" without one."""
         for name, j in self.changed_runs.items():
-            there, before = self.errors_of_runs[name][j], self._usual_error[j]
+            there, before = self.errors_of_runs[name][j], self.usual_error[j]
             unit = formatting.plain_unit(units[j])
             return (
                 f"Joint {j + 1} errs by {formatting.number(there)} {unit} in"
@@ -170,6 +177,9 @@ class ModelStep(JsonRecord):
         known = self.facts.get("kind_of_error")  # none in files of older versions
         is_recorded = self.facts["new_motion_percent"].value is not None
         kind = (known.text if known else "") or "on unseen motion" * is_recorded
+        fitted = {*self.runs[: len(self.runs) - len(self.judged_on)]}
+        if known and known.text and fitted:
+            kind = "on other runs, mostly of the same motion"
         names = [*dict.fromkeys(name.partition(", ")[0] for name in self.judged_on)]
         runs = formatting.words(names)
         runs = runs if len(names) <= 3 else f"{len(names)} runs"

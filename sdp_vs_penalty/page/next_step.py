@@ -126,7 +126,7 @@ def _of_runs(session: Session) -> NextStep:
         label = label_of(change.words)
         level = "bad" if session.meaningless else "usable"
         text = graded(remedy.problem, remedy.certainty)
-        if len(change.arguments.get("apply", ())) > 1:
+        if session.repairs_several(change.to_dict()):
             text = graded(f"{session.faults_in_words}.", remedy.certainty)
         effect = session.outcome_of(change.to_dict())
         return NextStep(f"{text} {effect}".strip(), label, "check", do, level=level)
@@ -207,7 +207,11 @@ def _of_model(view: View) -> NextStep:
     if diagnosis is None and not is_done:
         do = partial(session.start, session.diagnose)
         label = "Diagnose: what is missing?" if is_first else "Diagnose again"
-        return NextStep(text, label, "diagnose", do, level=level)
+        other: tuple[str, Callable[[], Any]] | None = None
+        if len(session.past[-1][1]["runs"]) < len(session.runs):  # they came just now
+            again = partial(session.start, session.identify_from_all)
+            other = "Or identify again from all runs", again
+        return NextStep(text, label, "diagnose", do, level=level, other=other)
     if diagnosis is not None:
         cause = spoken(diagnosis.cause)
         remedy = next_remedy(diagnosis.remedies)
@@ -218,8 +222,8 @@ def _of_model(view: View) -> NextStep:
         if NOISE_UNKNOWN in cause:  # the reason says it too
             text = text.replace(f"; {NOISE_UNKNOWN}", "")
         text = f"{text} {cause}"
-        if level != "good" and (other := _motion_to_record(view)) is not None:
-            return replace(other, text=f"{text} {other.text}", level=level)
+        if level != "good" and (motion := _motion_to_record(view)) is not None:
+            return replace(motion, text=f"{text} {motion.text}", level=level)
         if level == "bad":
             label = "Choose other measurements"
             return NextStep(text, label, "measure", opens="drop-runs", level=level)

@@ -3,6 +3,7 @@ jobs are done."""
 
 import asyncio
 import copy
+import inspect
 import json
 import time
 from collections.abc import (
@@ -69,7 +70,10 @@ KEPT = (
     "hidden",
 )
 #: What is chosen besides.
-CHOSEN = (*("options", "reading", "anyway", "seen_issues"), *("names", "name", "begun"))
+CHOSEN = (
+    *("options", "reading", "anyway", "seen_issues"),
+    *("names", "name", "begun", "unfinished"),
+)
 #: Steps back that are kept.
 MOST_STEPS = 20
 #: Samples of all runs with which remedies are tried before anyone asks.
@@ -329,6 +333,9 @@ class Session:
     future: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
     #: By job the last answer, with the ``model`` that it is about.
     answers: dict[str, dict[str, Any]] = field(default_factory=dict)
+    #: The job that runs, if it can be started again after the server has ended: "do",
+    #: "arguments" and "how" of :meth:`start`, and its "title".
+    unfinished: dict[str, Any] = field(default_factory=dict)
     #: What is said to the person; None for nothing.
     notice: PageNotice | None = None
     #: Work in progress; None while idle.
@@ -356,6 +363,10 @@ class Session:
     new: tuple[str, str] | None = None
     #: How often a control was moved in vain: it has to be drawn anew as it is.
     refusals: int = 0
+    #: Change that asked for the last motion, and its speed [% of the fastest joint in the
+    #: runs].
+    motion: Mapping[str, Any] = field(default_factory=dict)
+    speed: str = "100"
     #: Names of the files that were downloaded.
     taken: set[str] = field(default_factory=set)
     #: By file that was made, what it was made of.
@@ -592,19 +603,37 @@ class Session:
                 self.aside.cancel()
             self.notice = None
             self.working = Working()
+            self.unfinished = {
+                "do": getattr(do, "__name__", ""),
+                "arguments": arguments,
+                "how": how,
+            }
+            try:
+                json.dumps(self.unfinished)
+            except TypeError:  # it is of this tab
+                self.unfinished = {}
             self.task = asyncio.get_running_loop().create_task(do(*arguments, **how))
             self.task.add_done_callback(self._ended)
 
     def cancel(self) -> None:
         """Cancel the running job at once; the session stays as it was before."""
         if self.task is not None:
+            self.unfinished = {}
             self.task.cancel()
+
+    def start_again(self) -> None:
+        """Start the job again that the end of a server has ended."""
+        job, self.unfinished = self.unfinished, {}
+        if inspect.iscoroutinefunction(do := getattr(self, str(job.get("do")), None)):
+            self.start(do, *job["arguments"], **job["how"])
 
     def _ended(self, task: asyncio.Task[None]) -> None:
         """Clean up after a task: say how it failed, redraw, and read files dropped
         meanwhile.
         """
         self.working = self.task = None
+        if not task.cancelled():
+            self.unfinished = {}
         if task.cancelled():
             self.say("Cancelled: nothing was changed.", error=False)
         elif (error := task.exception()) is not None:
@@ -664,6 +693,9 @@ class Session:
         """Update the running work, given its new ``title`` or ``status``, and redraw
         the tabs."""
         self.working = replace(self.working or Working(), **what)  # type: ignore[arg-type]
+        if self.unfinished and "title" in what:
+            self.unfinished["title"] = what["title"]
+            self.save()
         self.changed()
 
     async def _job(self, title: str, job: str, **details: Any) -> dict[str, Any]:
@@ -791,6 +823,8 @@ class Session:
             setattr(session, name, value)
         session.past = [(label, read(kept)) for label, kept in content["past"]]
         session.future = [(label, read(kept)) for label, kept in content["future"]]
+        if title := session.unfinished.get("title"):
+            session.say(f"{title}: the program ended before it was done.", error=False)
         return session
 
     def _refuse_meaningless(self) -> None:
@@ -994,7 +1028,6 @@ class Session:
         refused += [m["reason"] for m in mappings if m["path"] in asked and m["reason"]]
         if new:
             is_for_model = bool(self.history) and len(before) == len(self.runs)
-            is_for_model &= MOTION not in self.taken  # that is recorded to fit a model
             for run in new:
                 if is_for_model or for_testing(run["name"]):
                     run["use"] = "test"
@@ -1179,6 +1212,12 @@ class Session:
                 texts.append(f"{names}: {issue['kind']} ({issue['where']})")
         return "; ".join(texts)
 
+    def repairs_several(self, change: Mapping[str, Any]) -> bool:
+        """Whether a change makes several repairs at once: it is no single issue's."""
+        remedies = [remedy for issue in self.warnings for remedy in issue["remedies"]]
+        is_of_one = any(change == remedy["change"] for remedy in remedies)
+        return change["verb"] == "transform" and not is_of_one
+
     @property
     def kinds_of_issue(self) -> list[str]:
         """Kinds of what the check found in the runs, each once."""
@@ -1242,6 +1281,16 @@ class Session:
         runs = [{**run, "use": "train"} for run in self.runs]
         title = "Identifying from all runs"
         step = await self._fit(title, "identified from all runs", runs)
+        self._begin(step)
+        self.runs = runs
+
+    async def identify_alone(self, file: str) -> None:
+        """Identify from one run alone, and test on the others."""
+        uses = {
+            run["file"]: "train" if run["file"] == file else "test" for run in self.runs
+        }
+        runs = [{**run, "use": uses[run["file"]]} for run in self.runs]
+        step = await self._fit("Identifying from one run", "identified", runs)
         self._begin(step)
         self.runs = runs
 
@@ -1316,8 +1365,11 @@ class Session:
         models = await self._judged_on(answer["runs"], answer["robot"])
         dropped = self._dropped(models)
         done = words
-        if len(change["arguments"].get("apply", ())) > 1:  # the words count them
+        if self.repairs_several(change):  # the words count them
             done = f"{words} ({self.faults_in_words})"
+        elif len(request["files"]) < len(self.runs):
+            names = [r["name"] for r in self.runs if r["file"] in request["files"]]
+            done = f"{formatting.words(names)}: {words}"
         self._step_from_here(words)
         self._take(answer)
         self._keep_models(models)
@@ -1382,10 +1434,6 @@ class Session:
         """Read a run as it was stated of others with the same columns."""
         await self._change(offer.change, [offer.run["file"]])
 
-    async def decline(self, offer: Offer) -> None:
-        """Remember that what was stated of other runs does not hold for this one."""
-        await self.leave_as_read(offer.run, offer.change)
-
     async def leave_as_read(
         self, chosen: Mapping[str, Any], change: Mapping[str, Any]
     ) -> None:
@@ -1420,8 +1468,9 @@ class Session:
     ) -> None:
         """Make the motion that a remedy asks to record; ``ready`` is called with its
         file's name."""
-        two = change.get("arguments", {}).get("separate", ())
-        answer = await self._job("Making a motion", "motion", separate=two)
+        self.motion = change
+        how = {"separate": change.get("arguments", {}).get("separate", ())}
+        answer = await self._job("Making a motion", "motion", speed=self.speed, **how)
         self.taken = {*self.taken, answer["file"]}
         self.say(answer["words"], error=False)
         ready(answer["file"])

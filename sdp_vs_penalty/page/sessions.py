@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.effects import effects_in_words
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import lives
 from sdp_vs_penalty.page.session import (
@@ -263,14 +265,22 @@ def title_of(name: str, robot: Mapping[str, Any], begun: float) -> str:
 
 
 def _runs_and_verdict(content: Mapping[str, Any]) -> str:
-    """Return a saved project's runs, and the grade of its model, in words."""
+    """Return a saved project's runs, the grade of its model, and what was found, in
+    words."""
     names = [run["name"] for run in content["now"]["runs"]]
     more = len(names) - _MOST_RUNS
     shown = names[:_MOST_RUNS] + ([f"{more} more"] if more > 0 else [])
     models = content["now"]["history"]
     grade = "no model yet"
     if models:
-        grade = content["steps"][models[-1]]["comparison"]["verdict"]["grade"]
+        steps = [content["steps"][k] for k in models]
+        grade = steps[-1]["comparison"]["verdict"]["grade"]
+        added = [text for step in steps for text in step["added"]]
+        found = effects_in_words(added) + " added" if added else ""
+        if not added and (diagnosis := steps[-1]["findings"]):
+            sure = Diagnosis.from_dict(diagnosis).sure
+            found = effects_in_words([f.text for f in sure]) + " found" if sure else ""
+        grade = f"{grade}; {found}" if found else grade
     return f"{formatting.words(shown) if shown else 'no runs'}: {grade}"
 
 

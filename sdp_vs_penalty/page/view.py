@@ -15,7 +15,7 @@ from nicegui.client import Client
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.causes import VELOCITY
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.spoken import spoken
+from sdp_vs_penalty.page.spoken import heading_of, spoken
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
 from sdp_vs_penalty.signals.noise import said_before
 
@@ -166,6 +166,8 @@ def label_of(words: str) -> str:
     words = re.sub(r"\bq\b", "the positions", words)
     words = re.sub(r"\btau(\d+)\b", r"joint \1's torque", words)
     words = re.sub(r"\bq(\d+)\b", r"joint \1's position", words)
+    words = re.sub(r"\(and dq\)", "and velocities", words)
+    words = re.sub(r"\bdq\d+\b", "velocity", words)
     return formatting.sentence(words).rstrip(".")
 
 
@@ -203,7 +205,9 @@ def checked(session: Session) -> StageVerdict:
     if warnings := session.warnings:
         others = len(session.kinds_of_issue) - 1
         grade = warnings[0]["certainty"].partition(":")[0]
-        text = graded(warnings[0]["what"], grade)
+        having = next((r for issue, r in session.issues if issue is warnings[0]), ())
+        names = formatting.words([run["name"] for run in having or session.runs])
+        text = graded(f"{names}: {heading_of(warnings[0]['kind'])}", grade)
         text += f" And {others} more." if others else ""
         return StageVerdict("usable", text, "Check")
     runs = formatting.count(len(session.runs), "run")

@@ -118,7 +118,7 @@ const lost = (is) => {
   box.innerHTML = "<p></p>";
   box.firstChild.textContent = `The connection to the program is lost. If it has ended, s${startAgain().slice(1)}`;
   box.insertAdjacentHTML("beforeend", '<button type="button" class="action primary" data-again data-key="again">Open it again</button>');
-  document.body.append(box);
+  document.body.prepend(box); // above what stays in view, not over it
 };
 
 document.addEventListener("focusin", (event) => {

@@ -238,12 +238,14 @@ class Workbench:
             """Draw the buttons that take a step back, or again."""
             if session.past:
                 label = session.past[-1][0]
-                with button("Undo", session.undo, "undo", "quiet"):
-                    tag("span", f": {label_of(label)}", "what")
+                with button("", session.undo, "undo", "quiet", title="Undo"):
+                    tag("span", "↶", aria_hidden="true")
+                    tag("span", f"Undo: {label_of(label)}", "what")
             if session.future:
                 label = session.future[-1][0]
-                with button("Redo", session.redo, "redo", "quiet"):
-                    tag("span", f": {label_of(label)}", "what")
+                with button("", session.redo, "redo", "quiet", title="Redo"):
+                    tag("span", "↷", aria_hidden="true")
+                    tag("span", f"Redo: {label_of(label)}", "what")
 
         other = step.other and step.other[0]
         state = [step.text, step.label, step.stage, step.opens, step.level, other]
@@ -275,8 +277,9 @@ class Workbench:
         # Screen readers read an alert at once, a status when they are idle.
         for role, texts in (("alert", errors), ("status", remarks)):
             has_left_out = notice is not None and notice.has_left_out
-            draw = partial(self._notice, texts, has_left_out)
-            self._fill(self._notices[role], [texts, has_left_out], draw)
+            ended = self.session.task is None and bool(self.session.unfinished)
+            draw = partial(self._notice, texts, has_left_out, ended)
+            self._fill(self._notices[role], [texts, has_left_out, ended], draw)
 
     def _redraw_working(self, working: Working | None) -> None:
         """Show what the running job does; None: hide that, and announce the job's end.
@@ -299,9 +302,12 @@ class Workbench:
             last = self._announcement.text
             self._announcement.text = "" if has_notice else f"{last} Done."
 
-    def _notice(self, texts: tuple[str, ...], has_left_out: bool) -> None:
+    def _notice(
+        self, texts: tuple[str, ...], has_left_out: bool, has_ended: bool
+    ) -> None:
         """Draw the sentences of a notice with a button to close it, and one to choose
-        other files where some were left out; nothing if there are none.
+        other files where some were left out, or to start a job again that a server has
+        ended; nothing if there are none.
         """
         if texts:
             with tag("div", style="texts"):
@@ -311,4 +317,6 @@ class Workbench:
                 choose = {"data_to": "measure", "data_opens": "drop-runs"}
                 other = "Choose other measurements"
                 button(other, self.session.say, "other-runs", **choose)
+            if has_ended:
+                button("Start it again", self.session.start_again, "start-again")
             button("Close", self.session.say, "close-notice", "quiet")

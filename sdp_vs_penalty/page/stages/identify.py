@@ -266,6 +266,11 @@ class _Fit:
         before = history[0].comparison["rmse"]
         floor = comparison["noise_floor"]
         scope = self.model.scope
+        for name in [*self.model.changed_runs][:1]:
+            before, after = self.model.usual_error, self.model.errors_of_runs[name]
+            scope = (
+                f"in {name} (after), and in the runs that the model is from (before)"
+            )
         self.bars.content = pieces.bars(
             before, after, floor, units, scope, chosen=j, torque=self.model.torque
         )

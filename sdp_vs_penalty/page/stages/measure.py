@@ -70,7 +70,9 @@ def _chosen(view: View) -> None:
     file = f"{robot['file']}: {robot['name']}, " if robot["file"] else ""
     draw.tag("p", f"{file}{robot['title']}", "chosen")
     units = ", ".join(dict.fromkeys(robot["units"]))
-    draw.note(f"Joints in order: {', '.join(robot['joints'])}. Torques in {units}.")
+    draw.note(
+        f"Joints in order: {', '.join(robot['joints'])}. The model's torques are in {units}."
+    )
     gravity, hold = view.forms["robot"]
     now = ",".join(f"{g:g}" for g in robot["gravity"])
     fields = ((gravity, now, session.mount), (hold, robot["hold"], session.hold))
@@ -287,20 +289,28 @@ def _column(mapping: dict[str, Any], place: int) -> str:
 
 def _your_runs(view: View) -> None:
     """Draw a zone to drop logs on, and the logs of the page's folder to tick and read."""
+    session = view.session
     draw.drop("Drop measurements here", "runs")
     with draw.details("Other column names, motors, ROS topics", "reading"):
-        draw.draw_form(view.forms["read"], view.session.reading)
+        draw.draw_form(view.forms["read"], session.reading)
         draw.note("Applies to the files that are read next.")
+    with draw.details("A motion to record", "motion"):
+        put = partial(setattr, session, "speed")
+        label = "Speed, in % of the fastest joint in the runs"
+        draw.text_field(label, session.speed, put, "motion-speed", type="number")
+        draw.note("A joint is never faster than the robot's file allows.")
+        make = lambda: session.start(session.make_motion, session.motion, view.download)  # noqa: E731
+        draw.button("Make the motion", make, "make-motion")
     ticked: dict[str, bool] = {}
     files = {file.name: file for file in view.folder_files(ENDINGS["runs"])}
     if not files:
         return
 
     def read() -> None:
-        view.session.arrived |= {
+        session.arrived |= {
             name: file for name, file in files.items() if ticked.get(name)
         }
-        view.session.read_arrived()
+        session.read_arrived()
 
     with draw.tag("fieldset"):
         draw.tag("legend", "In your folder")
@@ -414,20 +424,17 @@ def _split_bar(session: Session, run: dict[str, Any], k: int) -> None:
                 formatting.number(split[f"{side}_seconds"])
                 for side in ("train", "test", "other")
             )
-            text = f"{train} s to identify from: {formatting.percent(split['share'], 2)} of the motion"
+            whole = formatting.number(run["seconds"])
+            text = f"{train} s of {whole} s to identify from"
             draw.tag("span", text, "train-words")
-            text = (
-                f"{test} s kept for testing; the {between} s between them belong to"
-                f" neither; behind the filters"
-                f" {formatting.percent(split['judged_share'], 2)} of the run is judged"
-            )
+            text = f"{test} s to test on; the {between} s between belong to neither"
             draw.tag("span", text, "test-words")
         with draw.tag("div", style="split-bar", aria_hidden="true"):
             for part in split["bar"]:
                 place = f"left:{part['left']:.2f}%;width:{part['width']:.2f}%"
                 draw.tag("i", style=part["side"]).style(place)
         draw.slider(
-            f"Share of the motion to identify from: {split['share']:.0%}",
+            "More to identify from, or more to test on",
             f"{split['share']:.0%}".rstrip("%"),
             partial(session.start, session.split, run["file"]),
             key=f"split-{k}",
@@ -503,14 +510,12 @@ def _findings(view: View) -> None:
                 accept = partial(session.start, session.accept, offer)
                 label = ACCEPT.format(offer.run["name"])
                 draw.button(label, accept, "accept")
-                decline = partial(session.start, session.decline, offer)
+                decline = partial(
+                    session.start, session.leave_as_read, offer.run, offer.change
+                )
                 draw.button("Leave it as it is", decline, "decline")
     first = session.remedies[:1]
-    if (
-        first
-        and offer is None
-        and len(first[0]["change"]["arguments"].get("apply", ())) > 1
-    ):
+    if first and offer is None and session.repairs_several(first[0]["change"]):
         with draw.tag("div", style="row"):
             _remedy(view, first[0], "remedy-all")
     for k, (issue, runs) in enumerate(session.issues):
@@ -546,6 +551,8 @@ def _apart(session: Session, runs: list[dict[str, Any]], k: int) -> bool:
     for run in apart:
         aside = partial(session.start, session.use, run["file"], "test")
         draw.button(set_aside_in_words(run), aside, f"aside-{k}")
+        alone = partial(session.start, session.identify_alone, run["file"])
+        draw.button(f"Identify from {run['name']} alone", alone, f"alone-{k}")
     is_tested = all(run["use"] == "test" for run in runs)
     if session.model is not None and is_tested:
         find = partial(session.start, session.find_change)
