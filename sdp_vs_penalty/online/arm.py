@@ -72,8 +72,8 @@ class ArmModel:
         self._load[:] = np.abs(held).mean(axis=0)
         forwards = np.zeros(self.n)
         backwards = np.zeros(self.n)
-        self._add_friction(np.full(self.n, c.REST_SPEED), forwards)
-        self._add_friction(np.full(self.n, -c.REST_SPEED), backwards)
+        self._add_friction(self._tables, np.full(self.n, c.REST_SPEED), forwards)
+        self._add_friction(self._tables, np.full(self.n, -c.REST_SPEED), backwards)
         return 0.5 * self._gains * np.abs(forwards - backwards)
 
     def _place_links(self, robot: Robot) -> None:
@@ -114,16 +114,14 @@ class ArmModel:
         """Allocate the arrays of an update, for n joints and ``n_tree`` joints of the
         tree.
 
-        Each joint has a table of torque over velocity with _ENTRIES values, at
-        velocities that are evenly spaced in arcsinh: finer near zero, where friction
-        jumps.
+        Each joint has three tables over velocity with _ENTRIES values: torque without
+        load, per unit of load, and per unit of its size. The velocities are evenly
+        spaced in arcsinh: finer near zero, where friction jumps.
         """
         n = self.n
         # Entries a unit of arcsinh(velocity / _FINEST), from -_FASTEST to _FASTEST.
         self._scale = (_ENTRIES - 1) / (2.0 * np.arcsinh(_FASTEST / _FINEST))
-        self._table = np.zeros(n * _ENTRIES)
-        self._pull = np.zeros(n * _ENTRIES)
-        self._rub = np.zeros(n * _ENTRIES)
+        self._tables = [np.zeros(n * _ENTRIES) for _ in range(3)]
         self._has_load = False
         self._first = _ENTRIES * np.arange(n)  # of each joint's table
         self._index = np.zeros(n, np.intp)
@@ -170,7 +168,7 @@ class ArmModel:
             np.dot(regressor, self._tree_reference, out=self._tree_torque)
             self._drive(self._tree_torque, self._load)
         self.friction[:] = 0.0
-        self._add_friction(dq, self.friction)
+        self._add_friction(self._tables, dq, self.friction)
         self.torque += self.friction
         self.friction *= self._gains
         np.multiply(self._stiffness, q, out=self._part)
@@ -188,18 +186,19 @@ class ArmModel:
         else:
             np.dot(self._mechanism.matrix.T, of_tree, out=out)
 
-    def _add_friction(self, dq: Array, torque: Array) -> None:
-        """Add what the tables make of velocities dq (n,) and of the joints' load to
+    def _add_friction(self, tables: list[Array], dq: Array, torque: Array) -> None:
+        """Add what three tables make of velocities dq (n,) and of the joints' load to
         ``torque`` (n,), without allocation."""
+        without_load, pull, rub = tables
         self._find_place(dq)
-        self._read(self._table)
+        self._read(without_load)
         torque += self._low
         if not self._has_load:
             return
-        self._read(self._pull)
+        self._read(pull)
         self._low *= self._load
         torque += self._low
-        self._read(self._rub)
+        self._read(rub)
         np.absolute(self._load, out=self._part)
         self._low *= self._part
         torque += self._low
@@ -258,25 +257,22 @@ class ArmModel:
             by_ddq = self._torque(effect, theta, zero, zero, one, zero)[0]
         except (ValueError, AttributeError, AssertionError) as error:
             raise self._refusal(effect) from error
-        table, pull, rub, has_load = self._table, self._pull, self._rub, self._has_load
-        # The effect's tables alone (n entries,), joint after joint.
-        self._table = without.T.ravel()
-        self._pull = 0.5 * (forth - back).T.ravel()
-        self._rub = (0.5 * (forth + back) - without).T.ravel()
-        self._has_load = bool(self._pull.any() or self._rub.any())
+        # The effect's own tables (n entries,), joint after joint.
+        pull = 0.5 * (forth - back).T.ravel()
+        rub = (0.5 * (forth + back) - without).T.ravel()
+        own = [without.T.ravel(), pull, rub]
+        self._has_load |= bool(pull.any() or rub.any())
         stiffness = by_q - constant
         armature = by_ddq - constant
         approximate = stiffness * q + armature * ddq
         for k, velocities in enumerate(dq):
             self._load[:] = load[k]
-            self._add_friction(velocities, approximate[k])
+            self._add_friction(own, velocities, approximate[k])
         size = np.abs(exact).max(initial=1e-12)
         if not np.allclose(approximate, exact, rtol=0.0, atol=_TOLERANCE * size):
             raise self._refusal(effect)
-        self._table += table
-        self._pull += pull
-        self._rub += rub
-        self._has_load |= has_load
+        for table, of_effect in zip(self._tables, own, strict=True):
+            table += of_effect
         self._stiffness = self._stiffness + stiffness
         self._armature = self._armature + armature
 
