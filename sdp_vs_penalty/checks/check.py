@@ -30,17 +30,17 @@ from sdp_vs_penalty.checks.issue import (
     mended_for_certain,
 )
 from sdp_vs_penalty.checks.long_runs import issues_of_run, windows_of
-from sdp_vs_penalty.checks.position_units import unit_as_fact
+from sdp_vs_penalty.checks.position_units import degrees_or_motors, unit_as_fact
 from sdp_vs_penalty.checks.report import Report
 from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
+from sdp_vs_penalty.data.hypotheses.by_arm import likeliest_scale
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import (
     check_plausible,
     check_torque,
     far_outside,
     radians_per_percent,
-    usual_units,
 )
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.problem.load import as_problem
@@ -271,6 +271,8 @@ def judge_ranges(
     """
     issues = [*report.issues]
     explained = "encoder offset", *KINDS_OF_UNITS
+    if report.unexplained is not None:
+        issues = degrees_or_motors(issues)
     has_rows = len(report.repaired_all.t) >= RUN
     if has_rows and not any(f.kind in explained for f in issues):
         glance = RunSummary(report.repaired_all, problem)
@@ -313,10 +315,9 @@ def _with_range_error(
     if repairs:
         what = "the positions are not possible for this robot as they are logged."
         refused = replace(refused, what=what, remedy=repairs[0].remedy)
-    elif units := usual_units(problem.robot, run.q):
-        named = ", ".join(f"{column} in {unit}" for column, unit in units.items())
-        scale = {"run": run.names[0], "scale": units}
-        change = Change("read", f"read {named}", scale)
+    elif unit := likeliest_scale(problem.robot, run.q):
+        scale = {"run": run.names[0], "scale": {"q": unit}}
+        change = Change("read", f"read q in {unit}", scale)
         refused = replace(refused, changes=(change, *refused.changes))
     return [*(f for f in issues if f.nature == FACT), refused, *repairs]
 

@@ -1,16 +1,55 @@
 """The unit of positions, as the check reports it: a fact where ranges or torques tell it, a
 question where neither does and no name says it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from sdp_vs_penalty.checks.certainty import certain, likely, possible
+from sdp_vs_penalty.checks.facts.channels import IN_RANGE_AS_DEGREES
 from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue, make_issue
+from sdp_vs_penalty.data.plausibility import far_outside
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.kinds.position_unit import as_likely_as_radians
 from sdp_vs_penalty.results.remedy import Change
+
+
+def degrees_or_motors(issues: Sequence[Issue]) -> list[Issue]:
+    """Return the issues of a run whose torques were judged, in which degrees that the
+    ranges tell are certain; where the torques show a factor beside them, they may be the
+    angles of motors behind gears, and their ratios are asked for instead."""
+    of_gears = "position scale", "gear ratio"
+    is_factor_left = any(f.kind in of_gears for f in issues)
+    judged = list[Issue]()
+    for issue in issues:
+        if issue.certainty is not IN_RANGE_AS_DEGREES:
+            judged.append(issue)
+        elif is_factor_left:
+            judged.append(
+                replace(
+                    issue,
+                    kind="position unit not said",
+                    what=f"the positions of {issue.where} are in degrees, or the motors'"
+                    " behind gears: read in degrees, they leave the torques a factor that"
+                    " gears have.",
+                    certainty=possible("inside the joints' ranges by any such factor"),
+                    remedy="give `convert` the gears by --motors, or the unit by --scale",
+                    repair=None,
+                    apply="",
+                    changes=(
+                        Change("read", "read q in its unit", {"scale": {"q": ""}}),
+                    ),
+                )
+            )
+        else:
+            why = (
+                "outside the joints' ranges, inside them as degrees, as torques confirm"
+            )
+            judged.append(replace(issue, certainty=certain(why), apply=""))
+    if any(f.kind == "position unit not said" for f in judged):
+        return [f for f in judged if f.kind not in of_gears]
+    return judged
 
 
 def unit_as_fact(
@@ -52,9 +91,10 @@ def unit_asked_for(evidence: Evidence, fit: ViewFit, command: str) -> list[Issue
 
     command : the `convert` command that says it, with UNIT in the place of the unit.
     """
+    log = evidence.log
     units = as_likely_as_radians(evidence, fit)
-    if not units:
-        return []
+    if not units or far_outside(log.problem.robot, log.data.motion.q):
+        return []  # positions that no joint reaches are refused with a unit of their own
     largest = float(np.abs(evidence.log.data.motion.q).max())
     others = " or ".join(unit.words for unit in units)
     names = [unit.name for unit in units if unit.name]

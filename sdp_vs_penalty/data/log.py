@@ -123,7 +123,9 @@ def log_of_arrays(
         Further fields of the log.
     """
     texts, columns = texts or {}, dict[str, Column]()
-    arrays = dict(arrays)
+    # One number beside columns, such as a period Ts, is none of them.
+    has_columns = bool(texts) or any(x.size > 1 for x in arrays.values())
+    arrays = {x: y for x, y in arrays.items() if y.size != 1 or not has_columns}
     for name, cells in texts.items():
         first = [str(row if len(row) > 1 else row[0]) for row in cells[:1] if row]
         columns[name] = Column("text", first)

@@ -172,20 +172,6 @@ def far_outside(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
     return tuple(np.flatnonzero(_beyond(robot, q) > largest).tolist())
 
 
-def usual_units(robot: Robot, q: np.ndarray) -> dict[str, str]:
-    """Return the usual small unit of each column of positions, degrees or millimetres,
-    where all joints lie inside their ranges so; else none.
-
-    Joints of a kind of which one is far outside have it: angles, or lengths.
-    """
-    far = {robot.joints[j].kind for j in far_outside(robot, q)}
-    sizes = {"revolute": ("deg", math.pi / 180.0), "prismatic": ("mm", 1e-3)}
-    small = [sizes[j.kind] if j.kind in far else ("", 1.0) for j in robot.joints]
-    if far_outside(robot, q * [size for _, size in small]):
-        return {}
-    return {f"q{j + 1}": name for j, (name, _) in enumerate(small) if name}
-
-
 def _place(run: Measurements, k: int) -> str:
     """Name sample k (from 0) of a run as the user finds it: "run.csv: row 7" in a CSV
     file, whose header is row 1, else "run.npz: sample 6"."""

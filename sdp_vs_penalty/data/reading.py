@@ -117,7 +117,8 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
     run = replace(
         run, reading=f"{log.path.name}: {sentence}", unit_by_arm=found.unit_by_arm
     )
-    asked = _asking_command(log, found, choice) if "q" in found.unsaid else ""
+    is_asked = "q" in found.unsaid or bool(found.possible_scale)
+    asked = _asking_command(log, found, choice) if is_asked else ""
     return replace(run, unit_command=asked)
 
 
@@ -195,6 +196,12 @@ def _run_of_columns(
     }
     values = _in_one_order(log, values, found, choice)
     t, columns, rows = _aligned(log, groups, values, found)
+    if t is not None and _is_shuffled(t):
+        _remark(log, "rows stand in no order of time: put in that of their stamps")
+        order, n_rows = np.argsort(t, kind="stable"), len(t)
+        rows = (np.arange(2, n_rows + 2) if rows is None else rows)[order]
+        columns = {x: y[order] if len(y) == n_rows else y for x, y in columns.items()}
+        t = t[order]
     run, found = _in_si(log, found, groups, t, columns, choice)
     if found.scale:
         from sdp_vs_penalty.data.hypotheses.wrapping import POSITIONS, unwrapped
@@ -203,6 +210,13 @@ def _run_of_columns(
         in_degrees = {group_of(x) for x, y in found.scale.items() if y == UNITS["deg"]}
         run = unwrapped(run, log.path, [x for x in POSITIONS if x in in_degrees])
     return replace(run, file_rows=rows), found
+
+
+def _is_shuffled(t: Array) -> bool:
+    """Tell whether rows with stamps (N,) of their own are mixed: time goes back at many of
+    them, and forth at many."""
+    back = float(np.mean(np.diff(t) < 0.0)) if len(t) > 2 else 0.0
+    return 0.25 < back < 0.75 and len(np.unique(t)) == len(t)
 
 
 def _remark(log: Log, said: str) -> None:

@@ -19,7 +19,7 @@ from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import mended_for_certain
 from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data import concatenate
-from sdp_vs_penalty.data.plausibility import usual_units
+from sdp_vs_penalty.data.hypotheses.by_arm import likeliest_scale
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.robot import LinkSizes, odd_units
 
@@ -425,16 +425,13 @@ def test_positions_out_of_reach_end_the_judging_of_torques():
     assert {f.nature for f in report.issues} == {"fact"}
 
 
-ANGLES = dict.fromkeys(("q3", "q4", "q5", "q6", "q7"), "deg")
-
-
 @pytest.mark.parametrize(
     ("units", "named"),
     [
-        ([1e3, 1e3, 180.0 / np.pi], {"q1": "mm", "q2": "mm"} | ANGLES),
-        ([1e3, 1e3, 1.0], {"q1": "mm", "q2": "mm"}),
-        ([1.0, 1.0, 1.0], {}),
-        ([1e5, 1.0, 1.0], {}),
+        ([1e3, 1e3, 180.0 / np.pi], "mm:mm:deg:deg:deg:deg:deg"),
+        ([1e3, 1e3, 1.0], "mm:mm:rad:rad:rad:rad:rad"),
+        ([1.0, 1.0, 1.0], ""),
+        ([1e5, 1.0, 1.0], ""),
     ],
 )
 def test_the_usual_units_of_positions_that_cannot_be(units, named):
@@ -443,7 +440,7 @@ def test_the_usual_units_of_positions_that_cannot_be(units, named):
     joints = (*map(slide, robot.joints[:2]), *robot.joints[2:])
     robot = replace(robot, joints=joints)
     q = np.array([[0.2, 0.9, -2.5, -1.0, 0, 1.5, 0], [0.9, -0.3, 1.8, -2.0, 0, 2.0, 0]])
-    assert usual_units(robot, q * [*units[:2], *5 * [units[2]]]) == named
+    assert likeliest_scale(robot, q * [*units[:2], *5 * [units[2]]]) == named
 
 
 def flickering(n_levels):

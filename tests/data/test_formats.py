@@ -112,7 +112,7 @@ def test_what_is_called_otherwise_is_said_with_the_verb_that_helps(tmp_path, cap
         == 2
     )
     said = capsys.readouterr().err
-    assert "no column q or tau (columns: force, gain, qm, t)" in said
+    assert "no column q or tau (columns: force, qm, t)" in said
     (command,) = re.findall("`sdp-vs-penalty (.*)`", said)
     words = command.replace("q=NAME", "q=qm").replace("tau=NAME", "tau=force").split()
     words[-1] = str(tmp_path / words[-1])

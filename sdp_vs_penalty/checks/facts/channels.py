@@ -25,6 +25,11 @@ from sdp_vs_penalty.signals.encoder import lattice_step, lattice_step_bound
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
+#: How sure degrees are that only the joints' ranges tell.
+IN_RANGE_AS_DEGREES = likely(
+    "outside what the joints can reach, and inside it as degrees; motors' angles behind"
+    " gears may be so too"
+)
 #: Velocities so many times the derivative of their position [rad/s] are in degrees a
 #: second: 57 times, or nearly 1; the geometric mean of the two.
 _IN_DEGREES_A_SECOND = 8.0
@@ -160,7 +165,11 @@ def find_degrees(glance: RunSummary) -> Iterator[Issue]:
     q = np.where(is_revolute, np.radians(glance.run.q), glance.run.q)
     is_explained = is_in_ranges(glance.robot, q)
     if is_explained and 2 * len(far) > is_revolute.sum():
-        yield _degrees(glance, "", unwrap=False)
+        yield replace(
+            _degrees(glance, "", unwrap=False),
+            certainty=IN_RANGE_AS_DEGREES,
+            apply="degrees:q",
+        )
 
 
 def find_positions_outside_range(glance: RunSummary) -> Iterator[Issue]:

@@ -55,6 +55,8 @@ _OTHER_SIZE = 4.0
 #: How the sentence of a unit begins that is not certain.
 _Q_MAY_BE = "q may be of motors behind gears, or in "
 
+#: Of torques to which no arm can be fitted.
+_NO_FIT = ChannelFit(share=1.0, friction=0.0)
 #: Fits the arm to torques (N, n), by positions (N, n).
 Fit = Callable[[Array, Array], ChannelFit | None]
 
@@ -127,23 +129,22 @@ def with_unit_of_positions(
     is_said |= "q" in map(group_of, found.scale)
     if is_said or not (is_impossible or is_open):
         return found, blocks
+    is_of_servo = stated is not None and stated.answer == DEGREES_OR_PERCENT
     fitted = list[tuple[ChannelFit, _Unit]]()
-    for unit in _units(robot, q, found):
-        in_si = unit.in_si(q)
-        fits = [] if far_outside(robot, in_si) else [fit(in_si, x) for x in torques]
-        if known := [x for x in fits if x]:
-            is_usual = is_in_ranges(robot, in_si)
-            prior = unit.prior * (1.0 if is_usual else _BESIDE_RANGE)
-            prior *= _CERTAIN if unit.words == of_others else 1.0
-            best_fit = min(known, key=lambda x: x.share)
-            fitted.append((best_fit, replace(unit, prior=prior)))
+    for unit in _units(robot, q, is_of_servo):
+        fits = (fit(unit.in_si(q), x) for x in torques)
+        of_unit = min(filter(None, fits), key=lambda x: x.share, default=_NO_FIT)
+        prior = unit.prior * (_CERTAIN if unit.words == of_others else 1.0)
+        fitted.append((of_unit, replace(unit, prior=prior)))
     if not fitted:
         return found, blocks
-    weights = [unit.prior * x.share**-N_PARTS for x, unit in fitted]
+    is_explained = min(x.share for x, _ in fitted) <= EXPLAINS_NONE
+    powers = N_PARTS if is_explained else 0
+    weights = [unit.prior * x.share**-powers for x, unit in fitted]
     of_best, best = fitted[int(np.argmax(weights))]
     share = of_best.share
     others = sorted(weights)[:-1]
-    if share > EXPLAINS_NONE or np.all(best.scale == 1.0):
+    if np.all(best.scale == 1.0) or not (is_explained or is_impossible):
         return found, blocks
     lengths = np.delete(best.scale, _revolute(robot))
     mm = ", lengths in mm" if np.any(lengths != 1.0) else ""
@@ -151,11 +152,13 @@ def with_unit_of_positions(
     if is_impossible:
         why = f"outside the joints' ranges as radians, and {why}"
     is_clear = not others or max(weights) >= _CERTAIN * others[-1]
+    is_clear &= is_explained
     of_gears = 0.0
-    if best.words != of_others:
+    if is_explained and best.words != of_others:
         of_gears = _odds_of_gears(best, share, q, torques, fit)
     if best.is_of_any_size or not is_clear or of_gears > 1.0:
-        if is_impossible and "q" in found.unsaid and of_gears <= _POSSIBLE:
+        may_ask = "q" in found.unsaid or found.has_our_names
+        if is_impossible and may_ask and of_gears <= _POSSIBLE:
             may_be = f"{_Q_MAY_BE}{best.words}{mm}: {why}"
             found = replace(
                 found,
@@ -276,12 +279,33 @@ def _revolute(robot: Robot) -> list[int]:
     return [j for j, joint in enumerate(robot.joints) if joint.kind == "revolute"]
 
 
-def _units(robot: Robot, q: Array, found: Recognition) -> Iterator[_Unit]:
-    """Yield the units in which positions (N, n) may be; lengths that no joint reaches are
-    millimetres."""
+def likeliest_scale(robot: Robot, q: Array) -> str:
+    """Return the value of ``--scale q=`` for positions (N, n) that joints cannot reach, by
+    the ranges and by how usual units are; "" where no unit brings them there."""
+    units = [*_units(robot, q, is_of_servo=False)]
+    if not {*far_outside(robot, q)} & {*_revolute(robot)}:
+        units = [x for x in units if x.words == "rad"]
+    best = max(units, key=lambda unit: unit.prior, default=None)
+    return "" if best is None or np.all(best.scale == 1.0) else best.scale_words(robot)
+
+
+def _units(robot: Robot, q: Array, is_of_servo: bool) -> Iterator[_Unit]:
+    """Yield the units in which positions (N, n) may be for the joints' ranges, each with
+    its prior."""
+    for unit in _usual_units(robot, q, is_of_servo):
+        in_si = unit.in_si(q)
+        is_usual = is_in_ranges(robot, in_si)
+        if not far_outside(robot, in_si):
+            yield replace(unit, prior=unit.prior * (1.0 if is_usual else _BESIDE_RANGE))
+
+
+def _usual_units(robot: Robot, q: Array, is_of_servo: bool) -> Iterator[_Unit]:
+    """Yield the units that logs are written in; lengths are millimetres where one is out of
+    reach."""
     far = far_outside(robot, q)
     revolute = np.isin(np.arange(robot.n), _revolute(robot))
-    lengths = np.where(np.isin(np.arange(robot.n), far), 1e-3, 1.0)
+    is_length = ~revolute & bool(set(far) - set(_revolute(robot)))
+    lengths = np.where(is_length, UNITS["mm"], 1.0)
 
     def unit(words: str, prior: float, radians: float, middle: float = 0.0) -> _Unit:
         scale = np.where(revolute, radians, lengths)
@@ -295,8 +319,6 @@ def _units(robot: Robot, q: Array, found: Recognition) -> Iterator[_Unit]:
     yield unit("deg", _DEGREES, UNITS["deg"])
     yield unit("mrad", 1e-3, 1e-3)
     yield unit("mdeg", 1e-3, UNITS["mdeg"])
-    of_servo = found.units.get("q")
-    is_of_servo = of_servo is not None and of_servo.answer == DEGREES_OR_PERCENT
     if percent := radians_per_percent(robot, q):
         pairs = np.array([percent.get(j, (1.0, 0.0)) for j in range(robot.n)])
         words = "per cent of each joint's range"
