@@ -209,7 +209,8 @@ def _of_model(view: View) -> NextStep:
         label = "Diagnose: what is missing?" if is_first else "Diagnose again"
         other: tuple[str, Callable[[], Any]] | None = None
         if len(session.past[-1][1]["runs"]) < len(session.runs):  # they came just now
-            again = partial(session.start, session.identify_from_all)
+            names = [run["name"] for run in session.runs]
+            again = partial(session.start, session.identify_from, names)
             other = "Or identify again from all runs", again
         return NextStep(text, label, "diagnose", do, level=level, other=other)
     if diagnosis is not None:

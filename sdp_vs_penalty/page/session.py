@@ -1276,21 +1276,14 @@ class Session:
         self._keep_models(models)
         self.say(*gone, error=False)
 
-    async def identify_from_all(self) -> None:
-        """Identify the model again from all runs; none is left for testing."""
-        runs = [{**run, "use": "train"} for run in self.runs]
-        title = "Identifying from all runs"
-        step = await self._fit(title, "identified from all runs", runs)
-        self._begin(step)
-        self.runs = runs
-
-    async def identify_alone(self, file: str) -> None:
-        """Identify from one run alone, and test on the others."""
-        uses = {
-            run["file"]: "train" if run["file"] == file else "test" for run in self.runs
-        }
-        runs = [{**run, "use": uses[run["file"]]} for run in self.runs]
-        step = await self._fit("Identifying from one run", "identified", runs)
+    async def identify_from(self, names: Collection[str]) -> None:
+        """Identify the model again from the runs of these names, and test on the others."""
+        uses = ["train" if run["name"] in names else "test" for run in self.runs]
+        runs = [{**run, "use": use} for run, use in zip(self.runs, uses, strict=True)]
+        which = formatting.words([*names]) if "test" in uses else "all runs"
+        step = await self._fit(
+            f"Identifying from {which}", f"identified from {which}", runs
+        )
         self._begin(step)
         self.runs = runs
 
@@ -1369,7 +1362,7 @@ class Session:
             done = f"{words} ({self.faults_in_words})"
         elif len(request["files"]) < len(self.runs):
             names = [r["name"] for r in self.runs if r["file"] in request["files"]]
-            done = f"{formatting.words(names)}: {words}"
+            done = f"{words} in {formatting.words(names)}"
         self._step_from_here(words)
         self._take(answer)
         self._keep_models(models)

@@ -42,6 +42,7 @@ from sdp_vs_penalty.page import Sessions, WorkerPool, data_chart, guarded, jobs,
 from sdp_vs_penalty.page import sessions as tabs
 from sdp_vs_penalty.render.words import describe_diagnosis, describe_outcome
 from sdp_vs_penalty.results import Change
+from sdp_vs_penalty.robot.robot import joint_limits
 
 #: Headers, and whether they may ask (null: a page may, a socket may not).
 REQUESTS = Path(__file__).parents[1] / "data" / "page_requests.json"
@@ -798,6 +799,47 @@ def test_columns_that_cannot_be_read_say_why_beside_the_button(wide, button):
     assert said.partition(": ")[2] in wide.text("runs")
 
 
+def test_a_motion_is_no_faster_than_the_runs(here, hidden, tmp_path):
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:1], "a.csv"))
+    robot = load_problem("two_link").robot
+    allowed = joint_limits(robot)[2]
+    run = hidden.runs[0]
+    logged = np.abs(np.gradient(run.q, run.t, axis=0)).max()
+    for percent in (50, 100, 1e6):
+        job = jobs.JobRequest(s._request("motion", speed=str(percent)))
+        limits = jobs._limits_of_motion(job)
+        assert (limits.velocity <= np.minimum(allowed, percent / 100 * logged)).all()
+    assert np.array_equal(limits.velocity, allowed)
+    s.runs = []
+    job = jobs.JobRequest(s._request("motion", speed="100"))
+    assert np.array_equal(jobs._limits_of_motion(job).velocity, allowed)
+
+
+def test_a_job_that_the_server_has_ended_is_offered_again(kept, hidden, tmp_path):
+    s = opened(kept, "two_link", **saved(tmp_path, hidden.runs[:2], "a.csv", "b.csv"))
+    run = s.pool.run
+
+    async def ends(request, *given, **how):
+        raise asyncio.CancelledError
+
+    s.pool.run = ends
+    asyncio.run(begin(s, s.identify))
+    s.pool.run = run
+    assert not s.history
+    later = Sessions(Here(), kept.projects)
+    again = later.get(s.token)
+    assert "Identifying by lmi-sdp: the program ended" in again.notice.texts[0]
+    Screen(again).click("start-again")
+    assert again.history
+    assert not again.unfinished
+
+
+async def begin(session, act, *given):
+    """Start a job, and wait until it has ended, however."""
+    session.start(act, *given)
+    await asyncio.wait([session.task])
+
+
 @pytest.fixture
 def kept(tmp_path):
     """Sessions whose projects stay."""
@@ -952,8 +994,10 @@ def test_a_load_is_weighed_by_the_next_step(here, tmp_path):
     arm = s.current.file
     assert "run2.csv" not in s.current.changed_runs
     s.arrived = {"loaded.csv": loaded}
+    s.taken = {"trajectory.csv"}  # whatever was asked for before
     screen.do(s.read_arrived)
     assert s.findings is None
+    assert "in loaded.csv (after)" in screen.text("fit")
     assert "in loaded.csv, and by" in screen.text("next")
     screen.click("next")
     (found,) = s.findings.effects
@@ -966,7 +1010,7 @@ def test_a_load_is_weighed_by_the_next_step(here, tmp_path):
     s.undo()
     s.undo()
     assert [run["name"] for run in s.runs] == ["run1.csv", "run2.csv", "loaded.csv"]
-    do(s, s.identify_from_all)
+    do(s, lambda: s.identify_from([run["name"] for run in s.runs]))
     assert {run["use"] for run in s.runs} == {"train"}
     assert s.current.file != arm
     s.undo()

@@ -32,6 +32,7 @@ from sdp_vs_penalty.page import Sessions
 from sdp_vs_penalty.page import session as session_module
 from sdp_vs_penalty.page.next_step import next_step
 from sdp_vs_penalty.page.spoken import spoken
+from sdp_vs_penalty.page.stages import measure
 from sdp_vs_penalty.page.view import identified
 from sdp_vs_penalty.reports.demo import RUNS, SEED
 from sdp_vs_penalty.results import Change
@@ -392,7 +393,7 @@ def test_everything_is_offered_and_every_control_does_what_it_says(story, monkey
     assert called == [
         ("simulate", "joint_spring", [2], "weak", SEED, {}),
         ("identify", {}),
-        ("identify_from_all", {}),
+        ("identify_from", [run["name"] for run in session.runs], {}),
         ("ask", "Comparing methods", "methods", asked),
         ("diagnose", {}),
         ("find_change", {}),
@@ -648,3 +649,7 @@ def test_the_folder_is_offered_and_kept_as_it_is(tmp_path):
     assert screen.session.notice is None
     assert before == {p: p.lstat().st_mtime_ns for p in folder.iterdir()}
     sessions.close()
+
+
+def test_the_first_screen_shows_the_answer_of_the_demo():
+    assert measure.EXAMPLE in (Path(__file__).parents[2] / "README.md").read_text()

@@ -211,8 +211,6 @@ class _Fit:
         self.legend = ui.html("", sanitize=False)
         self.words = draw.tag("p", "", "words")
         _figures(self.model)
-        if len(self.model.judged_on) > 1:
-            _runs_apart(self.model)
         with draw.details("Every figure of the model", "joints-table"):
             draw.judged([self.model])
             units = view.session.robot["units"]
@@ -312,23 +310,6 @@ def _figures(model: ModelStep) -> None:
     for line in map(Line.from_dict, model.comparison["verdict"]["lines"][1:]):
         if line.about == LOG:  # bars, table and Diagnose say what the others do
             draw.tag("p", formatting.sentence(spoken(str(line))), "line")
-
-
-def _runs_apart(model: ModelStep) -> None:
-    """Draw the error of each run alone, which the figures of all together may hide."""
-    with draw.details("Error of each run alone", "runs-apart"):
-        rows = [
-            (
-                run,
-                "tested" if run in model.judged_on else "identified from",
-                *map(formatting.number, errors),
-            )
-            for run, errors in model.errors_of_runs.items()
-        ]
-        errors_of_joints = enumerate(model.comparison["rmse"], start=1)
-        joints = (f"joint {j}" for j, _ in errors_of_joints)
-        title = "Error (RMS) of each joint, in N m or N"
-        draw.table(Table(("run", "use", *joints), rows, title=title))
 
 
 def _words(model: ModelStep, j: int, unit: str, finding: Finding | None) -> str:

@@ -33,7 +33,7 @@ from sdp_vs_penalty.page.view import (
     set_aside_in_words,
 )
 from sdp_vs_penalty.render.words import plain_name
-from sdp_vs_penalty.reports.demo import SEED
+from sdp_vs_penalty.reports.demo import HIDDEN, SEED
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, MAKERS
 
 
@@ -92,6 +92,10 @@ def _chosen(view: View) -> None:
         _choose(view)
 
 
+#: What the demonstration comes to.
+EXAMPLE = "joint 7: 0.0654 -> 0.00418 N m, 15.6 -> 0.998 times the noise"
+
+
 def _choose(view: View) -> None:
     """Draw the robots to choose from: built-in ones, those of the folder, a dropped
     URDF.
@@ -107,7 +111,13 @@ def _choose(view: View) -> None:
         draw.button("Show me", show, "show-me")
         draw.note(
             "The whole job on a simulated arm with something hidden, in about a minute."
+            " An answer looks like this:"
         )
+        with draw.tag("div", style="card finding-card done"):
+            draw.tag("strong", f"{plain_name(HIDDEN)}, joint 7 ")
+            draw.tag("span", "confident", "badge")
+            draw.tag("p", EXAMPLE, "soft")
+    draw.tag("h4", "Or a built-in robot")
     # By name or path: what to call it, what it is, and the shown name of a URDF.
     there: dict[str, tuple[str, str, str | None]] = {}
     for file in sorted(problems_folder().glob("*/problem.toml")):
@@ -396,7 +406,8 @@ def _list(view: View) -> None:
         if run["use"] == "split":
             _split_bar(session, run, k)
     if session.model and any(run["use"] != "train" for run in session.runs):
-        again = partial(session.start, session.identify_from_all)
+        names = [run["name"] for run in session.runs]
+        again = partial(session.start, session.identify_from, names)
         what = "all of the run" if len(session.runs) == 1 else "all runs"
         draw.button(f"Identify again from {what}", again, "identify-all")
     if session.runs and all(run["use"] == "train" for run in session.runs):
@@ -531,7 +542,7 @@ def _findings(view: View) -> None:
             is_tested = all(run["use"] == "test" for run in runs)
             is_difference = issue["kind"] in NOT_REPAIRED
             if is_difference and is_tested:
-                draw.tag("p", "No model is identified from it: it is tested on.")
+                draw.tag("p", "It is tested on; no model is identified from it.")
             elif not mends:
                 draw.tag("p", formatting.sentence(spoken(issue["remedy"])))
             with draw.tag("div", style="row"):
@@ -551,7 +562,7 @@ def _apart(session: Session, runs: list[dict[str, Any]], k: int) -> bool:
     for run in apart:
         aside = partial(session.start, session.use, run["file"], "test")
         draw.button(set_aside_in_words(run), aside, f"aside-{k}")
-        alone = partial(session.start, session.identify_alone, run["file"])
+        alone = partial(session.start, session.identify_from, [run["name"]])
         draw.button(f"Identify from {run['name']} alone", alone, f"alone-{k}")
     is_tested = all(run["use"] == "test" for run in runs)
     if session.model is not None and is_tested:
