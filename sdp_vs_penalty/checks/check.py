@@ -120,26 +120,9 @@ def check_runs(
 ) -> list[Report]:
     """Check runs that have been read; of a long run, judge windows.
 
-    Parameters
-    ----------
-    problem : Problem
-        Of the robot that was logged.
-    runs : sequence of Measurements
-        Single runs of one logger.
-    are_plausible : bool
-        Whether their positions are known to be possible for this robot.
-    races : HeldRaces, optional
-        Those held for other copies of the runs, which a repair checks again.
-
-    Returns
-    -------
-    list of Report
-        One a run, in their order.
-
-    Raises
-    ------
-    InputError
-        Where a run has another number of joints, or no torque.
+    runs : single runs of one logger; are_plausible : whether their positions are known to
+    be possible for this robot; races : those held for other copies of the runs, which a
+    repair checks again. InputError where a run has another number of joints, or no torque.
     """
     for run in runs:
         if len(run.t):
@@ -204,11 +187,6 @@ def judge_facts(problem: Problem, run: Measurements) -> Report:
     stays at one value, looks like a magnitude, or carries no noise. The rules run in
     order, each on the run as the rules before have repaired it. They stop early if no
     rows, no numbers or too few rows are left.
-
-    Parameters
-    ----------
-    problem : Problem
-        Of the robot that was logged.
     """
     if not len(run.t):
         error = InputError("there are no rows", "log the motion", run.names[0])
@@ -258,16 +236,8 @@ def judge_ranges(
 ) -> Report:
     """Compare positions with the joints' ranges, and report those that leave them.
 
-    Positions that `identify` refuses are an error.
-
-    Parameters
-    ----------
-    problem : Problem
-        Whose robot has the ranges.
-    report : Report
-        Of a run, its facts and explanations.
-    is_plausible : bool
-        Whether its positions are known to be possible for this robot.
+    Positions that `identify` refuses are an error. is_plausible : whether they are known
+    to be possible for this robot.
     """
     issues = [*report.issues]
     explained = "encoder offset", *KINDS_OF_UNITS
@@ -299,13 +269,13 @@ def _with_range_error(
         impossible = error
     if any(f.kind in KINDS_OF_UNITS for f in issues):
         percent = radians_per_percent(problem.robot, run.q)
-        as_facts = []
-        for issue in issues:
-            if issue.kind in KINDS_OF_UNITS:
-                issue = unit_as_fact(issue, impossible is not None, percent)
-            if issue.kind != "quantisation":  # of the unit's steps
-                as_facts.append(issue)
-        return as_facts
+        return [
+            unit_as_fact(f, impossible is not None, percent)
+            if f.kind in KINDS_OF_UNITS
+            else f
+            for f in issues
+            if f.kind != "quantisation"  # of the unit's steps
+        ]
     if impossible is None:
         return [*issues]
     far = far_outside(problem.robot, run.q)
@@ -339,16 +309,6 @@ def judge_excitation(problem: Problem, report: Report) -> Report:
     """Report the base parameters that the motion of a repaired run does not determine.
 
     The report stays as it is if the dynamics of the run were not judged.
-
-    Parameters
-    ----------
-    problem : Problem
-        Of the robot that was logged.
-
-    Returns
-    -------
-    Report
-        With an issue about the excitation, if there is one.
     """
     if report.unexplained is None:
         return report

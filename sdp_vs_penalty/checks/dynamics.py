@@ -144,9 +144,9 @@ class LoggerJudge:
         self._report(verdict)
         for number in self.logs:
             report = self.reports[number]
-            if command := report.repaired_all.unit_command:
+            if report.repaired_all.unit_command:
                 evidence = Evidence(self.common.with_all_laws)
-                asked = unit_asked_for(evidence, verdict.fit, command)
+                asked = unit_asked_for(evidence, verdict.fit)
                 self.reports[number] = with_issues(report, asked)
         return self.reports
 

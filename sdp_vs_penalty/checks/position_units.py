@@ -3,6 +3,7 @@ question where neither does and no name says it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -20,36 +21,27 @@ def degrees_or_motors(issues: Sequence[Issue]) -> list[Issue]:
     ranges tell are certain; where the torques show a factor beside them, they may be the
     angles of motors behind gears, and their ratios are asked for instead."""
     of_gears = "position scale", "gear ratio"
-    is_factor_left = any(f.kind in of_gears for f in issues)
-    judged = list[Issue]()
-    for issue in issues:
-        if issue.certainty is not IN_RANGE_AS_DEGREES:
-            judged.append(issue)
-        elif is_factor_left:
-            judged.append(
-                replace(
-                    issue,
-                    kind="position unit not said",
-                    what=f"the positions of {issue.where} are in degrees, or the motors'"
-                    " behind gears: read in degrees, they leave the torques a factor that"
-                    " gears have.",
-                    certainty=possible("inside the joints' ranges by any such factor"),
-                    remedy="give `convert` the gears by --motors, or the unit by --scale",
-                    repair=None,
-                    apply="",
-                    changes=(
-                        Change("read", "read q in its unit", {"scale": {"q": ""}}),
-                    ),
-                )
-            )
-        else:
-            why = (
-                "outside the joints' ranges, inside them as degrees, as torques confirm"
-            )
-            judged.append(replace(issue, certainty=certain(why), apply=""))
-    if any(f.kind == "position unit not said" for f in judged):
-        return [f for f in judged if f.kind not in of_gears]
-    return judged
+    why = "outside the joints' ranges, inside them as degrees, as torques confirm"
+    settled: dict[str, Any] = {"certainty": certain(why), "apply": ""}
+    kept = [*issues]
+    if any(f.kind in of_gears for f in issues):
+        settled = {
+            "kind": "position unit not said",
+            "what": "the positions are in degrees, or the motors' behind gears: read in"
+            " degrees, they leave the torques a factor that gears have.",
+            "certainty": possible("inside the joints' ranges by any such factor"),
+            "remedy": "give each joint's gear ratio, or the unit of its positions",
+            "repair": None,
+            "apply": "",
+            "changes": (Change("read", "read q in its unit", {"scale": {"q": ""}}),),
+        }
+        kept = [f for f in issues if f.kind not in of_gears]
+    is_open = [f.certainty is IN_RANGE_AS_DEGREES for f in kept]
+    if not any(is_open):
+        return [*issues]
+    return [
+        replace(f, **settled) if x else f for f, x in zip(kept, is_open, strict=True)
+    ]
 
 
 def unit_as_fact(
@@ -85,11 +77,9 @@ def unit_as_fact(
     return replace(fact, certainty=told, changes=(*issue.changes, change))
 
 
-def unit_asked_for(evidence: Evidence, fit: ViewFit, command: str) -> list[Issue]:
+def unit_asked_for(evidence: Evidence, fit: ViewFit) -> list[Issue]:
     """Return an error that asks for the unit of positions where an arm explains the torques
     as well in another one as in radians; none where it tells them.
-
-    command : the `convert` command that says it, with UNIT in the place of the unit.
     """
     log = evidence.log
     units = as_likely_as_radians(evidence, fit)
@@ -98,7 +88,6 @@ def unit_asked_for(evidence: Evidence, fit: ViewFit, command: str) -> list[Issue
     largest = float(np.abs(evidence.log.data.motion.q).max())
     others = " or ".join(unit.words for unit in units)
     names = [unit.name for unit in units if unit.name]
-    by = command.replace("UNIT", "rad")
     return [
         make_issue(
             kind="position unit not said",
@@ -106,7 +95,7 @@ def unit_asked_for(evidence: Evidence, fit: ViewFit, command: str) -> list[Issue
             what=f"nothing says in which unit q is, which reaches {largest:.3g}: radians,"
             f" or {others}; the arm explains the torques as well either way.",
             certainty=certain("no name says it, and the torques do not tell it"),
-            remedy=f"say it by `{by}`, or with q={' or q='.join(names or ['FACTOR'])}",
+            remedy="say it as the printed command does",
             where="columns q",
             changes=[
                 Change("read", f"read q in {x}", {"scale": {"q": x}})

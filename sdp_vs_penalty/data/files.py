@@ -584,19 +584,8 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> Non
     """Refuse a run that is too short, has numbers that are not finite or not plausible,
     or a clock that does not ascend.
 
-    Parameters
-    ----------
-    path : str or Path
-        How messages call the run.
-    word : str
-        How messages call a sample. "row" counts from the header: the first sample is
-        row 2.
-
-    Raises
-    ------
-    InputError
-        Naming the sample and column; for faults that `convert` can repair a
-        RepairableError.
+    Messages call the run path and a sample word; "row" counts from the header: the first
+    sample is row 2. The InputError is a RepairableError for faults with a repair.
     """
     if len(m.t) < 2:
         many = formatting.count(len(m.t), "sample")
@@ -668,6 +657,8 @@ def _require_advancing_clock(path: str | Path, m: Measurements, word: str) -> No
     steps = f"{m.t[row]:.6g} s to {m.t[row + 1]:.6g} s; {many}"
     what = f"{word} {_number(m, row + 1, word)}, column t: time {how} ({steps})"
     remedy = "delete them, or cut the file there"
+    if repeats:
+        remedy = "spread coarse stamps, delete copies, or cut the file there"
     if is_last_row_first(np.diff(m.t)):
         remedy = "turn the order of the rows round"
     raise RepairableError(what, remedy, path)

@@ -38,11 +38,6 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
     derivative of the positions, positions of the motors instead of the joints,
     positions far outside of the ranges, and joints that swing over many turns.
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot, whose joints have ranges.
-
     Raises
     ------
     InputError
@@ -82,12 +77,11 @@ def _outside_its_range(robot: Robot, run: Measurements, j: int) -> InputError:
             what = f"{what}, and inside it as millimetres"
         remedy = f"convert millimetres to metres, {robot_of_file}"
         return InputError(what, remedy)
-    if radians_per_percent(robot, run.q) is not None:
-        units = "degrees, or per cent of each joint's range as LeRobot writes them,"
-        remedy = f"convert {units} to radians{_MOTORS}, {robot_of_file}"
-        return RepairableError(what, remedy, is_known=False)
-    remedy = f"convert degrees to radians{_MOTORS}, {robot_of_file}"
-    return RepairableError(what, remedy)
+    is_known = radians_per_percent(robot, run.q) is None
+    percent = ", or per cent of each joint's range as LeRobot writes them,"
+    units = "degrees" if is_known else f"degrees{percent}"
+    remedy = f"convert {units} to radians{_MOTORS}, {robot_of_file}"
+    return RepairableError(what, remedy, is_known=is_known)
 
 
 def _beyond_range(joint: Joint, q: np.ndarray) -> np.ndarray:
@@ -124,13 +118,7 @@ def find_idle_joints(robot: Robot, measurements: Measurements) -> dict[str, floa
     zero, such as a gripper's or a wheel's.
 
     A joint of the arm that stands still has a torque; a broken channel of a joint that
-    moves is no idle joint.
-
-    Returns
-    -------
-    dict[str, float]
-        Position of each idle joint by its name [rad, m]; empty where no torque is
-        logged.
+    moves is no idle joint. Returns positions [rad, m] by name, none without torques.
     """
     has_one_robot = measurements.n == robot.n
     if not (measurements.torque_logged and has_one_robot and measurements.samples):
@@ -151,19 +139,8 @@ def far_outside(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
     """Find joints that are farther outside their ranges than a wrong zero or a lost
     turn explains.
 
-    That is one turn of a revolute joint, and twice the travel of a prismatic one.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot, whose joints have ranges.
-    q : np.ndarray
-        (N, n) positions [rad, m].
-
-    Returns
-    -------
-    tuple[int, ...]
-        Places of the joints, from 0.
+    That is one turn of a revolute joint, and twice the travel of a prismatic one. Of
+    positions q (N, n) [rad, m] it returns the places of the joints, from 0.
     """
     largest = [
         math.tau if j.kind == "revolute" else 2.0 * (j.upper - j.lower)
@@ -248,21 +225,11 @@ def _beyond(robot: Robot, q: np.ndarray) -> np.ndarray:
 def radians_per_percent(
     robot: Robot, q: np.ndarray
 ) -> dict[int, tuple[float, float]] | None:
-    """Return how positions in per cent of each joint's range, -100 to 100, become
+    """Return how positions (N, n) in per cent of each joint's range, -100 to 100, become
     radians.
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot, whose joints have ranges.
-    q : np.ndarray
-        (N, n) positions as logged.
-
-    Returns
-    -------
-    dict of int to (float, float), or None
-        By the place of each revolute joint, from 0, radians per cent and the middle of
-        the range [rad]; None where a position is beyond 100, or a joint has no range.
+    By the place of each revolute joint, from 0, it is radians per cent and the middle of
+    the range [rad]; None where a position is beyond 100, or a joint has no range.
     """
     smallest, largest = column_range(q)
     farthest = np.maximum(largest, -smallest)
@@ -282,19 +249,8 @@ def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
     than these are long.
 
     Empty where more than half of the joints are outside, or one travels too far: then
-    something else is wrong with all of them, such as the unit.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot, whose joints have ranges.
-    q : np.ndarray
-        (N, n) positions [rad, m].
-
-    Returns
-    -------
-    tuple[int, ...]
-        Places of the joints, from 0.
+    something else is wrong with all of them, such as the unit. Of positions q (N, n)
+    [rad, m] it returns the places of the joints, from 0.
     """
     outside = np.flatnonzero(_beyond(robot, q) > ENCODER_ZERO)
     lengths = [joint.upper - joint.lower for joint in robot.joints]

@@ -12,11 +12,13 @@ from sdp_vs_penalty import InputError, Measurements, check, load_problem
 from sdp_vs_penalty.checks import Issue, fixing, mended
 from sdp_vs_penalty.checks.certainty import certain, likely
 from sdp_vs_penalty.checks.clock import find_coarse_stamps
+from sdp_vs_penalty.checks.facts.channels import find_degrees
 from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion, lockstep_groups
 from sdp_vs_penalty.checks.facts.magnitude import possible_magnitudes
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import mended_for_certain
+from sdp_vs_penalty.checks.position_units import degrees_or_motors
 from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.hypotheses.by_arm import likeliest_scale
@@ -140,6 +142,30 @@ def test_degrees_that_wrap_are_one_fact(low):
     (issue,) = [x for x in issues if x.kind == "positions in degrees"]
     assert "wrapped" in issue.what
     np.testing.assert_allclose(np.diff(fixed.q, axis=0), np.diff(q, axis=0), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("rival", "kinds_left", "grade"),
+    [
+        (None, ["positions in degrees"], "certain"),
+        ("gear ratio", ["position unit not said"], "possible"),
+        ("position scale", ["position unit not said"], "possible"),
+    ],
+)
+def test_degrees_beside_a_factor_of_gears_are_not_certain(rival, kinds_left, grade):
+    """By the ranges alone they are likely; the torques' judgement decides."""
+    panda = load_problem("panda")
+    t = 0.01 * np.arange(400)
+    middle, amplitude = np.zeros(7), np.array([2.2, *6 * [0.9]])
+    middle[[3, 5]] = -1.5, 1.5
+    q = middle + amplitude * np.sin(np.outer(t, 1.0 + np.arange(7)))
+    log = Measurements(t, np.degrees(q), np.cos(q))
+    (issue,) = find_degrees(RunSummary(log, panda))
+    assert issue.certainty.grade == "likely"
+    rivals = [replace(issue, kind=rival, certainty=likely("fits"))] if rival else []
+    judged = degrees_or_motors([issue, *rivals])
+    assert [x.kind for x in judged] == kinds_left
+    assert judged[0].certainty.grade == grade
 
 
 @pytest.mark.parametrize("every", [8, 50])

@@ -232,7 +232,7 @@ def test_stamps_that_repeat_say_nothing_about_the_order_of_the_rows():
     assert "the last row comes first" in issue.what
     with pytest.raises(InputError, match="turn the order of the rows round"):
         check_usable("run.csv", backwards)
-    with pytest.raises(InputError, match="delete them, or cut"):
+    with pytest.raises(InputError, match="spread coarse stamps"):
         check_usable("run.csv", replace(clean, t=coarse))
 
 

@@ -74,7 +74,8 @@ class _Unit:
 
     def in_si(self, q: Array) -> Array:
         """Return positions (N, n) in SI, continued where they were cut at a turn."""
-        return np.unwrap(self.scale * q + self.middle, axis=0)
+        with np.errstate(invalid="ignore"):  # infinite positions are refused elsewhere
+            return np.unwrap(self.scale * q + self.middle, axis=0)
 
     def scale_words(self, robot: Robot) -> str:
         """Format the value of ``--scale q=`` that makes SI units of them."""

@@ -4,13 +4,14 @@ Each joint's positions, velocities and efforts may stand in messages of their ow
 stamps of their own, on several topics.
 """
 
+import warnings
 from collections.abc import Mapping, Sequence
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.hypotheses.channels import Recognition
 from sdp_vs_penalty.data.log import Column, Log
 from sdp_vs_penalty.data.words.joints import match_joints
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, Remark
 
 _FIELDS = {"q": "position", "dq": "velocity", "tau": "effort"}
 
@@ -39,6 +40,12 @@ def by_facts(log: Log, joints: Sequence[str] | None, topic: str | None) -> Recog
         sizes.setdefault(column.clock, []).extend(column.joints)
     robot = list(joints or max(sizes.values(), key=len))
     in_file = list(dict.fromkeys(x for named in sizes.values() for x in named))
+    if not joints:
+        left = [x for x in in_file if x not in robot]
+        more = f"; not taken: {', '.join(left)}" if left else ""
+        taken = f"joints {', '.join(robot)}, in the messages' order{more}"
+        remedy = "name the robot by --problem to take its own"
+        warnings.warn(f"{log.path}: {taken}: {remedy}", Remark, stacklevel=2)
     found = match_joints(robot, in_file)
     if len({*robot} & {*in_file}) < 2 and 2 * len(found) <= len(robot):
         there, expected = ", ".join(sorted(in_file)), ", ".join(robot)
