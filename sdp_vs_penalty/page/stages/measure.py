@@ -116,7 +116,7 @@ def _choose(view: View) -> None:
         with draw.tag("div", style="card finding-card done"):
             draw.tag("strong", f"{plain_name(HIDDEN)}, joint 7 ")
             draw.tag("span", "confident", "badge")
-            draw.tag("p", EXAMPLE, "soft")
+            draw.tag("p", spoken(f"Added to the model, {EXAMPLE}"), "soft")
     draw.tag("h4", "Or a built-in robot")
     # By name or path: what to call it, what it is, and the shown name of a URDF.
     there: dict[str, tuple[str, str, str | None]] = {}
