@@ -139,14 +139,21 @@ def test_a_pause_tells_the_arm_nothing(run, two_link, tmp_path):
     np.testing.assert_array_equal(read(path, two_link.robot)[0].tau, run.tau)
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6)])
-def test_velocities_tell_the_unit_of_a_clock_without_one(unit, factor, run, tmp_path):
-    stamps = run.t + 3.0 * (run.t > 4.0)  # a pause does not matter
-    path = tmp_path / "run.csv"
-    table(path, time=factor * stamps, pos=run.q, vel=run.dq, trq=run.tau)
-    got, said = read(path)
+@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+@pytest.mark.parametrize(
+    ("logs_velocity", "reason"),
+    [(True, "dq is the derivative of q at "), (False, "its steps are ")],
+)
+def test_motion_tells_the_unit_of_a_clock_without_one(
+    logs_velocity, reason, unit, factor, run, tmp_path
+):
+    stamps = run.t + 3.0 * logs_velocity * (run.t > 4.0)  # a pause does not matter
+    columns = {"time": factor * stamps, "pos": run.q, "trq": run.tau}
+    if logs_velocity:
+        columns["vel"] = run.dq
+    got, said = read(table(tmp_path / "run.csv", **columns))
     np.testing.assert_allclose(got.t, stamps, atol=1e-9)
-    assert f"t in {unit}, dq is the derivative of q at " in said
+    assert f"t in {unit}, {reason}" in said
 
 
 @pytest.mark.parametrize(
@@ -216,17 +223,6 @@ def test_convert_says_what_the_arm_has_to_decide(run, tmp_path, capsys, monkeypa
     said = capsys.readouterr().out
     assert "error coarse time stamps" in said
     assert "Next: sdp-vs-penalty check two_link --data a.csv --fix a_fixed.csv" in said
-
-
-@pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])
-def test_steps_and_speeds_tell_the_unit_of_a_clock_without_velocities(
-    factor, unit, run, tmp_path
-):
-    path = tmp_path / "run.csv"
-    table(path, time=factor * run.t, pos=run.q, trq=run.tau)
-    got, said = read(path)
-    np.testing.assert_allclose(got.t, run.t, atol=1e-9)
-    assert f"t in {unit}, its steps are " in said
 
 
 def test_whole_seconds_are_no_milliseconds(run, tmp_path):
