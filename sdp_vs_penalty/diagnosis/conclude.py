@@ -367,9 +367,9 @@ def _standstill(data: WhiteData, residual: Array, units: Sequence[str]) -> str:
     rms_in_motion = np.sqrt(squares_in_motion / np.maximum(moves.sum(axis=0), 1))
     values = [f"{rms_in_motion[j - 1]:.2g} {units[j - 1]}" for j in joints]
     return (
-        f"Most of the error that is left on {formatting.joints(joints)} is of"
-        " standstill, where dry friction holds any torque up to its own: in motion it"
-        f" is {formatting.words(values)}."
+        f"Most of the error that is left on {formatting.joints(joints)} lies where"
+        f" {'it stands' if len(joints) == 1 else 'they stand'} still: dry friction holds"
+        f" any torque up to its own. In motion it is {formatting.words(values)}."
     )
 
 

@@ -36,6 +36,7 @@ from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.remedy import Change, Grade, Remedy
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 from sdp_vs_penalty.signals.noise import (
     NOISE_UNKNOWN,
     REPETITION,
@@ -157,16 +158,20 @@ def is_law_of(name: str, other: str) -> bool:
 _WIDE = 0.1
 
 
-def _amount(size: float, std: float, unit: str) -> str:
-    """Write a size with half its 95 % interval; a pure number in per cent, as sentences
-    do.
+#: Factor and unit in which sentences say a size, by its plain unit; gravity across the
+#: base [m/s^2] is a tilt.
+_SAID_IN = {
+    "": (100.0, "%"),
+    "rad": (np.degrees(1.0), "°"),
+    "rad/(N m)": (np.degrees(1.0), "°/(N m)"),
+    "m/s^2": (np.degrees(1.0) / abs(STANDARD_GRAVITY[2]), "°"),
+}
 
-    Examples
-    --------
-    >>> _amount(3.1234, 0.25, "N m")
-    '3.12 ± 0.49 N m'
-    """
-    scale, unit = (1.0, plain_unit(unit)) if plain_unit(unit) else (100.0, "%")
+
+def _amount(size: float, std: float, unit: str) -> str:
+    """Write a size with half its 95 % interval, in the unit that sentences have."""
+    unit = plain_unit(unit)
+    scale, unit = _SAID_IN.get(unit, (1.0, unit))
     half = scale * NORMAL_95 * std
     digits = formatting.digits_beside(scale * size, half)
     return formatting.amount(scale * size, half, unit, digits)
@@ -987,13 +992,6 @@ class Diagnosis(Record, JsonRecord):
             tuple(before.tolist()),
             tuple(after.tolist()),
         )
-
-    @property
-    def texts(self) -> list[str]:
-        """All findings and re-estimated constants as texts that `add` takes, such as
-        "backlash:3@w=0.01".
-        """
-        return [*(f.text for f in self.effects), *(r.text for r in self.retuned)]
 
     @property
     def noise_known(self) -> bool:

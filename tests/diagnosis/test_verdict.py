@@ -95,8 +95,10 @@ def test_an_error_of_standstill_is_said_to_be_one():
         rows=SimpleNamespace(keep=np.ones((100, 2), bool), still=still)
     )
     units = ["N", "N m"]
-    assert "left on joint 1 is of standstill" in _standstill(data, error, units)
-    assert "in motion it is 0.3 N." in _standstill(data, error, units)
+    assert "left on joint 1 lies where it stands still" in _standstill(
+        data, error, units
+    )
+    assert "In motion it is 0.3 N." in _standstill(data, error, units)
     assert _standstill(data, np.where(moving[:, None], 3.0, error), units) == ""
 
 

@@ -462,8 +462,8 @@ def methods(view: View) -> None:
         for name, reason in answer["reasons"].items():
             draw.tag("li", f"{name}: {spoken(reason)}")
     draw.note(
-        "On the runs that the model is judged on. The thinnest link is zero or less"
-        " where it cannot exist; optimality gap: how far the squared error can be above"
+        "On the runs that the model is judged on. A link cannot exist that is zero or less"
+        " thick, or breaks another limit; optimality gap: how far the squared error can be above"
         " the least possible one, as a share of it."
     )
 
