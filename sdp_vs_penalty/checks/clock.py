@@ -397,26 +397,30 @@ def find_changes_of_rate(glance: RunSummary) -> Iterator[Issue]:
         Issues to report; none if nothing is wrong.
     """
     usual = glance.usual_step
-    if not usual:
-        return
-    ratios = glance.steps / usual
-    is_whole = np.abs(ratios - np.round(ratios)) < 0.05 * ratios
-    for a, b in spans((ratios > _SLOWER_RATE) & is_whole):
-        ratio = float(np.median(ratios[a:b]))
-        steady = np.all(np.abs(ratios[a:b] - ratio) < 0.1 * ratio)
-        if b - a < _SHORTEST_CHANGE_OF_RATE or not steady:
-            continue
+    for a, b, times in _slower_stretches(glance):
         first, last = glance.run.rows_of_file([a, b]).tolist()
         yield make_issue(
             kind="change of rate",
             where=f"rows {first} to {last}",
-            what=f"rows {first} to {last} are {ratio:.3g} times as far apart as the"
-            f" others ({ratio * usual:.3g} s instead of {usual:.3g} s): the logger"
+            what=f"rows {first} to {last} are {times:.3g} times as far apart as the"
+            f" others ({times * usual:.3g} s instead of {usual:.3g} s): the logger"
             " changed its rate.",
             remedy="log at one rate; the run is split there",
             rows=[first, last],
-            times=ratio,
+            times=times,
         )
+
+
+def _slower_stretches(glance: RunSummary) -> Iterator[tuple[int, int, float]]:
+    """Yield the first step of each stretch at a slower rate, the one behind its last, and
+    how many times as long as usual its steps are."""
+    ratios = glance.steps / (glance.usual_step or np.inf)
+    is_whole = np.abs(ratios - np.round(ratios)) < 0.05 * ratios
+    for a, b in spans((ratios > _SLOWER_RATE) & is_whole):
+        times = float(np.median(ratios[a:b]))
+        is_steady = np.all(np.abs(ratios[a:b] - times) < 0.1 * times)
+        if b - a >= _SHORTEST_CHANGE_OF_RATE and is_steady:
+            yield a, b, times
 
 
 #: Stamps jitter where positions are so many times rougher over them than over the row
@@ -497,10 +501,8 @@ def find_time_jumps(glance: RunSummary) -> Iterator[Issue]:
     """
     shortest_pause = 0.02  # s
     is_long = glance.steps > max(GAP * glance.usual_step, shortest_pause)
-    for issue in find_changes_of_rate(glance):
-        # A file's rows count from 1, its heads first: row 2 is the first sample.
-        first, last = issue.figures["rows"]
-        is_long[first - 2 : last - 2] = False
+    for first, end, _ in _slower_stretches(glance):
+        is_long[first:end] = False
     long = np.flatnonzero(is_long)
     moves = glance.movement.moves
     in_motion = [bool(moves[max(k - 10, 0) : k + 11].all()) for k in long]

@@ -52,8 +52,7 @@ WORTH_A_LOOK = -4.0
 MAX_FAULTS = 6
 
 # -- the second witness: parts of the log that nothing was fitted to
-#: Standard errors by which the error there has to fall; a sign, which physics decides,
-#: must not raise it by as many.
+#: Standard errors by which the error there has to fall.
 WITNESS_SIGMAS = 2.0
 #: Factor by which the energy that is left there has to fall, of some joint or of all
 #: together: for what is there or not (a sign, an axis, an order), for what has a size,

@@ -401,8 +401,8 @@ class Race:
         this second witness speaks for it against the incumbent's fit; else None.
 
         The error on parts that nothing was fitted to has to fall clearly and by a
-        factor. It says nothing of what fits the same, and little of signs, which
-        friction's power shows.
+        factor. It says nothing of what fits the same, as signs that friction's power
+        shows.
         """
         h = claim.hypothesis
         number = h.number
@@ -430,8 +430,6 @@ class Race:
         old, new = fit.shares[moving], claim.fit.shares[moving]
         if np.all(np.abs(np.log(old / new)) < c.SAME_FIT):
             return True
-        if h.kind == "torque sign":
-            return bool(clearness > -c.WITNESS_SIGMAS)
         if (old - new).sum() < c.LEAST_SHARE:
             return False
         ratios = before.mean(axis=0) / after.mean(axis=0)

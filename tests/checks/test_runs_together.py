@@ -38,6 +38,11 @@ def scaled(run, joint, factor):
     return replace(run, tau=tau)
 
 
+def turned(run):
+    """The run whose joint 2 counts the other way."""
+    return replace(run, q=run.q * [1.0, -1.0])
+
+
 def swapped(run):
     return replace(run, tau=run.tau[:, ::-1].copy())
 
@@ -141,12 +146,14 @@ def late(run, seconds):
     return replace(run, tau=tau)
 
 
-GAIN = "torque gain"
+GAIN, JOINT = "torque gain", "joint sign"
 #: What one run of several is spoiled by: number of runs, which of them, how; the kind
 #: and the joints that are claimed of it alone, and the size.
 OF_ONE_RUN = {
     "a sign": (2, 0, lambda run: scaled(run, 1, -1.0), "torque sign", [1], None),
     "another sign": (2, 0, lambda run: scaled(run, 2, -1.0), "torque sign", [2], None),
+    "a position's sign": (2, 1, turned, "position sign", [2], None),
+    "a joint's": (3, 1, lambda run: scaled(turned(run), 2, -1.0), JOINT, [2], None),
     "an order": (2, 1, swapped, "torque order", [1, 2], None),
     "a small gain": (2, 0, lambda run: scaled(run, 2, 1.15), GAIN, [2], 0.15),
     "a delay": (3, 1, lambda run: late(run, 0.04), "delay", [1, 2], 0.04),
@@ -158,8 +165,12 @@ OF_ONE_RUN = {
     "half of joint 2": (3, 0, lambda run: scaled(run, 2, 0.5), GAIN, [2], -0.5),
     "half of it, last run": (3, 2, lambda run: scaled(run, 2, 0.5), GAIN, [2], -0.5),
 }
-FIRST = ("a sign", "an order", "a small gain", "a delay", "half")
-LATER = {"another sign": pytest.mark.long, "twice": pytest.mark.long}
+FIRST = ("a sign", "a position's sign", "an order", "a small gain", "a delay", "half")
+LATER = {
+    "another sign": pytest.mark.long,
+    "a joint's": pytest.mark.long,
+    "twice": pytest.mark.long,
+}
 
 
 @pytest.mark.parametrize(

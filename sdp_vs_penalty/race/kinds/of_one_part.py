@@ -1,5 +1,5 @@
 """What differs in one run, or from an instant on: a torque's gain, an encoder's zero, a load
-on the last link, a sign, an order of two torques.
+on the last link, a joint's sign, an order of two torques.
 
 A load phi adds Y_last phi on the part's rows, Y_last the regressor of the last link.
 """
@@ -12,6 +12,7 @@ import numpy as np
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
+from sdp_vs_penalty.race.kinds.sign import SIGNS
 from sdp_vs_penalty.race.kinds.zero import zero_number
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Further, Hypothesis, Number, Part
@@ -78,12 +79,15 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
 
 
 def _signs_and_orders(log: Likelihood, run: Part, odds: float) -> Iterator[Hypothesis]:
-    """Yield a sign of each torque and an exchange of each two in one run; odds : prior
-    log-odds of one joint's fault."""
+    """Yield other signs of each joint and an exchange of each two torques in one run;
+    odds : prior log-odds of one joint's fault."""
     none = log.as_logged
     for j in log.joints:
-        turned = none.with_multiplied("gain", (j,), -1.0)
-        yield Hypothesis("torque sign", (j,), odds, turned, part=run)
+        for kind, fields in SIGNS.items():
+            turned = none
+            for name in fields:
+                turned = turned.with_multiplied(name, (j,), -1.0)
+            yield Hypothesis(kind, (j,), odds, turned, part=run)
     odds_of_pair = odds - float(np.log(log.n))
     for pair in combinations(log.joints, 2):
         swapped = none.with_swap(*pair, "tau_order")

@@ -14,6 +14,12 @@ from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis
 
+#: By kind: the factors of a transform that change their sign.
+SIGNS = {
+    "torque sign": ("gain",),
+    "position sign": ("scale",),
+    "joint sign": ("scale", "gain"),
+}
 #: Largest number of joints for which every pattern of signs is tried (2^8).
 _MOST_JOINTS = 8
 #: Patterns are tried where friction drives joints by so much (natural logarithm).
