@@ -87,6 +87,8 @@ class RaceOutcome:
     view: LogView
     #: The fit to them.
     fit: ViewFit
+    #: Whether the motion has few directions, in which much explains much.
+    is_doubtful: bool = False
 
     def claims_of_all(self) -> list[Claim]:
         """List the faults of the log that all its rows share."""
@@ -101,9 +103,11 @@ class RaceOutcome:
         left is small, or it explains half of what was left. An arm that leaves much tells
         no sign by its friction.
 
-        Friction of the wrong sign has no second witness.
+        Friction of the wrong sign has no second witness, nor has a motion of few
+        directions.
         """
-        if claim.hypothesis.tells_by_friction or claim.log_odds < c.LIKELY:
+        has_no_witness = claim.hypothesis.tells_by_friction or self.is_doubtful
+        if has_no_witness or claim.log_odds < c.LIKELY:
             return False
         moving = self.fit.weights > 0.0
         before, after = (x.shares[moving] for x in (claim.before, claim.fit))
@@ -212,7 +216,7 @@ class Race:
             taken.append(claim)
             view = claim.fit.view
             fit = self._incumbent(view)
-        return RaceOutcome(tuple(taken), view, fit)
+        return RaceOutcome(tuple(taken), view, fit, self.is_doubtful)
 
     def _incumbent(self, view: LogView) -> ViewFit:
         """Fit the rows as they are seen. How many of them are worth one is what the

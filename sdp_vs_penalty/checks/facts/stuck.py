@@ -20,6 +20,7 @@ from sdp_vs_penalty.signals.runs import spans
 
 #: Why a torque that does not change is the joint's.
 _AS_ELSEWHERE = likely("the arm that explains the other rows explains it there as well")
+_AT_EFFORT_LIMIT = likely("it is the joint's effort limit")
 
 
 def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
@@ -300,7 +301,8 @@ def _clipped(glance: RunSummary, j: int, x: Array) -> Iterator[Issue]:
     are_long = is_extreme & (lengths >= STUCK)
     at_limits = mask_of(len(x), parts[are_long] + [0, 1])
     times = glance.one_arm_is_worse(j, at_limits)
-    is_torque = glance.holds_torque(j, at_limits)
+    is_drives_limit = bool(np.isclose(abs(value), glance.robot.joints[j].effort))
+    is_torque = is_drives_limit or glance.holds_torque(j, at_limits)
     severity, which = "warning", "the drive or the channel is"
     remedy = "record again, with a larger range"
     certainty = likely(
@@ -308,7 +310,8 @@ def _clipped(glance: RunSummary, j: int, x: Array) -> Iterator[Issue]:
     )
     if is_torque:
         severity, which = "note", "the drive is"
-        remedy, certainty = "no action needed: that is the torque", _AS_ELSEWHERE
+        remedy = "no action needed: that is the torque"
+        certainty = _AT_EFFORT_LIMIT if is_drives_limit else _AS_ELSEWHERE
     elif times is not None:
         which = "the channel is"
         remedy += ", or slower; delete those rows until then"
