@@ -18,18 +18,17 @@ TRAVELS = {"gear": (5e-4, 5e-3), "hysteresis": (2e-2, 1e-1, 0.5)}
 PARTS = 8
 
 # -- the evidence (natural logarithms)
-#: Friction may speak with so much on each joint.
+#: Friction may speak with so much on each joint, and the links' likeness to the nominal ones
+#: against their mirror image.
 MAX_PHYSICS_LOG_ODDS = 60.0
-#: What the description says of the links' sign may speak with less: it may be wrong.
-MAX_LIKENESS_LOG_ODDS = 12.0
 #: Standard deviation of the share of a torque that friction has where a controller
 #: compensates it.
 COMPENSATED = 0.03
 #: Standard deviation of the natural logarithm of the arm's size beside the nominal one;
 #: another unit of all torques makes it anything.
 MASSES_KNOWN = 0.5
-#: Share of logged velocities that the logger derived from the positions.
-DERIVED = 0.1
+#: Log-odds of rows in order beside velocities of the other sign.
+VELOCITY_TURNED = -9.0
 #: Prior odds against a fault of all runs, against a difference of one run or part
 #: (friction never repeats exactly), against a drift or a step.
 LOG_ODDS_AGAINST_FAULT = 6.0

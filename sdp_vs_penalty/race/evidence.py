@@ -478,7 +478,7 @@ class Evidence:
         # The links: they are like the nominal ones, and not like their mirror image.
         sd_of_likeness = np.sqrt(np.maximum(variance[:, -1], _TINY))
         log_odds_of_mirror = np.log(2.0) + log_ndtr(arms.likeness / sd_of_likeness)
-        value += np.maximum(log_odds_of_mirror, -c.MAX_LIKENESS_LOG_ODDS)
+        value += np.maximum(log_odds_of_mirror, -c.MAX_PHYSICS_LOG_ODDS)
         # A controller that compensates friction leaves little of it: more costs.
         shares = power / np.sqrt(stacked.total)
         cost = np.minimum(0.5 * (shares / c.COMPENSATED) ** 2, c.MAX_PHYSICS_LOG_ODDS)
@@ -516,18 +516,10 @@ class Evidence:
         return np.maximum(count - n_own, _LEAST_SHARE * count)
 
     def _of_velocity(self, chain: LogTransform) -> float:
-        """Return the log evidence of the logged velocity's sign.
-
-        One that was measured is the derivative of true positions over true time; one
-        that the logger derived from the rows says nothing.
-        """
-        sign = self.log.data.velocity_sign
-        if not sign:
-            return 0.0
-        is_as_measured = (sign < 0.0) == chain.reversed
-        is_as_derived = sign > 0.0
-        p = (1.0 - c.DERIVED) * is_as_measured + c.DERIVED * is_as_derived
-        return float(np.log(p + 1e-4))
+        """Return the log evidence of the logged velocity's sign: one that is turned says
+        that the rows are."""
+        is_turned = self.log.data.velocity_sign < 0.0
+        return c.VELOCITY_TURNED if is_turned and not chain.reversed else 0.0
 
     @staticmethod
     def _price_of_events(fit: ViewFit, v: float) -> float:
