@@ -1,13 +1,17 @@
 """The verb ``export``: a model in another format, judged as that format holds it."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import Source, as_measurements
-from sdp_vs_penalty.diagnosis.comparison import compare
+from sdp_vs_penalty.diagnosis.comparison import Comparison, compare, compare_filtered
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.open_findings import verdict_beside
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
-from sdp_vs_penalty.estimation.verdict import Verdict, changes
+from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.exporters import export as exporting
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 
 @checked_arguments
@@ -57,38 +61,57 @@ def export(
         robot.
     """
     model = as_estimate(estimate, "export(estimate=...)")
-    judged = judge_as_exported(model, out, measurements)
-    verdict = None if judged is None else judged[0]
+    verdict = None
+    if measurements is not None:
+        runs = as_measurements(measurements, names=model.problem.channel_names)
+        filtered = FilteredRuns.filtering(runs, model.preprocessing.resolve(runs))
+        (whole,) = compare(model, filtered)
+        judged = judge_as_exported(model, out, filtered, whole)
+        verdict = None if judged is None else judged.verdict
     return exporting.write_model(
         model, out, urdf, mjcf=mjcf, force=force, flange=flange, judged=verdict
     )
 
 
+@dataclass(frozen=True)
+class AsExported:
+    """What a file of `export` holds of a model that it cannot hold all of, judged."""
+
+    #: Effects that the file has no place for.
+    lost: tuple[str, ...]
+    #: The model without them.
+    model: Estimate
+    #: Its errors on the runs.
+    comparison: Comparison
+    #: The verdict on it.
+    verdict: Verdict
+
+
 def judge_as_exported(
-    model: Estimate, out: str | Path, measurements: Source, noise_from: Source = None
-) -> tuple[Verdict, str] | None:
-    """Judge a model, on runs, without the effects that a file of this name cannot hold.
+    model: Estimate,
+    out: str | Path,
+    runs: FilteredRuns,
+    whole: Comparison,
+    findings: Diagnosis | None = None,
+) -> AsExported | None:
+    """Judge a model without the effects that a file of this name cannot hold.
 
     Parameters
     ----------
-    noise_from : the same, optional
-        The recordings of which the measurements are windows.
+    whole : Comparison
+        All of the model on the same runs, which names the noise.
+    findings : Diagnosis, optional
+        What a diagnosis of the model, or of one that it grew from, found.
 
     Returns
     -------
-    (Verdict, str) or None
-        The verdict, and how each joint's error changes, in words ("" if it does not).
-        None without measurements, and for formats that hold no model of the torque.
+    AsExported or None
+        None for files that hold all of the model, or no model of the torque.
     """
-    if measurements is None:
-        return None
+    lost = exporting.effects_left_out(model, out)
     held = exporting.as_exported(model, out)
-    if held is None:
+    if held is None or not lost:
         return None
-    runs = as_measurements(measurements, names=model.problem.channel_names)
-    whole, part = compare(
-        {"model": model, "as exported": held}, runs, noise_from=noise_from
-    )
-    return part.verdict, changes(
-        whole.rmse, part.rmse, part.noise_floor, part.estimate.torque_units
-    )
+    name = Path(out).name
+    (compared,) = compare_filtered({name: held}, runs, noise=whole.noise)
+    return AsExported(lost, held, compared, verdict_beside(findings, compared))

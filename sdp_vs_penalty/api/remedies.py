@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.checks.certainty import RIVAL_EFFECT
 from sdp_vs_penalty.checks.check import check_runs
 from sdp_vs_penalty.checks.fixing import errors_left_out, fix_runs
 from sdp_vs_penalty.data.files import without_spans
@@ -121,7 +120,7 @@ def next_remedy(remedies: Sequence[Remedy]) -> Remedy | None:
         asks_for_unit = not all(
             remedy.change.arguments.get("scale", {"": "1"}).values()
         )
-        is_guess = is_guess or remedy.why == RIVAL_EFFECT.why
+        is_guess = is_guess or remedy.may_be_the_arm
         is_choice = verb in ("record", "cut")
         if not (is_choice or is_guess or asks_for_unit):
             return remedy

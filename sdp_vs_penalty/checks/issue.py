@@ -80,8 +80,12 @@ class Issue(WritesJson):
             named = [self.apply] if self.apply and not self.can_fix else []
             changes.append(Change("transform", self.remedy, {"apply": named}))
         changes += self.changes
-        what, sure = self.what, self.certainty
-        return tuple(Remedy(what, sure.grade, sure.why, change) for change in changes)
+        grade, why = self.certainty.grade, self.certainty.why
+        is_rivalled = "rival_effects" in self.figures
+        return tuple(
+            Remedy(self.what, grade, why, change, may_be_the_arm=is_rivalled)
+            for change in changes
+        )
 
 
 def make_issue(

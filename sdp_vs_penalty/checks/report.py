@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks.certainty import RIVAL_EFFECT
 from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.issue import Issue, gravest_first
 from sdp_vs_penalty.checks.long_runs import is_long
@@ -35,7 +34,7 @@ def list_remedies(reports: Sequence[Report]) -> tuple[Remedy, ...]:
     by_change = {str(x.change): x for f in reversed(issues) for x in f.remedies[::-1]}
     remedies = list(by_change.values())[::-1]
     repairs = [x for x in remedies if x.change.verb == "transform"]
-    repairs = [x for x in repairs if x.why != RIVAL_EFFECT.why]
+    repairs = [x for x in repairs if not x.may_be_the_arm]
     if len(repairs) > 1:
         words = [word for x in repairs for word in x.change.arguments["apply"]]
         problems = dict.fromkeys(x.problem.rstrip(".") for x in repairs)

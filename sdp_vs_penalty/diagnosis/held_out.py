@@ -136,8 +136,10 @@ class Columns(NamedTuple):
         return out
 
 
-#: Fits effects to several sets of rows, as :func:`fitted_parameters` does.
-_Fitted = Callable[..., list[Array]]
+#: Fits effects of a model and new ones to several sets of rows.
+_Fitted = Callable[
+    [Estimate, Sequence[Effect], Sequence[Effect], Sequence[Regression]], list[Array]
+]
 
 
 @dataclass
@@ -252,15 +254,14 @@ class HeldOut:
         (:func:`fitted_parameters`).
         """
         key = (*sorted(chosen), sliding, fitted)
+        fit = fitted or partial(fitted_parameters, frozen=self.frozen)
         if key not in self._known_squares:
             squares = []
             for _, splits in groupby(self.splits, key=lambda x: [*map(id, x.effects)]):
                 alike = list(splits)
                 columns = alike[0].columns_of(self.estimate, sorted(chosen))
                 trains = [s.fitted_rows(sliding).keeping(columns.kept) for s in alike]
-                fits = (fitted or fitted_parameters)(
-                    self.estimate, columns.own, columns.new, trains, self.frozen
-                )
+                fits = fit(self.estimate, columns.own, columns.new, trains)
                 for split, theta in zip(alike, fits, strict=True):
                     parameters = columns.with_zeros(theta)
                     rows = (*split.tests, *split.sliding)
@@ -839,14 +840,12 @@ def least_squares_parameters(
     own_effects: Sequence[Effect],
     new: Sequence[Effect],
     data: Sequence[Regression],
-    frozen: bool,
 ) -> list[Array]:
     """Fit effects to each of several sets of rows by least squares, with no prior but
     the plausible sizes of the effects; return their parameters for each set.
 
-    own_effects : of the model, which are fitted again; new : beside these; frozen : not
-    read, since all are fitted either way (:func:`fitted_parameters` has the same
-    arguments). Joints are weighted by their residuals in a first fit.
+    own_effects : of the model, which are fitted again; new : beside these. Joints are
+    weighted by their residuals in a first fit.
     """
     effects = (*own_effects, *new)
     if not effects:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, named_on_joints
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.verdict import Verdict
 
 
 def findings_not_added(diagnosis: Diagnosis, estimate: Estimate) -> list[Finding]:
@@ -56,3 +58,16 @@ def still_missing(diagnosis: Diagnosis, estimate: Estimate) -> str:
     if open_findings:
         return f"The model lacks {named_on_joints(open_findings)}, found and not added."
     return f"Weak and not added: {named_on_joints(missing)}."
+
+
+def verdict_beside(
+    diagnosis: Diagnosis | None, compared: Comparison, forward: str = ""
+) -> Verdict:
+    """Return the verdict on a model, with what a diagnosis, if there is one, found that
+    it lacks, and with the sentence on a forward simulation."""
+    if diagnosis is None:
+        return compared.verdict_with(forward=forward)
+    model = compared.estimate
+    return compared.verdict_with(
+        still_missing(diagnosis, model), forward, has_open_finding(diagnosis, model)
+    )

@@ -19,6 +19,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.diagnosis import diagnose_and_add
+from sdp_vs_penalty.api.exporting import judge_as_exported
 from sdp_vs_penalty.api.identification import identify_and_judge
 from sdp_vs_penalty.api.remedies import (
     State,
@@ -57,7 +58,11 @@ from sdp_vs_penalty.diagnosis.comparison import (
     predicted,
 )
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
+from sdp_vs_penalty.diagnosis.open_findings import (
+    has_open_finding,
+    still_missing,
+    verdict_beside,
+)
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.effects import effects_in_words
 from sdp_vs_penalty.errors import (
@@ -79,7 +84,7 @@ from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.exporters import EXPORTS
-from sdp_vs_penalty.exporters.export import as_exported, effects_left_out, write_model
+from sdp_vs_penalty.exporters.export import write_model
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import read_bytes, write_bytes, write_text, writing
 from sdp_vs_penalty.page.splits import confirmed, other_splits, split_run
@@ -1215,39 +1220,25 @@ def _distinct_names(runs: Sequence[Measurements]) -> list[str]:
     return distinct
 
 
-def _verdict_of(job: JobRequest, estimate: Estimate, comparison: Comparison) -> Answer:
-    """Return the verdict on a model, with what the last diagnosis found that it
-    lacks.
-    """
-    found = job.get("diagnosed")
-    if not found:
-        return comparison.verdict.to_dict()
-    diagnosis = Diagnosis.from_dict(found)
-    return comparison.verdict_with(
-        still_missing(diagnosis, estimate),
-        has_open_finding=has_open_finding(diagnosis, estimate),
-    ).to_dict()
-
-
 def _files_judged(
-    job: JobRequest, estimate: Estimate, filtered: FilteredRuns, comparison: Comparison
+    estimate: Estimate,
+    filtered: FilteredRuns,
+    comparison: Comparison,
+    diagnosis: Diagnosis | None,
 ) -> Answer:
     """Judge what each file of `export` holds of a model, where that is not all: the field
     ``exported`` of ModelStep. ``comparison`` is that of the model on the same runs."""
     judged = {}
     for home in EXPORTS.all().values():
-        part = as_exported(estimate, home.FILE)
-        lost = effects_left_out(estimate, home.FILE)
-        if part is None or not lost:
+        held = judge_as_exported(estimate, home.FILE, filtered, comparison, diagnosis)
+        if held is None:
             continue
-        job.progress("judging the files to export")
-        (held,) = compare_filtered({home.FILE: part}, filtered, noise=comparison.noise)
         judged[home.FILE] = {
-            "lost": effects_in_words(lost),
-            "n_lost": len(lost),
-            "worst": words.describe_worst(held, ""),
-            "effects": _effects_to_estimate_again(part),
-            "verdict": _verdict_of(job, part, held),
+            "lost": effects_in_words(held.lost),
+            "n_lost": len(held.lost),
+            "worst": words.describe_worst(held.comparison, ""),
+            "effects": _effects_to_estimate_again(held.model),
+            "verdict": held.verdict.to_dict(),
         }
     return judged
 
@@ -1333,7 +1324,9 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
     arm, judge = driven(estimate, checked.judge)
     _, train = driven(estimate, checked.train)
     settings = estimate.preprocessing.resolve(judge)
-    verdict_of_model = _verdict_of(job, estimate, comparison)
+    found = job.get("diagnosed")
+    diagnosis = Diagnosis.from_dict(found) if found else None
+    verdict_of_model = verdict_beside(diagnosis, comparison).to_dict()
     estimate.provenance["verdict"] = verdict_of_model
     runs = [*train.runs(), *(judge.runs() if checked.test is not None else ())]
     for number, run in enumerate(runs):
@@ -1350,6 +1343,8 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
                 {"model": arm}, filtered, noise=comparison.noise
             )
             errors_of_runs[run.names[0]] = alone.rmse
+    job.progress("judging the files to export")
+    exported = _files_judged(estimate, judged, comparison, diagnosis)
     job.progress("looking where it fails")
     failures = _failures_of(estimate, judge, comparison)
     estimate.save(out)
@@ -1360,7 +1355,7 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         "errors_of_runs": errors_of_runs,
         "method": estimate.method,
         "effects": _effects_to_estimate_again(estimate),
-        "exported": _files_judged(job, estimate, judged, comparison),
+        "exported": exported,
         "comparison": {**comparison.to_dict(), "verdict": verdict_of_model},
         "failures": failures,
         "about": about(estimate),

@@ -15,8 +15,8 @@ from sdp_vs_penalty.diagnosis.comparison import Comparison, predicted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.open_findings import (
     findings_not_added,
-    has_open_finding,
     still_missing,
+    verdict_beside,
 )
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_sizes_of
 from sdp_vs_penalty.diagnosis.where_it_fails import SHARES, Failures, sentences
@@ -155,14 +155,7 @@ class ReportData:
     def verdict_of(self, compared: Comparison, forward: str = "") -> Verdict:
         """Return the verdict on a model, with what the diagnosis found that it lacks,
         and with the sentence on a forward simulation, if there was one."""
-        diagnosis = self.diagnosis
-        if diagnosis is None:
-            return compared.verdict_with(forward=forward)
-        return compared.verdict_with(
-            still_missing(diagnosis, compared.estimate),
-            forward,
-            has_open_finding(diagnosis, compared.estimate),
-        )
+        return verdict_beside(self.diagnosis, compared, forward)
 
     @property
     def name(self) -> str:

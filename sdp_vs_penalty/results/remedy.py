@@ -84,3 +84,5 @@ class Remedy(JsonRecord):
     after: tuple[float, ...] | None = None
     #: Changes that explain as much.
     rivals: tuple[Change, ...] = ()
+    #: Whether an effect of the arm explains as much: the log may be right.
+    may_be_the_arm: bool = False

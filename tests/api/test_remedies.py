@@ -18,7 +18,6 @@ from sdp_vs_penalty.api.remedies import (
     next_command,
     next_remedy,
 )
-from sdp_vs_penalty.checks.certainty import RIVAL_EFFECT
 from sdp_vs_penalty.checks.report import list_remedies
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.problem.check_command import CheckCommand
@@ -99,9 +98,11 @@ def test_the_first_remedy_of_a_check_repairs_its_runs(spoiled):
 
 def test_a_repair_that_an_effect_of_the_arm_makes_needless_is_no_next_step():
     change = Change("transform", "", {"apply": ["clock:t"]})
-    remedy = Remedy("", "possible", RIVAL_EFFECT.why, change)
+    remedy = Remedy("", "possible", "its size", change, may_be_the_arm=True)
     assert next_remedy([remedy]) is None
-    assert next_remedy([remedy, replace(remedy, why="its size")]) is not None
+    assert next_remedy([remedy, replace(remedy, may_be_the_arm=False)]) is not None
+    older = {k: v for k, v in remedy.to_dict().items() if k != "may_be_the_arm"}
+    assert not Remedy.from_dict(older).may_be_the_arm
 
 
 def test_spans_are_cut_units_read_and_gravity_set(spoiled):

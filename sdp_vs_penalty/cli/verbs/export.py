@@ -112,15 +112,22 @@ def _judged_as_exported(
     """
     from sdp_vs_penalty.api.exporting import judge_as_exported
     from sdp_vs_penalty.cli.runs import judging_runs
-    from sdp_vs_penalty.exporters.export import as_exported
+    from sdp_vs_penalty.diagnosis.comparison import compare
+    from sdp_vs_penalty.exporters.export import effects_left_out
+    from sdp_vs_penalty.render.words import describe_change
+    from sdp_vs_penalty.signals.filtered import FilteredRuns
 
-    held = as_exported(estimate, out)
-    if held is None or len(held.theta) == len(estimate.theta):
+    if not effects_left_out(estimate, out):
         return False, None
     runs = judging_runs(estimate, data, window)
     if runs is None:
         return True, None
-    return True, judge_as_exported(estimate, out, runs.judge, runs.judged_recordings)
+    settings = estimate.preprocessing.resolve(runs.judge)
+    filtered = FilteredRuns.filtering(runs.judge, settings)
+    (whole,) = compare(estimate, filtered, noise_from=runs.judged_recordings)
+    held = judge_as_exported(estimate, out, filtered, whole)
+    assert held is not None  # the file loses effects
+    return True, (held.verdict, describe_change(whole, held.comparison))
 
 
 def _say_what_is_lost(
