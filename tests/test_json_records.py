@@ -153,7 +153,12 @@ def test_a_file_of_version_0_1_loads_and_is_written_as_it_was(name, load):
         assert again["certificate"].pop("certifies")
         assert again.pop("known") == {}
     else:
-        for later in ("log_faults", "named_by_check", "left_out_of_test"):
+        for later in (
+            "log_faults",
+            "named_by_check",
+            "left_out_of_test",
+            "errors_with",
+        ):
             assert again.pop(later) == []
         assert again.pop("judged_rmse_with_sure") is None
         for finding in written["effects"]:  # what is no longer judged

@@ -24,7 +24,13 @@ from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.events import Event, find_events
 from sdp_vs_penalty.diagnosis.explanation import Explanation, Ladder
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Remaining, Retune
+from sdp_vs_penalty.diagnosis.findings import (
+    Diagnosis,
+    ErrorWith,
+    Finding,
+    Remaining,
+    Retune,
+)
 from sdp_vs_penalty.diagnosis.notices import find_notices
 from sdp_vs_penalty.diagnosis.own_constants import constant_std, retune
 from sdp_vs_penalty.diagnosis.passing.search import passing_causes
@@ -179,7 +185,7 @@ class Conclusion:
             for term, finding in zip(self.search.terms, self.findings, strict=True)
             if finding.torque_is_certain
         ]
-        return Diagnosis(
+        diagnosis = Diagnosis(
             verdict=verdict,
             effects=tuple(told),
             noise_floor=noise.floor,
@@ -201,6 +207,21 @@ class Conclusion:
             torque_units=self.explanation.estimate.torque_units,
             remains=tuple(Remaining(j + 1, x) for j, x in sorted(unexplained.items())),
         )
+        return replace(diagnosis, errors_with=self._errors_with(diagnosis.additions))
+
+    def _errors_with(
+        self, additions: Sequence[Sequence[Finding | Retune]]
+    ) -> tuple[ErrorWith, ...]:
+        """Return the errors on data left out with each of several additions alone."""
+        texts = [*(r.text for r in self.retunes), *(f.text for f in self.findings)]
+        numbers = dict(zip(texts, self.ladder.offered, strict=True))
+        errors = {}
+        for added in additions:
+            chosen = tuple(found.text for found in added)
+            errors[chosen] = self.ladder.held_out.errors(
+                [numbers[text] for text in chosen]
+            )
+        return tuple(ErrorWith(chosen, rmse) for chosen, rmse in errors.items())
 
     @property
     def retunes(self) -> tuple[Retune, ...]:

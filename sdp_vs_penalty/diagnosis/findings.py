@@ -422,9 +422,7 @@ class Finding(Rated):
             "effects": [f.text for f in together],
             "findings": [f.number for f in together],
         }
-        before, after = self.held_out_rmse_before, self.held_out_rmse_after
-        if not diagnosis.is_beside_sure(self):
-            before, after = diagnosis.errors_of(self)
+        before, after = diagnosis.errors_of(self)
         rivals = tuple(
             Change("add", f"add {effect_in_words(text)}", {"effects": [text]})
             for text in self.rivals_without_curve
@@ -511,15 +509,19 @@ class Finding(Rated):
             diagnosis.torque_unit(j + 1),
             between=" to ",
         )
-        change = "cuts" if is_lower else "does not lower"
-        link = " from" if is_lower else ":"
-        beside = ""
-        if diagnosis.is_beside_sure(self):
-            beside = f", with what else is sure on joint {j + 1},"
-        return (
-            f"Adding it{beside} {change} joint {j + 1}'s error on data left out{link}"
-            f" {amount}."
+        if is_lower:
+            return (
+                f"Adding it cuts joint {j + 1}'s error on data left out from {amount}."
+            )
+        text = (
+            f"Adding it does not lower joint {j + 1}'s error on data left out: {amount}"
         )
+        if self.torque_is_certain and len(diagnosis.sure) > 1:
+            left = formatting.number(float(diagnosis.held_out_rmse_with_sure[j]))
+            text += (
+                f"; with all that is sure it is {left} {diagnosis.torque_unit(j + 1)}"
+            )
+        return f"{text}."
 
     @property
     def cool_down_instruction(self) -> str:
@@ -562,6 +564,17 @@ class Remaining(JsonRecord):
     joint: int
     #: RMS of the unexplained torque [N m or N].
     rmse: float
+
+
+@dataclass(frozen=True)
+class ErrorWith(JsonRecord):
+    """Errors on data left out of the model with some of what was found, as `add` takes
+    it together."""
+
+    #: What is added, as `add` writes it.
+    effects: tuple[str, ...]
+    #: (n,) RMS errors [N m or N].
+    rmse: Array
 
 
 @dataclass(frozen=True, repr=False)
@@ -626,6 +639,8 @@ class Diagnosis(Record, JsonRecord):
     #: (n,) RMS errors on the test run of the model with all that is sure, which
     #: ``compare`` says of that model [N m or N]; None where none was judged.
     judged_rmse_with_sure: Array | None = None
+    #: The errors with what each remedy adds; none in files of older versions.
+    errors_with: tuple[ErrorWith, ...] = ()
 
     def __post_init__(self) -> None:
         """Number the findings."""
@@ -773,7 +788,15 @@ class Diagnosis(Record, JsonRecord):
             With these errors; those of single findings are unchanged if it re-estimates
             constants of the model.
         """
-        judged = replace(self, held_out_rmse_before=before, judged_rmse_with_sure=after)
+        scale = _ratio(before, self.held_out_rmse_before)
+        judged = replace(
+            self,
+            held_out_rmse_before=before,
+            judged_rmse_with_sure=after,
+            errors_with=tuple(
+                replace(x, rmse=scale * x.rmse) for x in self.errors_with
+            ),
+        )
         if self.retuned:
             return judged
         if not self.effects and not self.curves:
@@ -806,22 +829,34 @@ class Diagnosis(Record, JsonRecord):
             findings[0] = replace(findings[0], held_out_rmse_before=before)
         return replace(judged, effects=tuple(findings), held_out_rmse=error_with_all)
 
+    def error_with(self, found: Sequence[Finding | Retune]) -> Array | None:
+        """Return the errors (n,) on data left out of the model with some of what was found,
+        and nothing else [N m or N]; None where they were not computed."""
+        texts = {f.text for f in found}
+        judged = self.judged_rmse_with_sure
+        if judged is not None and texts == {f.text for f in self.sure}:
+            return judged
+        return next((x.rmse for x in self.errors_with if {*x.effects} == texts), None)
+
     def errors_of(self, finding: Finding) -> tuple[Array, Array]:
         """Return a finding's errors on data left out, (n,) before and after it [N m or N]:
-        the one figure of its joint that every place says.
+        the one figure of its joint that every place says, and what its remedy gives.
 
-        For what is sure those of the two models that were judged on the test run: the
-        model, and the one with all that is sure. A weak finding changes the error of
-        the latter by the share that it changes that of the search by. Without a test
-        run those of the search, after the findings before it in the list.
+        They are those of the model, and of the model with this finding alone, or with
+        those of which the runs show the sum alone. In files of older versions they are
+        those after the findings before it in the list.
         """
-        before, after = finding.held_out_rmse_before, finding.held_out_rmse_after
-        with_sure = self.judged_rmse_with_sure
-        if with_sure is None:
-            return before, after
-        if finding.torque_is_certain:
-            return self.held_out_rmse_before, with_sure
-        return with_sure, with_sure * _ratio(after, before)
+        after = self.error_with(self.only_in_sum(finding) or (finding,))
+        if after is None:
+            return finding.held_out_rmse_before, finding.held_out_rmse_after
+        return self.held_out_rmse_before, after
+
+    @property
+    def additions(self) -> list[tuple[Finding | Retune, ...]]:
+        """What each remedy that adds takes together: each finding, what is confident, and
+        all that is sure."""
+        groups = [self.only_in_sum(f) or (f,) for f in self.effects]
+        return [*groups, *filter(None, (self._confident, self.sure))]
 
     def only_in_sum(self, finding: Finding) -> tuple[Finding, ...]:
         """The findings of which these runs show the sum alone, this one among them; none
@@ -843,24 +878,16 @@ class Diagnosis(Record, JsonRecord):
             return ()
         return tuple(group)
 
-    def is_beside_sure(self, finding: Finding) -> bool:
-        """Whether a finding is sure, and something else on its main joint is too, so
-        that the judged errors are those of both."""
-        joint = finding.main_joint
-        on_joint = [f for f in self.sure if joint in f.joints or not f.joints]
-        is_judged = self.judged_rmse_with_sure is not None
-        return is_judged and finding.torque_is_certain and len(on_joint) > 1
-
     @fact("times the noise", name="error on data left out")
     def left_over_noise(self) -> Array | None:
-        """(n,) error of each joint on data left out, with all that was found, over its
+        """(n,) error of each joint on data left out, with all that is sure, over its
         noise floor; unknown where the noise is not known."""
         return self.held_out_over_noise
 
     @fact("N m or N", name="error on data left out in N m or N")
     def left_error(self) -> Array:
-        """(n,) error of each joint on data left out, with all that was found."""
-        return self.held_out_rmse_with_all
+        """(n,) error of each joint on data left out, with all that is sure."""
+        return self.held_out_rmse_with_sure
 
     @fact("N m or N", name="noise floor")
     def joint_noise(self) -> Array:
@@ -970,27 +997,16 @@ class Diagnosis(Record, JsonRecord):
             words = f"add {named_on_joints(self.sure)}"
         elif texts:
             words = f"add the {len(texts)} that are sure"
-            if any(f.rating != "confident" for f in self.sure):
-                words = f"add the {len(texts)} whose torque is sure"
-            open_sizes = [f.size_is_open for f in self.effects if f.torque_is_certain]
-            if n_open := sum(open_sizes):
-                words = f"add the {len(texts)} that help; the size of {n_open} is open"
+            if uncertain := _uncertain_in_words(self.sure):
+                words = f"add all {len(texts)} ({uncertain})"
         change = Change(
             "add",
             words,
             {"effects": texts, "findings": "all" if takes_all else "confident"},
         )
-        before, after = self.held_out_rmse_before, self.judged_rmse_with_sure
-        adds_weak = takes_all and not all(f.torque_is_certain for f in self.effects)
-        if after is None or adds_weak:
-            after = self.held_out_rmse_with_all
-        return Remedy(
-            self._missing,
-            "certain" if all(f.rating == "confident" for f in self.sure) else "likely",
-            "judged on data left out",
-            change,
-            tuple(before.tolist()),
-            tuple(after.tolist()),
+        is_certain = all(f.rating == "confident" for f in self.sure)
+        return self._judged_remedy(
+            "certain" if is_certain else "likely", change, self.held_out_rmse_with_sure
         )
 
     @property
@@ -1074,22 +1090,46 @@ class Diagnosis(Record, JsonRecord):
         return next((f for f in self.in_order_of_reading if f.torque_is_certain), None)
 
     @property
-    def confident_change(self) -> Change | None:
-        """The change that adds what is confident alone, with what shows in their sum
-        alone; None where that is all that is sure, or nothing."""
+    def _confident(self) -> tuple[Finding, ...]:
+        """The confident findings, with those that show in their sum alone."""
         confident = [f for f in self.effects if f.rating == "confident"]
         groups = [self.only_in_sum(f) or (f,) for f in confident]
         chosen = {f.number: f for group in groups for f in group}
-        if not chosen or len(chosen) == len(self.sure) or self.retuned or self.curves:
+        return tuple(chosen[number] for number in sorted(chosen))
+
+    @property
+    def confident_remedy(self) -> Remedy | None:
+        """The remedy that adds what is confident alone; None where that is all that is
+        sure, or nothing."""
+        found = self._confident
+        if not found or len(found) == len(self.sure) or self.retuned or self.curves:
             return None
-        found = [chosen[number] for number in sorted(chosen)]
         words = f"add the {len(found)} that are confident"
         if len(found) == 1:
             words = f"add {named_on_joints(found)}"
-        elif len(groups[0]) == len(found):
+        elif self.only_in_sum(found[0]) == found:
             words = f"add the {len(found)} on joint {found[0].main_joint}"
-        arguments = {"effects": [f.text for f in found], "findings": [*sorted(chosen)]}
-        return Change("add", words, arguments)
+        arguments = {
+            "effects": [f.text for f in found],
+            "findings": [f.number for f in found],
+        }
+        return self._judged_remedy(
+            "certain", Change("add", words, arguments), self.error_with(found)
+        )
+
+    def _judged_remedy(
+        self, certainty: Grade, change: Change, after: Array | None
+    ) -> Remedy:
+        """Return the remedy of what is missing by a change that leaves these errors (n,)
+        on data left out [N m or N]."""
+        return Remedy(
+            self._missing,
+            certainty,
+            "judged on data left out",
+            change,
+            tuple(self.held_out_rmse_before.tolist()),
+            None if after is None else tuple(after.tolist()),
+        )
 
     @property
     def is_open(self) -> bool:
@@ -1105,7 +1145,13 @@ class Diagnosis(Record, JsonRecord):
         if main is not None:
             together = self.only_in_sum(main) or (main,)
             names = formatting.words([effect_name(f.effect) for f in together])
-            likeness = "" if main.effect_is_certain else "something like "
+            likeness = ""
+            if rivals := main.rivals_without_curve[
+                : 0 if main.effect_is_certain else 1
+            ]:
+                names = f"{names} or {effect_in_words(rivals[0])}"
+            elif not main.effect_is_certain:
+                likeness = "something like "
             where = f"Joint {main.main_joint}" if main.joints else "The robot"
             badge = main.badge if len(together) == 1 else "their sum is certain"
             text = f"{where} errs: {likeness}{names} ({badge})"
@@ -1206,8 +1252,8 @@ class Diagnosis(Record, JsonRecord):
         if self.is_undetermined:
             return (
                 "Nothing is missing that these measurements could show: with other values"
-                " of its parameters the model explains them. They do not determine these:"
-                f" joint {worst} errs by {error}, on data left out."
+                " of its parameters the model explains them. These runs do not determine"
+                f" those values: on data left out joint {worst} errs by {error}."
             )
         if above_noise:
             return (
@@ -1229,12 +1275,20 @@ class Diagnosis(Record, JsonRecord):
         return errors
 
     @property
-    def held_out_over_noise(self) -> Array | None:
-        """(n,) errors on data left out with everything found, over the noise floor.
+    def held_out_rmse_with_sure(self) -> Array:
+        """(n,) errors on data left out with all that is sure, and with the curves where
+        these stay: of the model that the next step makes [N m or N]."""
+        if self.curves and not self.leaves_curves_out:
+            return self.held_out_rmse_with_all
+        if not self.sure:
+            return self.held_out_rmse_before
+        errors = self.error_with(self.sure)
+        return self.held_out_rmse_with_all if errors is None else errors
 
-        None where the noise is not known.
-        """
-        return over_noise(self.held_out_rmse_with_all, self.known_floor)
+    @property
+    def held_out_over_noise(self) -> Array | None:
+        """(n,) the same over the noise floor; None where the noise is not known."""
+        return over_noise(self.held_out_rmse_with_sure, self.known_floor)
 
     @property
     def known_floor(self) -> Array | None:
@@ -1243,7 +1297,7 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def joints_above_noise(self) -> list[int]:
-        """Joints (from 1) whose error, with all findings added, exceeds ABOVE_NOISE
+        """Joints (from 1) whose error, with all that is sure added, exceeds ABOVE_NOISE
         times the noise floor; empty if the noise is not known.
         """
         over = self.held_out_over_noise
@@ -1261,12 +1315,12 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def left_sentence(self) -> str:
-        """A sentence with the RMS error of each joint on data left out, with all
-        findings added.
+        """A sentence with the RMS error of each joint on data left out, with all that is
+        sure added.
         """
-        has_weak = not all(f.torque_is_certain for f in self.effects)
-        start = "Error on data left out, with everything found"
-        start += ", weak or not" if has_weak else ""
+        start = "Error on data left out"
+        if self.sure:
+            start += ", with all that is sure"
         facts = self.facts()
         errors = [
             f"{error} {self.torque_unit(joint)}"
@@ -1410,6 +1464,16 @@ def _hum_in_words(diagnosis: Diagnosis, hum: Event) -> str:
     if hum.amplitude is not None:
         amount = f" ({hum.amplitude:.2g} {diagnosis.torque_unit(hum.joint)})"
     return f"{hum.frequency:.3g} Hz{amount} on joint {hum.joint}"
+
+
+def _uncertain_in_words(found: Sequence[Finding | Retune]) -> str:
+    """Count what is open of findings in words: "1 size uncertain"; "" if nothing is."""
+    is_open = [isinstance(f, Finding) and f.size_is_open for f in found]
+    badges = [
+        "size uncertain" if x else f.badge for x, f in zip(is_open, found, strict=True)
+    ]
+    open_badges = [*dict.fromkeys(x for x in badges if x != "confident")]
+    return ", ".join(f"{badges.count(badge)} {badge}" for badge in open_badges)
 
 
 def rating_counts(findings: Sequence[Finding | Retune]) -> str:

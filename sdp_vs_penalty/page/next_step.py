@@ -246,24 +246,11 @@ def _to_add(
     main = diagnosis.main_finding
     change = remedy.change
     other: tuple[str, Callable[[], Any]] | None = None
-    is_judged = True
-    label = label_of(change.words)
-    n_all = len(diagnosis.sure)
-    n_uncertain = len([f for f in diagnosis.sure if f.rating != "confident"])
-    is_all = "findings" in change.arguments and n_uncertain > 0
-    alone = diagnosis.confident_change if is_all else None
-    if is_all and n_all > 1 and not diagnosis.curves:
-        label = f"Add all {n_all} ({n_uncertain} uncertain)"
-    if alone is not None:
-        assert main is not None  # something is confident
+    alone = diagnosis.confident_remedy
+    if alone is not None and change.arguments.get("findings") == "confident":
         all_of_it = partial(session.start, session.apply, change.to_dict())
-        numbers = alone.arguments["findings"]
-        other = f"Or add all {n_all} ({n_all - len(numbers)} uncertain)", all_of_it
-        change, label = alone, label_of(alone.words)
-        at = {main.main_joint}
-        on_joint = [f for f in diagnosis.effects if f.torque_is_certain]
-        on_joint = [f for f in on_joint if not f.joints or at & {*f.joints}]
-        is_judged = {f.number for f in on_joint} <= {*numbers}
+        other = f"Or {change.words}", all_of_it
+        remedy, change = alone, alone.change
     text = spoken(diagnosis.cause)
     joint = None if main is None else main.main_joint
     share = session.current.facts["error_beyond_noise"]
@@ -274,9 +261,10 @@ def _to_add(
         torque = f"{percent} % of joint {joint}'s torque beyond the noise"
         text = f"{text} The error is {torque}."
     outcome = describe_outcome(remedy, session.robot["units"], joint)
-    if outcome and is_judged:
+    if outcome:
         text = f"{text} {formatting.sentence(outcome)}"
     do = partial(session.start, session.apply, change.to_dict())
+    label = label_of(change.words)
     return NextStep(text, label, "diagnose", do, level=level, other=other)
 
 

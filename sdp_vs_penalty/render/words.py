@@ -201,11 +201,8 @@ def _brief_gain(finding: Finding, diagnosis: Diagnosis) -> str:
     joint = finding.main_joint
     before, after = (float(rmse[joint - 1]) for rmse in diagnosis.errors_of(finding))
     amounts = f"{number(before)} → {number(after)} {diagnosis.torque_unit(joint)}"
-    beside = (
-        ", with what else is sure there" if diagnosis.is_beside_sure(finding) else ""
-    )
     change = formatting.change_of(before, after)
-    return f"joint {joint}'s error{beside}: {amounts}, {change}"
+    return f"joint {joint}'s error: {amounts}, {change}"
 
 
 def _against(doubt: str) -> tuple[tuple[str, bool], ...]:
@@ -227,8 +224,7 @@ def _evidence_for(
     falls = bool(after[finding.main_joint - 1] < before[finding.main_joint - 1])
     evidence = [(finding.gain_sentence(diagnosis), falls)]
     if rising := _rising_joints(diagnosis, before, after):
-        beside = "what is sure" if finding.torque_is_certain else "it"
-        evidence.append((f"{rising} with {beside}.", False))
+        evidence.append((f"{rising} with it.", False))
     if finding.size_may_be_zero:
         evidence.append(("Its size is not told from zero.", False))
     else:
@@ -615,12 +611,16 @@ def describe_taken(
     after: Sequence[float],
     floor: Sequence[float] | None,
 ) -> str:
-    """Say how much added effects, as `add` writes them, took of a joint's error: of the
-    joint whose error, before and after (n,) in the units of torque, fell most times its
-    noise ``floor`` (n,), or most where that is not known."""
+    """Say how much added effects, as `add` writes them, took of a joint's error: of that
+    of their joints whose error, before and after (n,) in the units of torque, fell most
+    times its noise ``floor`` (n,), or most where that is not known."""
     falls = np.array(before) - np.array(after)
     over = over_noise(falls, floor)
-    j = int(np.argmax(falls if over is None else over))
+    places = [text.partition("@")[0].partition(":")[2] for text in effects]
+    joints = {int(joint) - 1 for place in places if place for joint in place.split("+")}
+    if not all(places):  # an effect of the whole robot
+        joints = {*range(len(falls))}
+    j = max(joints, key=(falls if over is None else over).__getitem__)
     added = "What was added"
     if 0 < len(effects) <= 2:
         added = formatting.sentence(effects_in_words(effects))

@@ -94,9 +94,7 @@ def test_a_size_whose_interval_holds_zero_is_not_called_sure():
     """The evidence does not count it for the finding; the offer says that it is open."""
     helps = finding("joint_spring", 2, std=0.7, helps=True)
     found = diagnosis(finding("backlash", 1), helps)
-    assert (
-        found.remedies[0].change.words == "add the 2 that help; the size of 1 is open"
-    )
+    assert found.remedies[0].change.words == "add all 2 (1 size uncertain)"
     known, unknown = (
         words.evidence for words in describe_diagnosis(found, ["N m"] * 7).findings
     )
@@ -121,10 +119,11 @@ def test_what_is_confident_is_read_first_and_what_is_within_the_noise_last():
     said = diagnosis(doubted, small, sure)
     assert [f.number for f in said.in_order_of_reading] == [3, 1, 2]
     assert said.cause.startswith("Joint 2 errs: backlash (confident)")
-    assert said.confident_change.arguments["findings"] == [2, 3]
-    assert said.confident_change.words == "add the 2 that are confident"
+    change = said.confident_remedy.change
+    assert change.arguments["findings"] == [2, 3]
+    assert change.words == "add the 2 that are confident"
     assert diagnosis(small).cause.startswith("Still to be won: base tilt")
-    assert diagnosis(small).confident_change is None
+    assert diagnosis(small).confident_remedy is None
 
 
 def test_the_cause_of_the_whole_robot_names_no_joint():

@@ -59,11 +59,9 @@ def models(view: View) -> None:
     floor = history[-1].comparison["noise_floor"]
     scope = history[-1].scope
     if (diagnosis := session.findings_of_current) is not None:
-        remedy = next_remedy(diagnosis.remedies)
+        remedy = diagnosis.confident_remedy or next_remedy(diagnosis.remedies)
         before, after = diagnosis.held_out_rmse_before, remedy and remedy.after
         scope = "on data left out" if diagnosis.held_out_source != "test" else scope
-        if diagnosis.confident_change is not None:
-            scope = f"{scope} with all {len(diagnosis.sure)} added"
     torque = history[-1].torque
     drawn = bars(before, after, floor, units, scope, torque=torque)
     ui.html(drawn, sanitize=False)
