@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -13,7 +13,14 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
-from sdp_vs_penalty.estimation.verdict import FIT, GRADES, MISSING, Verdict, over_noise
+from sdp_vs_penalty.estimation.verdict import (
+    FIT,
+    GRADES,
+    MISSING,
+    Grade,
+    Verdict,
+    over_noise,
+)
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.render.tables import facts_from_json
@@ -100,6 +107,11 @@ class ModelStep(JsonRecord):
         """Whether a file of `export` is worth less than the model."""
         grades = [GRADES.index(x.grade) for x in (self.verdict_on(file), self.verdict)]
         return grades[0] < grades[1]
+
+    def weakest_grade(self, files: Iterable[str]) -> Grade:
+        """The lowest grade of the model and of these files of `export`."""
+        verdicts = [self.verdict, *map(self.verdict_on, files)]
+        return min((x.grade for x in verdicts), key=GRADES.index)
 
     @property
     def torque(self) -> Array | None:

@@ -269,8 +269,8 @@ class Following(Record, JsonRecord):
         }
         if free is not None:
             columns["free run"] = free.rms
-            if free.spread is not None:
-                columns["95 % band"] = free.spread_within_sight(self.units)
+            if np.isfinite(band := free.spread_within_sight(self.units)).any():
+                columns["95 % band"] = band
         loop = None if free is None else free.loop
         rows = []
         for j, unit in enumerate(self.units):
@@ -317,7 +317,7 @@ class Following(Record, JsonRecord):
         if free is None:
             return f"{text}."
         text += f", and of the free run of {free.seconds:.3g} s"
-        if free.spread is not None:
+        if np.isfinite(free.spread_within_sight(self.units)).any():
             text += (
                 " (half the 95 % band that the parameters' intervals make of it; unbounded:"
                 " wider than a motion that still follows)"

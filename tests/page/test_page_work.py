@@ -34,7 +34,7 @@ from sdp_vs_penalty.checks.issue import leave_out, make_explanation
 from sdp_vs_penalty.checks.torque_size import with_one_unit
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.findings import Invisible
+from sdp_vs_penalty.diagnosis.findings import ErrorWith, Invisible
 from sdp_vs_penalty.files import opened as register_input
 from sdp_vs_penalty.files import protecting
 from sdp_vs_penalty.formatting import sentence
@@ -159,31 +159,34 @@ def test_what_was_hidden_is_compared_with_what_was_found(
     assert bool(outcome) == bool(s.hidden_and_found)
 
 
-def test_a_joint_has_one_pair_of_errors_on_every_card_and_on_the_button(two_link):
-    """Those of the two models that were judged on the test run; a weak finding changes
-    the later one by the share that the search says."""
-    found = told(
-        two_link, ["joint_spring:1", "backlash:1", "backlash:2", "joint_spring:2"]
-    )
+def test_a_card_promises_what_its_own_button_adds_and_the_next_step_all_of_it(two_link):
+    """Judged on the test run as the model is; all that is sure beside a card that does
+    not help alone."""
+    found = told(two_link, ["joint_spring:1", "backlash:1", "joint_spring:2"])
     doubt = {"confidence": "weak", "doubts": (Doubt("small"),)}
-    searched = {"held_out_rmse_after": np.array([1.0, 0.5])}
     *sure, weak = found.effects
-    effects = (*sure, replace(weak, **doubt, **searched))
-    before, after = np.array([4.2, 3.1]), np.array([0.7, 1.6])
-    judged = replace(found, effects=effects).with_judged_errors(before, after)
-    units = ("N*m", "N*m")
-    said = [f.gain_sentence(judged) for f in judged.effects]
-    assert said[0] == said[1]
-    assert "with what else is sure on joint 1, cuts" in said[0]
-    assert "error on data left out from 4.2 to 0.7 N" in said[0]
-    assert (
-        "Adding it cuts joint 2's error on data left out from 3.1 to 1.6 N" in said[2]
+    searched = zip(found.effects, ([2.0, 2.0], [1.0, 2.0], [2.0, 1.0]), strict=True)
+    found = replace(
+        found,
+        effects=(*sure, replace(weak, **doubt)),
+        held_out_rmse_before=np.array([2.0, 2.0]),
+        errors_with=tuple(ErrorWith((f.text,), np.array(x)) for f, x in searched),
     )
-    assert "from 1.6 to 0.8 N" in said[3]
-    outcome = describe_outcome(judged.remedies[0], units, 1)
+    judged = found.with_judged_errors(np.array([4.2, 3.1]), np.array([0.7, 1.6]))
+    said = [f.gain_sentence(judged) for f in judged.effects]
+    assert said[0].endswith(
+        "left out: 4.2 N m or N; with all that is sure it is 0.7 N m or N."
+    )
+    assert said[1].startswith(
+        "Adding it cuts joint 1's error on data left out from 4.2 to 2.1 N"
+    )
+    assert "joint 2's error on data left out from 3.1 to 1.55 N" in said[2]
+    outcome = describe_outcome(judged.remedies[0], ("N*m", "N*m"), 1)
     assert outcome == (
         "joint 1's error falls from 4.2 to 0.7 N m (-83 %) on data left out."
     )
+    weakly = describe_outcome(judged.remedies_by_finding[2], ("N*m", "N*m"), 2)
+    assert weakly.startswith("joint 2's error falls from 3.1 to 1.55 N m")
 
 
 def test_a_doubt_that_several_findings_share_is_said_once(two_link):

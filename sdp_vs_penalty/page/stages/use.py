@@ -132,10 +132,16 @@ def worse_in_words(model: ModelStep) -> str:
 
 
 def _judged(session: Session) -> StageVerdict | None:
-    """Return the verdict on the model, with the files that are worth less."""
+    """Return the verdict on the model; where a file is worth less, that on the files."""
     verdict = identified(session)
-    worse = verdict and worse_in_words(session.current)
-    return replace(verdict, text=worse) if verdict and worse else verdict
+    if verdict is None:
+        return None
+    model = session.current
+    weakest = model.weakest_grade(FILES)
+    if weakest == model.verdict.grade:
+        return verdict
+    level = _LEVELS.get(weakest, weakest)
+    return replace(verdict, level=level, text=worse_in_words(model))
 
 
 _DRIVES = (
