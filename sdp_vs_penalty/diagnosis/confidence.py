@@ -189,7 +189,7 @@ def reasons_for_doubt(x: Judged) -> tuple[Doubt, ...]:
 def invisible_effects(search: Search) -> tuple[Invisible, ...]:
     """List the effects that these recordings cannot show, since the model absorbs them.
 
-    The model's columns can explain all but 0.1 % (ABSORBED) of the squares of their
+    The model's columns can explain all but 0.01 % (ABSORBED) of the squares of their
     white torque, for all shape constants tried. Effects that were found nevertheless
     are not listed. Empty if the model is held fixed: it then absorbs nothing.
     """

@@ -14,7 +14,7 @@ A finding is confident only if no rival passes both.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -33,7 +33,7 @@ from sdp_vs_penalty.diagnosis.held_out import (
     harm,
     least_squares_parameters,
 )
-from sdp_vs_penalty.diagnosis.library import Batch, Candidate, may_join
+from sdp_vs_penalty.diagnosis.library import Batch, Candidate, Key, may_join
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.refine import refine_constants
 from sdp_vs_penalty.diagnosis.search import Search
@@ -119,24 +119,19 @@ def with_equivalence_sets(explanation: Explanation, judge: HeldOutData) -> Expla
     theta = explanation.estimate.theta
     estimate = replace(explanation.first, theta=theta, certificate=NOT_CERTIFIED)
     held_out = judge.held_out_errors(search.data.rows, effects, estimate)
-    rivals_by_term = {t: list[ScoredEffect]() for t in search.terms}
+    # By finding: one rival of each key (effect, joint), the first of those with it.
+    rivals_by_term = {t: dict[Key, ScoredEffect]() for t in search.terms}
     first_rival = len(explanation.terms)
     for number, (group, rival) in enumerate(pairs, start=first_rival):
         if _predicts_as_well(explanation, held_out, group, number):
             for term in group.terms:
-                rivals_by_term[term].append(rival)
+                rivals_by_term[term].setdefault(rival.key, rival)
     out = copy(search)
     out.terms = [
-        replace(term, rivals=_one_a_candidate(rivals))
+        replace(term, rivals=tuple(rivals.values()))
         for term, rivals in rivals_by_term.items()
     ]
     return replace(explanation, search=out)
-
-
-def _one_a_candidate(rivals: Sequence[ScoredEffect]) -> tuple[ScoredEffect, ...]:
-    """Keep one rival of each key (effect, joint): the first of those with that key."""
-    by_key = {r.key: r for r in reversed(rivals)}  # of equal keys the last one stays
-    return tuple(reversed(by_key.values()))
 
 
 def _predicts_as_well(

@@ -70,7 +70,7 @@ class Trial:
     fit: WhiteFit
     #: Products of the k weighted columns with ``fit``.
     products: ColumnProducts
-    #: (k,) flags of the columns of which the fit leaves more than 0.1 % (ABSORBED); T
+    #: (k,) flags of the columns of which the fit leaves more than 0.01 % (ABSORBED); T
     #: is zero in the others.
     is_visible: Mask
     #: (k,) prior standard deviations of the k coefficients about zero.
@@ -414,7 +414,8 @@ class EvidenceScorer(WhiteFitter):
         energy
             (..., k) sums of squares of the weighted columns.
         """
-        energy_of_torque = float(np.sum(fit.torque_energy[joints]))
+        energies = fit.design.torque_squared / fit.level**2
+        energy_of_torque = float(np.sum(energies[joints]))
         as_large_as_torque = np.sqrt(energy_of_torque / np.maximum(energy, 1e-200))
         return np.where(np.isnan(plausible), as_large_as_torque, plausible)
 

@@ -107,6 +107,14 @@ class Candidate:
         is_there = not set(self.effect.joints).isdisjoint(other.effect.joints)
         return is_there and other.key[0] in self.effect.generalises
 
+    def replaces(self, other: Candidate) -> bool:
+        """Return whether both are one cause, of which this candidate is the general law.
+
+        A spring on which its link swings, for example, is the spring that yields slowly
+        as well. Effects that may come several times on a joint are causes of their own.
+        """
+        return self.generalises(other) and not self.effect.several
+
     def with_shape(self, **shape: float) -> Candidate:
         """Return the candidate with other values of some shape constants (SI units).
 
@@ -257,7 +265,9 @@ def may_join(
 
     The others are those ``picked`` and the effects of the model. An effect is added to
     a joint once, unless its class allows several. An effect that refines a simpler one
-    (presliding friction refines Coulomb friction) needs that on the same joint.
+    (presliding friction refines Coulomb friction) needs that on the same joint. One
+    that a picked effect holds as a special case (:meth:`Candidate.replaces`) is the
+    same cause told again.
     """
     taken = {p.key for p in picked if not p.effect.several}
     keys_of_model = {(e.name, j) for e in model.effects for j in e.joints}
@@ -265,21 +275,16 @@ def may_join(
 
     def is_allowed(form: Candidate) -> bool:
         """Return whether a candidate is not present yet and has what it refines."""
-        if form.key in taken:
+        if form.key in taken or any(p.replaces(form) for p in picked):
             return False
         joint = form.key[1]
         refined_keys = [(name, joint) for name in form.effect.refines]
         return not refined_keys or any(key in present for key in refined_keys)
 
     # Many candidates differ in shape constants only.
-    known = dict[Hashable, bool]()
-    out = []
-    for form in forms:
-        name = form.key, form.effect.refines
-        if name not in known:
-            known[name] = is_allowed(form)
-        out.append(known[name])
-    return out
+    laws = {(form.key, form.effect.refines): form for form in forms}
+    allowed = {law: is_allowed(form) for law, form in laws.items()}
+    return [allowed[form.key, form.effect.refines] for form in forms]
 
 
 @dataclass(frozen=True, eq=False)

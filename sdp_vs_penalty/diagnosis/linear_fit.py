@@ -255,11 +255,6 @@ class WhiteFit:
         return self.design.y / self.level[:, None]
 
     @cached_property
-    def torque_energy(self) -> Array:
-        """(n,) squares of each joint's torque over the variance of its residual."""
-        return self.design.torque_squared / self.level**2
-
-    @cached_property
     def own_deviance(self) -> float:
         """The fit's deviance (:meth:`deviance`)."""
         return float(self.deviance(self.rss))

@@ -319,7 +319,9 @@ class Search:
                     continue
                 break
             progress(f"{len(self.terms) + 1}: {effect_in_words(addition.text)}")
-            after = self.drop_weak([*self.terms, addition])
+            # One cause has one law: the general one takes the place of its special case.
+            others = [t for t in self.terms if not addition.form.replaces(t.form)]
+            after = self.drop_weak([*others, addition])
             keys_after = tuple(sorted(str(t.key) for t in after))
             stays = addition.key in {t.key for t in after}
             if keys_after in known_sets or not stays:

@@ -187,20 +187,13 @@ def effect_of(finding: Finding, model: Estimate) -> tuple[Effect, Indices] | Non
         on_joints = () if effect.whole_robot else tuple(effect.joints)
         if effect.name != finding.effect or on_joints != joints:
             continue
-        if not _has_same_law(effect, finding):
+        laws = effect.law_constants.items()
+        if any(
+            finding.shape.get(name, constant) != constant for name, constant in laws
+        ):
             continue
         n_equal = sum(effect.shape.get(k) == x for k, x in finding.shape.items())
         if n_equal >= most_equal:
             held = effect, indices
             most_equal = n_equal
     return held
-
-
-def _has_same_law(effect: Effect, finding: Finding) -> bool:
-    """Return whether an effect and a finding have the same law: equal values of all
-    shape constants that only take a few given values.
-    """
-    return all(
-        name not in finding.shape or constant == finding.shape[name]
-        for name, constant in effect.law_constants.items()
-    )

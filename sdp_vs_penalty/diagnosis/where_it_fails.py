@@ -191,11 +191,6 @@ class JointFailure(JsonRecord):
         return self.refit_share >= _LARGE_REFIT_SHARE
 
     @property
-    def total_error(self) -> float:
-        """RMS error with the hums that the filters take out [N m or N]."""
-        return float(np.sqrt(self.rmse**2 + _energy_of(self.hums)))
-
-    @property
     def causes(self) -> CauseShares:
         """The shares of the error that each cause explains, on the whole error and
         beyond a refit.
@@ -409,7 +404,8 @@ class Failures(Record, JsonRecord):
         units = [f.torque for f in self]
         if all(f.noise_floor for f in self):
             units = [f.noise_floor for f in self]
-        errors = np.array([f.total_error for f in self])
+        # Hums that the filters take out are a part of the error.
+        errors = np.sqrt([f.rmse**2 + _energy_of(f.hums) for f in self])
         return errors / [unit or 1.0 for unit in units]
 
     @property

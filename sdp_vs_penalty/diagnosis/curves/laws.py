@@ -402,7 +402,8 @@ def _coefficients_in_splines(basis: Basis, law: CurveLaw, constants: Array) -> A
         Spline coefficients of each term.
     """
     points, inverse = _points_and_inverse(basis)
-    return np.tensordot(law.columns(points, constants), inverse, axes=(0, 1))
+    with np.errstate(over="ignore", invalid="ignore"):  # a refined law may overflow
+        return np.tensordot(law.columns(points, constants), inverse, axes=(0, 1))
 
 
 @lru_cache(maxsize=64)
