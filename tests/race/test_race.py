@@ -116,6 +116,14 @@ def test_friction_alone_does_not_make_rows_in_reverse_likely(has_velocity):
     assert verdict.is_sure_of(claim) == has_velocity
 
 
+def test_a_velocity_that_is_the_positions_derivative_forbids_rows_in_reverse():
+    dq = small_run(PROBLEM, seconds=8.0).dq
+    back = replace(RUN, dq=-dq).rows(np.arange(len(RUN.t))[::-1])
+    kinds = [claim.hypothesis.kind for claim in judged(replace(back, t=RUN.t)).claims]
+    assert kinds
+    assert "time reversed" not in kinds
+
+
 @pytest.mark.parametrize("share", [1.0, 0.8])
 def test_an_arm_on_a_wall_whose_upright_weight_is_subtracted(share):
     """The controller believes in its own links' masses."""
