@@ -65,7 +65,7 @@ class Row:
     false_check: str = ""
     false_diagnose: str = ""
     contradiction: str = ""
-    #: The largest ratio of a joint's error on fresh motion, with what `add --confident`
+    #: The largest ratio of a joint's error on fresh motion, with what `add --helpful`
     #: adds to without; empty where nothing was added.
     largest_ratio: str = ""
     #: The same ratio, geometric mean over joints.
@@ -206,7 +206,7 @@ def judge(kind: str, folder: Path, engine: Engine) -> Row:
 
 
 def said_of(folder: Path, robot: str) -> tuple[list[Claim], str, tuple[str, str]]:
-    """Run the three verbs on a log, and `add` on what is sure."""
+    """Run the three verbs on a log, and `add` on what helps."""
     problem = str(folder / robot) if (folder / robot).exists() else robot
     runs = sorted(map(str, folder.glob("run*.csv")))
     nothing = ("", "")
@@ -227,13 +227,13 @@ def said_of(folder: Path, robot: str) -> tuple[list[Claim], str, tuple[str, str]
         except InputError as error:
             return claims, str(error), nothing
         claims += claims_of_diagnosis(found)
-        if not found.sure or not (folder / "fresh.csv").exists():
+        if not found.helpful or not (folder / "fresh.csv").exists():
             return claims, "", nothing
         return claims, "", errors_with(folder, model, found)
 
 
 def errors_with(folder: Path, model, found: Diagnosis) -> tuple[str, str]:
-    """Run the `add --confident` that is advised, and return the largest and the mean
+    """Run the `add --helpful` that is advised, and return the largest and the mean
     ratio of a joint's error on fresh motion; "refused" where it refuses.
     """
     paths = {x: folder / f"{x}.json" for x in ("model", "findings", "added")}

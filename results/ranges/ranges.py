@@ -287,7 +287,7 @@ def band(given: argparse.Namespace) -> Rows:
             for chosen in (phase != fold, phase == fold)
         )
         model = identify("panda", train, noise_from=whole, check=False)
-        effects = diagnose(model, train, check=False).sure
+        effects = diagnose(model, train, check=False).helpful
         if effects:
             laws = add(model, list(effects), train).model.effects
             how = {"effects": laws, "noise_from": whole, "check": False}

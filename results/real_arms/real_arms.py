@@ -126,7 +126,10 @@ def rows_of(split: Split) -> Iterator[dict[str, object]]:
     bare = identify(split.problem, split.train, check=False)
     diagnosis = diagnose(bare, split.train, check=False)
     errors = {"bare": joint_errors(bare, split.unseen, bare)}
-    for name, findings in (("confident", diagnosis.sure), ("all", diagnosis.effects)):
+    for name, findings in (
+        ("confident", diagnosis.helpful),
+        ("all", diagnosis.effects),
+    ):
         model = add(bare, list(findings), split.train) if findings else bare
         errors[name] = joint_errors(model, split.unseen, bare)
     errors |= file_errors(split, bare)
@@ -135,7 +138,7 @@ def rows_of(split: Split) -> Iterator[dict[str, object]]:
             "split": split.name,
             "joint": joint + 1,
             **{name: float(rmse[joint]) for name, rmse in errors.items()},
-            "n_confident": len(diagnosis.sure),
+            "n_confident": len(diagnosis.helpful),
             "n_all": len(diagnosis.effects),
         }
 

@@ -116,10 +116,10 @@ def ways(run: Measurements, file: Path) -> Mapping[str, Estimate]:
     )
     bare = identify("ur10e", run, check=False)
     found = diagnose(bare, run, check=False)
-    named = [finding for finding in found.sure if finding.rating != "weak"]
-    in_c = [finding for finding in found.sure if is_held_by_c(bare, finding, run)]
+    named = [finding for finding in found.helpful if finding.rating != "weak"]
+    in_c = [finding for finding in found.helpful if is_held_by_c(bare, finding, run)]
     for_c = add(bare, in_c, run)
-    everything = add(bare, list(found.sure), run)
+    everything = add(bare, list(found.helpful), run)
     return {
         "maker's file: links, no friction": links,
         "maker's links, fitted friction, rotors, offsets": add(
@@ -150,7 +150,7 @@ def ways(run: Measurements, file: Path) -> Mapping[str, Estimate]:
         "identify": bare,
         "identify, as URDF": as_exported(bare, "arm.urdf"),
         "with effects whose name is sure": add(bare, named, run),
-        "with all that is sure": everything,
+        "with all that helps": everything,
         "with what C holds, as C": as_exported(for_c, "model.h"),
     }
 

@@ -58,7 +58,7 @@ class Outcome:
 
 
 def outcome(folder: Path, model: Estimate) -> Outcome:
-    """Diagnose one log, add what is sure, and judge both."""
+    """Diagnose one log, add what helps, and judge both."""
     truth = json.loads((folder / "truth.json").read_text("utf-8"))
     found = diagnose(model, sorted(map(str, folder.glob("run*.csv"))))
     claims = [*judge.claims_of_diagnosis(found)]
@@ -70,7 +70,7 @@ def outcome(folder: Path, model: Estimate) -> Outcome:
         and c not in right
         and not judge.matches(truth["besides"], f"{c.by}: {c.text}")
     ]
-    ratio = judge.errors_with(folder, model, found)[1] if found.sure else ""
+    ratio = judge.errors_with(folder, model, found)[1] if found.helpful else ""
     said = (f"{'' if c.sure else '(possible) '}{judge.short(c)}" for c in claims)
     is_right = any(c.sure for c in right)
     return Outcome(tuple(said), tuple(false), is_right, ratio)

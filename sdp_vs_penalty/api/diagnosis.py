@@ -119,7 +119,7 @@ def diagnose_and_add(
     judged_recordings: Source,
     confirmed: Callable[[Diagnosis], Diagnosis] = lambda diagnosis: diagnosis,
 ) -> tuple[Diagnosis, Estimate | None]:
-    """Return what :func:`diagnose` does, and the model with all that is sure; None if
+    """Return what :func:`diagnose` does, and the model with all that helps; None if
     nothing is, or if it cannot be added.
 
     confirmed : says which findings are sure on other data too, before these are added.
@@ -218,7 +218,7 @@ def _beside_check(
 
 
 def _states(diagnosis: Diagnosis, issue: Mapping[str, Any]) -> bool:
-    """Return whether a finding that is sure, or what acts for a part of the time, states
+    """Return whether a finding that helps, or what acts for a part of the time, states
     an issue of the check too."""
     figures = issue["figures"]
     joints = tuple(figures.get("joints", ()))
@@ -290,23 +290,23 @@ def add_certain_findings(
     better = None
     n_added = None
     # Its sizes may show that a torque is not there, which is then not added.
-    while diagnosis.sure and n_added != len(diagnosis.sure):
-        n_added = len(diagnosis.sure)
-        progress("adding what is sure")
+    while diagnosis.helpful and n_added != len(diagnosis.helpful):
+        n_added = len(diagnosis.helpful)
+        progress("adding what helps")
         try:
             better = add(
                 model,
-                diagnosis.selected(confident=True),
+                diagnosis.selected(helpful=True),
                 measurements,
                 frozen=frozen,
                 seed=seed,
                 progress=progress,
             )
         except InputError as error:
-            remark = f"What is sure cannot be added to this model: {error}"
+            remark = f"What helps cannot be added to this model: {error}"
             return replace(diagnosis, remarks=(*diagnosis.remarks, remark)), None
         diagnosis = with_sizes_of(diagnosis, better)
-    if not diagnosis.sure:
+    if not diagnosis.helpful:
         better = None
     if test is not None and diagnosis.held_out_source == "test":
         progress("judging on the test run")

@@ -212,7 +212,7 @@ def what_to_add(
         return list[Finding | Retune | str](texts)
     which = change.arguments.get("findings")
     if isinstance(which, str):
-        return diagnosis.selected(confident=which == "confident")
+        return diagnosis.selected(helpful=which == "helpful")
     found: tuple[Finding | Retune, ...] = (*diagnosis.effects, *diagnosis.retuned)
     by_text = {finding.text: finding for finding in found}
     return [by_text.get(text, text) for text in texts]
@@ -300,7 +300,7 @@ def _mount_words(arguments: Mapping[str, Any], files: Files) -> list[str]:
 def _add_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:
     """Write the command `add`, which names findings or effects; None without a model.
 
-    ``arguments["findings"]`` says which findings are added: "all", "confident", or a list
+    ``arguments["findings"]`` says which findings are added: "all", "helpful", or a list
     of their numbers. The command takes them from the file of the diagnosis. Without that
     argument, or without that file, it names the effects by their texts. A measured curve
     has no text, so there is no command then.
@@ -313,7 +313,7 @@ def _add_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:
         source = [",".join(arguments["effects"])]
     elif isinstance(chosen, str):
         source = ["--from", files.findings]
-        source += ["--confident"] if chosen == "confident" else []
+        source += ["--helpful"] if chosen == "helpful" else []
     else:
         source = ["--from", files.findings, "--only", ",".join(map(str, chosen))]
     if not all(source):

@@ -124,7 +124,7 @@ class Rated(JsonRecord):
     @property
     def torque_is_certain(self) -> bool:
         """Whether the torque is certainly present, though its name or size may be open:
-        `add --confident` takes it.
+        `add --helpful` takes it.
 
         True for a confident finding. Also true for a weak one if no doubt forbids to
         add it, and none leaves the torque open, or adding it helps on data left out.
@@ -516,11 +516,9 @@ class Finding(Rated):
         text = (
             f"Adding it does not lower joint {j + 1}'s error on data left out: {amount}"
         )
-        if self.torque_is_certain and len(diagnosis.sure) > 1:
-            left = formatting.number(float(diagnosis.held_out_rmse_with_sure[j]))
-            text += (
-                f"; with all that is sure it is {left} {diagnosis.torque_unit(j + 1)}"
-            )
+        if self.torque_is_certain and len(diagnosis.helpful) > 1:
+            left = formatting.number(float(diagnosis.held_out_rmse_with_helpful[j]))
+            text += f"; with all that helps it is {left} {diagnosis.torque_unit(j + 1)}"
         return f"{text}."
 
     @property
@@ -636,9 +634,9 @@ class Diagnosis(Record, JsonRecord):
     #: What the check calls likely of the log, with the repair; nothing is sure beside
     #: it. None where a finding states the same.
     log_faults: tuple[Remedy, ...] = ()
-    #: (n,) RMS errors on the test run of the model with all that is sure, which
+    #: (n,) RMS errors on the test run of the model with all that helps, which
     #: ``compare`` says of that model [N m or N]; None where none was judged.
-    judged_rmse_with_sure: Array | None = None
+    judged_rmse_with_helpful: Array | None = None
     #: The errors with what each remedy adds; none in files of older versions.
     errors_with: tuple[ErrorWith, ...] = ()
 
@@ -706,7 +704,7 @@ class Diagnosis(Record, JsonRecord):
         )
 
     def selected(
-        self, numbers: Sequence[float] | None = None, confident: bool = False
+        self, numbers: Sequence[float] | None = None, helpful: bool = False
     ) -> Diagnosis:
         """Return the diagnosis with some of its findings only.
 
@@ -718,7 +716,7 @@ class Diagnosis(Record, JsonRecord):
         ----------
         numbers
             Numbers of the findings (from 1, in the order of the list); default: all.
-        confident
+        helpful
             True: only findings whose torque is certain.
 
         Returns
@@ -736,15 +734,15 @@ class Diagnosis(Record, JsonRecord):
             finding
             for finding in self.effects
             if (numbers is None or finding.number in numbers)
-            and (finding.torque_is_certain or not confident)
+            and (finding.torque_is_certain or not helpful)
         ]
-        retuned = [r for r in self.retuned if r.torque_is_certain or not confident]
+        retuned = [r for r in self.retuned if r.torque_is_certain or not helpful]
         has_all = numbers is None and len(chosen) == len(self.effects)
         curves = self.curves if has_all else ()
         if not (chosen or retuned or curves or self.left_out):
             kind = "finding"
-            if confident and self.effects:
-                kind = "confident finding or near-tie"
+            if helpful and self.effects:
+                kind = "finding that helps"
             raise InputError(
                 f"there is no {kind} to add",
                 "name the effect itself, or leave the model as it is",
@@ -792,7 +790,7 @@ class Diagnosis(Record, JsonRecord):
         judged = replace(
             self,
             held_out_rmse_before=before,
-            judged_rmse_with_sure=after,
+            judged_rmse_with_helpful=after,
             errors_with=tuple(
                 replace(x, rmse=scale * x.rmse) for x in self.errors_with
             ),
@@ -833,8 +831,8 @@ class Diagnosis(Record, JsonRecord):
         """Return the errors (n,) on data left out of the model with some of what was found,
         and nothing else [N m or N]; None where they were not computed."""
         texts = {f.text for f in found}
-        judged = self.judged_rmse_with_sure
-        if judged is not None and texts == {f.text for f in self.sure}:
+        judged = self.judged_rmse_with_helpful
+        if judged is not None and texts == {f.text for f in self.helpful}:
             return judged
         return next((x.rmse for x in self.errors_with if {*x.effects} == texts), None)
 
@@ -854,9 +852,9 @@ class Diagnosis(Record, JsonRecord):
     @property
     def additions(self) -> list[tuple[Finding | Retune, ...]]:
         """What each remedy that adds takes together: each finding, what is confident, and
-        all that is sure."""
+        all that helps."""
         groups = [self.only_in_sum(f) or (f,) for f in self.effects]
-        return [*groups, *filter(None, (self._confident, self.sure))]
+        return [*groups, *filter(None, (self._confident, self.helpful))]
 
     def only_in_sum(self, finding: Finding) -> tuple[Finding, ...]:
         """The findings of which these runs show the sum alone, this one among them; none
@@ -872,7 +870,7 @@ class Diagnosis(Record, JsonRecord):
         cancelling = [
             f for f in sure if f.size_is_open and (f.torque_rms or 0.0) > error
         ]
-        # A single one cancels with all that is sure there.
+        # A single one cancels with all that helps there.
         group = cancelling if len(cancelling) > 1 else sure
         if not cancelling or len(group) < 2 or finding not in group:
             return ()
@@ -880,14 +878,14 @@ class Diagnosis(Record, JsonRecord):
 
     @fact("times the noise", name="error on data left out")
     def left_over_noise(self) -> Array | None:
-        """(n,) error of each joint on data left out, with all that is sure, over its
+        """(n,) error of each joint on data left out, with all that helps, over its
         noise floor; unknown where the noise is not known."""
         return self.held_out_over_noise
 
     @fact("N m or N", name="error on data left out in N m or N")
     def left_error(self) -> Array:
-        """(n,) error of each joint on data left out, with all that is sure."""
-        return self.held_out_rmse_with_sure
+        """(n,) error of each joint on data left out, with all that helps."""
+        return self.held_out_rmse_with_helpful
 
     @fact("N m or N", name="noise floor")
     def joint_noise(self) -> Array:
@@ -941,7 +939,7 @@ class Diagnosis(Record, JsonRecord):
         return tuple(sentences)
 
     @property
-    def sure(self) -> tuple[Finding | Retune, ...]:
+    def helpful(self) -> tuple[Finding | Retune, ...]:
         """The re-estimated constants and findings whose torque is certain: what should
         be added.
         """
@@ -950,7 +948,7 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def leaves_curves_out(self) -> bool:
-        """Whether what is sure is added without the measured curves: these were measured
+        """Whether what helps is added without the measured curves: these were measured
         beside weak findings, which would be added as well.
         """
         are_certain = [f.torque_is_certain for f in self.beside_curves]
@@ -958,13 +956,13 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def remedies(self) -> tuple[Remedy, ...]:
-        """What would mend the model, the most useful first: all that is sure, then each
+        """What would mend the model, the most useful first: all that helps, then each
         re-estimated constant and finding, then the runs that decide what is open.
         """
         remedies = [*self.log_faults]
         adds_curves = bool(self.curves) and not self.leaves_curves_out
         leaves_spans_out = bool(self.left_out) and not self.frozen
-        if self.sure or adds_curves or leaves_spans_out:
+        if self.helpful or adds_curves or leaves_spans_out:
             remedies.append(self._all_that_is_sure)
         remedies += [constant.remedy for constant in self.retuned]
         remedies += self.remedies_by_finding
@@ -987,26 +985,28 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def _all_that_is_sure(self) -> Remedy:
-        """The remedy that adds what is sure, with the curves where these stay."""
-        texts = [f.text for f in self.sure]
+        """The remedy that adds what helps, with the curves where these stay."""
+        texts = [f.text for f in self.helpful]
         takes_all = bool(self.curves) and not self.leaves_curves_out
         words = "add what was measured and has no name"
         if not takes_all:
             words = "leave out the spans in which something passes"
         if len(texts) == 1:
-            words = f"add {named_on_joints(self.sure)}"
+            words = f"add {named_on_joints(self.helpful)}"
         elif texts:
-            words = f"add the {len(texts)} that are sure"
-            if uncertain := _uncertain_in_words(self.sure):
+            words = f"add the {len(texts)} that help"
+            if uncertain := _uncertain_in_words(self.helpful):
                 words = f"add all {len(texts)} ({uncertain})"
         change = Change(
             "add",
             words,
-            {"effects": texts, "findings": "all" if takes_all else "confident"},
+            {"effects": texts, "findings": "all" if takes_all else "helpful"},
         )
-        is_certain = all(f.rating == "confident" for f in self.sure)
+        is_certain = all(f.rating == "confident" for f in self.helpful)
         return self._judged_remedy(
-            "certain" if is_certain else "likely", change, self.held_out_rmse_with_sure
+            "certain" if is_certain else "likely",
+            change,
+            self.held_out_rmse_with_helpful,
         )
 
     @property
@@ -1102,7 +1102,7 @@ class Diagnosis(Record, JsonRecord):
         """The remedy that adds what is confident alone; None where that is all that is
         sure, or nothing."""
         found = self._confident
-        if not found or len(found) == len(self.sure) or self.retuned or self.curves:
+        if not found or len(found) == len(self.helpful) or self.retuned or self.curves:
             return None
         words = f"add the {len(found)} that are confident"
         if len(found) == 1:
@@ -1135,7 +1135,7 @@ class Diagnosis(Record, JsonRecord):
     def is_open(self) -> bool:
         """Whether something is left of which nothing is sure: weak findings, or torque
         without a name."""
-        return not self.sure and bool(self.effects or self.unexplained_sentence)
+        return not self.helpful and bool(self.effects or self.unexplained_sentence)
 
     @property
     def cause(self) -> str:
@@ -1158,7 +1158,7 @@ class Diagnosis(Record, JsonRecord):
             if self.is_within_noise(main):
                 named = named_on_joints(together)
                 text = f"Still to be won: {likeness}{named} ({badge})"
-            others = [found for found in self.sure if found not in together]
+            others = [found for found in self.helpful if found not in together]
             if len(others) > _MOST_NAMED:
                 return f"{text}, and {len(others)} more."
             return f"{text}; also {named_on_joints(others)}." if others else f"{text}."
@@ -1275,20 +1275,20 @@ class Diagnosis(Record, JsonRecord):
         return errors
 
     @property
-    def held_out_rmse_with_sure(self) -> Array:
-        """(n,) errors on data left out with all that is sure, and with the curves where
+    def held_out_rmse_with_helpful(self) -> Array:
+        """(n,) errors on data left out with all that helps, and with the curves where
         these stay: of the model that the next step makes [N m or N]."""
         if self.curves and not self.leaves_curves_out:
             return self.held_out_rmse_with_all
-        if not self.sure:
+        if not self.helpful:
             return self.held_out_rmse_before
-        errors = self.error_with(self.sure)
+        errors = self.error_with(self.helpful)
         return self.held_out_rmse_with_all if errors is None else errors
 
     @property
     def held_out_over_noise(self) -> Array | None:
         """(n,) the same over the noise floor; None where the noise is not known."""
-        return over_noise(self.held_out_rmse_with_sure, self.known_floor)
+        return over_noise(self.held_out_rmse_with_helpful, self.known_floor)
 
     @property
     def known_floor(self) -> Array | None:
@@ -1297,7 +1297,7 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def joints_above_noise(self) -> list[int]:
-        """Joints (from 1) whose error, with all that is sure added, exceeds ABOVE_NOISE
+        """Joints (from 1) whose error, with all that helps added, exceeds ABOVE_NOISE
         times the noise floor; empty if the noise is not known.
         """
         over = self.held_out_over_noise
@@ -1319,8 +1319,8 @@ class Diagnosis(Record, JsonRecord):
         sure added.
         """
         start = "Error on data left out"
-        if self.sure:
-            start += ", with all that is sure"
+        if self.helpful:
+            start += ", with all that helps"
         facts = self.facts()
         errors = [
             f"{error} {self.torque_unit(joint)}"
@@ -1365,8 +1365,8 @@ class Diagnosis(Record, JsonRecord):
                 " from error."
             )
             add = f"Add {self.sure_text}; {record}"
-            return add if self.sure else record.capitalize()
-        if self.sure:
+            return add if self.helpful else record.capitalize()
+        if self.helpful:
             return f"Add {self.sure_text}, and diagnose the model that results."
         if self.effects or self.retuned:
             return (
@@ -1379,22 +1379,22 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def weak_companions(self) -> list[str]:
-        """What :meth:`selected` with ``confident`` takes although it is weak, a line
+        """What :meth:`selected` with ``helpful`` takes although it is weak, a line
         each with the reasons, such as "joint spring on joint 2 is weak (its size is
         uncertain by > 20 %)".
         """
         return [
             f"{named_on_joints([f])} is weak ({'; '.join(f.remarks)})"
-            for f in self.sure
+            for f in self.helpful
             if f.rating == "weak"
         ]
 
     @property
     def sure_text(self) -> str:
-        """Words for the findings in :attr:`sure`, such as "the confident findings and
+        """Words for the findings in :attr:`helpful`, such as "the confident findings and
         the near-ties".
         """
-        kinds = {f.rating for f in self.sure}
+        kinds = {f.rating for f in self.helpful}
         names = {
             "confident": "the confident findings",
             "near-tie": "the near-ties",

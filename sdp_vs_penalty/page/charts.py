@@ -202,7 +202,7 @@ def finding_chart(session: Session, found: Finding | Retune) -> dict[str, Any] |
     """Draw the error of the joint of a finding, or of a constant to re-estimate, against
     its cause, before and after adding it.
 
-    "After" is the model with everything that is sure; it is left out for what is not.
+    "After" is the model with everything that helps; it is left out for what is not.
     None if the runs are too short to name a cause.
     """
     step = session.diagnosed

@@ -67,8 +67,8 @@ def commands_of(
             what = ["--from", found]
             if not isinstance(model.findings_added, str):
                 what += ["--only", ",".join(map(str, model.findings_added))]
-            elif model.findings_added == "confident":
-                what.append("--confident")
+            elif model.findings_added == "helpful":
+                what.append("--helpful")
         words = [name, *what, *data, *(test if len(what) > 1 else ())]
         name = f"model{k}.json"
         names.append(name)

@@ -65,7 +65,7 @@ class ModelStep(JsonRecord):
     label: str = ""
     #: Effects added to the step below.
     added: tuple[str, ...] = ()
-    #: Which findings these were: their numbers, "confident" or "all"; None for effects
+    #: Which findings these were: their numbers, "helpful" or "all"; None for effects
     #: by their names.
     findings_added: str | list[int] | None = None
     #: Whether the others were held when effects were added.

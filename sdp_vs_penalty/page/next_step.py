@@ -241,13 +241,13 @@ def _of_model(view: View) -> NextStep:
 def _to_add(
     session: Session, diagnosis: Diagnosis, remedy: Remedy, level: str
 ) -> NextStep:
-    """Return the step that adds what is sure by the first remedy of a diagnosis: what is
-    confident alone, where more is sure, and all of it as a second choice."""
+    """Return the step that adds what helps by the first remedy of a diagnosis: what is
+    confident alone, where more helps, and all of it as a second choice."""
     main = diagnosis.main_finding
     change = remedy.change
     other: tuple[str, Callable[[], Any]] | None = None
     alone = diagnosis.confident_remedy
-    if alone is not None and change.arguments.get("findings") == "confident":
+    if alone is not None and change.arguments.get("findings") == "helpful":
         all_of_it = partial(session.start, session.apply, change.to_dict())
         other = f"Or {change.words}", all_of_it
         remedy, change = alone, alone.change

@@ -1663,7 +1663,7 @@ class Session:
         await self.identify()
         await self.diagnose()
         assert self.findings is not None
-        found = [f.text for f in self.findings.sure]
+        found = [f.text for f in self.findings.helpful]
         if found:
             await self.apply(self.findings.remedies[0].change.to_dict())
 

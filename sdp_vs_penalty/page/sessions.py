@@ -278,7 +278,7 @@ def _runs_and_verdict(content: Mapping[str, Any]) -> str:
         added = [text for step in steps for text in step["added"]]
         found = effects_in_words(added) + " added" if added else ""
         if not added and (diagnosis := steps[-1]["findings"]):
-            sure = Diagnosis.from_dict(diagnosis).sure
+            sure = Diagnosis.from_dict(diagnosis).helpful
             found = effects_in_words([f.text for f in sure]) + " found" if sure else ""
         grade = f"{grade}; {found}" if found else grade
     return f"{formatting.words(shown) if shown else 'no runs'}: {grade}"

@@ -115,7 +115,7 @@ def demo(
     progress("looking for what is missing")
     diagnosis = diagnose(model, train, test, seed=seed)
     progress("adding it")
-    sure = diagnosis.selected(confident=True) if diagnosis.sure else None
+    sure = diagnosis.selected(helpful=True) if diagnosis.helpful else None
     better = model if sure is None else add(model, sure, train, seed=seed)
     judged_runs = FilteredRuns.filtering(test, model.preprocessing)
     *compared, after = compare_filtered(

@@ -434,7 +434,7 @@ def findings(data: ReportData) -> Context:
     It holds every sentence ("words"), what the last model still lacks ("missing"), a card
     for each finding, with a picture where its torque is certain ("cards"), or folded
     where it is not ("weak_cards"), of one model alone each
-    joint's error on held-out data before and after adding what is sure ("bars"), and a
+    joint's error on held-out data before and after adding what helps ("bars"), and a
     figure for each measured curve of missing torque ("curves"). Without a diagnosis
     "words" is None.
     """
@@ -449,7 +449,7 @@ def findings(data: ReportData) -> Context:
         floor = diagnosis.noise_floor.tolist() if diagnosis.noise_known else None
         bars = pieces.bars(
             diagnosis.held_out_rmse_before,
-            diagnosis.held_out_rmse_with_sure,
+            diagnosis.held_out_rmse_with_helpful,
             floor,
             data.units,
             scope="on data left out",
@@ -472,7 +472,7 @@ def findings(data: ReportData) -> Context:
     is_certain = [finding.torque_is_certain for finding in diagnosis.effects]
     weak = [f for f in diagnosis.effects if not f.torque_is_certain]
     not_added = findings_not_added(replace(diagnosis, effects=tuple(weak)), data.last)
-    # All that is sure may be one finding, whose remedy is the same.
+    # All that helps may be one finding, whose remedy is the same.
     remedies = dict[str, Remedy]()
     for remedy in diagnosis.remedies:
         remedies.setdefault(remedy.change.words, remedy)

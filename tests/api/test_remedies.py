@@ -41,7 +41,7 @@ WORDS = [
     (Change("mount", "", {"gravity": [0, -9.81, 0]}), "--gravity 0,-9.81,0"),
     (Change("add", "", {"effects": [EFFECT]}), f"add model.json {EFFECT}"),
     (Change("add", "", {"effects": [], "findings": [2]}), "--only 2"),
-    (Change("add", "", {"effects": [], "findings": "confident"}), "--confident"),
+    (Change("add", "", {"effects": [], "findings": "helpful"}), "--helpful"),
     (Change("reset", "", {"effects": [f"{EFFECT}@v_s=1"]}), "@v_s=1"),
     (Change("record", ""), "excite arm.urdf --out motion.csv"),
     (Change("record", "", {"separate": [EFFECT]}), f"model.json --separate {EFFECT}"),

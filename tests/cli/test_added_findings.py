@@ -93,7 +93,7 @@ def add(run, found, *options):
 @pytest.mark.parametrize("doubts", [("", UNCERTAIN), (SMALL, UNCERTAIN)])
 def test_confident_says_which_weak_findings_it_takes_and_why(doubts, run, two_link):
     """Beside a sure finding, and where there is none."""
-    said = add(run, springs(two_link, *doubts), "--confident")
+    said = add(run, springs(two_link, *doubts), "--helpful")
     assert (
         "added, since its torque is certain: joint spring on joint 2 is weak"
         f" ({REASONS[UNCERTAIN]})"
@@ -103,7 +103,7 @@ def test_confident_says_which_weak_findings_it_takes_and_why(doubts, run, two_li
 
 
 def test_confident_says_nothing_of_weak_findings_where_all_are_sure(run, two_link):
-    assert "weak" not in add(run, springs(two_link, "", ""), "--confident")
+    assert "weak" not in add(run, springs(two_link, "", ""), "--helpful")
 
 
 def test_sizes_are_printed_of_what_was_added(run, two_link):
@@ -131,7 +131,7 @@ def test_the_next_command_adds_what_is_sure(
         found = with_curve(found, joint_of_curve)
     monkeypatch.setattr("sdp_vs_penalty.api.diagnose", lambda *_, **__: found)
     said = run("diagnose", "model.json", "--data", "run.csv", "--json", "found.json")
-    assert ("--from found.json --confident" in said) == is_confident
+    assert ("--from found.json --helpful" in said) == is_confident
     leaves_curves_out = is_confident and joint_of_curve is not None
     assert ("measured beside the weak findings" in said) == leaves_curves_out
 

@@ -296,7 +296,7 @@ def test_weak_findings_at_the_end_are_shown_to_who_asks(
     assert "further weak candidates" not in every
     assert (
         f"add model.json {first.text} --data run.csv" in few
-    )  # what is sure, and no more
+    )  # what helps, and no more
     assert len(re.findall(r"^\+ \d+\. weak", few, re.MULTILINE)) == 2
     assert "payload on joints 1 and 2" in " ".join(few.split())
     assert "not known" in few

@@ -191,6 +191,6 @@ def test_changed_constants_are_chosen_by_confidence(found):
     weak = replace(sure, confidence="weak", doubts=(Doubt("small"),))
     both = replace(found, retuned=(sure, weak))
     assert both.selected().retuned == both.retuned
-    assert both.selected(confident=True).retuned == (sure,)
+    assert both.selected(helpful=True).retuned == (sure,)
     assert "with the findings" in repr(both)
     assert "with the findings" not in repr(replace(found, retuned=()))

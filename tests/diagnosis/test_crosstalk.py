@@ -32,7 +32,7 @@ def diagnosed(folder, channels):
 @pytest.mark.long
 def test_a_belt_that_carries_a_share_of_the_next_joints_torque_is_named(tmp_path):
     model, found = diagnosed(tmp_path, BELT)
-    (crosstalk,) = found.sure
+    (crosstalk,) = found.helpful
     assert crosstalk.text == "torque_crosstalk:2@i=1"
     assert crosstalk.size == pytest.approx(BELT[1, 0], rel=0.05)
     assert abs(crosstalk.size - BELT[1, 0]) < 2.0 * crosstalk.std
@@ -52,7 +52,7 @@ def test_a_share_that_no_sensor_has_is_no_crosstalk(tmp_path):
 @pytest.mark.long
 def test_a_wrong_gain_is_no_crosstalk(tmp_path):
     _, found = diagnosed(tmp_path, WRONG_GAIN)
-    assert "torque_crosstalk" not in {f.effect for f in found.sure}
+    assert "torque_crosstalk" not in {f.effect for f in found.helpful}
     assert "torque_gain:2" in {f.text for f in found.effects}
 
 

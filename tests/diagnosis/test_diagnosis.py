@@ -454,7 +454,7 @@ def test_beside_a_likely_fault_of_the_log_nothing_is_sure(plain_run):
     assert found.headline.startswith(
         "It looks as if the torque of joint 2 has the wrong"
     )
-    assert {found.sure, found.curves, found.passing} == {()}
+    assert {found.helpful, found.curves, found.passing} == {()}
 
 
 @pytest.mark.long
@@ -466,5 +466,5 @@ def test_a_delay_that_the_check_names_too_is_sure(plain_run):
         model = identify("two_link", run)
     with pytest.warns(UserWarning, match="late"):
         found = diagnose(model, run)
-    assert {f.effect for f in found.sure} & {"global_delay", "torque_filter"}
+    assert {f.effect for f in found.helpful} & {"global_delay", "torque_filter"}
     assert found.log_faults == ()

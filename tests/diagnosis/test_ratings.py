@@ -229,7 +229,7 @@ def test_only_what_no_sure_finding_states_is_a_rival(kind, certainty, doubts, ra
 
 def test_adding_what_is_sure_takes_effects_whose_law_is_open():
     found = diagnosis(finding("presliding_hysteresis", 7, "maxwell_slip"))
-    assert len(found.selected(confident=True).effects) == 1
+    assert len(found.selected(helpful=True).effects) == 1
 
 
 def model_with(*parts):

@@ -192,8 +192,8 @@ def by_commands(story):
     compared = ["--data", test, "--json"]
     run("compare", "compare", model, *compared, folder / "one.json")
     models = [model]
-    if found.exists() and load_diagnosis(found).sure:
-        added = ["--from", found, "--confident", *data, "--test", test]
+    if found.exists() and load_diagnosis(found).helpful:
+        added = ["--from", found, "--helpful", *data, "--test", test]
         if run("add", "add", model, *added, "--out", better):
             run("both", "compare", model, better, *compared, folder / "both.json")
             models.append(better)

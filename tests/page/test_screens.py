@@ -617,7 +617,7 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
     changes = [change for _, change, *_ in done]
     sure = [width.text, "joint_spring:2", one.text]
     assert [x["arguments"] for x in changes] == [
-        {"effects": sure, "findings": "confident"},
+        {"effects": sure, "findings": "helpful"},
         {"effects": [rival.text], "findings": [3]},
         {"effects": ["measured_curve:2"]},
         {"effects": [width.text]},

@@ -18,7 +18,7 @@ def verb(
     out: Path,
     effect: str | None = None,
     from_: Path | None = None,
-    confident: bool = False,
+    helpful: bool = False,
     only: str | None = None,
     test: Path | None = None,
     frozen: bool = False,
@@ -37,7 +37,7 @@ def verb(
     --out model2.json: File to write the model to.
     effect EFFECT[:joints][@shape=value]: Effects, separated by commas.
     --from findings.json: Effects found by `diagnose --json`.
-    --confident: Findings whose torque is certain: confident, near-tie, or weak in name or size only.
+    --helpful, --confident: Findings that help on data left out, also where name or size is in doubt.
     --only 1,3: Numbers of the findings to add.
     """
     from sdp_vs_penalty.checks.gate import consented
@@ -54,7 +54,7 @@ def verb(
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.diagnosis.passing.cause import beside_spans
 
-    effects = _effects(effect, from_, confident, only)
+    effects = _effects(effect, from_, helpful, only)
     diagnosis = None if isinstance(effects, str) else effects
     named = NamedRuns(training_runs(data), window, as_written)
     tested = named_test(test, test_window, as_written=as_written)
@@ -90,7 +90,7 @@ def verb(
         )
         bigger.save(out)
     printing.before_after(before, after, estimate.torque_units, what)
-    _say_changes(diagnosis, estimate, bigger, acting, confident)
+    _say_changes(diagnosis, estimate, bigger, acting, helpful)
     printing.certificate(bigger)
     console.written(out)
     mounting = [] if gravity is None else ["--gravity", gravity]
@@ -129,13 +129,13 @@ def _say_changes(
     estimate: "Estimate",
     bigger: "Estimate",
     acting: Sequence[str],
-    confident: bool,
+    helpful: bool,
 ) -> None:
     """Print what the bigger of two models has that the other has not.
 
     - ``diagnosis``: whose findings were added; None where effects were named.
     - ``acting``: what acts for a time, in words, where its spans were left out.
-    - ``confident``: whether only findings were added whose torque is certain.
+    - ``helpful``: whether only findings were added whose torque is certain.
     """
     from sdp_vs_penalty.effects import effect_in_words
     from sdp_vs_penalty.estimation.shapes import changed_constants_in_words
@@ -147,7 +147,7 @@ def _say_changes(
     if acting:
         passes = "; ".join(acting)
         console.paragraph(f"identified without the spans of what passes: {passes}")
-    if diagnosis is not None and confident:
+    if diagnosis is not None and helpful:
         for line in diagnosis.weak_companions:
             console.paragraph(f"added, since its torque is certain: {line}")
         if diagnosis.weak_companions:
@@ -206,7 +206,7 @@ def _say_sizes(
 
 
 def _effects(
-    effect: str | None, findings: Path | None, confident: bool, only: str | None
+    effect: str | None, findings: Path | None, helpful: bool, only: str | None
 ) -> "str | Diagnosis":
     """Return what to add: the text of EFFECT, or the selected findings of a diagnosis.
 
@@ -218,17 +218,16 @@ def _effects(
     if (effect is None) == (findings is None):
         raise InputError("Nothing to add", "name either EFFECT or --from findings.json")
     if findings is None:
-        if confident or only is not None:
+        if helpful or only is not None:
             raise InputError(
-                "--confident and --only select findings of a file",
-                "name it with --from",
+                "--helpful and --only select findings of a file", "name it with --from"
             )
         return effect or ""
-    if confident and only is not None:
-        raise InputError("--confident and --only exclude each other", "leave one out")
+    if helpful and only is not None:
+        raise InputError("--helpful and --only exclude each other", "leave one out")
     diagnosis = load_diagnosis(findings)
     numbers_wanted = None if only is None else numbers("--only", only)
     try:
-        return diagnosis.selected(numbers_wanted, confident)
+        return diagnosis.selected(numbers_wanted, helpful)
     except InputError as error:
         raise error.within(findings) from error

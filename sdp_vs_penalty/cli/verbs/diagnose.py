@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 
 #: Said where the command to add takes some of the findings.
 CURVES_LEFT_OUT = (
-    "The next command adds what is sure. The measured curves were measured beside the"
-    " weak findings too, so it leaves both out; without --confident it adds everything."
+    "The next command adds what helps. The measured curves were measured beside the"
+    " weak findings too, so it leaves both out; without --helpful it adds everything."
 )
 
 

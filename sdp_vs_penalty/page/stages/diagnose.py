@@ -304,7 +304,7 @@ def _curves(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
         done = " done" if text in session.current.effects else ""
         with draw.tag("div", style=f"card finding-card{done}"):
             name = f"Missing torque without a name, joint {curve.joint}"
-            with _head(name, f"card-curve-{k}", is_open=not diagnosis.sure):
+            with _head(name, f"card-curve-{k}", is_open=not diagnosis.helpful):
                 draw.tag("p", formatting.sentence(sentence))
                 recording = session.recording(session.current, view.run)
                 drawn = missing_chart(curve, units, recording)
