@@ -232,8 +232,8 @@ def velocity_lag(glance: RunSummary) -> float | None:
     """Return by how many samples the logged velocity lags behind the derivative of the
     position.
 
-    It is the median over the moving joints of the lag at which the two correlate most;
-    None where the joints differ by more than a sample.
+    It is the median over the moving joints of the lag at which the two correlate most,
+    with either sign; None where the joints differ by more than a sample.
 
     Returns
     -------
@@ -251,7 +251,7 @@ def velocity_lag(glance: RunSummary) -> float | None:
         # Cross-correlation by FFT; zeros behind the rows keep it from wrapping round.
         length = 2 * len(even)
         spectrum = np.fft.rfft(speed, length) * np.fft.rfft(rate, length).conj()
-        match = np.fft.irfft(spectrum, length)[tried]
+        match = np.abs(np.fft.irfft(spectrum, length)[tried])
         lags.append(float(tried[np.argmax(match)]))
     if not lags:
         return None

@@ -1462,8 +1462,13 @@ class Session:
         """Make the motion that a remedy asks to record; ``ready`` is called with its
         file's name."""
         self.motion = change
-        how = {"separate": change.get("arguments", {}).get("separate", ())}
-        answer = await self._job("Making a motion", "motion", speed=self.speed, **how)
+        separate = change.get("arguments", {}).get("separate", ())
+        how: dict[str, Any] = {"separate": separate, "speed": self.speed}
+        # Effects are told apart beside the last model that holds none of them.
+        for model in self.history if separate else ():
+            if not any(is_among(text, model.effects) for text in separate):
+                how["model"] = model.file
+        answer = await self._job("Making a motion", "motion", **how)
         self.taken = {*self.taken, answer["file"]}
         self.say(answer["words"], error=False)
         ready(answer["file"])

@@ -117,6 +117,13 @@ def test_a_velocity_that_is_not_the_derivative_is_told(name):
         assert issue.figures[figure] == pytest.approx(value, abs=tolerance)
 
 
+def test_a_velocity_of_the_other_sign_is_not_late():
+    """Rows of two UR10e's logs in reverse were said to have velocities .4 s late."""
+    found = [*find_wrong_velocities(summary(replace(RUN, dq=-RUN.dq)))]
+    assert found
+    assert "velocity lag" not in {issue.kind for issue in found}
+
+
 @pytest.mark.parametrize("name", ["q", "tau"])
 def test_a_channel_without_numbers_is_named_and_no_row_is_deleted(name):
     values = getattr(RUN, name).copy()

@@ -629,6 +629,27 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
     assert {name for name, *_ in done} == {"apply", "make_motion"}
 
 
+def test_effects_that_the_model_holds_are_told_apart_beside_the_model_before(
+    story, monkeypatch
+):
+    session = story.session
+    before = SimpleNamespace(file="before.json", effects=("coulomb",))
+    after = SimpleNamespace(file="after.json", effects=("coulomb", "joint_spring:2"))
+    monkeypatch.setattr(session, "history", [before, after])
+    asked = []
+
+    async def job(title, name, **request):
+        asked.append(request.get("model"))
+        return {"file": "trajectory.csv", "words": "It is made."}
+
+    monkeypatch.setattr(session, "_job", job)
+    monkeypatch.setattr(session, "say", lambda text, error: None)
+    change = {"arguments": {"separate": ["joint_spring:2", "backlash:2"]}}
+    made = session.make_motion(change, lambda file: None)
+    story.screen.loop.run_until_complete(made)
+    assert asked == ["before.json"]
+
+
 def test_the_folder_is_offered_and_kept_as_it_is(tmp_path):
     """Its runs, robots and problems, and nothing from outside it."""
     folder = tmp_path / "mine"
