@@ -114,10 +114,12 @@ class Curve(JsonRecord):
             if self.formula
             else " No simple law fits its band."
         )
+        before, after = self.held_out_rmse_before, self.held_out_rmse_after
+        change = "falls" if after < before else "rises"
         return (
             f"joint {self.joint} misses a torque over {ranges}:"
             f" {np.ptp(self.torque):.3g} {unit} from peak to peak,"
             f" {100.0 * self.explained_share:.0f} % of the error's energy beyond noise on"
-            f" data left out; the error there falls from {self.held_out_rmse_before:.3g}"
-            f" to {self.held_out_rmse_after:.3g} {unit}.{words}"
+            f" data left out; the error there {change} from {before:.3g} to {after:.3g}"
+            f" {unit}.{words}"
         )
