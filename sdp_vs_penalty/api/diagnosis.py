@@ -120,7 +120,7 @@ def diagnose_and_add(
     confirmed: Callable[[Diagnosis], Diagnosis] = lambda diagnosis: diagnosis,
 ) -> tuple[Diagnosis, Estimate | None]:
     """Return what :func:`diagnose` does, and the model with all that helps; None if
-    nothing is, or if it cannot be added.
+    nothing does, or if it cannot be added.
 
     confirmed : says which findings are sure on other data too, before these are added.
     """

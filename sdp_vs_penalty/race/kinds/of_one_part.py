@@ -12,7 +12,7 @@ import numpy as np
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
-from sdp_vs_penalty.race.kinds.sign import SIGNS
+from sdp_vs_penalty.race.kinds.sign import SIGNS, with_sign
 from sdp_vs_penalty.race.kinds.zero import zero_number
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Further, Hypothesis, Number, Part
@@ -83,11 +83,8 @@ def _signs_and_orders(log: Likelihood, run: Part, odds: float) -> Iterator[Hypot
     odds : prior log-odds of one joint's fault."""
     none = log.as_logged
     for j in log.joints:
-        for kind, fields in SIGNS.items():
-            turned = none
-            for name in fields:
-                turned = turned.with_multiplied(name, (j,), -1.0)
-            yield Hypothesis(kind, (j,), odds, turned, part=run)
+        for kind in SIGNS:
+            yield Hypothesis(kind, (j,), odds, with_sign(none, kind, j), part=run)
     odds_of_pair = odds - float(np.log(log.n))
     for pair in combinations(log.joints, 2):
         swapped = none.with_swap(*pair, "tau_order")

@@ -26,6 +26,13 @@ _MOST_JOINTS = 8
 _FRICTION_DRIVES = -12.0
 
 
+def with_sign(chain: LogTransform, kind: str, joint: int) -> LogTransform:
+    """Return a transform that changes the sign of one joint (from 0), of a kind of SIGNS."""
+    for name in SIGNS[kind]:
+        chain = chain.with_multiplied(name, (joint,), -1.0)
+    return chain
+
+
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield other signs: of all torques, of each torque, of positions of an arm that is
     poorly explained, and of sets of torques where friction drives joints."""
@@ -39,14 +46,10 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     prior = prior_of_one_of(n)
     is_poor = bool(fit.is_poorly_explained.any())
     for j in log.joints:
-        if n > 1:
-            one = now.with_multiplied("gain", (j,), -1.0)
-            yield Hypothesis("torque sign", (j,), prior, one)
-        if is_poor:
-            position = now.with_multiplied("scale", (j,), -1.0)
-            yield Hypothesis("position sign", (j,), prior, position)
-            joint = position.with_multiplied("gain", (j,), -1.0)
-            yield Hypothesis("joint sign", (j,), prior, joint)
+        for kind in SIGNS:
+            is_tried = n > 1 if kind == "torque sign" else is_poor
+            if is_tried:
+                yield Hypothesis(kind, (j,), prior, with_sign(now, kind, j))
     are_few = 2 < len(log.joints) <= _MOST_JOINTS
     if not are_few or fit.physics > _FRICTION_DRIVES:
         return
