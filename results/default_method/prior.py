@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from sdp_vs_penalty import load_problem
+from sdp_vs_penalty import Measurements, identify, load_problem
 from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.estimators import LmiSdp, LmiSdpThickness, Penalty
 from sdp_vs_penalty.estimators.estimator import (
@@ -24,7 +24,7 @@ from sdp_vs_penalty.estimators.estimator import (
     sample_variance,
 )
 from sdp_vs_penalty.estimators.ols import Ols
-from sdp_vs_penalty.paper.tables.monte_carlo import SETTINGS, Truth, truth_of
+from sdp_vs_penalty.paper.tables.monte_carlo import SETTINGS, Setting, Truth, truth_of
 from sdp_vs_penalty.regression.evidence import relative_error
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.results.table import markdown_lines
@@ -34,7 +34,8 @@ from sdp_vs_penalty.simulation.experiments import simulate
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).parent
-POOR = next(setting for setting in SETTINGS if setting.name == "poor excitation")
+BY_NAME = {setting.name: setting for setting in SETTINGS}
+POOR, RICH = BY_NAME["poor excitation"], BY_NAME["coloured noise, encoder steps"]
 WEIGHT = LmiSdp().entropy
 #: A share of the nominal link's inertia below which a link has none in some direction.
 AT_LIMIT = 1e-6
@@ -74,10 +75,15 @@ def with_squares(task: Task) -> Task:
     return replace(task, data=data)
 
 
+def drawn_run(truth: Truth, number: int) -> Measurements:
+    """Return a draw's log."""
+    return simulate(truth.trajectory, truth.torque, truth.sensor, [number, 7])
+
+
 def task_of(truth: Truth, number: int) -> Task:
     """Return a draw as the methods get it."""
     problem = load_problem("panda")
-    run = simulate(truth.trajectory, truth.torque, truth.sensor, [number, 7])
+    run = drawn_run(truth, number)
     filtered = FilteredRuns.filtering(run, problem.preprocessing.resolve(run))
     rows = compress(filtered, truth.model)
     return make_task(problem, truth.model, rows, "noise", seed=number)
@@ -118,6 +124,17 @@ def acceleration_error(links: Array, truth: Truth) -> float:
     exact = robot.mass_matrices(truth.links.ravel(), q)
     wrong = np.linalg.solve(robot.mass_matrices(links.ravel(), q), exact)
     return 100 * float(np.sqrt(np.mean((wrong - np.eye(q.shape[1])) ** 2) * q.shape[1]))
+
+
+def determined(setting: Setting, draws: int) -> str:
+    """Return how many base parameters `identify` says the data determine, in words."""
+    truth = truth_of("panda", setting)
+    models = [
+        identify("panda", drawn_run(truth, number), check=False)
+        for number in range(draws)
+    ]
+    counts = sorted({model.n_base_from_data for model in models})
+    return f"{' or '.join(map(str, counts))} of {models[0].n_base}"
 
 
 def half_width(values: Array) -> float:
@@ -181,7 +198,10 @@ def main() -> None:
         " on the limit of what can exist, or beyond it (no inertia about some axis), and how"
         " wrongly a simulated arm answers torque: RMS of M^-1 M_true - I over 30 poses. The"
         " masses of the nominal robot are 10 to 252 % off; alone it errs by"
-        " 21.5 %. The prior's squares: its expansion to second order, which least squares"
+        f" 21.5 %. In five of these draws `identify` says that the data determine"
+        f" {determined(POOR, 5)} base parameters; on the rich motion (14 s at the whole"
+        f" amplitude) {determined(RICH, 5)}."
+        " The prior's squares: its expansion to second order, which least squares"
         " and the penalty can minimise. By"
         " `python results/default_method/prior.py`.",
         "",
