@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,11 @@ class Column:
         """(K,) numbers in the first cells; those of lists in one row."""
         number = r"[-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?"
         return np.array(re.findall(number, " ".join(self.cells)), float)
+
+    @property
+    def width(self) -> int:
+        """Numbers in a row: those of a block, 1 of another column."""
+        return len(self.head) // max(len(self.cells), 1) if self.kind == "list" else 1
 
 
 @dataclass(frozen=True)
@@ -88,6 +93,32 @@ class Log:
     def names(self) -> list[str]:
         """Names of the columns in order."""
         return list(self.columns)
+
+    def with_columns_of(self, block: str) -> "Log":
+        """Return the log with a column for each of a block's, "NAME_1", in its place."""
+        described = self.columns[block]
+        cells = np.reshape(described.head, (-1, described.width)).T
+        parts = {
+            f"{block}_{k}": replace(described, kind="number", cells=cells_of_rows(x))
+            for k, x in enumerate(cells, 1)
+        }
+        columns = dict[str, Column]()
+        for name, column in self.columns.items():
+            columns |= parts if name == block else {name: column}
+
+        def read(names: Sequence[str]) -> Values:
+            whole = [block] if {*names} & {*parts} else []
+            found = self.read([x for x in names if x not in parts] + whole)
+            values, gaps = {**found.columns}, {**found.gaps}
+            if whole:
+                array, gap = values.pop(block), gaps.pop(block, None)
+                upright = array if array.shape[0] >= array.shape[1] else array.T
+                of_parts = dict(zip(parts, upright.T, strict=True))
+                values |= {x: y for x, y in of_parts.items() if x in names}
+                gaps |= {} if gap is None else {x: gap for x in of_parts if x in names}
+            return replace(found, columns=values, gaps=gaps)
+
+        return replace(self, columns=columns, read=read)
 
 
 def cells_of_rows(rows: Array) -> list[str]:

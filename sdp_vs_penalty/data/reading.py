@@ -58,8 +58,8 @@ _AT_REST = 1e-3
 _OF_OURS = "ours"
 #: Usual steps of such a clock [s].
 _USUAL_STEPS = (2e-5, 0.1)
-#: Rows that are shown of columns that were guessed.
-_ROWS_SHOWN = 5
+#: Rows that are shown of columns that were guessed, and orders of columns that are tried.
+_ROWS_SHOWN, _MOST_ORDERS = 5, 12
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def _asking_command(log: Log, found: Recognition, choice: Choice) -> str:
 def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recognition]:
     """Return the run of a log, what its columns were taken for, and the log, perhaps with
     a column a joint."""
-    log, found = _channels(log, choice)
+    log, found = channels_of(log, choice)
     if choice.rate is None and "t" not in found.rename and log.rate is not None:
         _remark(log, f"{log.rate:g} rows a second, as the file's header says")
         choice = replace(choice, rate=log.rate)
@@ -142,33 +142,38 @@ def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recogn
         found = found.without_unit(group)  # which the user says
     if choice.as_written and found.unless_confirmed is not None:
         raise found.unless_confirmed
+    if found.others:
+        found = _confirmed_order(log, found, choice)
     refusal = found.unless_confirmed
     try:
         run, found = _run_of_columns(log, found, choice)
     except InputError as error:
-        if log.names[:1] != ["#1"] or refusal is None:
-            raise refusal or error from None
-        run, found = _run_in_another_order(log, found, choice)
+        raise refusal or error from None
     if found.unless_confirmed is not None:
         raise found.unless_confirmed
     return log, run, found
 
 
-def _run_in_another_order(
-    log: Log, found: Recognition, choice: Choice
-) -> tuple[Measurements, Recognition]:
-    """Return the run of a table without a header in the one order of its columns that the
-    arm confirms; raise the error of the usual order where it confirms none, or several."""
-    from sdp_vs_penalty.data.hypotheses.proposals import other_orders
+def _confirmed_order(log: Log, found: Recognition, choice: Choice) -> Recognition:
+    """Return the order of columns that values and arm confirm far more than others; without
+    a robot the likeliest one. Raises its error where they confirm none, or several."""
+    from sdp_vs_penalty.data.hypotheses.arm import N_PARTS
+    from sdp_vs_penalty.data.hypotheses.by_arm import CERTAIN
 
-    confirmed = list[Recognition]()
-    for order in other_orders(found):
+    if getattr(choice.joints, "robot", None) is None:
+        return found
+    odds = list[tuple[float, int]]()
+    orders = (found, *found.others)[:_MOST_ORDERS]
+    for k, order in enumerate(orders):
+        if odds and order.weight * CERTAIN < found.weight:
+            break
         with warnings.catch_warnings(action="ignore"), suppress(InputError):
-            _run_of_columns(log, order, choice)
-            confirmed.append(order)
-    if len(confirmed) != 1 and found.unless_confirmed is not None:
+            _, of_arm = _run_of_columns(log, order, choice)
+            odds.append((order.weight * of_arm.share**-N_PARTS, k))
+    best, second = sorted([*odds, (0.0, 0), (0.0, 0)], reverse=True)[:2]
+    if found.unless_confirmed is not None and not best[0] > CERTAIN * second[0]:
         raise found.unless_confirmed
-    return _run_of_columns(log, confirmed[0], choice)
+    return orders[best[1]]
 
 
 def _run_of_columns(
@@ -232,7 +237,7 @@ def our_columns(names: Sequence[str]) -> dict[str, str]:
     return {x: x for x in names if group_of(x) in ("t", *GROUPS)}
 
 
-def _channels(log: Log, choice: Choice) -> tuple[Log, Recognition]:
+def channels_of(log: Log, choice: Choice) -> tuple[Log, Recognition]:
     """Return the log, perhaps with a column a joint, and which of its columns are which
     channels (a Recognition)."""
     joints = choice.joints
@@ -263,11 +268,14 @@ def _channels(log: Log, choice: Choice) -> tuple[Log, Recognition]:
             inferred={"t": _OF_OURS},
         )
     if log.names[:1] == ["#1"]:
-        from sdp_vs_penalty.data.hypotheses.proposals import names_without_header
+        from sdp_vs_penalty.data.hypotheses.proposals import names_by_values
 
         n_joints = None if joints is None else len(joints)
-        return log, names_without_header(log, n_joints, choice.rate)
+        problem = "row 1 holds numbers instead of a header"
+        return log, names_by_values(log, log.names, n_joints, problem, rate=choice.rate)
     found = recognised_in(log, joints)
+    if wide := _of_wide_block(log, found, joints):
+        return wide
     if found is not None:
         return log, found
     if counted_from_zero(log.names):
@@ -281,6 +289,45 @@ def _channels(log: Log, choice: Choice) -> tuple[Log, Recognition]:
 
         return log, proposed(log, missing, joints, ours)
     return log, Recognition(ours)
+
+
+def _of_wide_block(
+    log: Log, found: Recognition | None, joints: Sequence[str] | None
+) -> tuple[Log, Recognition] | None:
+    """Return the log with a column for each of the block that holds several columns of each
+    joint, and what these are by their values; None without such a block.
+
+    It is that of the positions, or, where nothing is recognised, the only one that no name
+    calls anything else.
+    """
+    widths = {x: y.width for x, y in log.columns.items() if y.kind == "list"}
+    if not widths:
+        return None
+    from sdp_vs_penalty.data.hypotheses.proposals import names_by_values
+    from sdp_vs_penalty.data.hypotheses.recognition import find_clock
+    from sdp_vs_penalty.data.words.names import quantity_of
+
+    if found is None:
+        said = {x: quantity_of(x) for x in widths}
+        taus = [x for x, quantity in said.items() if quantity == "tau"][:1]
+        clock = find_clock(log.columns)
+        pairs = {"t": clock} if clock else {}
+        found = Recognition(pairs | ({"tau": taus[0]} if taus else {}))
+        blocks = [x for x, quantity in said.items() if quantity in (None, "q")]
+    else:
+        blocks = [x for x in widths if x == found.rename.get("q")]
+    n = len(joints) if joints else widths.get(found.rename.get("tau", ""))
+    wide = [x for x in blocks if n is None or widths[x] % n == 0 < widths[x] - n]
+    if len(wide) != 1 or (n is None and "q" in found.rename):
+        return None
+    (block,) = wide
+    log = log.with_columns_of(block)
+    names = {x: y for x, y in found.rename.items() if y != block}
+    ours = [x for x in log.columns if x.startswith(f"{block}_")]
+    problem = f"{block} holds {len(ours)} columns"
+    problem += f", {len(ours) // n} of each of {n} joints" if n else ""
+    found = replace(found, rename=names, joints=(), order=None)
+    return log, names_by_values(log, ours, n, problem, found)
 
 
 def recognised_in(log: Log, joints: Sequence[str] | None) -> Recognition | None:
@@ -320,6 +367,11 @@ def _as_chosen(log: Log, choice: Choice) -> tuple[Log, Recognition]:
             wide = widened(log)
             expanded(rename, wide.names)
             log = wide
+    for name, column in list(log.columns.items()):
+        if column.kind == "list" and any(
+            x.startswith(f"{name}_") and x not in log.columns for x in rename.values()
+        ):
+            log = log.with_columns_of(name)
     names = log.names
     chosen = expanded(rename, names)
     for our_name, their_name in chosen.items():

@@ -44,12 +44,10 @@ from sdp_vs_penalty.data.files import (
 )
 from sdp_vs_penalty.data.formats import format_of as log_format_of
 from sdp_vs_penalty.data.formats import open_log
-from sdp_vs_penalty.data.hypotheses.proposals import layout_of_table
 from sdp_vs_penalty.data.hypotheses.report import ColumnReport, describe_columns
 from sdp_vs_penalty.data.measurements import Measurements, Runs, columns_of, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.data.plausibility import check_torque, find_idle_joints
-from sdp_vs_penalty.data.words.tokens import group_of
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import (
     Comparison,
@@ -568,23 +566,16 @@ def _sketches(path: Path, report: ColumnReport) -> list[Answer]:
 def _guessed(
     report: ColumnReport, ours: Sequence[str], more: Sequence[str]
 ) -> dict[str, str]:
-    """Return the file's column for each of our names: what is recognised, and the columns
-    of numbers that are left by their order, as the reader's sentence proposes it; for
-    ``more`` names there need not be any."""
+    """Return the file's column for each of our names: what the reader takes or proposes, and
+    beside some that are recognised the columns of numbers that are left by their order;
+    for ``more`` names there need not be any."""
     known = {name: report.rename.get(name, "") for name in (*ours, *more)}
     free = [r.name for r in report.rows if not r.meaning and r.kind == "number"]
-    if any(known[name] for name in ours[1:]):  # more than the clock
-        layout = [name for name in ours if not known[name]]
-        layout = layout if len(layout) == len(free) else [x for x in layout if x != "t"]
-        is_of_robot = len(layout) == len(free)
-    else:
-        has_clock = False if known["t"] else None
-        layout = layout_of_table(len(free), len(ours) // 2, has_clock=has_clock)
-        named = {"t", *(name for name in layout if group_of(name) != "dq")}
-        is_of_robot = named == {*ours}
-    if is_of_robot:
-        named_columns = dict(zip(layout, free, strict=False))
-        known |= {x: name for x, name in named_columns.items() if x in known}
+    layout = [name for name in ours if not known[name]]
+    layout = layout if len(layout) == len(free) else [x for x in layout if x != "t"]
+    is_partly_known = any(known[name] for name in ours[1:])  # more than the clock
+    if is_partly_known and len(layout) == len(free):
+        known |= dict(zip(layout, free, strict=True))
     return known
 
 

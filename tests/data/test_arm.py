@@ -311,6 +311,14 @@ CERTAIN = {
         lambda x: {"": np.hstack([x.t[:, None], x.tau, x.q])},
         "t = #1, q1..q3 = #5 .. #7, tau1..tau3 = #2 .. #4",
     ),
+    "without a header, joint by joint, the clock last": (
+        lambda x: {
+            "": np.hstack(
+                [np.stack([x.dq, x.tau, x.q], 2).reshape(-1, 9), x.t[:, None]]
+            )
+        },
+        "t = #10, q1..q3 = #3 .. #9, dq1..dq3 = #1 .. #7, tau1..tau3 = #2 .. #8",
+    ),
     "letters": (
         lambda x: {"time": x.t, "P": x.q, "V": x.dq, "M": x.tau},
         "columns recognised (by letters and order)",
@@ -336,6 +344,22 @@ def test_what_the_arm_tells_for_certain_is_taken_and_said(case, tmp_path):
     np.testing.assert_allclose(got.tau, motion.tau)
     with suppress(InputError):
         assert words not in reading(path, problem, as_written=True)[1]
+
+
+def test_a_block_of_all_channels_is_told_by_its_values(tmp_path):
+    """Without an arm the command names its columns."""
+    problem = limited_arm(tmp_path)
+    motion = small_run(problem, seconds=8.0)
+    path = tmp_path / "run.npz"
+    np.savez(path, t=motion.t, state=np.hstack([motion.tau, motion.dq, motion.q]))
+    got, _ = reading(path, problem)
+    with pytest.raises(InputError, match="state holds 9 columns: where its") as error:
+        read_run(path)
+    (command,) = re.findall("`sdp-vs-penalty (.*?) --out", str(error.value))
+    assert run_cli(*shlex.split(command), "--out", tmp_path / "o.npz") == 0
+    for run in (got, read_run(tmp_path / "o.npz", 3)):
+        np.testing.assert_allclose(run.q, motion.q)
+        np.testing.assert_allclose(run.tau, motion.tau)
 
 
 def test_counts_whose_size_is_likely_bring_the_command(tmp_path):

@@ -126,19 +126,23 @@ def test_a_rate_stands_for_the_clock_in_every_format(tmp_path):
 
 @pytest.mark.parametrize("clock", [0, 1])
 def test_more_columns_of_each_joint_than_three_are_ambiguous(tmp_path, clock):
-    """Of a robot of six joints; 31 columns were called ten joints."""
+    """Of a robot of six joints: velocities tell positions, not which others are torques."""
+    t = 0.01 * np.arange(300)
+    speeds = np.random.default_rng(0).uniform(1.0, 6.0, (5, 6))
+    blocks = np.sin(np.einsum("k,bj->kbj", t, speeds))
+    blocks[:, 2] = speeds[1] * np.cos(np.outer(t, speeds[1]))
+    rows = np.hstack([np.tile(t[:, None], clock), blocks.reshape(300, 30)])
     path = tmp_path / "run.csv"
-    rows = np.random.default_rng(0).normal(size=(60, 30 + clock))
-    path.write_text("\n".join(",".join(map(str, row)) for row in rows.tolist()))
+    np.savetxt(path, rows, delimiter=",")
     said = refusal(
         lambda: read_run(path, 6, tuple("abcdef")), f"{30 + clock} columns may be"
     )
     assert "5 columns of each of 6 joints" in said
-    assert f"q1=#{1 + clock},q2" in said
-    assert f"tau6=#{18 + clock}" in said
+    assert f"q1=#{7 + clock},q2" in said
+    assert f"dq6=#{18 + clock}" in said
     assert "q7" not in said
     assert ("a clock and" in said) is bool(clock)
-    assert ("--rate HZ" in said) is not bool(clock)
+    assert ("--rate 100" in said) is not bool(clock)
 
 
 def test_the_column_that_counts_episodes_is_the_loggers(tmp_path, monkeypatch):

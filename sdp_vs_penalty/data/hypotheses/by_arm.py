@@ -37,7 +37,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
 #: Odds from which a reading is certain; those of gears up to which a unit is possible.
-_CERTAIN, _POSSIBLE = 1e3, 30.0
+CERTAIN, _POSSIBLE = 1e3, 30.0
 #: Shares of logs whose positions are in a unit, where no name says one: of numbers that are
 #: not radians; of a servo's; of turns, and of counts of one size.
 _DEGREES, _OF_SERVO, _RARE = 0.5, 0.5, 1e-2
@@ -135,7 +135,7 @@ def with_unit_of_positions(
     for unit in _units(robot, q, is_of_servo):
         fits = (fit(unit.in_si(q), x) for x in torques)
         of_unit = min(filter(None, fits), key=lambda x: x.share, default=_NO_FIT)
-        prior = unit.prior * (_CERTAIN if unit.words == of_others else 1.0)
+        prior = unit.prior * (CERTAIN if unit.words == of_others else 1.0)
         fitted.append((of_unit, replace(unit, prior=prior)))
     if not fitted:
         return found, blocks
@@ -152,7 +152,7 @@ def with_unit_of_positions(
     why = f"the arm leaves {100.0 * share:.2g} % of the torques"
     if is_impossible:
         why = f"outside the joints' ranges as radians, and {why}"
-    is_clear = not others or max(weights) >= _CERTAIN * others[-1]
+    is_clear = not others or max(weights) >= CERTAIN * others[-1]
     is_clear &= is_explained
     of_gears = 0.0
     if is_explained and best.words != of_others:
@@ -383,7 +383,7 @@ def with_signed_register(
     pair = (fit(q, blocks["tau"]), fit(q, register)) if bit else (None, None)
     if pair[0] is None or pair[1] is None:
         return found, blocks
-    if (pair[0].share / pair[1].share) ** N_PARTS < _CERTAIN:
+    if (pair[0].share / pair[1].share) ** N_PARTS < CERTAIN:
         return found, blocks
     sign = 1.0 if pair[1].friction > 0.0 else -1.0
     text = (
@@ -407,4 +407,6 @@ def confirmed(found: Recognition, blocks: Mapping[str, Array], fit: Fit) -> Reco
     if of_torques is None or of_torques.share > EXPLAINS_NONE or is_velocity:
         raise found.unless_confirmed
     said = f"the arm leaves {100.0 * of_torques.share:.2g} % of the torques so"
-    return replace(found, said=(*found.said, said), unless_confirmed=None)
+    return replace(
+        found, said=(*found.said, said), unless_confirmed=None, share=of_torques.share
+    )

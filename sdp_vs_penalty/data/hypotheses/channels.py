@@ -62,6 +62,11 @@ class Recognition:
     rate: float | None = None
     #: What is raised where the arm does not confirm these columns; None: nothing is open.
     unless_confirmed: InputError | None = None
+    #: Other orders of columns that the values allow, the likeliest first.
+    others: tuple[Recognition, ...] = ()
+    #: Odds of an order by its values, and share of the torques that the arm leaves in it.
+    weight: float = 1.0
+    share: float = 1.0
 
     @property
     def has_our_names(self) -> bool:

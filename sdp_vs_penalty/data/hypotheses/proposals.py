@@ -2,16 +2,16 @@
 go, else by their order."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import permutations
 
 import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.catalogue import fetch_remedy
 from sdp_vs_penalty.data.hypotheses.channels import Recognition
-from sdp_vs_penalty.data.hypotheses.recognition import find_clock
+from sdp_vs_penalty.data.hypotheses.orders import Layout, layouts
+from sdp_vs_penalty.data.hypotheses.recognition import find_clock, with_unit_of_clock
 from sdp_vs_penalty.data.hypotheses.renaming import rename_words, scale_words
 from sdp_vs_penalty.data.hypotheses.weighing import (
     TIME,
@@ -35,8 +35,8 @@ from sdp_vs_penalty.data.words.units import UNITS, units_of_name
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 
-#: What research code writes of each joint, the commonest first.
-_GROUPS = (("q", "dq", "tau"), ("q", "tau"))
+#: Columns a joint that most tables have: q, dq and tau.
+_MOST_BLOCKS = 3
 _HEADER = (
     "t,q1..qn,dq1..dqn,tau1..taun (dq optional; temp1..tempn, degrees Celsius, too, and"
     " qmot1..qmotn, motors' positions where q are the links'; without tau:"
@@ -99,7 +99,11 @@ def _propose(
     pairs = _by_words(log, missing)
     says_nothing = {*map(quantity_of, names)} <= {None, "t"}
     if "NAME" in pairs.values() and {"q", "tau"} <= {*missing} and says_nothing:
-        pairs = _in_order(names, n_joints) or pairs
+        clock = pairs.get("t", "NAME")
+        known = {} if clock == "NAME" else {"t": clock}
+        free = [x for x, y in log.columns.items() if y.kind == "number" and x != clock]
+        found = orders_of(log, free, n_joints, known)
+        pairs = {**known, **found[0].names} if found else pairs
     scale = dict[str, float]()
     for ours, name in pairs.items():
         if name not in log.columns:
@@ -136,49 +140,6 @@ def _rename_remedy(
         joined = formatting.convert_command(f"{log.path}+TORQUES.csv")
         how += f"; or join the file that holds torques with `{joined}`"
     return how
-
-
-def _in_order(names: Sequence[str], n_joints: int | None) -> dict[str, str]:
-    """Propose columns by their order alone: t, q, dq and tau, or t, q and tau; empty
-    where they are not as many as these groups have.
-
-    For tables in which no name says more than a number, as MATLAB writes them: "Var1"
-    and the blocks "Var2_1", "Var2_2" ..., or "Var1", "Var2" ... of all channels.
-    """
-    blocks = [x for x in families(names).values() if len(x) > 1]
-    in_blocks = {name for columns in blocks for name in columns}
-    single = [name for name in names if name not in in_blocks]
-    sizes = {*map(len, blocks)} if len(blocks) > 1 else {n_joints}
-    if len(single) > 1 or not blocks or len(sizes) > 1:
-        return {}
-    ordered = [*single, *(name for columns in blocks for name in columns)]
-    layout = layout_of(len(names), sizes.pop(), has_clock=True)
-    is_of_robot = n_joints in (None, sum(group_of(x) == "q" for x in layout))
-    return dict(zip(layout, ordered, strict=True)) if layout and is_of_robot else {}
-
-
-def layout_of(
-    width: int, n_joints: int | None, *, has_clock: bool | None = None
-) -> list[str]:
-    """Return our names for columns that have none: q, dq and tau, or q and tau, of n
-    joints, with or without a clock in front; empty where no layout fits.
-
-    The layout with the robot's number of joints is taken, else the first with q, dq and
-    tau, else, where it is known whether there is a clock, with q and tau.
-    """
-    layouts = [
-        (n_clocks, n, groups)
-        for n_clocks in (0, 1)
-        if has_clock in (None, bool(n_clocks))
-        for groups in _GROUPS
-        for n, n_left in [divmod(width - n_clocks, len(groups))]
-        if n > 0 and n_left == 0
-    ]
-    of_robot = [x for x in layouts if x[1] == n_joints]
-    usual = [x for x in layouts if x[2] == _GROUPS[0] or has_clock is not None]
-    for n_clocks, n, groups in of_robot or usual:
-        return ["t"] * n_clocks + [f"{x}{k}" for x in groups for k in range(1, n + 1)]
-    return []
 
 
 def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
@@ -251,104 +212,82 @@ def _with_first(columns: list[str], single: Sequence[str]) -> list[str]:
     return columns
 
 
-def layout_of_table(
-    width: int, n_joints: int | None, *, has_clock: bool | None = None
-) -> list[str]:
-    """Return our names for the columns of a table without a header, by their order.
-
-    As :func:`layout_of`; where each of the robot's joints has more columns than three,
-    the first are q, dq and tau, and those behind them have no name.
-    """
-    n_clocks = width % (n_joints or width)
-    if _has_more_than_three(width, n_joints) and has_clock in (None, bool(n_clocks)):
-        width = n_clocks + len(_GROUPS[0]) * (n_joints or 0)
-        has_clock = bool(n_clocks)
-    return layout_of(width, n_joints, has_clock=has_clock)
-
-
-def _has_more_than_three(width: int, n_joints: int | None) -> bool:
-    """Whether so many columns are more than three a joint, perhaps with a clock."""
-    n_groups, n_clocks = divmod(width, n_joints or width)
-    return (n_joints or 0) > 1 and n_clocks <= 1 and n_groups > len(_GROUPS[0])
+def orders_of(
+    log: Log,
+    names: Sequence[str],
+    n_joints: int | None,
+    known: Mapping[str, str] | None = None,
+) -> list[Layout]:
+    """Return what columns that no name tells can be by their values, the likeliest first,
+    beside those that are ``known``, by our names."""
+    known = known or {}
+    values = log.read([*names, *filter(log.columns.__contains__, [known.get("t", "")])])
+    t = values.columns.get(known.get("t", ""))
+    columns = {x: values.columns[x] for x in names}
+    return layouts(columns, n_joints, {*map(group_of, known)}, t)
 
 
-def names_without_header(
-    log: Log, n_joints: int | None, rate: float | None
+def names_by_values(
+    log: Log,
+    names: Sequence[str],
+    n_joints: int | None,
+    problem: str,
+    known: Recognition | None = None,
+    rate: float | None = None,
 ) -> Recognition:
-    """Name the columns of a table without a header, by ours: q1..qn, dq1..dqn,
-    tau1..taun, as research code writes them, with t in front where one column more is
-    there.
+    """Return the likeliest of what columns that no name tells can be by their values, with
+    the others; the arm has to confirm one.
 
-    Raises InputError where no rate is given (a rate shows that the user knows what the
-    columns are), where the number of columns is not a multiple of the channel groups, or
-    each of the robot's joints has more columns than three.
+    A rate shows that the user knows what they are. Raises InputError where the values
+    suggest nothing.
     """
-    width = len(log.names)
-    layout = layout_of_table(width, n_joints)
-    problem = "row 1 holds numbers instead of a header"
-    if _has_more_than_three(width, n_joints):
-        n_groups, n_clocks = divmod(width, n_joints or width)
-        command = _naming_command(log, layout, rate)
-        a_clock = "a clock and " if n_clocks else ""
-        raise InputError(
-            f"{problem}, and {width} columns may be {a_clock}{n_groups} columns of each of"
-            f" {n_joints} joints",
-            "say which of them are q, dq and tau, where they come first in this order by"
-            f" `{command}`",
-            log.path,
+    beside = known or Recognition({})
+    found = orders_of(log, names, n_joints, beside.rename)
+    n = sum(x.startswith("q") for x in found[0].names) if found else 0
+    n_blocks = len(names) // max(n, 1)
+    if n > 1 and n_blocks > _MOST_BLOCKS:
+        a_clock = "a clock and " if "t" in found[0].names else ""
+        columns = f"{n_blocks} columns of each of {n} joints"
+        problem += f", and {len(names)} columns may be {a_clock}{columns}"
+    how = "" if known else f"put {_HEADER} above them, or "
+
+    def refusal(layout: Layout | None) -> InputError:
+        remedy = "name columns by their numbers with `convert --rename t=#1,q1=#2`"
+        if layout is not None and layout.is_supported:
+            command = _naming_command(log, {**beside.rename, **layout.names}, rate)
+            in_file = sorted(layout.names, key=lambda x: names.index(layout.names[x]))
+            groups = [*dict.fromkeys(map(group_of, in_file))]
+            remedy = f"where its columns are {formatting.words(groups)}, `{command}`"
+        return InputError(problem, fetch_remedy(log.path) or how + remedy, log.path)
+
+    if not found:
+        raise refusal(None)
+    orders = [
+        with_unit_of_clock(
+            replace(
+                beside,
+                rename={**beside.rename, **layout.names},
+                logger=beside.logger if known else "by their order",
+                unsaid=frozenset({"q", "tau"}) - {*map(group_of, beside.rename)},
+                unless_confirmed=refusal(layout),
+                weight=layout.weight,
+            ),
+            log.columns,
         )
+        for layout in found
+    ]
     if rate is not None:
-        if layout:
-            return Recognition(dict(zip(layout, log.names, strict=True)), logger="")
-        remedy = "keep q, dq and tau of each joint, or name columns by --rename q1=#2"
-        raise InputError(f"{width} columns are not three a joint", remedy, log.path)
-    remedy = f"put {_HEADER} above them, or "
-    if layout:
-        groups = list(dict.fromkeys(map(group_of, layout)))
-        shown = f"{', '.join(groups[:-1])} and {groups[-1]}"
-        remedy += (
-            f"where its columns are {shown}, `{_naming_command(log, layout, None)}`"
-        )
-    else:
-        remedy += "name columns by their numbers with `convert --rename t=#1,q1=#2`"
-    error = InputError(problem, fetch_remedy(log.path) or remedy, log.path)
-    if not layout:
-        raise error
-    return Recognition(
-        dict(zip(layout, log.names, strict=True)),
-        logger="by their order",
-        unsaid=frozenset({"q", "tau"}),
-        inferred={"t": TIME},
-        unless_confirmed=error,
-    )
+        return replace(orders[0], unless_confirmed=None)
+    return replace(orders[0], others=tuple(orders[1:]))
 
 
-def other_orders(found: Recognition) -> Iterator[Recognition]:
-    """Yield the other orders of a table's channel groups, behind its clock: group by group,
-    or joint by joint."""
-    usual, theirs = list(found.rename), list(found.rename.values())
-    groups = list(dict.fromkeys(x for x in map(group_of, usual) if x != "t"))
-    n_clocks = usual.count("t")
-    joints = range(1, (len(usual) - n_clocks) // len(groups) + 1)
-    for order in permutations(groups):
-        by_group = [f"{x}{k}" for x in order for k in joints]
-        by_joint = [f"{x}{k}" for k in joints for x in order]
-        for ours in (by_group, by_joint):
-            if ours != usual[n_clocks:]:
-                names = zip(usual[:n_clocks] + ours, theirs, strict=True)
-                in_order = sorted(names, key=lambda pair: usual.index(pair[0]))
-                yield replace(found, rename=dict(in_order))
-
-
-def _naming_command(log: Log, layout: Sequence[str], rate: float | None) -> str:
-    """Format the `convert` command that names columns as a layout does; without a clock
-    also the rate [Hz], estimated from the velocities where it is not known."""
-    pairs = ",".join(f"{name}=#{k}" for k, name in enumerate(layout, 1))
-    words = ["--rename", pairs]
-    if layout[0] != "t":
-        named = dict(zip(layout, log.names, strict=False))
-        columns = log.read(list(named.values())).columns
-        found = rate or rate_of({ours: columns[x] for ours, x in named.items()})
+def _naming_command(log: Log, names: Mapping[str, str], rate: float | None) -> str:
+    """Format the `convert` command that names columns; without a clock also the rate [Hz],
+    estimated from the velocities where it is not known."""
+    words = ["--rename", rename_words(names, log.names)]
+    if "t" not in names:
+        columns = log.read(list(names.values())).columns
+        found = rate or rate_of({ours: columns[x] for ours, x in names.items()})
         words += ["--rate", "HZ" if found is None else f"{found:g}"]
     return formatting.convert_command(log.path, *words)
 

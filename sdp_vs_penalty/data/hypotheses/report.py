@@ -11,8 +11,8 @@ from sdp_vs_penalty.data.hypotheses.recognition import find_clock
 from sdp_vs_penalty.data.hypotheses.renaming import expanded
 from sdp_vs_penalty.data.reading import (
     Choice,
+    channels_of,
     our_columns,
-    recognised_in,
     run_and_reading,
     sentence_and_command,
 )
@@ -101,16 +101,17 @@ def describe_columns(
     choice = Choice(joints, rename=rename)
     try:
         with warnings.catch_warnings(action="ignore"):
-            _, _, found = run_and_reading(log, choice)
+            log, _, found = run_and_reading(log, choice)
     except InputError:
         try:
             is_open = not rename and not has_our_names(log.names)
-            found = recognised_in(log, joints) if is_open else None
+            log, found = channels_of(log, choice) if is_open else (log, None)
         except InputError as error:
             problem = str(error)
     if found is not None:
         pairs, scale = found.rename, found.scale
-        sentence = sentence_and_command(log, found, choice)[1]
+        problem = str(found.unless_confirmed or "")
+        sentence = "" if problem else sentence_and_command(log, found, choice)[1]
     else:
         pairs, scale = our_columns(log.names) | expanded(rename or {}, log.names), {}
         clock = None if "t" in pairs else find_clock(log.names)
