@@ -7,6 +7,7 @@ from argparse import Action
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
@@ -44,12 +45,32 @@ def note(text: str) -> None:
 def button(text: str, do: Handler, key: str, style: str = "", **attributes: Any) -> Any:
     """Draw a button that calls ``do`` when it is clicked.
 
-    By ``key`` the browser finds the focused element again after a redraw.
+    By ``key`` the browser finds the focused element again after a redraw. A press that
+    was on its way while the button was drawn anew counts (:func:`take_presses`).
     """
     element_made = tag(
         "button", text, f"action {style}", type="button", data_key=key, **attributes
     )
-    return element_made.on("click", lambda _: do(), args=[])
+    client = ui.context.client
+    presses = _PRESSES.setdefault(client, {})
+    presses[element_made.id] = do
+    gone = [k for k in presses if k not in client.elements]
+    for k in gone[:-_MOST_GONE]:
+        del presses[k]
+    send = f"() => emitEvent('press', {element_made.id})"
+    return element_made.on("click", lambda _: do(), args=[], js_handler=send)
+
+
+#: What the buttons of each tab do, by their elements' ids; buttons that were drawn anew
+#: are kept, so many.
+_PRESSES = WeakKeyDictionary[Any, dict[int, Handler]]()
+_MOST_GONE = 200
+
+
+def take_presses() -> None:
+    """Let this tab's buttons do what they are pressed for."""
+    presses = _PRESSES.setdefault(ui.context.client, {})
+    ui.on("press", lambda e: presses.get(int(e.args), lambda: None)())
 
 
 def tile(

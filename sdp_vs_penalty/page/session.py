@@ -88,6 +88,8 @@ ENDINGS = {
     "runs": (*suffixes(), ".txt", ".tsv", ".dat", ".log"),  # tables as text
     "model": (".json",),
 }
+#: What is said where a job that something waited for was cancelled, or failed.
+_NOT_BEGUN = "What waited for it was not begun."
 #: File of a motion to record.
 MOTION = "trajectory.csv"
 #: File of a session's state in its folder.
@@ -342,6 +344,10 @@ class Session:
     working: Working | None = None
     #: The coroutine that runs a job; None while idle.
     task: asyncio.Task[None] | None = None
+    #: What :meth:`start` was called with for that job.
+    running: tuple[Any, ...] = ()
+    #: The same of what was asked for while it ran, in order.
+    waiting: list[tuple[Any, ...]] = field(default_factory=list)
     #: What tries the remedies beside everything else; None while nothing does.
     aside: asyncio.Task[None] | None = None
     #: What the changes answered that were tried on the runs as they are, by the request.
@@ -361,8 +367,6 @@ class Session:
     repairs: list[list[str]] = field(default_factory=list)
     #: The stage and the part where what is new can be seen.
     new: tuple[str, str] | None = None
-    #: How often a control was moved in vain: it has to be drawn anew as it is.
-    refusals: int = 0
     #: Change that asked for the last motion, and its speed [% of the fastest joint in the
     #: runs].
     motion: Mapping[str, Any] = field(default_factory=dict)
@@ -595,25 +599,33 @@ class Session:
     ) -> None:
         """Start one of this session's coroutines as its only task.
 
-        do : the coroutine function; arguments, how : what it is called with. The call
-        is ignored if another task is running.
+        do : the coroutine function; arguments, how : what it is called with. While
+        another task is running, the call waits.
         """
-        if self.task is None:
-            if self.aside is not None:
-                self.aside.cancel()
-            self.notice = None
-            self.working = Working()
-            self.unfinished = {
-                "do": getattr(do, "__name__", ""),
-                "arguments": arguments,
-                "how": how,
-            }
-            try:
-                json.dumps(self.unfinished)
-            except TypeError:  # it is of this tab
-                self.unfinished = {}
-            self.task = asyncio.get_running_loop().create_task(do(*arguments, **how))
-            self.task.add_done_callback(self._ended)
+        call = do, arguments, how
+        if self.task is not None:
+            if call not in (self.running, *self.waiting):  # pressed twice: done once
+                self.waiting.append(call)
+                job = f" after: {self.working.title}" if self.working else ""
+                self.say(f"Your press waits for its turn{job}.", error=False)
+            return
+        if self.aside is not None:
+            self.aside.cancel()
+        self.notice = None
+        self.working = Working()
+        self.running = call
+        self.unfinished = {
+            "do": getattr(do, "__name__", ""),
+            "arguments": arguments,
+            "how": how,
+        }
+        try:
+            json.dumps(self.unfinished)
+        except TypeError:  # it is of this tab
+            self.unfinished = {}
+        self.task = asyncio.get_running_loop().create_task(do(*arguments, **how))
+        self.task.add_done_callback(self._ended)
+
 
     def cancel(self) -> None:
         """Cancel the running job at once; the session stays as it was before."""
@@ -628,16 +640,21 @@ class Session:
             self.start(do, *job["arguments"], **job["how"])
 
     def _ended(self, task: asyncio.Task[None]) -> None:
-        """Clean up after a task: say how it failed, redraw, and read files dropped
-        meanwhile.
+        """Clean up after a task: say how it failed, or do what waits for it; redraw, and
+        read files dropped meanwhile.
         """
         self.working = self.task = None
+        waiting, self.waiting = self.waiting, []
+        dropped = [_NOT_BEGUN] if waiting else []
         if not task.cancelled():
             self.unfinished = {}
         if task.cancelled():
-            self.say("Cancelled: nothing was changed.", error=False)
+            self.say("Cancelled: nothing was changed.", *dropped, error=False)
         elif (error := task.exception()) is not None:
-            self.say(sentence(error))
+            self.say(sentence(error), *dropped)
+        else:
+            for do, arguments, how in waiting:
+                self.start(do, *arguments, **how)
         self.save()
         self.changed()
         self.read_arrived()
@@ -1243,22 +1260,15 @@ class Session:
         if has_only_new and len({run["use"] for run in new}) == 1:
             new[0]["use"], new[-1]["use"] = "train", "test"
 
-    def start_use(self, file: str, use: str) -> None:
-        """Start to :meth:`use` a run for something else; while a job is running that is
-        refused."""
-        if self.task is not None:
-            self.refusals += 1
-            self.say("Wait until the job is done, or cancel it.", error=False)
-        else:
-            self.start(self.use, file, use)
-
     async def use(self, file: str, use: str) -> None:
         """Use a run for "train", "test" or "split", or remove it ("").
 
         The models are judged again; they are dropped where other runs are for training
         now than they were identified from.
         """
-        chosen = next(run for run in self.runs if run["file"] == file)
+        chosen = next((run for run in self.runs if run["file"] == file), None)
+        if chosen is None:  # the job before has changed or removed it
+            raise InputError("This run has changed", "choose its use again")
         changed = ({**run, "use": use} if run is chosen else run for run in self.runs)
         runs = [run for run in changed if run["use"]]
         if not use and {run["use"] for run in runs} <= {"test", "wait"}:

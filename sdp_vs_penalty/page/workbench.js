@@ -90,6 +90,12 @@ document.addEventListener("click", (event) => {
   else field?.focus();
 });
 
+let pressed = null; // a button that is drawn anew under the finger is pressed all the same
+document.addEventListener("pointerdown", (event) => (pressed = event.target.closest?.("button[data-key]")));
+document.addEventListener("pointerup", (event) => {
+  const now = event.target.closest?.("button[data-key]");
+  if (now && pressed && !pressed.isConnected && now.dataset.key === pressed.dataset.key && now.innerText === pressed.innerText) now.click();
+});
 document.addEventListener("click", (event) => {
   const question = event.target.closest?.("[data-confirm]")?.dataset.confirm;
   if (question && !confirm(question)) event.stopImmediatePropagation();

@@ -9,7 +9,7 @@ from typing import Any
 
 from nicegui import ui
 
-from sdp_vs_penalty.page.controls import button, changing, note, tag
+from sdp_vs_penalty.page.controls import button, changing, note, tag, take_presses
 from sdp_vs_penalty.page.next_step import NextStep, next_step
 from sdp_vs_penalty.page.session import Working
 from sdp_vs_penalty.page.sessions import title_of
@@ -38,6 +38,7 @@ class Workbench:
         self._shown_news = view.session.new
         self._has_connected = False
         view.client.on_connect(partial(setattr, self, "_has_connected", True))
+        take_presses()
         skip = tag("a", "Skip to content", "skip")
         with tag("header", style="top"), tag("div", style="inner"):
             tag("span", "sdp-vs-penalty", "brand")
@@ -289,6 +290,7 @@ class Workbench:
         """
         is_busy = working is not None
         self._working.set_visibility(is_busy)
+        self._steps.set_visibility(not is_busy)
         self._main.classes(replace="page busy" if is_busy else "page")
         self._main.props["aria-busy"] = "true" if is_busy else "false"
         if working is not None:

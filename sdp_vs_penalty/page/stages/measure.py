@@ -190,7 +190,6 @@ _USES = (
     lambda s: (
         s.robot["source"],
         [[run[name] for name in ("name", "use", "split")] for run in s.runs],
-        s.refusals,
         s.model is None,
         [(m["path"], m["run"], m["reason"]) for m in s.mappings],
     ),
@@ -392,7 +391,7 @@ def _list(view: View) -> None:
                     draw.tag("td", f"{run['samples']} at {run['rate']:.4g} Hz")
                     with draw.tag("td"):
                         label = f"Use of {run['name']}"
-                        use = partial(session.start_use, run["file"])
+                        use = partial(session.start, session.use, run["file"])
                         uses = [
                             (name, text)
                             for name, text in _USES
