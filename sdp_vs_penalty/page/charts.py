@@ -106,17 +106,20 @@ def data_chart(
             rows = np.isfinite(repaired[name][:, j]) & shows_repairs
             if rows.any():
                 marker = {"symbol": "x", "size": 5, "color": colour}
-                look = {"mode": "markers", "marker": marker, "showlegend": False}
-                look |= named | {"name": f"joint {j + 1}, repaired"}
+                look = {"mode": "markers", "marker": marker}
+                if rows.mean() > 0.5:  # all of a curve, not single values
+                    look = {"mode": "lines", "line": {"color": colour, "width": 4}}
+                look |= named | {"name": f"joint {j + 1}, corrected"}
+                look["showlegend"] = False
                 plot.add("scatter", row, x=t[rows], y=repaired[name][rows, j], **look)
         span = _span_without_spikes(read[name], repaired[name])
         plot.update_axes("y", row, range=span)
     kinds = "/".join(dict.fromkeys("m" if unit == "N" else "rad" for unit in units))
     kinds = position_unit or kinds
     titles = (
-        f"Position [{kinds}]",
-        f"Velocity [{kinds}/s]",
-        f"Torque [{torque_unit or '/'.join(dict.fromkeys(units))}]",
+        f"Position<br>[{kinds}]",
+        f"Velocity<br>[{kinds}/s]",
+        f"Torque<br>[{torque_unit or '/'.join(dict.fromkeys(units))}]",
     )
     for row, title in enumerate(titles[: len(shown)]):
         plot.update_axes("y", row, title=title)

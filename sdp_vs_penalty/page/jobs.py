@@ -720,14 +720,17 @@ def _preview_arrays(
     Returns
     -------
     dict
-        t (k,) [s]; q, dq, torque (k, n); repaired_q, repaired_torque (k, n), NaN where
-        the repair changes nothing; tf (F,) [s] and poses (F, joints, 4, 4) of the arm.
+        t (k,) [s]; q, dq, torque (k, n); repaired_q, repaired_torque (k, n) in the log's
+        units, NaN where the repair changes nothing; tf (F,) [s] and poses (F, joints, 4,
+        4) of the arm.
     """
     raw = np.hstack([part.q, part.tau])
     repaired = np.hstack([mended.q, mended.tau])
     if len(repaired) != len(raw):  # a repair may remove rows
         columns = [np.interp(part.t, mended.t, column) for column in repaired.T]
         repaired = np.column_stack(columns)
+    for side in (slice(part.n), slice(part.n, None)):
+        repaired[:, side] /= _scale_of_unit(raw[:, side], repaired[:, side])
     is_changed = np.abs(repaired - raw) > _VISIBLE * np.nanmax(np.abs(repaired), axis=0)
     repaired = np.where(is_changed, repaired, np.nan)
     # Rows evenly spread over the run, and at most POINTS of the repaired ones.
@@ -750,6 +753,15 @@ def _preview_arrays(
         "tf": tf,
         "poses": poses,
     }
+
+
+def _scale_of_unit(raw: Array, repaired: Array) -> float:
+    """Return the factor by which a repair scales all columns (N, n), as another unit
+    does; 1 where it scales them differently."""
+    spreads = np.nanstd(raw, axis=0), np.nanstd(repaired, axis=0)
+    moves = (spreads[0] > 0.0) & (spreads[1] > 0.0)
+    factors = (spreads[1][moves] / spreads[0][moves]).tolist() or [1.0]
+    return min(factors) if max(factors) < 1.01 * min(factors) else 1.0
 
 
 def resplit(job: JobRequest) -> Answer:

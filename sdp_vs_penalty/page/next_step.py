@@ -2,39 +2,45 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
-from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, named_on_joints
+from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.page.session import MOTION, Session, asks_for_unit, is_refused
 from sdp_vs_penalty.page.stages.use import worse_in_words
 from sdp_vs_penalty.page.view import (
     ACCEPT,
     View,
+    change_in_words,
     checked,
     graded,
     identified,
+    in_brief,
     label_of,
     label_of_motion,
     look_in_words,
+    measured_on,
     set_aside_in_words,
     spoken,
 )
 from sdp_vs_penalty.records import from_json, to_json
-from sdp_vs_penalty.render.words import describe_outcome, describe_taken
+from sdp_vs_penalty.render.words import most_changed_joint
 from sdp_vs_penalty.results.remedy import Change, Remedy
-from sdp_vs_penalty.signals.noise import NOISE_UNKNOWN
 
 
 @dataclass(frozen=True)
 class NextStep:
     """The verdict on what is there, the cause first, and the one step that follows."""
 
-    #: The verdict.
+    #: The verdict, in one line.
     text: str
     #: What the button says.
     label: str
@@ -48,10 +54,32 @@ class NextStep:
     level: str = ""
     #: Label of a second choice, and what its button does; None for none.
     other: tuple[str, Callable[[], Any]] | None = None
+    #: What the step does to an error, or how large one is, and what that is measured on;
+    #: "" where nothing is measured.
+    number: str = ""
+    #: What else is known.
+    more: str = ""
+    #: Stage and part in which that number is drawn.
+    figure: tuple[str, str] = ("diagnose", "history")
 
 
 def next_step(view: View) -> NextStep:
     """Return the verdict on a session, and its next step."""
+    step = _find_step(view)
+    if view.session.model is not None or len(step.text) <= _MOST_IN_LINE:
+        return step
+    line = re.split(r"[.] | [(]", step.text)[0].rstrip(".")
+    return replace(step, text=f"{line}.", more=step.text)
+
+
+#: Characters of a verdict that stands in view as it is; the rest of a longer one is
+#: folded.
+_MOST_IN_LINE = 120
+
+
+def _find_step(view: View) -> NextStep:
+    """Return the next step, with all of the verdict in its text before there is a
+    model."""
     session = view.session
     if not session.robot:
         text = "Choose the robot that was measured: its file, or a built-in one."
@@ -128,8 +156,16 @@ def _of_runs(session: Session) -> NextStep:
         text = graded(remedy.problem, remedy.certainty)
         if session.repairs_several(change.to_dict()):
             text = graded(f"{session.faults_in_words}.", remedy.certainty)
-        effect = session.outcome_of(change.to_dict())
-        return NextStep(f"{text} {effect}".strip(), label, "check", do, level=level)
+        number = session.outcome_of(change.to_dict())
+        return NextStep(
+            text,
+            label,
+            "check",
+            do,
+            level=level,
+            number=number,
+            figure=("check", "check"),
+        )
     of_check = checked(session)
     is_open = any(map(asks_for_unit, session.runs))
     if is_open and not session.meaningless:
@@ -162,7 +198,7 @@ def _unit(session: Session, level: str) -> NextStep:
         for n, remedy in enumerate(issue["remedies"]):
             if remedy["change"]["arguments"].get("scale") == {"tau": None}:
                 text = graded(issue["what"], remedy["certainty"])
-                field = f"remedy-{k}-{n}-gain-1"
+                field = f"remedy-{k}-{n}-gains"
     label = "Say the unit, or the drive gains"
     return NextStep(text, label, "check", opens=field, level=level)
 
@@ -187,14 +223,19 @@ def _of_model(view: View) -> NextStep:
     session = view.session
     of_model = identified(session)
     assert of_model is not None  # there is a model
-    level, text = of_model.level, f"{of_model.word}. {_taken(session)}{of_model.text}"
+    level, more = of_model.level, of_model.more
+    text = f"{of_model.word}. {of_model.text}"
+    number = _taken(session) or formatting.sentence(f"measured {measured_on(session)}")
     diagnosis = session.findings_of_current
+    known: dict[str, Any] = {"level": level, "number": number, "more": more}
+    if len(session.history) == 1 and diagnosis is None:
+        known["figure"] = "identify", "fit"
     is_first = len(session.history) == 1
     is_done = session.current.servo or (level == "good" and not is_first)
     file = session.current.made_for
     if file and file not in session.taken:
         do = partial(session.download, file, view.download)
-        return NextStep(text, f"Download {file}", "use", do, level=level)
+        return NextStep(text, f"Download {file}", "use", do, **known)
     is_done = is_done or bool(file)
     if changed := session.current.change_in_words(session.robot["units"]):
         if found := session.fault_of_changed_run:
@@ -212,30 +253,30 @@ def _of_model(view: View) -> NextStep:
             names = [run["name"] for run in session.runs]
             again = partial(session.start, session.identify_from, names)
             other = "Or identify again from all runs", again
-        return NextStep(text, label, "diagnose", do, level=level, other=other)
+        return NextStep(text, label, "diagnose", do, other=other, **known)
     if diagnosis is not None:
-        cause = spoken(diagnosis.cause)
         remedy = next_remedy(diagnosis.remedies)
         if remedy is not None:
             return _to_add(session, diagnosis, remedy, level)
-        if diagnosis.noise_known and not diagnosis.is_open:
-            text = f"{of_model.word}."  # the cause names the error
-        if NOISE_UNKNOWN in cause:  # the reason says it too
-            text = text.replace(f"; {NOISE_UNKNOWN}", "")
-        text = f"{text} {cause}"
+        cause = spoken(diagnosis.cause)
+        text = f"{of_model.word}. {in_brief(cause)}"
+        head, _, errs = cause.partition(": ")
+        known["number"] = f"{of_model.text[:-1]}, {measured_on(session)}"
+        if in_brief(cause) == f"{head}.":  # it names the error
+            known["number"] = formatting.sentence(errs)
+        known["more"] = f"{cause} {more}"
         if level != "good" and (motion := _motion_to_record(view)) is not None:
-            return replace(motion, text=f"{text} {motion.text}", level=level)
+            known["more"] = f"{known['more']} {motion.text}"
+            return replace(motion, text=text, **known)
         if level == "bad":
             label = "Choose other measurements"
-            return NextStep(text, label, "measure", opens="drop-runs", level=level)
+            return NextStep(text, label, "measure", opens="drop-runs", **known)
+    known["more"] = f"{known['more']} {worse_in_words(session.current)}".rstrip()
     if "report.html" in session.taken:
-        text = "The report is made. Test the model on a run that nothing has used yet."
-        return NextStep(
-            text, "Choose a new run", "measure", opens="drop-runs", level=level
-        )
-    text = f"{text} {worse_in_words(session.current)}".rstrip()
+        label = "Test it on a new run"
+        return NextStep(text, label, "measure", opens="drop-runs", **known)
     do = partial(session.download, "report.html", view.download)
-    return NextStep(text, "Download the report", "use", do, level=level)
+    return NextStep(text, "Download the report", "use", do, **known)
 
 
 def _to_add(
@@ -251,34 +292,50 @@ def _to_add(
         all_of_it = partial(session.start, session.apply, change.to_dict())
         other = f"Or {change.words}", all_of_it
         remedy, change = alone, alone.change
-    text = spoken(diagnosis.cause)
-    joint = None if main is None else main.main_joint
-    share = session.current.facts["error_beyond_noise"]
-    if main is not None and diagnosis.is_within_noise(main):
-        text = f"{session.current.within_noise} {text}".lstrip()
-    elif joint is not None and share.value is not None:
-        percent = share.of_joint(joint)
-        torque = f"{percent} % of joint {joint}'s torque beyond the noise"
-        text = f"{text} The error is {torque}."
-    outcome = describe_outcome(remedy, session.robot["units"], joint)
-    if outcome:
-        text = f"{text} {formatting.sentence(outcome)}"
+    more = spoken(diagnosis.cause)
+    text = in_brief(more)
+    if main is not None:
+        text = _in_one_line(diagnosis, main)
+        if diagnosis.is_within_noise(main):
+            text = session.current.within_noise or text
+    number = ""
+    if remedy.before is not None and remedy.after is not None:
+        falls = np.subtract(remedy.before, remedy.after)
+        joint = int(falls.argmax()) + 1 if main is None else main.main_joint
+        added = change_in_words(session, joint, remedy.before, remedy.after)
+        number = f"With it, {added}"
     do = partial(session.start, session.apply, change.to_dict())
     label = label_of(change.words)
-    return NextStep(text, label, "diagnose", do, level=level, other=other)
+    return NextStep(
+        text, label, "diagnose", do, level=level, other=other, number=number, more=more
+    )
+
+
+def _in_one_line(diagnosis: Diagnosis, finding: Finding) -> str:
+    """Say what a finding is on the arm, and how sure that is."""
+    together = diagnosis.only_in_sum(finding)
+    text = finding.on_the_arm.removeprefix(ON_THE_ARM)
+    if together or finding.size_may_be_zero:
+        text = named_on_joints(together or (finding,))
+    if together:
+        text = f"{text}, which show their sum alone"
+    is_sure = finding.effect_is_certain or bool(together)
+    return graded(text, "certain" if is_sure else finding.grade_and_why[0])
 
 
 def _taken(session: Session) -> str:
-    """Say what the last addition took of the error; "" for a first model."""
+    """Say what the last step did to the error; "" for a first model."""
     if len(session.history) == 1:
         return ""
+    before, after = (step.comparison["rmse"] for step in session.history[-2:])
+    floor = session.current.comparison["noise_floor"]
+    joint = most_changed_joint(session.current.added, before, after, floor)
+    changed = change_in_words(session, joint, before, after)
     if file := session.current.made_for:
         n_lost = session.history[-2].exported[file]["n_lost"]
         effects = formatting.count(n_lost, "effect")
-        return f"Identified without the {effects} that {file} cannot hold. "
-    before, after = (step.comparison["rmse"] for step in session.history[-2:])
-    floor = session.current.comparison["noise_floor"]
-    return f"{describe_taken(session.current.added, before, after, floor)} "
+        return f"Without the {effects} that {file} cannot hold, {changed}"
+    return formatting.sentence(changed)
 
 
 def _motion_to_record(view: View) -> NextStep | None:

@@ -220,7 +220,7 @@ def make_app(
             session.folder / name, filename=name, headers={"cache-control": "no-store"}
         )
 
-    @ui.page("/s/{token}", title="sdp-vs-penalty workbench")
+    @ui.page("/s/{token}", title="Robot dynamics from logs: sdp-vs-penalty")
     async def _show(token: str) -> Response | None:
         if (session := sessions.get(token)) is None:
             return RedirectResponse("/")

@@ -626,7 +626,6 @@ class Session:
         self.task = asyncio.get_running_loop().create_task(do(*arguments, **how))
         self.task.add_done_callback(self._ended)
 
-
     def cancel(self) -> None:
         """Cancel the running job at once; the session stays as it was before."""
         if self.task is not None:
@@ -1219,15 +1218,17 @@ class Session:
 
     @property
     def faults_in_words(self) -> str:
-        """What can be repaired, in a few words each: "run2.csv: torque sign (joint 4)"."""
-        texts = []
+        """What can be repaired, in a few words each: "torque sign (joint 4) in run2.csv"."""
+        faults_by_runs = dict[str, list[str]]()
         for issue, runs in self.issues:
             verbs = [remedy["change"]["verb"] for remedy in issue["remedies"]]
             names = formatting.words([run["name"] for run in runs])
             names = "all runs" if len(runs) == len(self.runs) > 1 else names
             if "transform" in verbs:
-                texts.append(f"{names}: {issue['kind']} ({issue['where']})")
-        return "; ".join(texts)
+                fault = f"{issue['kind']} ({issue['where']})"
+                faults_by_runs.setdefault(names, []).append(fault)
+        found = faults_by_runs.items()
+        return "; ".join(f"{formatting.words(x)} in {names}" for names, x in found)
 
     def repairs_several(self, change: Mapping[str, Any]) -> bool:
         """Whether a change makes several repairs at once: it is no single issue's."""

@@ -19,7 +19,8 @@ _FETCH = r"take what `sdp-vs-penalty fetch (\w+)` makes of this raw file"
 #: A clause that names a command with options, or an option of one.
 _CLAUSE = re.compile(
     r"\s*\(--[^)]*\)|^[^;:,(.`]*\s--[a-z]\S*( \S+)?, or |"
-    r"(?:[;:,(]| or| and)?[^;:,(`]*`[^`]*(?:--|sdp-vs-penalty|convert |check-urdf)[^`]*`[^;:,.`]*"
+    r"(?:; if so)?(?:[;:,(]| or| and)?[^;:,(`]*`[^`]*(?:--|sdp-vs-penalty|convert |"
+    r"check-urdf)[^`]*`[^;:,.`]*"
     r"|(?:[;:,(]| or| and)[^;:,(.]*\s--[a-z](?:\.\.\.|[^;:,.])*"
 )
 
@@ -34,6 +35,8 @@ def spoken(text: str) -> str:
     'run.csv: no column t.'
     >>> spoken("finger is in no column: where nothing moves there, pass --hold finger=0.")
     'finger is in no column: where nothing moves there.'
+    >>> spoken("tau: taken as SI; if so, convert it by `convert run.csv --scale tau=10`")
+    'tau: taken as SI.'
     >>> spoken("A test run (--test) judges both; run `compare` on it.")
     'A test run judges both; test it on it.'
     >>> spoken("identify with --motors q1,q1+q2, or replace q2 by q2 - q1")

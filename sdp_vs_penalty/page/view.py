@@ -156,6 +156,8 @@ class StageVerdict:
     text: str
     #: Word with which the sentence begins.
     word: str = ""
+    #: All that is known, where the sentence is the shorter for it.
+    more: str = ""
 
 
 def label_of(words: str) -> str:
@@ -224,7 +226,38 @@ def identified(session: Session) -> StageVerdict | None:
         return None
     verdict = session.model.verdict
     text = spoken(said_before(verdict.reason))
-    return StageVerdict(session.model.level, text, verdict.grade.capitalize())
+    word = verdict.grade.capitalize()
+    return StageVerdict(session.model.level, in_brief(text), word, text)
+
+
+def in_brief(text: str) -> str:
+    """Return what a sentence says first, without what it adds.
+
+    >>> in_brief("Joint 2 errs by 2 N m, 6 times its noise (4 % of it); that is rough.")
+    'Joint 2 errs by 2 N m, 6 times its noise.'
+    """
+    return f"{re.split(r'(?<=.{12})(?:[:;.] | [(])', text)[0].rstrip('.')}."
+
+
+def measured_on(session: Session) -> str:
+    """Say on what the errors of the current model's diagnosis are measured, or those of
+    the model before that; the bars name the runs too."""
+    diagnosis = session.findings_of_current
+    if diagnosis is not None and diagnosis.held_out_source != "test":
+        return "on data left out"
+    return session.current.scope.partition(" (")[0]
+
+
+def change_in_words(
+    session: Session, joint: int, before: Sequence[float], after: Sequence[float]
+) -> str:
+    """Say how the error of a joint (from 1) changes, of the errors (n,) [N m, N] of all,
+    and what it is measured on."""
+    was, now = before[joint - 1], after[joint - 1]
+    unit = formatting.plain_unit(session.robot["units"][joint - 1])
+    amounts = f"{formatting.number(was)} → {formatting.number(now)} {unit}"
+    change = formatting.change_of(was, now)
+    return f"joint {joint}'s error: {amounts} ({change}), {measured_on(session)}"
 
 
 @dataclass(frozen=True)

@@ -84,7 +84,7 @@ document.addEventListener("click", (event) => {
   const link = event.target.closest?.("[data-to]");
   if (!link) return;
   event.preventDefault();
-  workbench.show(link.dataset.to);
+  workbench.show(link.dataset.to, link.dataset.partOf);
   const field = link.dataset.opens && document.querySelector(`[data-key="${link.dataset.opens}"]`);
   if (field?.type === "file") field.click();
   else field?.focus();

@@ -9,12 +9,22 @@ from typing import Any
 
 from nicegui import ui
 
-from sdp_vs_penalty.page.controls import button, changing, note, tag, take_presses
+from sdp_vs_penalty.page.controls import (
+    button,
+    changing,
+    details,
+    note,
+    tag,
+    take_presses,
+)
 from sdp_vs_penalty.page.next_step import NextStep, next_step
 from sdp_vs_penalty.page.session import Working
 from sdp_vs_penalty.page.sessions import title_of
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View, label_of
+
+#: Characters of a sentence of a notice; what a longer one adds is folded.
+_MOST_IN_NOTICE = 160
 
 
 class Workbench:
@@ -42,6 +52,7 @@ class Workbench:
         skip = tag("a", "Skip to content", "skip")
         with tag("header", style="top"), tag("div", style="inner"):
             tag("span", "sdp-vs-penalty", "brand")
+            tag("span", "robot dynamics from logs", "soft about")
             self._project = tag(
                 "input",
                 style="project-name",
@@ -71,7 +82,8 @@ class Workbench:
                     tag(
                         "p",
                         "From the robot's URDF and logs with time, positions and torques of"
-                        " all joints, 20 s or longer. They stay on this computer.",
+                        " all joints; two runs of 20 s or more are best. They stay on this"
+                        " computer.",
                         "lead",
                     )
                 for link, stage in zip(links, STAGES, strict=True):
@@ -227,8 +239,19 @@ class Workbench:
 
         def draw_next() -> None:
             """Draw the verdict and the button."""
-            tag("p", step.text, f"now-words {step.level}", title=step.text, tabindex=-1)
-            at = {"data_to": step.stage, "data_opens": step.opens or False}
+            with tag("div", style=f"now-words {step.level}"):
+                tag("p", step.text)
+                if step.number:
+                    stage, part = step.figure
+                    to = {"data_to": stage, "data_part_of": part}
+                    tag("a", step.number, "figure", href=f"#{stage}", **to)
+                if step.more:
+                    with details("More", "more"):
+                        note(step.more)
+            at: dict[str, Any] = {
+                "data_to": step.stage,
+                "data_opens": step.opens or False,
+            }
             do = step.do or (lambda: None)
             with tag("div", style="choices"):
                 button(step.label, do, "next", "primary", **at)
@@ -249,7 +272,8 @@ class Workbench:
                     tag("span", f"Redo: {label_of(label)}", "what")
 
         other = step.other and step.other[0]
-        state = [step.text, step.label, step.stage, step.opens, step.level, other]
+        words = [step.text, step.number, step.more]
+        state = [words, step.label, step.stage, step.opens, step.level, other]
         # What the button does depends on the remedies and on the model.
         depends = [
             session.remedies,
@@ -314,7 +338,12 @@ class Workbench:
         if texts:
             with tag("div", style="texts"):
                 for text in texts:
-                    tag("p", text)
+                    head, _, rest = text.partition("; ")
+                    if rest and len(text) > _MOST_IN_NOTICE:
+                        with details(head, f"notice-{head}"):
+                            tag("p", rest)
+                    else:
+                        tag("p", text)
             if has_left_out:
                 choose = {"data_to": "measure", "data_opens": "drop-runs"}
                 other = "Choose other measurements"

@@ -605,29 +605,22 @@ def describe_outcome(
     )
 
 
-def describe_taken(
+def most_changed_joint(
     effects: Sequence[str],
     before: Sequence[float],
     after: Sequence[float],
     floor: Sequence[float] | None,
-) -> str:
-    """Say how much added effects, as `add` writes them, took of a joint's error: of that
-    of their joints whose error, before and after (n,) in the units of torque, fell most
+) -> int:
+    """Return that joint (from 1) of added effects, as `add` writes them, or of all
+    without any, whose error, before and after (n,) in the units of torque, changed most
     times its noise ``floor`` (n,), or most where that is not known."""
-    falls = np.array(before) - np.array(after)
-    over = over_noise(falls, floor)
+    sizes = np.abs(np.subtract(before, after))
+    over = over_noise(sizes, floor)
     places = [text.partition("@")[0].partition(":")[2] for text in effects]
     joints = {int(joint) - 1 for place in places if place for joint in place.split("+")}
-    if not all(places):  # an effect of the whole robot
-        joints = {*range(len(falls))}
-    j = max(joints, key=(falls if over is None else over).__getitem__)
-    added = "What was added"
-    if 0 < len(effects) <= 2:
-        added = formatting.sentence(effects_in_words(effects))
-    if not falls[j] > 0.0:
-        return f"{added} took nothing of the error."
-    share = formatting.percent(float(falls[j] / before[j]), 2)
-    return f"{added} took {share} of joint {j + 1}'s error."
+    if not places or not all(places):  # an effect of the whole robot
+        joints = {*range(len(sizes))}
+    return max(joints, key=(sizes if over is None else over).__getitem__) + 1
 
 
 def describe_worse(before: Comparison, after: Comparison) -> str:

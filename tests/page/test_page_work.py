@@ -107,7 +107,7 @@ def test_a_run_is_repaired_where_it_is_certain(here, hidden, tmp_path):
     (before,) = s.runs
     assert [f["kind"] for f in before["findings"] if f["remedies"]] == ["spikes"]
     drawn = data_chart(s.arrays(before["view"]), ["N m", "N m"], True)
-    (crosses,) = (d for d in drawn["data"] if d["name"] == "joint 2, repaired")
+    (crosses,) = (d for d in drawn["data"] if d["name"] == "joint 2, corrected")
     np.testing.assert_allclose(
         numbers(crosses["x"]), run.t[[500, 900, 1300]], rtol=1e-4
     )
@@ -1246,10 +1246,9 @@ def test_the_unit_of_one_run_is_asked_for_that_run(here, hidden, tmp_path):
     s.runs = [s.runs[0], {**s.runs[1], "findings": [problem]}]
     screen = Screen(s)
     assert "Say the unit" in screen.text("next")
-    (key,) = (x for x in screen.keys if x.endswith("-gain-1"))
-    screen.set(key, "2")
-    screen.set(f"{key[:-1]}2", "4")
-    screen.click(key.removesuffix("-gain-1"))
+    (key,) = (x for x in screen.keys if x.endswith("-gains"))
+    screen.set(key, "2, 4")
+    screen.click(key.removesuffix("-gains"))
     taus = [load_measurements(s.folder / run["file"]).tau for run in s.runs]
     np.testing.assert_array_equal(taus[0], hidden.runs[0].tau)
     np.testing.assert_allclose(taus[1], hidden.runs[1].tau * [2.0, 4.0])

@@ -1,6 +1,7 @@
 """Measure: which robot, and which measurements. Check: what they look like, and what
 the check says."""
 
+import re
 import tomllib
 from dataclasses import replace
 from functools import partial
@@ -621,30 +622,31 @@ _UNITS = {"mNm": "mN m", "Ncm": "N cm", "kgfm": "kgf m", "lbfin": "lbf in"}
 
 
 def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:
-    """Draw a choice of units for a torque channel, and a field for each joint's drive
-    gain, filled in where it is published; ``scale`` is kept up to date.
+    """Draw a choice of units for a torque channel, and a field for the joints' drive
+    gains, filled in where they are published; ``scale`` is kept up to date.
 
     scale : how the channel is read, by its name, as `convert --scale` takes it.
     """
     (channel,) = scale
     published = session.published_gains.items()
-    gains = {j: gain for j, gain in published if channel in ("tau", f"tau{j}")}
-    unit = [""]
+    gains = [gain for j, gain in published if channel in ("tau", f"tau{j}")]
+    chosen = {"unit": "", "gains": ", ".join(gains if all(gains) else ())}
 
-    def put(values: Any, place: int, text: str) -> None:
-        values[place] = text.strip()
-        is_known = all(gains.values())
-        scale[channel] = unit[0] or (":".join(gains.values()) if is_known else "")
+    def put(what: str, text: str) -> None:
+        chosen[what] = text
+        listed = ":".join(re.split(r"[\s,;:]+", chosen["gains"].strip()))
+        scale[channel] = chosen["unit"] or listed
 
-    put(unit, 0, "")
+    put("unit", "")
     options = [("", "drive gains"), *_UNITS.items()]
     with draw.tag("div", style="fields"):
         draw.choice(
-            "Read the torque by", options, "", partial(put, unit, 0), f"{key}-unit"
+            "Read the torque by", options, "", partial(put, "unit"), f"{key}-unit"
         )
-        for j in gains:
-            label = f"Joint {j} [N m/A]"
-            draw.text_field(label, gains[j], partial(put, gains, j), f"{key}-gain-{j}")
+        label = f"{formatting.count(len(gains), 'drive gain')} [N m/A], in order"
+        example = ", ".join(["11.5"] * len(gains))
+        put_gains = partial(put, "gains")
+        draw.text_field(label, chosen["gains"], put_gains, f"{key}-gains", example)
 
 
 def _checked(session: Session) -> StageVerdict:
