@@ -285,7 +285,7 @@ def _with_range_error(
     if repairs:
         what = "the positions are not possible for this robot as they are logged."
         refused = replace(refused, what=what, remedy=repairs[0].remedy)
-    elif unit := likeliest_scale(problem.robot, run.q):
+    elif unit := likeliest_scale(problem.robot, run, problem.channel_names.links):
         scale = {"run": run.names[0], "scale": {"q": unit}}
         change = Change("read", f"read q in {unit}", scale)
         refused = replace(refused, changes=(change, *refused.changes))

@@ -473,7 +473,8 @@ def test_the_usual_units_of_positions_that_cannot_be(units, named):
     joints = (*map(slide, robot.joints[:2]), *robot.joints[2:])
     robot = replace(robot, joints=joints)
     q = np.array([[0.2, 0.9, -2.5, -1.0, 0, 1.5, 0], [0.9, -0.3, 1.8, -2.0, 0, 2.0, 0]])
-    assert likeliest_scale(robot, q * [*units[:2], *5 * [units[2]]]) == named
+    run = Measurements(np.arange(2.0), q * [*units[:2], *5 * [units[2]]], 0.0 * q)
+    assert likeliest_scale(robot, run, None) == named
 
 
 def flickering(n_levels):

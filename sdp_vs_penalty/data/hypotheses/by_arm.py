@@ -26,6 +26,7 @@ from sdp_vs_penalty.data.hypotheses.weighing import (
     weigh,
     which_torque,
 )
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import (
     far_outside,
     is_in_ranges,
@@ -131,18 +132,12 @@ def with_unit_of_positions(
     if is_said or not (is_impossible or is_open):
         return found, blocks
     is_of_servo = stated is not None and stated.answer == DEGREES_OR_PERCENT
-    fitted = list[tuple[ChannelFit, _Unit]]()
-    for unit in _units(robot, q, is_of_servo):
-        fits = (fit(unit.in_si(q), x) for x in torques)
-        of_unit = min(filter(None, fits), key=lambda x: x.share, default=_NO_FIT)
-        prior = unit.prior * (CERTAIN if unit.words == of_others else 1.0)
-        fitted.append((of_unit, replace(unit, prior=prior)))
-    if not fitted:
+    weighed = _weighed_units(robot, q, torques, fit, is_of_servo, of_others)
+    if not weighed:
         return found, blocks
-    is_explained = min(x.share for x, _ in fitted) <= EXPLAINS_NONE
-    powers = N_PARTS if is_explained else 0
-    weights = [unit.prior * x.share**-powers for x, unit in fitted]
-    of_best, best = fitted[int(np.argmax(weights))]
+    is_explained = min(x.share for _, x, _ in weighed) <= EXPLAINS_NONE
+    weights = [weight for weight, _, _ in weighed]
+    _, of_best, best = weighed[int(np.argmax(weights))]
     share = of_best.share
     others = sorted(weights)[:-1]
     if np.all(best.scale == 1.0) or not (is_explained or is_impossible):
@@ -280,14 +275,39 @@ def _revolute(robot: Robot) -> list[int]:
     return [j for j, joint in enumerate(robot.joints) if joint.kind == "revolute"]
 
 
-def likeliest_scale(robot: Robot, q: Array) -> str:
-    """Return the value of ``--scale q=`` for positions (N, n) that joints cannot reach, by
-    the ranges and by how usual units are; "" where no unit brings them there."""
-    units = [*_units(robot, q, is_of_servo=False)]
-    if not {*far_outside(robot, q)} & {*_revolute(robot)}:
-        units = [x for x in units if x.words == "rad"]
-    best = max(units, key=lambda unit: unit.prior, default=None)
+def likeliest_scale(robot: Robot, run: Measurements, links: Array | None) -> str:
+    """Return the value of ``--scale q=`` for positions that joints cannot reach: of the
+    unit that the ranges, the arm (its nominal links (n, 10)) and use make the likeliest;
+    "" where no unit brings them there."""
+    torques = [run.tau] if run.torque_logged else []
+    fit = fit_of(robot, lambda _: run.t, links)
+    units = _weighed_units(robot, run.q, torques, fit, is_of_servo=False)
+    if not {*far_outside(robot, run.q)} & {*_revolute(robot)}:
+        units = [x for x in units if x[-1].words == "rad"]
+    *_, best = max(units, key=lambda x: x[0], default=(None,))
     return "" if best is None or np.all(best.scale == 1.0) else best.scale_words(robot)
+
+
+def _weighed_units(
+    robot: Robot,
+    q: Array,
+    torques: Sequence[Array],
+    fit: Fit,
+    is_of_servo: bool,
+    of_others: str = "",
+) -> list[tuple[float, ChannelFit, _Unit]]:
+    """List the units in which positions (N, n) may be, each with its weight and what the
+    arm makes in it of the best of some torques: by the ranges and by use alone where it
+    explains them in no unit."""
+    fitted = list[tuple[ChannelFit, _Unit]]()
+    for unit in _units(robot, q, is_of_servo):
+        fits = (fit(unit.in_si(q), x) for x in torques)
+        of_unit = min(filter(None, fits), key=lambda x: x.share, default=_NO_FIT)
+        prior = unit.prior * (CERTAIN if unit.words == of_others else 1.0)
+        fitted.append((of_unit, replace(unit, prior=prior)))
+    is_explained = any(x.share <= EXPLAINS_NONE for x, _ in fitted)
+    powers = N_PARTS if is_explained else 0
+    return [(unit.prior * x.share**-powers, x, unit) for x, unit in fitted]
 
 
 def _units(robot: Robot, q: Array, is_of_servo: bool) -> Iterator[_Unit]:

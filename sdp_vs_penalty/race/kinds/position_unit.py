@@ -25,6 +25,8 @@ _LEAST_TO_TELL = 6.0
 #: Encoders have a hundred counts a turn or a million (natural logarithm, from radians); a
 #: size of counts that is known to less is asked for.
 _SPREAD_OF_COUNTS, _KNOWN = 6.0, 0.03
+#: First digits of counts a turn that people choose: fractions of a degree, or one digit.
+_CHOSEN = (1.0, 2.0, 3.6, 4.0, 5.0, 8.0)
 #: Half of the widest interval with which it is said at all that positions are counts.
 _WIDEST = 1.5
 #: Joints that are identified move farther than this [rad].
@@ -142,8 +144,9 @@ KINDS_OF_UNITS = (
 
 def counts_a_turn(log: Likelihood) -> Number:
     """Return the size of a count, of all revolute joints: a turn of a power of two, as most
-    encoders have, or of any number."""
-    exact = (unit.scale for unit in UNITS if unit.is_small and not unit.is_share)
+    encoders have, of a number that people choose, or of any."""
+    exact = [unit.scale for unit in UNITS if unit.is_small and not unit.is_share]
+    exact += [_TURN / (x * 10.0**k) for x in _CHOSEN for k in range(3, 6)]
     return Number(
         "scale",
         tuple(log.revolute),
