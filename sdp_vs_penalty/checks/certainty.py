@@ -31,9 +31,18 @@ class Certainty(WritesJson):
         return str(self)
 
 
-def certain(why: str) -> Certainty:
-    """Return that an issue is certain; why, in words."""
+def stated(why: str) -> Certainty:
+    """Return how sure is what a file or this package itself states; why, in words."""
     return Certainty(CERTAIN, why)
+
+
+def told_by(witness: str, second: str = "") -> Certainty:
+    """Return how sure a fact is: certain where a second witness, independent of the values
+    that the first judges, agrees with it (the file's words, another channel, the arm);
+    else likely."""
+    if second:
+        return Certainty(CERTAIN, f"{witness}; {second}")
+    return Certainty(LIKELY, witness)
 
 
 def likely(why: str) -> Certainty:
@@ -47,6 +56,6 @@ def possible(why: str) -> Certainty:
 
 
 #: How certain a fact is that stands in the file.
-READ = certain("read from the file")
+READ = stated("read from the file")
 #: How certain a fault of the log is that an effect of the arm explains as well.
 RIVAL_EFFECT = possible("an effect of the arm explains the same torques")

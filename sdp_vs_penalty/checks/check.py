@@ -4,7 +4,7 @@
 the order of the code.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.checks import residual
-from sdp_vs_penalty.checks.certainty import READ, certain
+from sdp_vs_penalty.checks.certainty import READ, stated
 from sdp_vs_penalty.checks.constants import NO_DYNAMICS, NO_ROWS, RUN
 from sdp_vs_penalty.checks.dynamics import judge_dynamics, with_issues
 from sdp_vs_penalty.checks.explain import NOT_REPAIRED
@@ -27,7 +27,8 @@ from sdp_vs_penalty.checks.issue import (
     gravest_first,
     leave_out,
     make_refusal,
-    mended_for_certain,
+    mended_unasked,
+    no_surer,
 )
 from sdp_vs_penalty.checks.long_runs import issues_of_run, windows_of
 from sdp_vs_penalty.checks.position_units import degrees_or_motors, unit_as_fact
@@ -139,7 +140,7 @@ def check_runs(
     if thorough:
         windows = [judge_excitation(problem, report) for report in windows]
     windows = [
-        replace(w, repaired_certain=mended_for_certain(w.as_logged, w.issues))
+        replace(w, repaired_unasked=mended_unasked(w.as_logged, w.issues))
         for w in windows
     ]
     reports, first = list[Report](), 0
@@ -183,6 +184,23 @@ def _facts_of_windows(problem: Problem, run: Measurements) -> list[Report]:
 def judge_facts(problem: Problem, run: Measurements) -> Report:
     """Report the facts of a run, and repair those that can be repaired.
 
+    No fact is surer than the repairs that it stands on: those that the run without
+    uncertain repairs does not show are likely at most.
+    """
+    report = _facts_of(problem, run)
+    if all(f.repair is None or f.is_stood_on for f in report.issues):
+        return report
+    sure = _facts_of(problem, run, is_repaired=lambda f: f.is_stood_on)
+    return replace(report, issues=no_surer(report.issues, sure.issues))
+
+
+def _facts_of(
+    problem: Problem,
+    run: Measurements,
+    is_repaired: Callable[[Issue], bool] = lambda _: True,
+) -> Report:
+    """Report the facts of a run, in which some are repaired.
+
     Facts are read from rows, clock and channels. An arm is fitted only to a torque that
     stays at one value, looks like a magnitude, or carries no noise. The rules run in
     order, each on the run as the rules before have repaired it. They stop early if no
@@ -192,14 +210,14 @@ def judge_facts(problem: Problem, run: Measurements) -> Report:
         error = InputError("there are no rows", "log the motion", run.names[0])
         issue = make_refusal("no rows", error, READ)
         return Report(run.names[0], (issue,), run, run)
-    issues, glance = mended(run, problem)
+    issues, glance = mended(run, problem, is_repaired)
     work = glance.run
     report = Report(run.names[0], tuple(issues), work, run, original=run)
     if any(f.kind in NO_ROWS for f in issues):
         return report
     if len(work.t) < RUN:
         error = InputError(f"fewer than {RUN} usable rows", "record longer", report.run)
-        issues.append(make_refusal("too little data", error, certain("too few rows")))
+        issues.append(make_refusal("too little data", error, stated("too few rows")))
         return replace(report, issues=tuple(issues))
     issues += [*standing.find_idle_joints(glance)]
     lockstep = LockstepMotion.find_in(glance)
@@ -279,7 +297,7 @@ def _with_range_error(
     if impossible is None:
         return [*issues]
     far = far_outside(problem.robot, run.q)
-    certainty = certain("`identify` refuses it")
+    certainty = stated("`identify` refuses it")
     refused = make_refusal("position range", impossible, certainty, far)
     repairs = _explanations_of_positions(problem, report, issues)
     if repairs:
@@ -333,7 +351,7 @@ def _report_of_run(run: Measurements, windows: Sequence[Report]) -> Report:
         run=run.names[0],
         issues=tuple(issues_of_run([(w.run, w.issues) for w in windows])),
         repaired_all=run,
-        repaired_certain=run,
+        repaired_unasked=run,
         unexplained=float(np.mean(shares)) if shares else None,
         gravity=next((w.gravity for w in windows if w.gravity is not None), None),
         corrected=tuple(dict.fromkeys(x for w in windows for x in w.corrected)),

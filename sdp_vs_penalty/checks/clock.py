@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks.certainty import certain, likely, possible
+from sdp_vs_penalty.checks.certainty import likely, possible, told_by
 from sdp_vs_penalty.checks.constants import GAP, MOST_REPEATED, RUN
 from sdp_vs_penalty.checks.glance import CONTINUE, Rows, RunSummary, with_time_steps
 from sdp_vs_penalty.checks.issue import Issue, make_issue, rows_text
-from sdp_vs_penalty.checks.velocity import velocity_ratios
+from sdp_vs_penalty.checks.velocity import velocity_ratio
 from sdp_vs_penalty.data.files import is_last_row_first
 from sdp_vs_penalty.data.hypotheses.weighing import unit_of_dates
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import column_range
-from sdp_vs_penalty.data.stretches.gaps import is_set_back
+from sdp_vs_penalty.data.stretches.gaps import is_set_back, order_of_time
 from sdp_vs_penalty.data.words.units import UNITS
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
@@ -109,7 +109,11 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     }
     unit = min(fits, key=lambda name: abs(np.log(expected[name])))
     factor = fits[unit]
-    share = _velocity_share(glance, factor)
+    ratio = velocity_ratio(glance)
+    if ratio is not None and abs(ratio - 1.0) < _CONFIRMED:
+        return  # in seconds they are the derivative of the positions
+    # The unit of the clock by the logged velocities, over that of the best name.
+    share = None if ratio is None else 1.0 / (ratio * factor)
     is_confirmed = share is not None and abs(share - 1.0) < _CONFIRMED
     if is_usual_step and not is_confirmed:
         yield _speed_warning(unit, factor, speed)
@@ -120,7 +124,8 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     )
     if share is not None and is_confirmed:
         step = share * factor * glance.usual_step
-        certainty = certain(f"the logged velocities give {step:.5g} s from row to row")
+        of_velocities = f"the logged velocities give {step:.5g} s from row to row"
+        certainty = told_by(certainty.why, of_velocities)
     yield make_issue(
         kind="time unit",
         severity="error",
@@ -133,16 +138,6 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
         apply=f"time:{_UNITS[unit]}",
         factor=factor,
     )
-
-
-def _velocity_share(glance: RunSummary, factor: float) -> float | None:
-    """Return the unit of the clock by the logged velocities over ``factor`` seconds; 1
-    where they are the derivative of the positions by it, None where they do not tell."""
-    if glance.run.dq is None:
-        return None
-    ratios = velocity_ratios(glance)
-    known = ratios[np.isfinite(ratios)]
-    return None if not len(known) else 1.0 / (float(np.median(known)) * factor)
 
 
 def _speed_warning(unit: str, factor: float, speed: float) -> Issue:
@@ -241,17 +236,24 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
         return
     severity = "error"
     repair: Callable[[Measurements], Measurements]
+    order = order_of_time(glance.run.t, glance.run.q)
     if is_last_row_first(glance.steps):
         how = "the last row comes first"
         remedy = "turn the order of the rows round"
-        repair = _first_row_first
+        repair = partial(_in_order, order=np.arange(len(glance.run.t))[::-1])
+    elif order is not None:
+        how = (
+            "rows were exchanged, for the motion is smooth in the order of their stamps"
+        )
+        remedy = "put the rows in the order of their stamps"
+        repair = partial(_in_order, order=order)
     elif not is_set_back(glance.run.t):
         how = "the rows there do not continue the motion"
         remedy = "delete the rows whose time lies before that of an earlier row"
         repair = _without_rows_before
     else:
         severity = "warning"
-        how = "the motion continues without a break"
+        how = "the clock was set back, for the motion continues without a break"
         otherwise, step = CONTINUE, glance.usual_step
         if not _goes_on(glance, bad).all():
             how = "several runs are in the file"
@@ -264,7 +266,8 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
         kind="time runs backwards",
         severity=severity,
         where=rows_text(glance.run, bad + 1),
-        what=f"the clock is set back {formatting.times(len(bad))}, by up to {seconds:.3g} s: {how}.",
+        what=f"time goes back {formatting.times(len(bad))}, by up to {seconds:.3g} s.",
+        cause=how,
         remedy=remedy,
         repair=repair,
         rows=glance.run.rows_of_file(bad[:100] + 1).tolist(),
@@ -272,9 +275,9 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
     )
 
 
-def _first_row_first(run: Measurements) -> Measurements:
-    """Return the run with its rows in the reverse order, each with its own time."""
-    return run.rows(np.arange(len(run.t))[::-1])
+def _in_order(run: Measurements, order: Indices) -> Measurements:
+    """Return the run with its rows in another order (N,), each with its own time."""
+    return run.rows(order)
 
 
 def _without_rows_before(run: Measurements) -> Measurements:
@@ -311,9 +314,9 @@ def find_coarse_stamps(glance: RunSummary) -> Iterator[Issue]:
         kind="coarse time stamps",
         severity="error",
         where="column t",
-        what=f"{is_same.sum()} rows have the time of the row before, and other values:"
-        f" the clock was written in steps of {glance.usual_step:.3g} s, and samples come every"
-        f" {step:.3g} s.",
+        what=f"{is_same.sum()} rows have the time of the row before, and other values.",
+        cause=f"the clock was written in steps of {glance.usual_step:.3g} s, and samples"
+        f" come every {step:.3g} s",
         remedy="space the rows evenly (and log the time with more digits)",
         repair=repair,
         rows=int(is_same.sum()),
@@ -403,8 +406,8 @@ def find_changes_of_rate(glance: RunSummary) -> Iterator[Issue]:
             kind="change of rate",
             where=f"rows {first} to {last}",
             what=f"rows {first} to {last} are {times:.3g} times as far apart as the"
-            f" others ({times * usual:.3g} s instead of {usual:.3g} s): the logger"
-            " changed its rate.",
+            f" others ({times * usual:.3g} s instead of {usual:.3g} s).",
+            cause="the logger changed its rate",
             remedy="log at one rate; the run is split there",
             rows=[first, last],
             times=times,

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sdp_vs_penalty.checks.certainty import certain
+from sdp_vs_penalty.checks.certainty import stated
 from sdp_vs_penalty.checks.constants import GAP, NO_DYNAMICS
 from sdp_vs_penalty.checks.explain import (
     NOT_REPAIRED,
@@ -110,7 +110,7 @@ class LoggerJudge:
                 filters = problem.preprocessing.resolve(run)
                 data = RegressionData.from_run(problem, run, filters)
             except InputError as error:
-                too_little = certain("the filters need more")
+                too_little = stated("the filters need more")
                 issue = make_refusal("too little data", error, too_little)
                 self.reports[k] = with_issues(report, [issue])
             else:

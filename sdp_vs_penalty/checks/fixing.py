@@ -79,7 +79,7 @@ def fix_runs(
     apply: Sequence[str] = (),
     races: HeldRaces | None = None,
 ) -> Repaired:
-    """Repair copies of runs: what is certain by a fact, and what the user names.
+    """Repair copies of runs: facts whose repair is safe, and what the user names.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def _fixed(report: Report, apply: Sequence[str]) -> tuple[Measurements, list[Iss
     facts = [f for f in report.issues if f.can_fix]
     others = [f for f in report.issues if not f.can_fix]
     named = [f for f in others if f.apply in apply and f.repair is not None]
-    run = report.repaired_certain
+    run = report.repaired_unasked
     for issue in sorted(named, key=lambda f: not f.apply.startswith("order:")):
         assert issue.repair is not None
         run = issue.repair(run)
@@ -222,7 +222,7 @@ def _checked_again(
         if number == _PASSES or not any(left):
             break
         copies = tuple(
-            report.repaired_certain if of_run else copy
+            report.repaired_unasked if of_run else copy
             for report, copy, of_run in zip(reports, copies, left, strict=True)
         )
     remaining: list[tuple[str, Issue]] = []

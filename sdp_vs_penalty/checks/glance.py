@@ -26,6 +26,8 @@ Rows = Mask
 
 #: A joint that rests does so for so long [s], or as long as it is asked about.
 _QUARTER_SECOND = 0.25
+#: What the arm says of rows that it does not explain.
+_BY_ARM = "the arm that explains the other rows does not explain these"
 #: What to do about a clock that jumps.
 CONTINUE = "continue the time at the usual step there"
 
@@ -124,10 +126,24 @@ class RunSummary:
             return None
         return max(_rms(left[inside]), _rms(left[~inside])) / usual
 
-    def holds_torque(self, j: int, at: Rows) -> bool:
+    def holds_torque(self, j: int, at: Rows) -> bool | None:
         """Whether the channel of joint j holds the joint's torque in some rows (N,), by
-        what the arm makes of the others; False where that is not known."""
-        return (self.one_arm_is_worse(j, at) or np.inf) < c.OUTLYING
+        what the arm makes of the others; None where that is not known."""
+        times = self.one_arm_is_worse(j, at)
+        return None if times is None else times < c.OUTLYING
+
+    def second_witness(self, bad: Mapping[str, Rows], of_positions: str = "") -> str:
+        """Return what else speaks against bad rows (N,) of channels, each by its name: of
+        positions what is given, of torques the arm that explains the other rows; "" where
+        one has no such witness."""
+        witnesses = list[str]()
+        for name, rows in bad.items():
+            if rows.any() and name[0] == "q":
+                witnesses.append(of_positions)
+            elif rows.any():
+                is_denied = self.holds_torque(int(name[3:]) - 1, rows) is False
+                witnesses.append(_BY_ARM if is_denied else "")
+        return "; ".join(dict.fromkeys(witnesses)) if all(witnesses) else ""
 
     @property
     def channels(self) -> list[tuple[str, int, Array]]:

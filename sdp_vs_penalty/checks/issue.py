@@ -5,7 +5,13 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
-from sdp_vs_penalty.checks.certainty import CERTAIN, READ, RIVAL_EFFECT, Certainty
+from sdp_vs_penalty.checks.certainty import (
+    CERTAIN,
+    READ,
+    RIVAL_EFFECT,
+    Certainty,
+    told_by,
+)
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.race.fault import joints_text
@@ -62,10 +68,19 @@ class Issue(WritesJson):
 
     @property
     def can_fix(self) -> bool:
-        """Whether `check --fix` repairs the issue by itself: it is a certain fact, and
-        has a repair."""
-        is_certain_fact = self.nature == FACT and self.certainty.grade == CERTAIN
-        return is_certain_fact and self.repair is not None
+        """Whether `check --fix` repairs the issue by itself: it is a fact whose repair is
+        safe. So is one of single rows and stamps: a wrong one loses a tenth of the rows at
+        most, and shows on motion left out. What changes all values, such as a unit, has a
+        word, and is repaired unasked only if it is certain."""
+        is_safe = not self.apply or self.certainty.grade == CERTAIN
+        return self.nature == FACT and is_safe and self.repair is not None
+
+    @property
+    def is_stood_on(self) -> bool:
+        """Whether other facts are as sure as they are on its repaired log: it is certain,
+        its cause included, or an error, without whose repair nothing can be read."""
+        is_sure = self.certainty.grade == CERTAIN and "cause" not in self.figures
+        return is_sure or self.severity == "error"
 
     @property
     def remedies(self) -> tuple[Remedy, ...]:
@@ -101,6 +116,7 @@ def make_issue(
     nature: str = FACT,
     apply: str = "",
     changes: Sequence[Change] = (),
+    cause: str = "",
     **figures: Any,
 ) -> Issue:
     """Make an issue, mostly about some joints.
@@ -113,6 +129,8 @@ def make_issue(
         From 0; None for an issue about no joint.
     where : str
         The place; default: the joints in words.
+    cause : str
+        What most likely made it so: it is said apart, and is likely at most.
 
     Returns
     -------
@@ -121,6 +139,8 @@ def make_issue(
     """
     where = where or joints_text(joints)
     numbers = {} if joints is None else {"joints": [int(j) + 1 for j in joints]}
+    if cause:
+        what, figures = f"{what} Likely cause: {cause}.", {**figures, "cause": cause}
     return Issue(
         kind=kind,
         severity=severity,
@@ -160,14 +180,26 @@ def make_refusal(
     )
 
 
-def mended_for_certain(run: Measurements, issues: Sequence[Issue]) -> Measurements:
-    """Return a run as its certain facts mend it, in the order in which they were found:
-    whether rows, joints' ranges or an arm told them."""
+def mended_unasked(run: Measurements, issues: Sequence[Issue]) -> Measurements:
+    """Return a run as the safe repairs of its facts mend it, in the order in which they
+    were found: whether rows, joints' ranges or an arm told them."""
     for issue in issues:
         if issue.can_fix:
             assert issue.repair is not None
             run = issue.repair(run)
     return run
+
+
+def no_surer(issues: Sequence[Issue], others: Sequence[Issue]) -> tuple[Issue, ...]:
+    """Return the issues, likely at most where the log without uncertain repairs, which
+    has the ``others``, does not show them: no finding is surer than what it stands on."""
+    shown = {(issue.kind, issue.where) for issue in others}
+    return tuple(
+        replace(f, certainty=told_by(f"{f.certainty.why}, in the log as repaired"))
+        if f.certainty.grade == CERTAIN and (f.kind, f.where) not in shown
+        else f
+        for f in issues
+    )
 
 
 def with_rival_effects(issue: Issue, effects: Sequence[str]) -> Issue:

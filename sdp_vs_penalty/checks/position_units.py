@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.checks.certainty import certain, likely, possible
+from sdp_vs_penalty.checks.certainty import likely, possible, stated, told_by
 from sdp_vs_penalty.checks.facts.channels import IN_RANGE_AS_DEGREES
 from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue, make_issue
 from sdp_vs_penalty.data.plausibility import far_outside
@@ -21,8 +21,9 @@ def degrees_or_motors(issues: Sequence[Issue]) -> list[Issue]:
     ranges tell are certain; where the torques show a factor beside them, they may be the
     angles of motors behind gears, and their ratios are asked for instead."""
     of_gears = "position scale", "gear ratio"
-    why = "outside the joints' ranges, inside them as degrees, as torques confirm"
-    settled: dict[str, Any] = {"certainty": certain(why), "apply": ""}
+    ranges = "outside the joints' ranges, inside them as degrees"
+    sure = told_by(ranges, "the torques confirm it")
+    settled: dict[str, Any] = {"certainty": sure, "apply": ""}
     kept = [*issues]
     if any(f.kind in of_gears for f in issues):
         settled = {
@@ -67,7 +68,7 @@ def unit_as_fact(
         unit, other = "per cent", "degrees"
     why = f"outside what the joints can reach, and inside it as {unit}"
     if percent is None:
-        return replace(fact, certainty=certain(why))
+        return replace(fact, certainty=told_by(why, "the torques confirm it"))
     factors = ":".join(f"{scale:.6g}" for scale, _ in percent.values())
     reading = {"scale": {"q": "deg" if is_percent else factors}}
     told = likely(f"{why}; as {other} the torques are explained worse")
@@ -94,7 +95,7 @@ def unit_asked_for(evidence: Evidence, fit: ViewFit) -> list[Issue]:
             severity="error",
             what=f"nothing says in which unit q is, which reaches {largest:.3g}: radians,"
             f" or {others}; the arm explains the torques as well either way.",
-            certainty=certain("no name says it, and the torques do not tell it"),
+            certainty=stated("no name says it, and the torques do not tell it"),
             remedy="say it as the printed command does",
             where="columns q",
             changes=[

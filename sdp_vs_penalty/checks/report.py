@@ -65,8 +65,8 @@ class Report(Record):
     issues: tuple[Issue, ...] = field(metadata=stored_as("findings"))
     #: The run with every repair, likely ones included.
     repaired_all: Measurements = field(metadata=NOT_STORED)
-    #: The run with the certain repairs alone.
-    repaired_certain: Measurements = field(metadata=NOT_STORED)
+    #: The run with the safe repairs alone, which nobody has to name.
+    repaired_unasked: Measurements = field(metadata=NOT_STORED)
     #: Share of the torques' energy that the arm's dynamics leave, after repair [-];
     #: None where there is nothing to fit.
     unexplained: float | None = field(default=None, metadata=NOT_STORED)

@@ -10,7 +10,6 @@ from functools import partial
 
 import numpy as np
 
-from sdp_vs_penalty.checks.certainty import certain
 from sdp_vs_penalty.checks.constants import GAP, RUN
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import Issue, make_issue
@@ -73,7 +72,10 @@ def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
         return
     ratio = float(np.median(ratios[known]))
     n_alike = int(np.sum(np.abs(ratios[known] / ratio - 1.0) < _SAME))
-    is_common = ratio > 0.0 and n_alike >= 0.75 * len(known)
+    is_common = n_alike >= 0.75 * len(known)
+    if is_common and ratio < 0.0:
+        yield _of_the_other_sign(ratio, n_alike, len(known))
+        return
     if is_common and abs(np.log(ratio)) > _CLOCK:
         largest = np.abs(glance.run.q).max()
         is_unit_said = not glance.run.unit_command and largest < _TWO_TURNS
@@ -132,14 +134,28 @@ def _against_the_clock(ratio: float, n_alike: int, n_known: int) -> Issue:
         kind="clock against velocity",
         where="columns t and dq",
         what=f"the logged velocity is {ratio:.3g} times the derivative of the position,"
-        f" in {n_alike} of {n_known} joints alike: time runs {wrong}, or velocities are"
-        " in another unit.",
-        certainty=certain("read from the file; which of the two, it does not say"),
+        f" in {n_alike} of {n_known} joints alike.",
+        cause=f"time runs {wrong}, or velocities are in another unit",
         remedy=f"find out the log's rate: multiply t by {1.0 / ratio:.3g}, or divide dq"
         f" by {ratio:.3g}",
         repair=partial(_stretched, factor=1.0 / ratio),
         apply="clock:t",
         factor=1.0 / ratio,
+    )
+
+
+def _of_the_other_sign(ratio: float, n_alike: int, n_known: int) -> Issue:
+    """Return the note that velocities have the sign of a motion backwards, by one factor
+    of most joints."""
+    return make_issue(
+        kind="velocity sign",
+        severity="note",
+        where="columns dq",
+        what=f"the logged velocity is {ratio:.3g} times the derivative of the position,"
+        f" in {n_alike} of {n_known} joints alike.",
+        cause="the rows are in reverse order, or velocities have the other sign",
+        remedy="no action needed: velocities are taken from the positions",
+        factor=ratio,
     )
 
 
@@ -178,11 +194,22 @@ def _late(glance: RunSummary, lag: float) -> Issue:
         where="columns dq",
         what=f"the logged velocities come {abs(lag):.0f} samples"
         f" ({1e3 * abs(lag) * glance.usual_step:.3g} ms) {later} than the derivative of the"
-        " positions: they are filtered, or from another source.",
+        " positions.",
+        cause="they are filtered, or from another source",
         remedy="no action needed: velocities are taken from the positions",
         samples=lag,
         seconds=lag * glance.usual_step,
     )
+
+
+def velocity_ratio(glance: RunSummary) -> float | None:
+    """Return the median ratio of the logged velocity to the derivative of the position;
+    None where none is logged, or none is proportional to it."""
+    if glance.run.dq is None:
+        return None
+    ratios = velocity_ratios(glance)
+    known = ratios[np.isfinite(ratios)]
+    return float(np.median(known)) if len(known) else None
 
 
 def velocity_ratios(glance: RunSummary) -> Array:
@@ -256,5 +283,7 @@ def velocity_lag(glance: RunSummary) -> float | None:
     if not lags:
         return None
     lag = float(np.median(lags))
+    if abs(lag) == largest_lag:
+        return None  # the best is not among those tried
     spread = float(np.median(np.abs(np.array(lags) - lag)))
     return lag if spread <= 1.0 else None

@@ -37,6 +37,7 @@ from sdp_vs_penalty.data.store import (
     concatenate_chunks,
     iter_chunks,
 )
+from sdp_vs_penalty.data.stretches.gaps import order_of_time
 from sdp_vs_penalty.data.words.tokens import brief_names, group_of, parts_of
 from sdp_vs_penalty.errors import ColumnsRemark, InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
@@ -201,9 +202,12 @@ def _run_of_columns(
     }
     values = _in_one_order(log, values, found, choice)
     t, columns, rows = _aligned(log, groups, values, found)
-    if t is not None and _is_shuffled(t):
+    order = None
+    if t is not None and np.any(np.diff(t) < 0.0):
+        order = order_of_time(t, np.column_stack([columns[x] for x in groups["q"]]))
+    if t is not None and order is not None:
         _remark(log, "rows stand in no order of time: put in that of their stamps")
-        order, n_rows = np.argsort(t, kind="stable"), len(t)
+        n_rows = len(t)
         rows = (np.arange(2, n_rows + 2) if rows is None else rows)[order]
         columns = {x: y[order] if len(y) == n_rows else y for x, y in columns.items()}
         t = t[order]
@@ -215,13 +219,6 @@ def _run_of_columns(
         in_degrees = {group_of(x) for x, y in found.scale.items() if y == UNITS["deg"]}
         run = unwrapped(run, log.path, [x for x in POSITIONS if x in in_degrees])
     return replace(run, file_rows=rows), found
-
-
-def _is_shuffled(t: Array) -> bool:
-    """Tell whether rows with stamps (N,) of their own are mixed: time goes back at many of
-    them, and forth at many."""
-    back = float(np.mean(np.diff(t) < 0.0)) if len(t) > 2 else 0.0
-    return 0.25 < back < 0.75 and len(np.unique(t)) == len(t)
 
 
 def _remark(log: Log, said: str) -> None:

@@ -342,7 +342,7 @@ def test_only_what_is_certain_is_fixed(simulated):
     problem, run = simulated
     (report,) = check(problem, knocked(SPOILED["rows twice"][0](run)))
     assert {f.kind for f in report.errors_and_warnings} >= {"one-off event"}
-    assert len(report.repaired_all.t) < len(report.repaired_certain.t) <= len(run.t)
+    assert len(report.repaired_all.t) < len(report.repaired_unasked.t) <= len(run.t)
     repaired = [f for f in report.issues if f.can_fix]
     done, left = report.changes("run.csv", repaired).split("Not repaired:")
     assert "Done: " in done
@@ -462,7 +462,7 @@ def test_the_verb(tmp_path, two_link, capsys, run):
     two = ("check", "two_link", "--data")
     assert run_cli(*two, bad, "--fix", mended) == 1
     shown = capsys.readouterr().out
-    assert "How sure: certain" in shown
+    assert "How sure: likely" in shown
     assert "What to do: delete these rows (--fix does it)" in shown
     assert bad.read_bytes() == before
     assert len(load_measurements(mended).t) == len(run.t) - len(SPIKES)

@@ -10,14 +10,14 @@ from small_runs import small_run
 
 from sdp_vs_penalty import InputError, Measurements, check, load_problem
 from sdp_vs_penalty.checks import Issue, fixing, mended
-from sdp_vs_penalty.checks.certainty import certain, likely
+from sdp_vs_penalty.checks.certainty import likely, stated
 from sdp_vs_penalty.checks.clock import find_coarse_stamps
 from sdp_vs_penalty.checks.facts.channels import find_degrees
 from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion, lockstep_groups
 from sdp_vs_penalty.checks.facts.magnitude import possible_magnitudes
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.glance import RunSummary
-from sdp_vs_penalty.checks.issue import mended_for_certain
+from sdp_vs_penalty.checks.issue import mended_unasked
 from sdp_vs_penalty.checks.position_units import degrees_or_motors
 from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data import concatenate
@@ -48,7 +48,7 @@ def test_coarse_stamps_are_spaced_evenly_and_no_row_is_lost(times, begin):
     log = replace(coarse(RUN, step), dq=None)
     log = replace(log, t=log.t + begin)
     issues, _ = mended(log, PROBLEM)
-    fixed = mended_for_certain(log, issues)
+    fixed = mended_unasked(log, issues)
     assert [x.kind for x in issues] == ["coarse time stamps"]
     assert len(fixed.t) == len(RUN.t)
     even = np.diff(RUN.t)
@@ -130,7 +130,7 @@ def test_a_channel_without_numbers_is_named_and_no_row_is_deleted(name):
     values[:, 1] = np.nan
     log = replace(RUN, **{name: values})
     issues, _ = mended(log, PROBLEM)
-    fixed = mended_for_certain(log, issues)
+    fixed = mended_unasked(log, issues)
     assert [(x.kind, x.where) for x in issues] == [
         ("channel without numbers", f"{name}2")
     ]
@@ -145,7 +145,7 @@ def test_degrees_that_wrap_are_one_fact(low):
     turned = np.degrees(q + (np.pi if low else 0.0))
     log = Measurements(t, (turned - low) % 360.0 + low, np.cos(q))
     issues, _ = mended(log, PROBLEM)
-    fixed = mended_for_certain(log, issues)
+    fixed = mended_unasked(log, issues)
     (issue,) = [x for x in issues if x.kind == "positions in degrees"]
     assert "wrapped" in issue.what
     np.testing.assert_allclose(np.diff(fixed.q, axis=0), np.diff(q, axis=0), atol=1e-9)
@@ -328,7 +328,7 @@ def test_a_repair_after_which_the_check_finds_the_same_is_refused(monkeypatch):
     tau[300, 1] += 1e3
     log = replace(RUN, tau=tau)
     report = report_of_run(PROBLEM, log)
-    unchanged = replace(report, repaired_certain=log)
+    unchanged = replace(report, repaired_unasked=log)
     with pytest.raises(InputError, match=r"spikes .* could not be mended"):
         fix_runs(PROBLEM, [log], [unchanged])
 
@@ -532,17 +532,19 @@ def test_an_order_that_makes_positions_possible_is_said_beside_their_range():
     assert kinds_said[:2] == ["position range", "position order"]
 
 
-def test_an_issue_is_mended_where_its_grade_is_certain_whatever_its_words():
+def test_a_fact_is_mended_unasked_where_its_repair_is_safe_or_certain():
     issue = Issue(
         kind="k",
         severity="warning",
         where="w",
         what="x",
-        certainty=certain("read from the file"),
+        certainty=stated("read from the file"),
         remedy="r",
         repair=flipped,
     )
     assert issue.can_fix
     assert str(issue.certainty) == "certain: read from the file"
     assert issue.to_dict()["certainty"] == "certain: read from the file"
-    assert not replace(issue, certainty=likely("certain: but for a few")).can_fix
+    of_values = replace(issue, certainty=likely("certain: but for a few"))
+    assert of_values.can_fix
+    assert not replace(of_values, apply="unit:tau").can_fix

@@ -17,7 +17,7 @@ from sdp_vs_penalty.checks import mended
 from sdp_vs_penalty.checks.facts import RULES
 from sdp_vs_penalty.checks.facts.stuck import find_bad_torque_channels
 from sdp_vs_penalty.checks.glance import RunSummary
-from sdp_vs_penalty.checks.issue import mended_for_certain
+from sdp_vs_penalty.checks.issue import mended_unasked
 from sdp_vs_penalty.data.files import check_usable
 from sdp_vs_penalty.errors import InputError
 
@@ -52,7 +52,7 @@ def found(kind, run):
 
 def told(run):
     issues, _ = mended(run, PROBLEM)
-    fixed = mended_for_certain(run, issues)
+    fixed = mended_unasked(run, issues)
     return issues, fixed
 
 
@@ -70,7 +70,7 @@ def test_what_is_left_of_a_spoiled_log_is_the_clean_one(name):
     (corruption,) = (c for c in corruptions(2) if c.name == name)
     spoiled = corruption.spoil(clean)
     (issue,), summary = mended(spoiled, PROBLEM)
-    fixed = mended_for_certain(spoiled, [issue])
+    fixed = mended_unasked(spoiled, [issue])
     whole = summary.run
     assert issue.kind == kind
     assert kind == "interpolated rows" or found("interpolated rows", spoiled) is None
@@ -162,7 +162,7 @@ def test_a_joint_that_is_told_to_go_beyond_its_range_lies_against_its_end_stop(f
     q[:, 0] = q[:, 0] if follows else np.clip(q[:, 0], -range_ - 0.01, range_ + 0.01)
     run = replace(run, q=q, commanded={"qcmd": told})
     issues, _ = mended(run, replace(PROBLEM, robot=narrow))
-    fixed = mended_for_certain(run, issues)
+    fixed = mended_unasked(run, issues)
     issue = next((x for x in issues if x.kind == "end stop"), None)
     assert (issue is None) is follows
     if issue is not None:
@@ -253,7 +253,7 @@ def test_a_time_that_repeats_keeps_the_first_of_its_rows():
 def silent_about_zeros(run):
     """No rule calls a zero a row that was filled in, and nothing is an error."""
     issues, _ = mended(run, PROBLEM)
-    fixed = mended_for_certain(run, issues)
+    fixed = mended_unasked(run, issues)
     kinds = [x.kind for x in issues]
     is_error = any(x.severity == "error" for x in issues)
     return "zeros" not in kinds and not is_error and len(fixed.t) == len(run.t)

@@ -70,7 +70,11 @@ RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
 )
 
 
-def mended(run: Measurements, problem: Problem) -> tuple[list[Issue], RunSummary]:
+def mended(
+    run: Measurements,
+    problem: Problem,
+    is_repaired: Callable[[Issue], bool] = lambda _: True,
+) -> tuple[list[Issue], RunSummary]:
     """Apply the rules about rows, clock and channels in order, each to the run as the
     rules before have repaired it.
 
@@ -79,13 +83,15 @@ def mended(run: Measurements, problem: Problem) -> tuple[list[Issue], RunSummary
     problem : Problem
         Of the robot: its filters say when it stands still, its arm judges torques that
         do not change.
+    is_repaired : callable
+        Whether an issue with a repair is mended.
 
     Returns
     -------
     issues : list of Issue
         In the order of mending.
     summary : RunSummary
-        Of the run with all of them mended.
+        Of the run as mended.
     """
     issues: list[Issue] = []
     glance = RunSummary(run, problem)
@@ -98,6 +104,6 @@ def mended(run: Measurements, problem: Problem) -> tuple[list[Issue], RunSummary
             break
         for issue in rule(glance):
             issues.append(issue)
-            if issue.repair is not None:
+            if issue.repair is not None and is_repaired(issue):
                 glance = replace(glance, run=issue.repair(glance.run))
     return issues, glance

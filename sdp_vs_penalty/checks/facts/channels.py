@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.certainty import certain, likely
+from sdp_vs_penalty.checks.certainty import likely, told_by
 from sdp_vs_penalty.checks.glance import Rows, RunSummary
 from sdp_vs_penalty.checks.issue import Issue, make_issue
 from sdp_vs_penalty.data.measurements import Measurements
@@ -247,7 +247,7 @@ def find_coarse_sampling(
             kind="low sample rate",
             what=f"the motion reaches {highest:.3g} Hz, and {rate:.3g} samples per second"
             f" are too few to differentiate it twice: {needed:.0f} Hz are needed.",
-            certainty=certain("from the spectrum of the positions"),
+            certainty=told_by("from the spectrum of the positions"),
             remedy="log faster, or move slower",
             where="column t",
             rate_hz=rate,

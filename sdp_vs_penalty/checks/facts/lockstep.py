@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from sdp_vs_penalty.checks.certainty import certain
+from sdp_vs_penalty.checks.certainty import stated
 from sdp_vs_penalty.checks.constants import LOCKSTEP
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import Issue, joints_text, make_issue
@@ -77,7 +77,7 @@ class LockstepMotion:
             what=f"{names} move in proportion (|correlation| above {LOCKSTEP:g}): the"
             f" motion of {self.moving} joints has {self.rank} directions. Their order"
             " cannot be told, nor what belongs to which of them.",
-            certainty=certain("read from the positions"),
+            certainty=stated("read from the positions"),
             remedy="move each joint by a signal of its own",
             changes=[Change("record", "record a motion that excites every joint")],
             rank=self.rank,

@@ -20,6 +20,7 @@ from sdp_vs_penalty.checks.glance import (
     with_time_steps,
 )
 from sdp_vs_penalty.checks.issue import Issue, make_issue, rows_text
+from sdp_vs_penalty.checks.velocity import velocity_ratio
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array
@@ -52,13 +53,14 @@ def find_repeated_run(glance: RunSummary) -> Iterator[Issue]:
         if has_noise or is_jump[first - 1]
     ]
     what = (
-        "{rows} rows are copies, bit by bit, of rows {lag} earlier: a part of the run is"
-        " in the file twice, and would count as a repetition without noise."
+        "{rows} rows are copies, bit by bit, of rows {lag} earlier, and would count as a"
+        " repetition without noise."
     )
     is_copy = mask_of(len(is_same), parts)
-    yield from glance.delete_rows("repeated run", is_copy, what, lag=lag)
+    yield from glance.delete_rows("repeated run", is_copy, what, lag=lag, cause=_TWICE)
 
 
+_TWICE = "a part of the run is in the file twice"
 #: A motion jumps by so many times what it goes from row to row where it is fastest.
 _JUMP = 3.0
 
@@ -143,8 +145,10 @@ def find_held_rows(glance: RunSummary) -> Iterator[Issue]:
     if not frozen.any():
         frozen = _frozen_measurements(glance)
         which = "positions and torques repeat"
-    what = f"{which} one row for up to {{seconds:.3g}} s, {{times}}: no packets came."
-    yield from glance.delete_rows("frozen packets", frozen, what)
+    what = f"{which} one row for up to {{seconds:.3g}} s, {{times}}."
+    yield from glance.delete_rows(
+        "frozen packets", frozen, what, cause="no packets came"
+    )
     # A logger that is a little faster than its source repeats samples as well, but its
     # stamps are uneven.
     is_even = (
@@ -236,8 +240,11 @@ def _doubled_rows(glance: RunSummary, same: Rows) -> Iterator[Issue]:
     near = np.linalg.norm(q[single + 1] - q[single - 1], axis=1)
     far = travel[single] / span
     skips = bool(np.median(near / np.maximum(far, 1e-300)) > 0.75)
-    # From half of the rows on the source is slower than the logger: no packet is lost.
+    # From half of the rows on the source is slower than the logger: no packet is lost. So
+    # it is where the logged velocities confirm the stamps.
     if skips and not 1 / RUN < share < 0.5:
+        return
+    if not skips and _velocities_confirm_stamps(glance, float(share)):
         return
     if skips:
         after = "skips ahead"
@@ -251,11 +258,19 @@ def _doubled_rows(glance: RunSummary, same: Rows) -> Iterator[Issue]:
         kind="doubled rows",
         where=rows_text(glance.run, np.flatnonzero(same)),
         what=f"{same.sum()} rows are copies of the row before, and the motion {after}"
-        f" after them: {how}.",
+        " after them.",
+        cause=how,
         remedy=remedy,
         repair=partial(_without_copies, same=same, keeps_time=skips),
         rows=int(same.sum()),
     )
+
+
+def _velocities_confirm_stamps(glance: RunSummary, share: float) -> bool:
+    """Return whether the logged velocities are nearer to the derivative of the positions
+    by the stamps than by stamps from which a share of time is taken."""
+    ratio = velocity_ratio(glance)
+    return ratio is not None and abs(ratio) < (1.0 - share) ** -0.5
 
 
 #: Rounds in which the chance of equal rows settles.

@@ -6,7 +6,8 @@ from functools import partial
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from sdp_vs_penalty.checks.certainty import certain
+from sdp_vs_penalty import formatting
+from sdp_vs_penalty.checks.certainty import told_by
 from sdp_vs_penalty.checks.constants import LONG_STRETCH, RUN, SPIKE, STUCK
 from sdp_vs_penalty.checks.facts.stuck import largest_step_of_resolution
 from sdp_vs_penalty.checks.glance import Rows, RunSummary, mask_of, with_time_steps
@@ -59,7 +60,7 @@ def find_end_stops(glance: RunSummary) -> Iterator[Issue]:
         "{named} lies against its end stop for up to {seconds:.3g} s: its command goes"
         " beyond it."
     )
-    sure = certain("the drive pushes against its stop")
+    sure = told_by("its command goes beyond the range", "it does not follow")
     yield from glance.delete_rows("end stop", bad, what, sure)
 
 
@@ -88,8 +89,9 @@ def find_interpolated_rows(glance: RunSummary) -> Iterator[Issue]:
         "{rows} rows lie on straight lines in every channel: a gap was filled by"
         " interpolation."
     )
+    sure = told_by("the arm moves, and no other rows do so")
     yield from glance.delete_rows(
-        "interpolated rows", mask_of(len(inside), parts), what
+        "interpolated rows", mask_of(len(inside), parts), what, sure
     )
 
 
@@ -151,9 +153,11 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
                 continue
         bad[name] = is_far & (is_far.mean() <= rare)
     what = "{rows} samples of {named} lie far from the samples on both sides."
-    yield from glance.delete_rows(
-        "spikes", bad, what, certain("no joint moves like that")
-    )
+    beside = "the samples around them go on"
+    is_of_torque = any(x[0] == "t" and rows.any() for x, rows in bad.items())
+    # A torque may be a knock's.
+    sure = told_by(beside, "" if is_of_torque else "no joint moves like that")
+    yield from glance.delete_rows("spikes", bad, what, sure)
 
 
 #: A controller settles within so long after its joint starts, stops or turns [s].
@@ -253,9 +257,13 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
     yield make_issue(
         kind="lost rows",
         where=rows_text(glance.run, rows + 1),
-        what=f"at {len(rows)} places every joint skips ahead within one time step: about"
-        f" {lost.sum():.0f} rows are missing and the clock was made again.",
-        certainty=certain("all joints skip by the same time"),
+        what=f"at {formatting.count(len(rows), 'place')} every joint skips ahead within"
+        " one time step.",
+        cause=f"about {lost.sum():.0f} rows are missing, and the clock was made again",
+        certainty=told_by(
+            "no joint moves like that",
+            "all joints do so at once" if q.shape[1] > 1 else "",
+        ),
         remedy="put the missing time back",
         repair=partial(_with_time, added=added),
         rows=glance.run.rows_of_file(rows[:100] + 1).tolist(),

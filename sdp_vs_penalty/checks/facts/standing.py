@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sdp_vs_penalty.checks.certainty import certain
+from sdp_vs_penalty.checks.certainty import stated, told_by
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import Issue, make_issue, make_refusal
 from sdp_vs_penalty.errors import InputError
@@ -33,7 +33,7 @@ def find_static_poses(glance: RunSummary) -> Iterator[Issue]:
         " and offsets alone, no inertia and no friction",
         glance.run.names[0],
     )
-    sure = certain(
+    sure = told_by(
         "a motion has over twenty rows from one end of a stroke to the other"
     )
     yield make_refusal("static poses", error, sure)
@@ -41,7 +41,7 @@ def find_static_poses(glance: RunSummary) -> Iterator[Issue]:
 
 def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error where no joint moves, or a warning about joints that never do."""
-    sure = certain("the positions change by noise, or give way to the others, only")
+    sure = stated("the positions change by noise, or give way to the others, only")
     joints = np.flatnonzero(~glance.moving)
     if not glance.moving.any():
         what = (

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sdp_vs_penalty.checks.certainty import certain, likely
+from sdp_vs_penalty.checks.certainty import likely, told_by
 from sdp_vs_penalty.checks.constants import LONG_STRETCH, RUN, STUCK, STUCK_SECONDS
 from sdp_vs_penalty.checks.glance import Rows, RunSummary, mask_of
 from sdp_vs_penalty.checks.issue import Issue, make_issue
@@ -62,10 +62,11 @@ def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
             times=glance.one_arm_is_worse(j, is_off),
         )
     what = (
-        "{named} {are} exactly zero for {seconds:.3g} s, {times}, in motion:"
-        " the drive was off, or nothing was logged; what moved the joint is not in the log."
+        "{named} {are} exactly zero for {seconds:.3g} s, {times}, in motion: the drive"
+        " was off, or nothing was logged; what moved the joint is not in the log."
     )
-    sure = certain("it stays at no other value for nearly as long")
+    at_zero = "it stays at no other value for nearly as long"
+    sure = told_by(at_zero, glance.second_witness(moved))
     yield from glance.delete_rows("drive off", moved, what, sure)
 
 
@@ -94,7 +95,8 @@ def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
         "{rows} rows of {named} are exactly zero, and jump there and back: nothing was"
         " measured."
     )
-    sure = certain("the channel jumps to no other value and back")
+    jumps = "the channel jumps to no other value and back"
+    sure = told_by(jumps, glance.second_witness(bad, "no joint moves like that"))
     yield from glance.delete_rows("zeros", bad, what, sure)
 
 
@@ -149,7 +151,14 @@ def find_frozen_channels(glance: RunSummary, word: str, name: str) -> Iterator[I
         "{named} repeat{s} one value for {seconds:.3g} s, {times}, while the arm"
         " moves: frozen."
     )
-    sure = certain("elsewhere it never repeats for nearly as long")
+    goes_on = is_position and all(
+        velocity_goes_on(glance.run, int(channel[1:]) - 1, first, end - 1, 0.0)
+        for channel, rows in bad.items()
+        for first, end in spans(rows)
+    )
+    velocity = "its logged velocity goes on" if goes_on else ""
+    second = glance.second_witness(bad, velocity)
+    sure = told_by("elsewhere it never repeats for nearly as long", second)
     yield from glance.delete_rows(f"frozen {word}", bad, what, sure)
 
 

@@ -185,7 +185,7 @@ def _refuse_unrepaired(reports: Sequence[Report], fix: Path) -> None:
     what = f"--fix {fix}: the program cannot repair this ({kinds})"
     remedy = "see what to do above"
     if words := list(dict.fromkeys(issue.apply for issue in problems if issue.apply)):
-        what = f"--fix {fix}: repairs only what is certain, or named ({kinds})"
+        what = f"--fix {fix}: repairs unasked only what is safe ({kinds})"
         remedy = f"name it with --apply {' '.join(words)}"
     raise InputError(what, f"{remedy}; nothing was written")
 

@@ -6,7 +6,7 @@ from sdp_vs_penalty.plugins import lazy_exports
 __getattr__ = lazy_exports(
     __name__,
     gaps=(
-        "FINEST GAP PAUSE is_set_back recorded_seconds rows_behind_gaps"
-        " rows_behind_pauses usual_step"
+        "FINEST GAP PAUSE is_set_back order_of_time recorded_seconds"
+        " rows_behind_gaps rows_behind_pauses usual_step"
     ),
 )

@@ -22,6 +22,9 @@ PAUSE = 1.0
 FINEST = 10.0
 #: Fewest rows of a run: fewer rows between two steps back in time are misplaced.
 FEWEST_ROWS = 50
+#: Steps between sorted rows are usual ones within so many times; their motion is longer
+#: than as it stands by less than so many times.
+REGULAR, SMOOTH = 1.9, 1.2
 #: Steps of a long run that are looked at for the usual one.
 _STEPS_OF_LONG_RUN = 8 * PART
 
@@ -71,6 +74,29 @@ def is_set_back(t: Array) -> bool:
     rows = np.concatenate(back)
     lengths = np.diff(rows, prepend=0, append=len(t) - 1)
     return len(rows) > 0 and bool(np.all(lengths > FEWEST_ROWS))
+
+
+def order_of_time(t: Array, q: Array) -> NDArray[np.intp] | None:
+    """Return the order (N,) of rows that are mixed, by their stamps t (N,): None where
+    sorting makes gaps, dense rows or a rougher motion q (N, n), as where a clock was set
+    back."""
+    order = np.argsort(t, kind="stable")
+    is_moved = order != np.arange(len(t))
+    is_beside = is_moved[1:] | is_moved[:-1]
+    steps, as_written = np.diff(t[order]), np.diff(t)
+    usual = float(np.median(steps)) if is_beside.any() else 0.0
+    if not usual > 0.0 or not steps[is_beside].min() > 0.0:
+        return None
+    longest = REGULAR * usual
+    makes_gaps = np.sum(steps > longest) > np.sum(as_written > longest)
+    is_dense = np.median(steps[is_beside]) * REGULAR < usual
+    sizes = np.ptp(q, axis=0) + 1e-300
+    travel, sorted_travel = (
+        float(np.nansum(np.abs(np.diff(x, axis=0))[is_beside] / sizes))
+        for x in (q, q[order])
+    )
+    is_smooth = 0.0 < sorted_travel <= SMOOTH * travel
+    return order if is_smooth and not (makes_gaps or is_dense) else None
 
 
 def recorded_seconds(t: Array) -> float:
