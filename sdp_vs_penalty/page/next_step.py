@@ -68,7 +68,7 @@ def next_step(view: View) -> NextStep:
     step = _find_step(view)
     if view.session.model is not None or len(step.text) <= _MOST_IN_LINE:
         return step
-    line = re.split(r"[.] | [(]", step.text)[0].rstrip(".")
+    line = re.sub(r" [(][^)]*[)]", "", step.text).partition(". ")[0].rstrip(".")
     return replace(step, text=f"{line}.", more=step.text)
 
 
@@ -123,8 +123,7 @@ def _of_waiting(session: Session, run: Mapping[str, Any]) -> NextStep:
 
 
 def _columns(session: Session) -> NextStep:
-    """Return the step that shows how columns of refused files are filled in, and then
-    the one that reads them so."""
+    """Return the step that reads refused files with their columns as filled in."""
     first = session.refused[0]
     same = [m["name"] for m in session.refused if m["columns"] == first["columns"]]
     if first.get("tried") == first["chosen"]:  # it is not for want of columns
@@ -133,9 +132,6 @@ def _columns(session: Session) -> NextStep:
         label = f"Leave {formatting.words(same)} out"
         return NextStep(text, label, "measure", do, level="usable")
     text = f"{formatting.words(same)}: say which column is what."
-    if not first.get("seen"):
-        see = partial(session.see_columns, first["columns"])
-        return NextStep(text, "See the columns", "measure", see, level="usable")
     do = partial(session.start, session.read_mapped, first["columns"])
     return NextStep(text, "Read with these columns", "measure", do, level="usable")
 
@@ -263,7 +259,9 @@ def _of_model(view: View) -> NextStep:
         head, _, errs = cause.partition(": ")
         known["number"] = f"{of_model.text[:-1]}, {measured_on(session)}"
         if in_brief(cause) == f"{head}.":  # it names the error
-            known["number"] = formatting.sentence(errs)
+            known["number"] = formatting.sentence(
+                errs.replace("on data left out", measured_on(session))
+            )
         known["more"] = f"{cause} {more}"
         if level != "good" and (motion := _motion_to_record(view)) is not None:
             known["more"] = f"{known['more']} {motion.text}"
@@ -303,7 +301,8 @@ def _to_add(
         falls = np.subtract(remedy.before, remedy.after)
         joint = int(falls.argmax()) + 1 if main is None else main.main_joint
         added = change_in_words(session, joint, remedy.before, remedy.after)
-        number = f"With it, {added}"
+        n_added = len(change.arguments["effects"])
+        number = f"With {f'all {n_added}' if n_added > 1 else 'it'}, {added}"
     do = partial(session.start, session.apply, change.to_dict())
     label = label_of(change.words)
     return NextStep(

@@ -965,16 +965,6 @@ class Session:
         self._step_from_here(f"{names} left out", keeps_models=True)
         self.mappings = [m for m in self.mappings if m not in gone]
 
-    def see_columns(self, columns: Sequence[str]) -> None:
-        """Lead the person to the form of the files with these columns, and remember it."""
-        self.mappings = [
-            {**mapping, "seen": True} if mapping["columns"] == columns else mapping
-            for mapping in self.mappings
-        ]
-        self.new = ("measure", "runs")
-        self.save()
-        self.changed()
-
     async def read_mapped(self, columns: Sequence[str], torques: str = "") -> None:
         """Read the files with these columns again, as the person assigned them; the runs
         that were read from them before go.
@@ -1161,6 +1151,8 @@ class Session:
             self.mappings.append(
                 {**kept, **file, "chosen": kept.get("chosen") or file["chosen"]}
             )
+        if self.refused:  # their columns are to be seen
+            self.new = ("measure", "runs")
 
     @property
     def published_gains(self) -> dict[int, str]:

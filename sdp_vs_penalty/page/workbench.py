@@ -18,7 +18,7 @@ from sdp_vs_penalty.page.controls import (
     take_presses,
 )
 from sdp_vs_penalty.page.next_step import NextStep, next_step
-from sdp_vs_penalty.page.session import Working
+from sdp_vs_penalty.page.session import PageNotice, Working
 from sdp_vs_penalty.page.sessions import title_of
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View, label_of
@@ -260,16 +260,14 @@ class Workbench:
 
         def draw_steps() -> None:
             """Draw the buttons that take a step back, or again."""
-            if session.past:
-                label = session.past[-1][0]
-                with button("", session.undo, "undo", "quiet", title="Undo"):
-                    tag("span", "↶", aria_hidden="true")
-                    tag("span", f"Undo: {label_of(label)}", "what")
-            if session.future:
-                label = session.future[-1][0]
-                with button("", session.redo, "redo", "quiet", title="Redo"):
-                    tag("span", "↷", aria_hidden="true")
-                    tag("span", f"Redo: {label_of(label)}", "what")
+            for word, arrow, steps, do in (
+                ("Undo", "↶", session.past, session.undo),
+                ("Redo", "↷", session.future, session.redo),
+            ):
+                for label, _ in steps[-1:]:
+                    with button("", do, word.lower(), "quiet", title=word):
+                        tag("span", arrow, aria_hidden="true")
+                        tag("span", f"{word}: {label_of(label)}", "what")
 
         other = step.other and step.other[0]
         words = [step.text, step.number, step.more]
@@ -292,16 +290,11 @@ class Workbench:
     def _redraw_dock(self) -> None:
         """Update the status dock: what the running job does, and the notices."""
         self._redraw_working(self.session.working)
-        notice = self.session.notice
-        errors: tuple[str, ...] = ()
-        remarks: tuple[str, ...] = ()
-        if notice is not None and notice.error:
-            errors = notice.texts
-        elif notice is not None:
-            remarks = notice.texts
+        notice = self.session.notice or PageNotice(())
         # Screen readers read an alert at once, a status when they are idle.
-        for role, texts in (("alert", errors), ("status", remarks)):
-            has_left_out = notice is not None and notice.has_left_out
+        for role in ("alert", "status"):
+            texts = notice.texts if notice.error == (role == "alert") else ()
+            has_left_out = notice.has_left_out
             ended = self.session.task is None and bool(self.session.unfinished)
             draw = partial(self._notice, texts, has_left_out, ended)
             self._fill(self._notices[role], [texts, has_left_out, ended], draw)

@@ -581,27 +581,19 @@ def describe_remedy(remedy: Remedy) -> str:
     return f"{text}: {outcome}" if outcome else f"{text}."
 
 
-def describe_outcome(
-    remedy: Remedy, units: Sequence[str] = (), joint: int | None = None
-) -> str:
-    """Say what a remedy does to the error of a joint on data left out; "" where nothing
-    was left out.
-
-    units : of the joints' torques, where known; joint : its number; None: the one whose
-    error falls most.
-    """
+def describe_outcome(remedy: Remedy) -> str:
+    """Say what a remedy does to the error of the joint whose error falls most on data left
+    out; "" where nothing was left out."""
     if remedy.before is None or remedy.after is None:
         return ""
     falls = np.array(remedy.before) - np.array(remedy.after)
-    j = int(np.argmax(falls)) if joint is None else joint - 1
+    j = int(np.argmax(falls))
     if not falls[j] > 0.0:
         return f"joint {j + 1}'s error does not fall on data left out."
     was, now = (formatting.number(x[j]) for x in (remedy.before, remedy.after))
-    unit = f" {plain_unit(units[j])}" if units else ""
     change = formatting.change_of(remedy.before[j], remedy.after[j])
     return (
-        f"joint {j + 1}'s error falls from {was} to {now}{unit} ({change}) on data left"
-        " out."
+        f"joint {j + 1}'s error falls from {was} to {now} ({change}) on data left out."
     )
 
 

@@ -181,12 +181,10 @@ def test_a_card_promises_what_its_own_button_adds_and_the_next_step_all_of_it(tw
         "Adding it cuts joint 1's error on data left out from 4.2 to 2.1 N"
     )
     assert "joint 2's error on data left out from 3.1 to 1.55 N" in said[2]
-    outcome = describe_outcome(judged.remedies[0], ("N*m", "N*m"), 1)
-    assert outcome == (
-        "joint 1's error falls from 4.2 to 0.7 N m (-83 %) on data left out."
-    )
-    weakly = describe_outcome(judged.remedies_by_finding[2], ("N*m", "N*m"), 2)
-    assert weakly.startswith("joint 2's error falls from 3.1 to 1.55 N m")
+    outcome = describe_outcome(judged.remedies[0])
+    assert outcome == "joint 1's error falls from 4.2 to 0.7 (-83 %) on data left out."
+    weakly = describe_outcome(judged.remedies_by_finding[2])
+    assert weakly.startswith("joint 2's error falls from 3.1 to 1.55")
 
 
 def test_a_doubt_that_several_findings_share_is_said_once(two_link):
@@ -334,6 +332,30 @@ def test_what_is_dropped_in_a_job_is_opened_after_it(sessions):
     asyncio.run(story())
     assert s.notice.texts[0].startswith("arm.urdf: ")
     assert s.robot["name"] == "two_link"
+
+
+def test_a_press_waits_for_its_turn_and_is_not_lost(here, hidden, tmp_path):
+    """While a job runs, and where the button was drawn anew on its way."""
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:2], "a.csv", "b.csv"))
+    screen = Screen(s)
+    identify = screen.at("next")
+
+    listeners = screen.client.layout._event_listeners.values()
+    (heard,) = (x.handler for x in listeners if x.type == "press")
+    press = partial(heard, SimpleNamespace(args=identify.id))
+
+    def press_all():
+        press()
+        s.start(s.use, s.runs[0]["file"], "")
+        press()  # again: done once
+        assert "waits for its turn" in s.notice.texts[0]
+
+    screen.do(press_all)
+    assert screen.at("next").id != identify.id
+    assert [run["name"] for run in s.runs] == ["b.csv"]
+    assert not s.history  # of a run that is gone
+    screen.do(press)
+    assert s.history
 
 
 def test_a_robot_and_logs_are_dropped_together(here, tmp_path):
@@ -763,8 +785,7 @@ def wide(here, hidden, tmp_path):
 def test_a_wide_table_is_read_by_the_order_that_the_command_line_proposes(wide, hidden):
     """What may be wrong about the guess stands beside the button."""
     assert "a clock and 5 columns of each of 2 joints" in wide.text("runs")
-    wide.click("next")
-    assert not wide.session.runs  # the guess is shown first
+    assert wide.session.new == ("measure", "runs")  # the guess is shown
     wide.click("next")
     assert [run["in_commands"] for run in wide.session.runs] == [
         "a_read.csv",
@@ -788,7 +809,6 @@ def test_columns_that_cannot_be_read_say_why_beside_the_button(wide, button):
     (columns,) = {tuple(m["columns"]) for m in wide.session.mappings}
     for ours in wide.session.mappings[0]["chosen"]:
         wide.session.choose_column([*columns], ours, "")
-    wide.session.see_columns([*columns])
     wide.click(button)
     assert not wide.session.runs
     (said,) = wide.session.notice.texts
@@ -1217,7 +1237,6 @@ def test_a_file_that_its_columns_do_not_save_is_left_out(here, strange):
     assert "say which column is what" in screen.text("next")
     for ours, theirs in {"t": "t", "tau1": "alpha", "tau2": "beta"}.items():
         s.choose_column(columns, ours, theirs)
-    s.see_columns(columns)
     screen.do(s.start, s.read_mapped, columns)
     assert "every torque is zero" in screen.text("next")
     assert "Leave strange.csv out" in screen.text("next")
