@@ -176,8 +176,15 @@ class LoggerJudge:
         if first.torque_unit:
             size = [not_in_newton_metres(first)]
         elif not is_rated:
-            fits = [log.fit(of_run) for _, log, of_run in runs]
-            size = [*torque_magnitude(self.common, net, fits)]
+            # Of a run of its own what differs is told.
+            parts = [claim.hypothesis.part for claim in verdict.differences()]
+            differ = {part.run for part in parts if part is not None}
+            alike = [x for place, x in enumerate(runs) if place not in differ] or runs
+            common = self.common
+            if len(alike) < len(runs):
+                common = Likelihood.of_all_runs([log for _, log, _ in alike])
+            fits = [log.fit(of_run) for _, log, of_run in alike]
+            size = [*torque_magnitude(common, net, fits)]
         if any(issue.kind == NO_TORQUE for issue in size):
             self._report_alike(size)
             for number, log in self.logs.items():

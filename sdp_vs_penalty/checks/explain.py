@@ -266,9 +266,10 @@ def issue_of_difference(
         weight = "lighter" if size < 0.0 else "heavier"
         what = what.format(run=name, x=size, weight=weight, unit=mass_unit)
     else:
-        (fault,) = list_faults(log, repair)
-        what = f"in {name} only: {fault.what}"
-        remedy, apply = f"{fault.remedy} in this run", fault.apply
+        faults = list_faults(log, repair)
+        what = f"in {name} only: {' '.join(fault.what for fault in faults)}"
+        remedy = f"{', '.join(fault.remedy for fault in faults)} in this run"
+        apply = faults[0].apply if len(faults) == 1 else ""
     rivals = []
     for hypothesis in [rival.hypothesis for rival in claim.rivals]:
         effect = hypothesis.effect

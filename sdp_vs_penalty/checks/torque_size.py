@@ -303,9 +303,9 @@ def with_one_unit(run: str, issues: Sequence[Issue], n: int) -> tuple[Issue, ...
         if issue.kind == "torque gain" and "size" in issue.figures
     ]
     sizes = [issue.figures["size"] for issue in gains]
-    if len(gains) <= _SINGLE_JOINTS * n or len({size > 0.0 for size in sizes}) > 1:
-        return tuple(issues)
     joints = sorted(j - 1 for issue in gains for j in issue.figures["joints"])
+    if len(joints) <= _SINGLE_JOINTS * n or len({size > 0.0 for size in sizes}) > 1:
+        return tuple(issues)
     times = sorted(max(1.0 + size, 1.0 / (1.0 + size)) for size in sizes)
     how = "large" if sizes[0] > 0.0 else "small"
     words = f"read the torque of {run} in another unit, or by its drive gains"

@@ -171,10 +171,14 @@ class LogTransform:
     @cached_property
     def motion_part(self) -> LogTransform:
         """The repair with its changes of torque channels and of the direction of time
-        undone. The columns of a fit depend on this part alone, and are cached by it."""
-        return self.with_defaults(
-            "tau_order", "gain", "lead", "lag", "bend", "limit", "reversed"
+        undone, and gear ratios among the factors of positions. The columns of a fit depend
+        on this part alone, and are cached by it."""
+        motion = self.with_defaults(
+            "tau_order", "gain", "lead", "lag", "bend", "limit", "reversed", "ratio"
         )
+        if motion.ratio == self.ratio:
+            return motion
+        return replace(motion, scale=tuple(self.position_factors.tolist()))
 
     @cached_property
     def arm_part(self) -> LogTransform:
@@ -197,8 +201,8 @@ class LogTransform:
     def followed_by(self, later: LogTransform) -> LogTransform:
         """Return one repair that has the effect of this one followed by ``later``.
 
-        Order, scale, zero, gain, ratio, delay and clock are composed; everything else is the
-        later one's.
+        Order, scale, zero, gain, ratio, delay, low-pass, missing weight and clock are
+        composed; everything else is the later one's.
 
         Parameters
         ----------
@@ -221,6 +225,8 @@ class LogTransform:
             gain=tuple(later.gain[j] * self.gain[k] for j, k in of_torque),
             ratio=tuple(later.ratio[j] * self.ratio[k] for j, k in of_position),
             lead=tuple(later.lead[j] + self.lead[k] for j, k in of_torque),
+            lag=tuple(later.lag[j] + self.lag[k] for j, k in of_torque),
+            lacks=tuple(np.add(later.lacks, self.lacks).tolist()),
             rate=later.rate * self.rate,
             reversed=later.reversed != self.reversed,
         )

@@ -30,7 +30,7 @@ from sdp_vs_penalty.race.likelihood import ROWS_AT_A_TIME, Likelihood, recent
 from sdp_vs_penalty.race.records import Hypothesis, LogView, Number, Part
 from sdp_vs_penalty.regression.evidence import independent_rows, jackknifed
 from sdp_vs_penalty.regression.normal_equations import NormalEquations
-from sdp_vs_penalty.robot.arrays import Array, Mask, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, nonzero_or_one
 
 #: Rounds of reweighting each joint by its own residual.
 _ROUNDS = 4
@@ -260,9 +260,9 @@ class Evidence:
         self.log = log
         self._prior = self._prior_of_links()
 
-    def thinned(self, step: int) -> Evidence:
-        """Return the evidence of one row in ``step``."""
-        return Evidence(self.log.select_rows(slice(None, None, step)))
+    def of_rows(self, rows: slice | Indices) -> Evidence:
+        """Return the evidence of some of the rows."""
+        return Evidence(self.log.select_rows(rows))
 
     def rows_of(self, part: Part) -> Mask:
         """Return which rows (M,) belong to a part."""
@@ -334,14 +334,18 @@ class Evidence:
         states = np.stack(self._states(chain))
         if motion.parts:
             raw, states, mask = raw.copy(), states.copy(), mask.copy()
-            own = log.data.own_columns[list(chain.order)].copy()
+            own = self._own_columns(chain, chain)
+            is_own_alike = True
             for part, beside in motion.parts:
                 at, other = self.rows_of(part), beside.followed_by(chain)
                 raw[:, at] = log.raw(other)[:, at]
                 mask[:, at] = log.torque_mask(other)[:, at]
                 states[:, :, at] = np.stack(self._states(other))[:, :, at]
-                own[:, at] = self._own_columns(other, chain)[:, at]
-            basis = orthonormal(own * mask[:, :, None])
+                turned = self._own_columns(other, chain)[:, at]
+                is_own_alike &= np.array_equal(own[:, at], turned)
+                own[:, at] = turned
+            if not is_own_alike:
+                basis = orthonormal(own * mask[:, :, None])
         if motion.further:
             further = [x.columns * mask[:, :, None] for x in motion.further]
             raw = np.concatenate([raw, *further], axis=2)
@@ -356,17 +360,19 @@ class Evidence:
     def _own_columns(self, part: LogTransform, whole: LogTransform) -> Array:
         """Return the joints' own columns (n, M, k) under the transform of a part, so
         that they go on those of the whole log: friction, which follows the sign of the
-        position, turns round with it, and the offset does not."""
-        columns = self.log.data.own_columns[list(part.order)]
+        velocity, turns round with it, and the offset does not."""
+        data = self.log.data
+        columns = data.own_columns[list(part.order)]
         sign = np.sign(np.array(part.scale) / np.array(whole.scale))
-        turned = columns * sign[:, None, None]
+        of_time = np.where(data.turns, -1.0 if part.reversed else 1.0, 1.0)
+        turned = columns * (sign[:, None] * of_time)[:, None, :]
         turned[:, :, _OFFSET] = columns[:, :, _OFFSET]
         return turned
 
     def _states(self, chain: LogTransform) -> tuple[Array, Array]:
         """Return velocity and acceleration (n, M) of the motors under a transform."""
         motion = self.log.motion(chain.with_defaults("carried"))
-        return motion.dq.T, motion.ddq.T
+        return (-motion.dq.T if chain.reversed else motion.dq.T), motion.ddq.T
 
     def _torque(self, view: LogView) -> Array:
         """Return the torque (n, M) of a view."""
@@ -389,7 +395,7 @@ class Evidence:
         total = np.sum(self.log.channels(view.chain) ** 2, axis=1)
         for part, beside in view.parts:
             share = np.mean(self.rows_of(part))
-            total = total * np.abs(beside.gain) ** (2.0 * share)
+            total = total * np.abs(beside.torque_factors) ** (2.0 * share)
         return np.maximum(total, _TINY)
 
     # -- fits
@@ -441,7 +447,7 @@ class Evidence:
         at_a_time = max(1, ROWS_AT_A_TIME // self.log.data.count)
         for first in range(0, len(motions), at_a_time):
             some = motions[first : first + at_a_time]
-            self.log.prepare_columns([motion.chain for motion in some])
+            self.log.prepare_columns([x for motion in some for x in motion.chains])
             places = [k for motion in some for k in by_motion[motion]]
             unfitted: list[ViewFit] = []
             for motion in some:
@@ -462,7 +468,7 @@ class Evidence:
         arms = stacked.fit_arms(n_rows, prior, len(self._prior.mean), rounds)
         value = _evidence_of_fit(arms, stacked.total, n_rows, prior)
         value -= [self._price_of_events(x, v) for x in products]
-        value += [self._of_velocity(x.chain) for x in products]
+        value += [self._of_velocity(x.view) for x in products]
         # Each mean power of friction (K, n), and the likeness of the links (K,).
         of_arms = (stacked.probe_on_columns @ arms.theta[..., None])[..., 0]
         power = stacked.probe_on_torque - of_arms
@@ -515,11 +521,18 @@ class Evidence:
         n_own = fit.columns.rows.basis.shape[2]
         return np.maximum(count - n_own, _LEAST_SHARE * count)
 
-    def _of_velocity(self, chain: LogTransform) -> float:
-        """Return the log evidence of the logged velocity's sign: one that is turned says
-        that the rows are."""
-        is_turned = self.log.data.velocity_sign < 0.0
-        return c.VELOCITY_TURNED if is_turned and not chain.reversed else 0.0
+    def _of_velocity(self, view: LogView) -> float:
+        """Return the log evidence of the logged velocities' signs: one that is turned says
+        that the rows of its run are, and one that is not forbids it."""
+        of_parts = {part.run: transform.reversed for part, transform in view.parts}
+        evidence = 0.0
+        for run, sign in enumerate(self.log.data.velocity_signs):
+            is_reversed = view.chain.reversed != of_parts.get(run, False)
+            if sign < 0.0 and not is_reversed:
+                evidence = min(evidence, c.VELOCITY_TURNED)
+            elif sign > 0.0 and is_reversed:
+                evidence = min(evidence, -c.MAX_PHYSICS_LOG_ODDS)
+        return evidence
 
     @staticmethod
     def _price_of_events(fit: ViewFit, v: float) -> float:

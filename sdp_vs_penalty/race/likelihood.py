@@ -35,7 +35,7 @@ from sdp_vs_penalty.regression.normal_equations import (
     positive,
     solve,
 )
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
 from sdp_vs_penalty.signals.filtered import joined
 
 #: Up to so many rows the columns of all repairs that a search proposes stay in memory:
@@ -136,8 +136,8 @@ class Likelihood:
         torque = self.nominal(self.as_logged)
         return Likelihood(self.problem, self.data.with_laws(torque))
 
-    def select_rows(self, rows: slice) -> Likelihood:
-        """Return the likelihood of a slice of the rows."""
+    def select_rows(self, rows: slice | Indices) -> Likelihood:
+        """Return the likelihood of some of the rows."""
         return Likelihood(self.problem, self.data.select_rows(rows))
 
     @cached_property

@@ -4,9 +4,8 @@ claimed, with what is as likely."""
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain as chained
 from types import ModuleType
 from typing import NamedTuple
 
@@ -17,9 +16,9 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
-from sdp_vs_penalty.race.kinds import KINDS, list_faults
+from sdp_vs_penalty.race.kinds import KINDS, OF_ONE_RUN, list_faults, of_one_part
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Further, Hypothesis, LogView, Number
+from sdp_vs_penalty.race.records import Further, Hypothesis, LogView, Number, Part
 from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
 
 #: Steps of Newton by which a size is found on few rows, and share of its standard
@@ -35,6 +34,9 @@ _MORE_ODDS = 100.0
 _ROUNDS_OF_COLUMNS = 3
 #: Units of positions that differ by less are one (natural logarithm).
 _NEAR_UNIT = 0.1
+#: Share of a torque's energy that the arm of all runs leaves, from which on a run may have
+#: any fault of its own, and factor by which less is left of the other runs without it.
+_CONTRADICTS, _CONFUSED = 1e-3, 3.0
 #: A step that looks for a size far off is not held back by its prior.
 _LOOSE = 10.0
 
@@ -199,9 +201,11 @@ class Race:
         self.kinds = kinds
         self.is_doubtful = is_doubtful
         self.all = Evidence(Likelihood.of_all_runs(logs).with_all_laws)
-        self.few = self.all.thinned(c.THIN)
+        self.few = self.all.of_rows(slice(None, None, c.THIN))
         #: Log-odds of changes at the first look, by key and place among those of a key.
         self.looked_at: dict[object, float] = {}
+        #: Rows beside those of a run, by the run.
+        self._others: dict[Part, Evidence] = {}
 
     def run(self) -> RaceOutcome:
         """Take the best hypothesis until none is likely."""
@@ -273,12 +277,16 @@ class Race:
         with_columns: list[Hypothesis] = []
         changes: dict[tuple[object, int], Hypothesis] = {}
         count: Counter[object] = Counter()
-        for h in chained.from_iterable(x.propose(self.all, fit) for x in self.kinds):
+        rows_over_few = _rows_over_few(fit)
+        of_all = [h for kind in self.kinds for h in kind.propose(self.all, fit)]
+        for h in (*of_all, *self._in_parts(of_all, fit)):
             if h.further is not None:
                 with_columns.append(h)
             elif not h.is_friction_real:
                 looks.append(_FirstLook(-few_fit.physics + h.log_prior, h))
-            elif h.number is not None and (h.part is not None or h.chain == fit.chain):
+            elif h.number is not None and h.chain == (
+                fit.chain if h.part is None else self.all.log.as_logged
+            ):
                 numbers.append(h)
             else:
                 count[h.key] += 1
@@ -286,7 +294,6 @@ class Race:
                 # What a claim explains, another cannot lack, nor much more.
                 if self.looked_at.get(key, 0.0) > -explained:
                     changes[key] = h
-        rows_over_few = _rows_over_few(fit)
         looks += self._look_to_first_order(
             few_fit, numbers, with_columns, rows_over_few
         )
@@ -297,6 +304,35 @@ class Race:
             self.looked_at[key] = odds
             looks.append(_FirstLook(odds, h))
         return _best_of_each_key(looks)
+
+    def _in_parts(
+        self, of_all: Sequence[Hypothesis], fit: ViewFit
+    ) -> Iterator[Hypothesis]:
+        """Yield what may be wrong with all rows as what may be wrong with a part of
+        them."""
+        if of_one_part not in self.kinds:
+            return
+        none = self.all.log.as_logged
+        parts = of_one_part.parts_of(self.all)
+        suspects = [part for part in parts if self._is_suspect(part, fit)]
+        if fit.chain != none:
+            as_logged = replace(fit, view=replace(fit.view, chain=none))
+            kinds = [kind for kind in self.kinds if kind in OF_ONE_RUN]
+            of_all = [h for kind in kinds for h in kind.propose(self.all, as_logged)]
+        yield from of_one_part.confined(of_all, none, parts, suspects)
+
+    def _is_suspect(self, part: Part, fit: ViewFit) -> bool:
+        """Whether a run may have any fault of its own: one arm for all errs, and errs less
+        of the others where it is fitted to them alone."""
+        if part.run is None or not (fit.shares > _CONTRADICTS).any():
+            return False
+        others = ~self.all.rows_of(part)
+        if part not in self._others:
+            self._others[part] = self.all.of_rows(np.flatnonzero(others))
+        alone = self._others[part].fit(replace(fit.view, further=()), fit.v)
+        together = np.sum(self.all.residual(fit)[:, others] ** 2, axis=1)
+        is_moving = self.all.log.moving
+        return bool((together > _CONFUSED * alone.left)[is_moving].any())
 
     def _look_to_first_order(
         self,
@@ -365,7 +401,7 @@ class Race:
         if gain + h.log_prior < c.WORTH_A_LOOK:
             return None
         size, spread = self._refined(self.all, fit, h, size, 1)
-        away = size - (start if h.part else number.size_in(fit.chain))
+        away = size - (0.0 if h.part else number.size_in(fit.chain))
         occam = float(np.log(min(1.0, spread / number.sd)))
         reach = number.usual + c.NUMBER_SIGMAS * spread
         reach = min(reach, number.rounded_within)
@@ -414,7 +450,7 @@ class Race:
             slope = self.all.slopes(claim.fit, [h], [claim.size])[:, :, 0]
             spread = max(claim.spread, self.all.jackknifed_spread(claim.fit, slope))
             claim = replace(claim, spread=spread)
-            before = number.size_in(h.chain if h.part else fit.chain)
+            before = 0.0 if h.part else number.size_in(fit.chain)
             is_near = abs(claim.size - before) < c.NUMBER_SIGMAS * spread
             is_at_limit = claim.size in number.limits
             if is_near or is_at_limit or 2.0 * spread > number.widest:
@@ -474,6 +510,8 @@ def _is_same(one: Claim, other: Claim) -> bool:
     """Whether two claims do the same to the log, but for a tenth of the positions' unit:
     counts of an encoder may be thousandths of a degree."""
     first, second = one.fit.chain, other.fit.chain
+    if one.fit.view.parts != other.fit.view.parts:
+        return False
     ratios = np.divide(np.array(first.scale), np.array(second.scale))
     is_near = bool(np.all(np.abs(np.log(np.abs(ratios))) < _NEAR_UNIT))
     return is_near and replace(first, scale=second.scale) == second

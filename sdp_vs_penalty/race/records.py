@@ -133,10 +133,16 @@ class LogView:
         """The view without what is done to torques alone: columns depend on no more."""
         moved = []
         for part, transform in self.parts:
-            motion = transform.motion_part
+            # Friction of a part that runs backwards differs from that of the others.
+            motion = replace(transform.motion_part, reversed=transform.reversed)
             if motion != motion.unchanged(motion.n, motion.gravity):
                 moved.append((part, motion))
         return LogView(self.chain.motion_part, tuple(moved), self.further)
+
+    @property
+    def chains(self) -> list[LogTransform]:
+        """What is done to all rows, and to those of each part in all."""
+        return [self.chain, *(x.followed_by(self.chain) for _, x in self.parts)]
 
     def with_part(self, part: Part, chain: LogTransform) -> LogView:
         """Return the view with one more transform of a part, before what it has."""

@@ -39,6 +39,10 @@ from sdp_vs_penalty.signals.standstill import is_sliding
 _SECONDS_BETWEEN_LOGS = 1.0
 
 
+#: Which of the laws of :func:`_laws` change their sign where time runs backwards.
+_LAWS_TURN = (False, True, False, *map(bool, TRAVELS["hysteresis"]))
+
+
 def _bristles(motion: Motion, travels: Sequence[float]) -> list[Array]:
     """Return a column (N, n) of Dahl friction, of unit size, for each travel [rad or m]
     over which the bristles bend before they slide."""
@@ -92,8 +96,11 @@ class RegressionData:
     run: Indices
     #: By how much the clock of each run is put forward here [s].
     clock_shifts: tuple[float, ...] = (0.0,)
-    #: Sign of the logged velocity over the positions' derivative; 0 where none was logged.
-    velocity_sign: float = 0.0
+    #: Of each run the sign of the logged velocity over the positions' derivative; 0 where
+    #: none was logged.
+    velocity_signs: tuple[float, ...] = (0.0,)
+    #: (k,) which own columns change their sign where time runs backwards.
+    turns: tuple[bool, ...] = ()
 
     @property
     def count(self) -> int:
@@ -108,14 +115,14 @@ class RegressionData:
         states = motion.t, motion.q, motion.dq, motion.ddq
         columns = self.own_columns, self.laws, self.torque_mask
         channels = torque.x, torque.c, self.moving, self.largest
-        numbers = np.array([self.cutoff, self.seconds, self.velocity_sign])
+        numbers = np.array([self.cutoff, self.seconds, *self.velocity_signs])
         digest = hashlib.sha256()
         for array in (*states, *columns, *channels, self.run, numbers):
             digest.update(array.tobytes())
         return digest.digest()
 
-    def select_rows(self, rows: slice) -> RegressionData:
-        """Return the data of a slice of the rows."""
+    def select_rows(self, rows: slice | Indices) -> RegressionData:
+        """Return the data of some of the rows."""
         return replace(
             self,
             motion=self.motion.part(rows),
@@ -140,7 +147,8 @@ class RegressionData:
             self.motion.ddq.T[:, :, None],
             self.laws,
         ]
-        return replace(self, own_columns=np.concatenate(columns, axis=2))
+        turns = (*self.turns, *map(bool, sharp_widths), False, *_LAWS_TURN)
+        return replace(self, own_columns=np.concatenate(columns, axis=2), turns=turns)
 
     @classmethod
     def concatenate(cls, logs: Sequence[RegressionData]) -> RegressionData:
@@ -193,6 +201,8 @@ class RegressionData:
             seconds=sum(x.seconds for x in logs),
             run=np.concatenate([x.run for x in parts]),
             clock_shifts=tuple(shifts),
+            velocity_signs=tuple(x.velocity_signs[0] for x in logs),
+            turns=(*logs[0].turns, *(len(logs) - 1) * (False,)),
         )
 
     @classmethod
@@ -247,13 +257,14 @@ class RegressionData:
             what = "no joint both moves and has a torque that changes"
             raise InputError(what, "record such a run", run.names[0])
         dependence, independent = base_columns(shared)
+        own = np.concatenate(own_columns, axis=1)[:, rows]
         return cls(
             shared=shared,
             dependence=dependence,
             independent=independent,
             motion=motion.part(rows),
             torque=CubicSpline(np.concatenate(times), np.concatenate(torques)),
-            own_columns=np.concatenate(own_columns, axis=1)[:, rows],
+            own_columns=own,
             laws=np.concatenate(laws, axis=1)[:, rows],
             torque_mask=slides[rows].astype(float),
             moving=moving,
@@ -261,7 +272,9 @@ class RegressionData:
             cutoff=cutoff,
             seconds=seconds,
             run=np.zeros(len(rows), np.intp),
-            velocity_sign=_velocity_sign(run),
+            velocity_signs=(_velocity_sign(run),),
+            # All but the rotor's inertia and the offset, which come first.
+            turns=(False, False, *(own.shape[2] - 2) * (True,)),
         )
 
 

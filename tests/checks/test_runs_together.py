@@ -47,6 +47,17 @@ def swapped(run):
     return replace(run, tau=run.tau[:, ::-1].copy())
 
 
+def exchanged(run):
+    return replace(run, q=run.q[:, ::-1].copy())
+
+
+def geared(run, joint, ratio):
+    """The run whose logger divided one joint (from 1) by another gear ratio."""
+    factor = np.ones(run.n)
+    factor[joint - 1] = ratio
+    return replace(run, q=run.q * factor, tau=run.tau / factor)
+
+
 def judged(problem, *runs):
     return check(problem, concatenate(runs), thorough=False)
 
@@ -160,16 +171,19 @@ OF_ONE_RUN = {
     # Joints contradict each other: no arm of its own explains the run either.
     "half": (3, 0, lambda run: scaled(run, 1, 0.5), GAIN, [1], -0.5),
     "twice": (3, 2, lambda run: scaled(run, 2, 2.0), GAIN, [2], 1.0),
-    "twice, first run": (3, 0, lambda run: scaled(run, 2, 2.0), GAIN, [2], 1.0),
-    "half, last run": (3, 2, lambda run: scaled(run, 1, 0.5), GAIN, [1], -0.5),
-    "half of joint 2": (3, 0, lambda run: scaled(run, 2, 0.5), GAIN, [2], -0.5),
-    "half of it, last run": (3, 2, lambda run: scaled(run, 2, 0.5), GAIN, [2], -0.5),
+    "positions": (2, 1, exchanged, "position order", [1, 2], None),
+    "a gear": (3, 1, lambda run: geared(run, 2, 1.25), "gear ratio", [2], None),
+    "a clock": (2, 0, lambda run: replace(run, t=0.9 * run.t), "clock rate", [], None),
+    "a unit": (2, 1, lambda run: replace(run, tau=1e3 * run.tau), GAIN, [1, 2], 999.0),
 }
-FIRST = ("a sign", "a position's sign", "an order", "a small gain", "a delay", "half")
+FIRST = ("a sign", "an order", "a delay", "half", "positions", "a gear", "a clock")
 LATER = {
     "another sign": pytest.mark.long,
     "a joint's": pytest.mark.long,
     "twice": pytest.mark.long,
+    "a small gain": pytest.mark.long,
+    "a position's sign": pytest.mark.long,
+    "a unit": pytest.mark.long,
 }
 
 

@@ -51,6 +51,19 @@ KINDS: tuple[ModuleType, ...] = (
     effects,
     friction,
 )
+#: What a run may have by itself.
+OF_ONE_RUN = (
+    position_unit,
+    position_scale,
+    clock_rate,
+    sign,
+    order,
+    weight,
+    gain,
+    gear,
+    delay,
+    zero,
+)
 #: What a motion shows whose directions are half as many as its joints.
 SHOWN_BY_A_POOR_MOTION = position_unit, sign, mounting, events
 

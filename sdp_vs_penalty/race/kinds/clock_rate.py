@@ -27,20 +27,18 @@ _RATE = Number(
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield rows in reverse order, unless the logged velocity is the positions'
-    derivative, and the clock at other rates, both rarer than other faults; rates only
-    under gravity: without weight a time scale is a scale of all torques."""
+    """Yield rows in reverse order, and the clock at other rates, both rarer than other
+    faults; rates only under gravity: without weight a time scale is a scale of all
+    torques."""
     now = fit.chain
     prior = 2.0 * prior_of_one_of(1)
-    sign = evidence.log.data.velocity_sign
-    if sign <= 0.0:
-        yield Hypothesis(
-            kind="time reversed",
-            joints=(),
-            log_prior=prior,
-            chain=replace(now, reversed=not now.reversed),
-            tells_by_friction=not sign,
-        )
+    yield Hypothesis(
+        kind="time reversed",
+        joints=(),
+        log_prior=prior,
+        chain=replace(now, reversed=not now.reversed),
+        tells_by_friction=not any(evidence.log.data.velocity_signs),
+    )
     if not any(now.gravity):
         return
     yield from at_sizes("clock rate", prior, now, _RATE, np.log(_RATES))

@@ -21,11 +21,11 @@ _DECIMALS = (1e-3, 1e-2, 0.1)
 _SD, _SD_OF_UNITS = 0.5, 2.0
 
 
-def _number(j: int, sd: float = _SD) -> Number:
-    """Return the factor of joint j's torque."""
+def _number(joints: tuple[int, ...], sd: float = _SD) -> Number:
+    """Return the factor of some joints' torques."""
     return Number(
         field="gain",
-        joints=(j,),
+        joints=joints,
         sd=sd,
         usual=c.CALIBRATED_GAIN,
         is_factor=True,
@@ -36,15 +36,17 @@ def _number(j: int, sd: float = _SD) -> Number:
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield a factor of each joint's torque, near one and of a unit; nothing for a single
-    joint."""
+    """Yield a factor of all torques, which only a run shows beside others, and of each
+    joint's, near one and of a unit."""
     log, now = evidence.log, fit.chain
-    if len(log.joints) < 2:
-        return
-    for j in log.joints:
+    every = tuple(range(log.n))
+    of_all = _number(every, _SD_OF_UNITS)
+    sizes = np.log([1.0, 1e-3, 1e3])
+    yield from at_sizes("torque gain", prior_of_one_of(1), now, of_all, sizes)
+    for j in log.joints if log.n > 1 else ():
         prior = prior_of_one_of(log.n)
-        yield from at_sizes("torque gain", prior, now, _number(j))
-        unit, factors = _number(j, _SD_OF_UNITS), np.log(_GAINS)
+        yield from at_sizes("torque gain", prior, now, _number((j,)))
+        unit, factors = _number((j,), _SD_OF_UNITS), np.log(_GAINS)
         yield from at_sizes("torque gain", prior - np.log(2.0), now, unit, factors)
 
 
@@ -59,8 +61,8 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             what=f"the torque of {joints_text([j])} is {_times(factor)} beside those of"
             " its neighbours.",
             remedy=f"multiply tau{j + 1} by {factor:.3g}",
-            without=_number(j).at(chain, 0.0),
-            number=_number(j),
+            without=_number((j,)).at(chain, 0.0),
+            number=_number((j,)),
             in_words=lambda log_factor: _times(float(np.exp(log_factor))),
             number_told=abs,
             figures={"factor": factor},

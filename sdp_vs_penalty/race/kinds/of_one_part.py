@@ -1,34 +1,26 @@
-"""What differs in one run, or from an instant on: a torque's gain, an encoder's zero, a load
-on the last link, a joint's sign, an order of two torques.
+"""What differs in one run, or from an instant on: any change of the log that all rows may
+need, there alone; a load on the last link, another arm.
 
 A load phi adds Y_last phi on the part's rows, Y_last the regressor of the last link.
 """
 
-from collections.abc import Iterator
-from itertools import combinations
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
-from sdp_vs_penalty.race.kinds.sign import SIGNS, with_sign
-from sdp_vs_penalty.race.kinds.zero import zero_number
-from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Further, Hypothesis, Number, Part
+from sdp_vs_penalty.race.records import Further, Hypothesis, Part
 
 #: Instants at which a run may change, in shares of its rows.
 _CUTS = np.arange(3, 14) / 16.0
-#: Standard deviation beforehand of a gain (natural logarithm), and of a zero [rad].
-_SD_OF_GAIN, _SD_OF_ZERO = 0.5, 0.1
-#: The same of a delay of all torques [s].
-_SD_OF_DELAY = 0.05
-#: Standard deviation of a load: of its mass as a share of the arm's mass, its centre
+#: Changes that begin within a run.
+_WITHIN_A_RUN = "torque gain", "encoder offset"
+#: Standard deviation beforehand of a load: of its mass as a share of the arm's mass, its centre
 #: [m], and its radius of gyration squared [m^2].
 _SHARE_OF_ARM, _CENTRE, _GYRATION = 1.0, 0.5, 0.3
-#: Signs and orders of single runs are tried where so large a share of a torque's energy
-#: is left.
-_CONTRADICTS = 1e-3
 
 
 def parts_of(evidence: Evidence) -> list[Part]:
@@ -42,56 +34,56 @@ def parts_of(evidence: Evidence) -> list[Part]:
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield, of each part, a gain and a zero of each joint, and a load; of runs a delay
-    too. Of an arm that leaves much, another arm, and of runs signs and orders of torques."""
-    log, none = evidence.log, evidence.log.as_logged
+    """Yield a load of each part, and of an arm that leaves much another arm."""
+    none = evidence.log.as_logged
+    load = load_on_last_link(evidence, fit, fit.chain)
+    arm = another_arm(evidence, fit) if (fit.shares > c.BADLY).any() else None
     parts = parts_of(evidence)
     odds = -c.LOG_ODDS_AGAINST_DIFFERENCE - float(np.log(len(parts)))
-    odds_of_joint = odds - float(np.log(log.n))
-    numbers = [
-        Number("gain", (j,), _SD_OF_GAIN, c.CALIBRATED_GAIN, is_factor=True)
-        for j in log.joints
-    ]
-    numbers += [zero_number(log, j, _SD_OF_ZERO) for j in log.joints]
-    load = load_on_last_link(evidence, fit, fit.chain)
-    arm = _another_arm(evidence, fit) if (fit.shares > c.BADLY).any() else None
-    every = tuple(range(log.n))
-    leaves_much = bool((fit.shares > _CONTRADICTS).any())
     for part in parts:
         at = evidence.rows_of(part)[None, :, None]
-        is_run = part.run is not None
-        for number in numbers:
-            kind = "torque gain" if number.field == "gain" else "encoder offset"
-            yield Hypothesis(kind, number.joints, odds_of_joint, none, number, part)
-        if is_run:
-            late = Number("lead", every, _SD_OF_DELAY, c.USUAL_DELAY, step=1e-3)
-            yield Hypothesis("delay", every, odds, none, late, part)
         if load is not None:
             # Of what follows an instant the load may have been put down.
-            further = Further(load.columns * at, load.sd, is_positive=is_run)
+            is_positive = part.run is not None
+            further = Further(load.columns * at, load.sd, is_positive=is_positive)
             yield Hypothesis("another load", (), odds, none, part=part, further=further)
-        if leaves_much and arm is not None:
+        if arm is not None:
             further = Further(arm.columns * at, arm.sd)
             rare = odds - c.LOG_ODDS_AGAINST_DIFFERENCE
             yield Hypothesis("another arm", (), rare, none, part=part, further=further)
-        if leaves_much and is_run:
-            yield from _signs_and_orders(log, part, odds_of_joint)
 
 
-def _signs_and_orders(log: Likelihood, run: Part, odds: float) -> Iterator[Hypothesis]:
-    """Yield other signs of each joint and an exchange of each two torques in one run;
-    odds : prior log-odds of one joint's fault."""
-    none = log.as_logged
-    for j in log.joints:
-        for kind in SIGNS:
-            yield Hypothesis(kind, (j,), odds, with_sign(none, kind, j), part=run)
-    odds_of_pair = odds - float(np.log(log.n))
-    for pair in combinations(log.joints, 2):
-        swapped = none.with_swap(*pair, "tau_order")
-        yield Hypothesis("torque order", pair, odds_of_pair, swapped, part=run)
+def confined(
+    hypotheses: Iterable[Hypothesis],
+    none: LogTransform,
+    parts: Sequence[Part],
+    suspects: Collection[Part],
+) -> Iterator[Hypothesis]:
+    """Yield hypotheses about a log as it is again, each in a part alone: those about a number
+    near what it is in every part, and all others in suspect ones.
+
+    What a part has of its own comes before what all rows have. A change that an unchanged
+    log (``none``) behind it does not keep belongs to all rows.
+    """
+    odds = c.LOG_ODDS_AGAINST_DIFFERENCE - c.LOG_ODDS_AGAINST_FAULT
+    odds += float(np.log(len(parts)))
+    for h in hypotheses:
+        if h.further is not None or not h.is_friction_real:
+            continue
+        is_near = h.number is not None and h.chain == none
+        chain = h.number.at(none, h.number.step) if h.number and is_near else h.chain
+        if chain.followed_by(none) != chain:
+            continue
+        alone = replace(h, log_prior=h.log_prior - odds, tells_by_friction=False)
+        for part in parts:
+            is_tried = is_near or part in suspects
+            if part.run is None:
+                is_tried = is_near and h.kind in _WITHIN_A_RUN
+            if is_tried:
+                yield replace(alone, part=part)
 
 
-def _another_arm(evidence: Evidence, fit: ViewFit) -> Further | None:
+def another_arm(evidence: Evidence, fit: ViewFit) -> Further | None:
     """Return the torque of links that differ, by what is known of links beforehand;
     None for an arm without links."""
     columns = evidence.log.raw(fit.chain)
