@@ -1,6 +1,7 @@
 """Fixtures that several test files share."""
 
 import gc
+import importlib
 import importlib.util
 import os
 import re
@@ -31,6 +32,7 @@ if (
 import pytest
 
 from sdp_vs_penalty import load_measurements, load_problem
+from sdp_vs_penalty.records import to_json
 
 
 def pytest_addoption(parser):
@@ -168,6 +170,29 @@ def _issues_say_what_they_mean():
     Issue.__init__ = told
     yield
     Issue.__init__ = plain
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _logs_that_many_tests_check_race_once():
+    """The product holds no race twice in one call; here none is held twice in a worker,
+    for the same rows of a robot of the same words."""
+    from sdp_vs_penalty.race.race import HeldRaces
+
+    outcomes = {}
+
+    class SharedRaces(HeldRaces):
+        def hold(self, logs, kinds, is_doubtful):
+            robot = repr(to_json(logs[0].problem))
+            key = robot, tuple(log.data.digest for log in logs), kinds, is_doubtful
+            if key not in outcomes:
+                outcomes[key] = super().hold(logs, kinds, is_doubtful)
+            return outcomes[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        for home in ("race.race", "checks.check", "checks.fixing", "api.remedies"):
+            module = importlib.import_module(f"sdp_vs_penalty.{home}")
+            patch.setattr(module, "HeldRaces", SharedRaces)
+        yield
 
 
 @pytest.fixture(scope="session")

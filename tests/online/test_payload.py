@@ -31,7 +31,7 @@ from sdp_vs_penalty.simulation import LEVELS
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 #: Samples a second.
-RATE = 200.0
+RATE = 100.0
 
 
 def thinned(run, rate):
@@ -383,12 +383,12 @@ def test_an_update_keeps_no_memory(arm, estimator):
 
     run = arm.stream(4.0).window(4.0 - LEAD, 5.5)
     rows = list(zip(run.t.tolist(), run.q, run.tau, strict=True))
-    for row in rows[:750]:
+    for row in rows[:375]:
         estimator.update(*row)
     tracemalloc.start()
     before, _ = tracemalloc.get_traced_memory()
     tracemalloc.reset_peak()
-    for row in rows[750:850]:
+    for row in rows[375:475]:
         estimator.update(*row)
     after, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
