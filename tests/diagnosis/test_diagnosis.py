@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_runs import small_run
+from small_runs import small_run, thinned
 
 from sdp_vs_penalty import (
     InputError,
@@ -42,12 +42,6 @@ def identified(made, data):
 def diagnosed(made, runs=3, **options):
     data = concatenate(made.runs[:runs])
     return diagnose(identified(made, data), data, made.runs[3], **options)
-
-
-def thinned(made, step=10):
-    """Every so many of a thousand samples a second: cheaper to diagnose."""
-    runs = tuple(run.rows(slice(None, None, step)) for run in made.runs)
-    return replace(made, runs=runs)
 
 
 @pytest.fixture(scope="module")

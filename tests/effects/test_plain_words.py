@@ -29,15 +29,8 @@ def test_each_effect_of_the_library_has_a_sentence_of_its_own(name):
     assert sentence.startswith("On the arm: ")
     assert name not in sentence.split() or "_" not in name
     assert "{" not in sentence
-
-
-@pytest.mark.parametrize(
-    "name", sorted(set(effect_types()) - {"rigid_body", "measured_curve"})
-)
-def test_a_sentence_holds_a_number(name):
-    assert any(
-        c.isdigit() for c in on_the_arm(fitted(name, 0.0123)).replace("joint 4", "")
-    )
+    holds_a_number = any(c.isdigit() for c in sentence.replace("joint 4", ""))
+    assert holds_a_number or name in ("rigid_body", "measured_curve")
 
 
 def test_an_effect_of_a_users_own_has_a_sentence():

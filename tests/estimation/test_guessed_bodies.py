@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from small_runs import thinned
 
 from sdp_vs_penalty import (
     cross_validate,
@@ -15,7 +16,7 @@ from sdp_vs_penalty import (
 
 @pytest.fixture(scope="module")
 def runs():
-    return simulate("two_link", seed=3)
+    return thinned(simulate("two_link", seed=3))
 
 
 def in_small_bodies(source):

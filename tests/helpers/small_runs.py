@@ -34,6 +34,13 @@ def small_run(problem, seconds=6.0, seed=0, rate=100.0):
     return Measurements(t, q, tau + 0.05 * rng.normal(size=tau.shape), dq)
 
 
+def thinned(made, step=10):
+    """Simulated runs of which every so many of a thousand samples a second are kept:
+    few tests need more."""
+    runs = tuple(run.rows(slice(None, None, step)) for run in made.runs)
+    return replace(made, runs=runs)
+
+
 @cache
 def small_model(method="lmi-sdp"):
     """The model of a small run of the two links: made once, and nobody changes it."""

@@ -36,9 +36,10 @@ def texts():
         yield str(path.relative_to(RESULTS)), path.read_text()
 
 
-@pytest.mark.parametrize(("name", "text"), [*texts()], ids=lambda x: x[:24])
-def test_no_caption_says_held_out(name, text):
-    assert not HELD_OUT.search(text), name
+def test_no_caption_says_held_out():
+    captions = dict(texts())
+    assert captions
+    assert [name for name, text in captions.items() if HELD_OUT.search(text)] == []
 
 
 def test_every_row_says_on_which_motion_it_is_judged(table):

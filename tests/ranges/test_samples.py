@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from small_runs import write_run
+from small_runs import thinned, write_run
 
 from sdp_vs_penalty import InputError, identify, load_estimate, simulate
 from sdp_vs_penalty.ranges import (
@@ -32,7 +32,7 @@ from sdp_vs_penalty.solvers.small_cones import SmallCones
 
 @pytest.fixture(scope="module")
 def hidden():
-    return simulate("two_link", seed=1)
+    return thinned(simulate("two_link", seed=1))
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from recorded import refusal
+from small_runs import thinned
 from unchecked import identify
 
 import sdp_vs_penalty as sdp
@@ -119,7 +120,7 @@ def test_a_second_statement_may_be_a_plain_function(registered, monkeypatch):
 
 def test_a_constant_at_an_end_of_its_range_is_said(registered):
     """Friction of the load that does not fall with speed: v_ls has no upper end."""
-    runs = sdp.simulate("two_link", "load_dependent_friction:2")
+    runs = thinned(sdp.simulate("two_link", "load_dependent_friction:2"))
     bare = sdp.identify("two_link", runs.train, check=False)
     assert not bare.constants_at_ends
     said = "rad/s of load stribeck on joint 2: at an end of the range"
