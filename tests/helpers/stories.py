@@ -24,7 +24,7 @@ from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 NAMES = ("a.csv", "b.csv", "test.csv")
 DOCS = Path(__file__).parents[2] / "docs"
 #: Of runs of 20 s at 1 kHz every so many samples are kept: stories are to be cheap.
-THINNED = 10
+THINNED = 20
 
 
 @dataclass
