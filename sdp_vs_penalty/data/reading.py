@@ -812,7 +812,10 @@ def _as_the_arm_says(
         found = by_arm.with_lengths(found, robot)
     if robot is not None and "q" not in (choice.scale or {}):
         links = getattr(choice.joints, "links", None)
-        of_links = by_arm.fit_of(robot, clock_of_positions, links)
+        is_in_shares = bool(found.torque_unit)
+        of_links = by_arm.fit_of(
+            robot, clock_of_positions, links, each_in_its_unit=is_in_shares
+        )
         before = found
         found, blocks = by_arm.with_unit_of_positions(
             found, blocks, robot, of_links, choice.unit_of_others

@@ -51,7 +51,13 @@ def units_tried(q: Array) -> tuple[float, ...]:
 
 
 def fit_arm(
-    robot: Robot, t: Array, q: Array, tau: Array, links: Array | None = None
+    robot: Robot,
+    t: Array,
+    q: Array,
+    tau: Array,
+    links: Array | None = None,
+    *,
+    each_in_its_unit: bool = False,
 ) -> ChannelFit | None:
     """Fit an arm's ten parameters a link, friction and zeros to the torques of a log.
 
@@ -64,6 +70,9 @@ def fit_arm(
     ----------
     q : (N, n) array
         Positions [rad or m].
+    each_in_its_unit : bool
+        Whether each joint's torque has a unit of its own, such as a share of its rating: its
+        masses and frictions are then fitted apart.
     """
     whole = np.isfinite(np.hstack([q, tau])).all(axis=1)
     t, q, tau = (x[whole][:_ROWS] for x in (t, q, tau))
@@ -103,13 +112,14 @@ def fit_arm(
     columns = np.concatenate([rigid, own], axis=2) / spreads[:, None]
     scale = nonzero_or_one(np.linalg.norm(columns, axis=(0, 1)))
     rows = np.concatenate([columns / scale, (tau / spreads)[:, :, None]], axis=2)
-    parts = np.array_split(rows, N_PARTS)
-    factors = [_triangular(list(x)) for x in parts]
     left = list[Array]()
-    for k, part in enumerate(parts):
-        others = _triangular(factors[:k] + factors[k + 1 :])
-        theta = np.linalg.lstsq(others[:, :-1], others[:, -1], rcond=1e-6)[0]
-        left.append(np.ravel(part[:, :, -1] - part[:, :, :-1] @ theta))
+    for of_joint in np.split(rows, n, axis=1) if each_in_its_unit else [rows]:
+        parts = np.array_split(of_joint, N_PARTS)
+        factors = [_triangular(list(x)) for x in parts]
+        for k, part in enumerate(parts):
+            others = _triangular(factors[:k] + factors[k + 1 :])
+            theta = np.linalg.lstsq(others[:, :-1], others[:, -1], rcond=1e-6)[0]
+            left.append(np.ravel(part[:, :, -1] - part[:, :, :-1] @ theta))
     share = min(float(np.sqrt(np.mean(np.concatenate(left) ** 2))), 1.0)
     of_friction = slice(-2 * n, None)
     power = own[:, :, of_friction] @ (theta / scale)[of_friction] * dq
@@ -117,6 +127,8 @@ def fit_arm(
     factors_of_links = (theta / scale)[: rigid.shape[2]]
     size = float(np.linalg.norm(rigid @ factors_of_links / spreads))
     is_known = links is not None and needed > 0.0
+    if each_in_its_unit:
+        return ChannelFit(share, friction=0.0)
     return ChannelFit(
         share,
         float(np.mean(power / spreads / usual_speed)),

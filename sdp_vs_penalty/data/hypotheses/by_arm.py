@@ -92,15 +92,25 @@ class _Unit:
 
 
 def fit_of(
-    robot: Robot | None, clock: Callable[[Array], Array], links: Array | None = None
+    robot: Robot | None,
+    clock: Callable[[Array], Array],
+    links: Array | None = None,
+    *,
+    each_in_its_unit: bool = False,
 ) -> Fit:
     """Return what fits the arm, or its nominal links, along the clock (N,) [s] of positions
-    (N, n), whose speed may tell its unit; without a robot nothing does."""
+    (N, n), whose speed may tell its unit; without a robot nothing does.
+
+    each_in_its_unit : as :func:`fit_arm` has it.
+    """
 
     def fit(q: Array, tau: Array) -> ChannelFit | None:
         is_of_robot = robot is not None and robot.n == q.shape[1] == tau.shape[1]
-        return (
-            fit_arm(robot, clock(q), q, tau, links) if robot and is_of_robot else None
+        if robot is None or not is_of_robot:
+            return None
+        stamps = clock(q)
+        return fit_arm(
+            robot, stamps, q, tau, links, each_in_its_unit=each_in_its_unit
         )
 
     return fit
@@ -151,7 +161,9 @@ def with_unit_of_positions(
     is_clear &= is_explained
     of_gears = 0.0
     if is_explained and best.words != of_others:
-        of_gears = _odds_of_gears(best, share, q, torques, fit)
+        turning = _revolute(robot)
+        if np.any(best.scale[turning] != 1.0):
+            of_gears = _odds_of_gears(best, share, q, torques, fit, turning)
     if best.is_of_any_size or not is_clear or of_gears > 1.0:
         may_ask = "q" in found.unsaid or found.has_our_names
         if is_impossible and may_ask and of_gears <= _POSSIBLE:
@@ -246,19 +258,24 @@ def _says_motors(said: str) -> bool:
 
 
 def _odds_of_gears(
-    unit: _Unit, share: float, q: Array, torques: Sequence[Array], fit: Fit
+    unit: _Unit,
+    share: float,
+    q: Array,
+    torques: Sequence[Array],
+    fit: Fit,
+    turning: Sequence[int],
 ) -> float:
     """Return how much likelier gears are than a unit in which the arm leaves ``share`` of
     the torques.
 
-    The positions q (N, n) in that unit are multiplied by factors that gears have, of
-    all joints or of a single one.
+    The positions q (N, n) of the ``turning`` joints in that unit are multiplied by factors
+    that gears have, of all or of a single one; the range tells the unit of a length.
     """
     most = 0.0
-    n = q.shape[1]
-    factors = [(np.full(n, x), odds) for x, odds in _OF_ALL.items()]
-    for x, odds in _OF_ONE.items() if n > 1 else ():
-        factors += [(1.0 + (x - 1.0) * row, odds) for row in np.eye(n)]
+    each = np.eye(q.shape[1])[turning]
+    factors = [(1.0 + (x - 1.0) * each.sum(axis=0), y) for x, y in _OF_ALL.items()]
+    for x, odds in _OF_ONE.items() if len(each) > 1 else ():
+        factors += [(1.0 + (x - 1.0) * row, odds) for row in each]
     for factor, odds in factors:
         beside = replace(unit, scale=factor * unit.scale)
         for other in filter(None, (fit(beside.in_si(q), x) for x in torques)):
@@ -340,6 +357,8 @@ def _usual_units(robot: Robot, q: Array, is_of_servo: bool) -> Iterator[_Unit]:
     yield unit("deg", _DEGREES, UNITS["deg"])
     yield unit("mrad", 1e-3, 1e-3)
     yield unit("mdeg", 1e-3, UNITS["mdeg"])
+    yield unit("0.01 deg", 1e-3, 1e-2 * UNITS["deg"])
+    yield unit("0.1 deg", 1e-3, 1e-1 * UNITS["deg"])
     if percent := radians_per_percent(robot, q):
         pairs = np.array([percent.get(j, (1.0, 0.0)) for j in range(robot.n)])
         words = "per cent of each joint's range"
