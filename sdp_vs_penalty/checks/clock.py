@@ -17,7 +17,7 @@ from sdp_vs_penalty.data.files import is_last_row_first
 from sdp_vs_penalty.data.hypotheses.weighing import unit_of_dates
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import column_range
-from sdp_vs_penalty.data.stretches.gaps import is_set_back, order_of_time
+from sdp_vs_penalty.data.stretches.gaps import is_set_back, order_of_time, spaced_evenly
 from sdp_vs_penalty.data.words.units import UNITS
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
@@ -325,36 +325,8 @@ def find_coarse_stamps(glance: RunSummary) -> Iterator[Issue]:
 
 
 def _spaced_evenly(run: Measurements, step: float) -> Measurements:
-    """Return the run with time stamps spaced evenly between gaps.
-
-    A gap is a step longer than three times the clock's resolution ``step`` [s], and
-    than three times almost all other steps (their 97 % quantile).
-    """
-    steps = np.diff(run.t)
-    pause = GAP * max(step, float(np.quantile(steps, 0.97)))
-    edges = np.flatnonzero(steps > pause) + 1
-    parts = [_even(t) for t in np.split(run.t, edges)]
-    return replace(run, t=np.concatenate(parts))
-
-
-def _even(t: Array) -> Array:
-    """Return evenly spaced times (N,) of times t (N,) that were written with too few
-    digits.
-
-    They are on the line t = a + step row, by least squares, through the rows at which
-    the written time changes: there the clock passed the written digit less than a step
-    ago. The first and the last written time are cut short, and do not count. Where
-    fewer than two times change, the line goes through all rows.
-    """
-    if len(t) <= 2:
-        return t
-    row = np.arange(len(t))
-    changes = np.flatnonzero(np.diff(t)) + 1
-    used = changes if len(changes) > 1 else row
-    middle = np.mean(used)
-    centred = used - middle
-    step = float(centred @ (t[used] - t[0])) / float(centred @ centred)
-    return np.mean(t[used]) + step * (row - middle)
+    """Return the run with stamps written in ``step`` [s] spaced evenly between gaps."""
+    return replace(run, t=spaced_evenly(run.t, step))
 
 
 def find_repeated_time(glance: RunSummary) -> Iterator[Issue]:

@@ -37,7 +37,7 @@ from sdp_vs_penalty.data.store import (
     concatenate_chunks,
     iter_chunks,
 )
-from sdp_vs_penalty.data.stretches.gaps import order_of_time
+from sdp_vs_penalty.data.stretches.gaps import order_of_time, spaced_evenly
 from sdp_vs_penalty.data.words.tokens import brief_names, group_of, parts_of
 from sdp_vs_penalty.errors import ColumnsRemark, InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
@@ -212,6 +212,11 @@ def _run_of_columns(
         columns = {x: y[order] if len(y) == n_rows else y for x, y in columns.items()}
         t = t[order]
     run, found = _in_si(log, found, groups, t, columns, choice)
+    if not (found.has_our_names or choice.as_written) and (step := _rounded_to(run.t)):
+        run = replace(run, t=spaced_evenly(run.t, step))
+        each = float(np.median(np.diff(run.t)))
+        steps = f"stamps were written in steps of {step:.3g} s"
+        _remark(log, f"{steps}: rows are spaced evenly, {each:.3g} s apart")
     if found.scale:
         from sdp_vs_penalty.data.hypotheses.wrapping import POSITIONS, unwrapped
         from sdp_vs_penalty.data.words.units import UNITS
@@ -219,6 +224,16 @@ def _run_of_columns(
         in_degrees = {group_of(x) for x, y in found.scale.items() if y == UNITS["deg"]}
         run = unwrapped(run, log.path, [x for x in POSITIONS if x in in_degrees])
     return replace(run, file_rows=rows), found
+
+
+def _rounded_to(t: Array) -> float:
+    """Return the step [s] in which a clock was written that has the same stamp in several
+    rows, one row more or less; 0 for another clock."""
+    stamps, counts = np.unique(t, return_counts=True)
+    inner = counts[1:-1]
+    is_rounded = len(inner) > 1 and inner.min() > 1 and np.ptp(inner) < 2
+    is_rounded = is_rounded and bool(np.all(np.diff(t) >= 0.0))
+    return float(np.median(np.diff(stamps))) if is_rounded else 0.0
 
 
 def _remark(log: Log, said: str) -> None:
@@ -798,6 +813,7 @@ def _as_the_arm_says(
     if robot is None and len(channels) < 2:
         return found, blocks
     is_open = not found.is_identity or bool(choice.unit_of_others)
+    is_open |= not np.any(blocks["tau"][: len(t) // 10 + 1] < 0.0)  # a register's sign
     if robot and not is_open and not far_outside(robot, blocks["q"]):
         return found, blocks
     from sdp_vs_penalty.data.hypotheses import by_arm
@@ -829,7 +845,7 @@ def _as_the_arm_says(
     if robot is not None and not found.unit_by_arm and not is_side_given:
         found, blocks = by_arm.with_joint_side(found, blocks, robot, fit)
     found, blocks = by_arm.with_channel_of_torque(found, blocks, channels, fit)
-    if robot is not None and not found.is_identity:
+    if robot is not None:
         found, blocks = by_arm.with_signed_register(found, blocks, fit)
     return by_arm.confirmed(found, blocks, fit), blocks
 

@@ -34,7 +34,8 @@ def verb(
     """Convert measurements of another program: MATLAB, Parquet, ROS 2 bags and MCAP (JointState).
 
     Logs of motors become those of joints by their transmission (--motors, --motor-side).
-    With --problem it says what of units and stamps the arm has to decide.
+    With --problem it says what of units and stamps the arm has to decide. Exit code 1 as
+    `check`: the file is written, but nothing sensible can be identified from it.
 
     Example: sdp-vs-penalty convert rosbag2_folder --problem robot.urdf --out run.csv
 
@@ -91,15 +92,21 @@ def verb(
         console.written(columns_note(out), "what the columns were taken for")
     if robot is not None and problem is not None:
         command = CheckCommand(problem=problem, runs=[out], hold=hold)
-        console.next_step(_what_is_open(robot, run, command) or command.words)
+        words, is_usable = _what_is_open(robot, run, command)
+        console.next_step(words or command.words)
+        if not is_usable:
+            raise SystemExit(1)
 
 
 def _what_is_open(
     robot: str | Problem, run: Measurements, command: CheckCommand
-) -> list[str] | None:
+) -> tuple[list[str] | None, bool]:
     """Say what the arm decides of units and stamps that the file leaves open, as `check`
-    says it; return the command that settles it, None where there is none, or the reading
-    has named one."""
+    says it.
+
+    Returns the command that settles it, None where there is none, or the reading has named
+    one; and whether the file is free of errors.
+    """
     from sdp_vs_penalty.api.remedies import Files, next_command
     from sdp_vs_penalty.checks import check_runs
     from sdp_vs_penalty.checks.report import list_remedies
@@ -107,8 +114,6 @@ def _what_is_open(
     from sdp_vs_penalty.data.files import read_run
     from sdp_vs_penalty.problem.load import as_problem
 
-    if run.unit_command and "UNIT" not in run.unit_command:
-        return None
     with suppress(InputError):
         known = as_problem(robot)
         # As `check` reads it, which may tell more of what has our names.
@@ -117,9 +122,13 @@ def _what_is_open(
         with catch_warnings(action="ignore"):
             (report,) = check_runs(known, [copy])
         issues = report.errors_and_warnings
+        is_usable = not report.meaningless
+        if run.unit_command and "UNIT" not in run.unit_command:
+            return None, is_usable
         left = [x for x in issues if x.severity == "error" or x.kind == "torque unit"]
         if left:
             report = replace(report, issues=tuple(left))
             printing.checks([report], command)
-            return next_command(list_remedies([report]), Files(command))
-    return None
+            return next_command(list_remedies([report]), Files(command)), is_usable
+        return None, is_usable
+    return None, False

@@ -109,9 +109,7 @@ def fit_of(
         if robot is None or not is_of_robot:
             return None
         stamps = clock(q)
-        return fit_arm(
-            robot, stamps, q, tau, links, each_in_its_unit=each_in_its_unit
-        )
+        return fit_arm(robot, stamps, q, tau, links, each_in_its_unit=each_in_its_unit)
 
     return fit
 

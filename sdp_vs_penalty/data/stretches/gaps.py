@@ -25,6 +25,8 @@ FEWEST_ROWS = 50
 #: Steps between sorted rows are usual ones within so many times; their motion is longer
 #: than as it stands by less than so many times.
 REGULAR, SMOOTH = 1.9, 1.2
+#: Steps of a clock in a gap are longer by so many times.
+_GAP = 3.0
 #: Steps of a long run that are looked at for the usual one.
 _STEPS_OF_LONG_RUN = 8 * PART
 
@@ -103,3 +105,36 @@ def recorded_seconds(t: Array) -> float:
     """Return how long a run with stamps t (N,) lasts [s], pauses left out."""
     behind = rows_behind_pauses(t)
     return float(t[-1] - t[0] - np.sum(t[behind] - t[behind - 1]))
+
+
+def spaced_evenly(t: Array, step: float) -> Array:
+    """Return stamps (N,) [s] that a clock of the resolution ``step`` wrote, spaced evenly
+    between gaps.
+
+    A gap is a step longer than three times the resolution, and than three times almost all
+    other steps (their 97 % quantile).
+    """
+    steps = np.diff(t)
+    pause = _GAP * max(step, float(np.quantile(steps, 0.97)))
+    edges = np.flatnonzero(steps > pause) + 1
+    return np.concatenate([_even(x) for x in np.split(t, edges)])
+
+
+def _even(t: Array) -> Array:
+    """Return evenly spaced times (N,) of times t (N,) that were written with too few
+    digits.
+
+    They are on the line t = a + step row, by least squares, through the rows at which
+    the written time changes: there the clock passed the written digit less than a step
+    ago. The first and the last written time are cut short, and do not count. Where
+    fewer than two times change, the line goes through all rows.
+    """
+    if len(t) <= 2:
+        return t
+    row = np.arange(len(t))
+    changes = np.flatnonzero(np.diff(t)) + 1
+    used = changes if len(changes) > 1 else row
+    middle = np.mean(used)
+    centred = used - middle
+    step = float(centred @ (t[used] - t[0])) / float(centred @ centred)
+    return np.mean(t[used]) + step * (row - middle)
