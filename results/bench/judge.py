@@ -247,7 +247,7 @@ def errors_with(folder: Path, model, found: Diagnosis) -> tuple[str, str]:
                 runs,
                 paths["added"],
                 from_=paths["findings"],
-                confident=True,
+                helpful=True,
             )
         return ratios_of(folder, model, load_estimate(paths["added"]))
     except InputError:
