@@ -117,19 +117,20 @@ def effect_candidates(data: WhiteData) -> Iterator[Candidate]:
 
 
 def _keys_of(model: Model) -> set[Key]:
-    """Return the keys of the effects of a model: (name, joint from 0, or None for the
-    robot).
+    """Return the keys of the effects of a model, and of those that they hold as special
+    cases: (name, joint from 0, or None for the robot).
 
     Effects that may come several times on a joint are left out, since more can be
     added.
     """
-    out = set[Key]()
-    for effect in model.effects:
-        if effect.whole_robot and not effect.several:
-            out.add((effect.name, None))
-        elif not effect.several:
-            out |= {(effect.name, j) for j in effect.joints}
-    return out
+    types = effect_types()
+    return {
+        (name, joint)
+        for effect in model.effects
+        if not effect.several
+        for name in (effect.name, *effect.generalises)
+        for joint in ((None,) if types[name].whole_robot else effect.joints)
+    }
 
 
 class _Shown:

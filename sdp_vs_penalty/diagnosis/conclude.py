@@ -165,11 +165,12 @@ class Conclusion:
         told, error_with_all = self._told
         untold = [finding for finding in self.findings if finding.is_not_told]
         replaces_untold = all(CURVE in f.indistinguishable_from for f in untold)
+        curves = self.described_curves if replaces_untold else ()
         # By joint (from 0): RMS torque beyond the noise [N m or N].
         unexplained = {
             j: float(remaining.beyond[j]) for j in remaining.joints_unexplained
         }
-        joints_without_name = {*unexplained, *(c.joint for c in self.curves)}
+        joints_without_name = {*unexplained, *(c.joint - 1 for c in curves)}
         verdict: Literal["effect_missing", "nothing_missing", "unknown_effect"]
         verdict = "effect_missing" if told else "nothing_missing"
         if joints_without_name:
@@ -203,7 +204,7 @@ class Conclusion:
             frozen=self.data.frozen,
             new_motion_share=self.new_motion_share,
             retuned=self.retunes,
-            curves=self.described_curves if replaces_untold else (),
+            curves=curves,
             torque_units=self.explanation.estimate.torque_units,
             remains=tuple(Remaining(j + 1, x) for j, x in sorted(unexplained.items())),
         )

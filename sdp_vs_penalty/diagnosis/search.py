@@ -346,11 +346,27 @@ class Search:
 
         It is the simplest of the best candidates with J > EVIDENCE_TO_ADD. Candidates
         are added to a fit with the effects chosen so far and with small tolerated
-        errors of these effects' laws.
+        errors of these effects' laws. A finer form of one of the model's effects waits
+        until that effect has its best constant: both are laws of one cause.
         """
         self.fit = self.score.fit(self.nuisances.with_law_misfits(self.terms), self.fit)
         candidates = self.top_candidates(self.fit, self.terms)
-        return self.simplest([t for t in candidates if t.evidence > EVIDENCE_TO_ADD])
+
+        def is_of_a_finding(own: Candidate) -> bool:
+            """Return whether a finding is a finer form of the model's own effect."""
+            return own.replaces_own_constant and any(
+                t.form.refines(own) for t in self.terms
+            )
+
+        strong = [
+            t
+            for t in candidates
+            if t.evidence > (0.0 if is_of_a_finding(t.form) else EVIDENCE_TO_ADD)
+        ]
+        constants = [t.form for t in strong if t.form.replaces_own_constant]
+        return self.simplest(
+            [t for t in strong if not any(map(t.form.refines, constants))]
+        )
 
     def drop_weak(
         self, terms: Sequence[ScoredEffect], on: Set[int] = frozenset()
@@ -452,10 +468,8 @@ class Search:
 def _best_law_of_each_candidate(ranked: Sequence[ScoredEffect]) -> list[ScoredEffect]:
     """Keep the best law of each candidate (an effect on a joint), in the same order.
 
-    A candidate may appear with several laws (discrete variants) in ``ranked``, which
-    has the highest evidence first. Their evidence J = dD / v - price is compared with
-    one v, the first law's number of correlated rows that count as one: the errors of
-    two estimates of v would decide otherwise.
+    ``ranked`` has the highest evidence first. Laws are compared with one number of
+    correlated rows that count as one (:meth:`ScoredEffect.evidence_with_worth_of`).
     """
     first = dict[Key, ScoredEffect]()
     best = dict[Key, ScoredEffect]()
@@ -471,32 +485,29 @@ def _best_law_of_each_candidate(ranked: Sequence[ScoredEffect]) -> list[ScoredEf
 def _keep_best_candidates(
     ranked: Sequence[tuple[float, Candidate, dict[int, Array]]],
 ) -> list[tuple[Candidate, dict[int, Array]]]:
-    """Keep the first MAX_CANDIDATES_REFINED effects of a ranking, each with all laws.
+    """Keep the first MAX_CANDIDATES_REFINED effects of a ranking, each with all laws, and
+    the model's own effects of which these are finer forms.
 
     Parameters
     ----------
     ranked
-        Triples (cheap score, candidate, its white columns by joint), the best first. An
-        effect on a joint (the candidate's ``key``) appears once for each of its laws,
-        its discrete variants.
-
-    Returns
-    -------
-    list of (Candidate, dict)
-        The candidates of the best effects with their columns, in the same order.
+        Triples (cheap score, candidate, its white columns by joint), the best first; an
+        effect on a joint once for each of its laws.
     """
     keys_in_order = dict.fromkeys(form.key for _, form, _ in ranked)  # each once
-    best_keys = list(keys_in_order)[:MAX_CANDIDATES_REFINED]
+    best_keys = set(list(keys_in_order)[:MAX_CANDIDATES_REFINED])
+    best = [form for _, form, _ in ranked if form.key in best_keys]
+    best_keys |= {
+        own.key
+        for _, own, _ in ranked
+        if own.replaces_own_constant and any(form.refines(own) for form in best)
+    }
     return [(form, columns) for _, form, columns in ranked if form.key in best_keys]
 
 
 def simplicity(form: Candidate) -> tuple[int, int, bool]:
-    """Return a sorting key of candidates: the simplest one has the smallest key.
-
-    The key compares first the number of coefficients and shape constants, then the
-    number of joints, then whether the effect refines a simpler one (as presliding
-    friction refines Coulomb friction).
-    """
+    """Return a sorting key of candidates, the smallest for the simplest one: by numbers to
+    estimate, joints, and whether it refines a simpler effect."""
     return (
         form.n_coefficients + form.n_constants,
         len(form.effect.joints),

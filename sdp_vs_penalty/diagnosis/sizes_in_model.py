@@ -46,11 +46,10 @@ def with_sizes_of(diagnosis: Diagnosis, model: Estimate) -> Diagnosis:
 def size_in_model(finding: Finding, model: Estimate) -> Finding:
     """Replace a finding's size, interval and constants by those that a model has.
 
-    A confident finding becomes weak if its size there is less than five standard
-    deviations from zero. Its doubt says whether the size is uncertain, or may be zero.
-    The tolerated error of its law is no such doubt: another law changes the number, but
-    hardly the torque. A finding whose torque is in doubt does not help if its size there
-    may be zero.
+    A finding becomes weak if its size there may be zero, a confident one also if the
+    size is less than five standard deviations from zero. The tolerated error of its law
+    is no such doubt: another law changes the number, but hardly the torque. A finding
+    whose torque is in doubt does not help if its size there may be zero.
 
     Parameters
     ----------
@@ -76,11 +75,10 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
     may_be_zero = is_insignificant(size, std_without_law)
     if abs(size) < _AT_BOUND * std:
         doubts = (*doubts, Doubt("no_torque"))
-    elif finding.confidence == "confident":
-        if may_be_zero:
-            doubts = (Doubt("insignificant"),)
-        elif is_uncertain(size, std_without_law):
-            doubts = (Doubt("uncertain"),)
+    elif may_be_zero:
+        doubts = tuple(dict.fromkeys((*doubts, Doubt("insignificant"))))
+    elif finding.confidence == "confident" and is_uncertain(size, std_without_law):
+        doubts = (Doubt("uncertain"),)
     is_open = any(doubt.leaves_torque_open for doubt in doubts)
     return replace(
         finding,

@@ -9,12 +9,20 @@ of a slow joint: where friction turns round any law of it is only nearly right.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 import scipy
 
+from sdp_vs_penalty.diagnosis.causes import (
+    JointError,
+    States,
+    columns_of_causes,
+    held_out_share,
+)
 from sdp_vs_penalty.diagnosis.constants import (
     CHANCE,
+    FOLDS,
     MIN_ERROR_RISE,
     SPECTRUM_NOISE_FACTOR,
 )
@@ -22,8 +30,8 @@ from sdp_vs_penalty.diagnosis.events import outliers
 from sdp_vs_penalty.diagnosis.linear_fit import WhiteFit
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.white_rows import WhiteData
-from sdp_vs_penalty.robot.arrays import Array, Mask
+from sdp_vs_penalty.diagnosis.white_rows import WhiteData, folds_of
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.noise import REPETITION, Noise
 from sdp_vs_penalty.signals.standstill import STILL
 
@@ -54,17 +62,8 @@ def unexplained_error(search: Search) -> Remainder:
 
     A joint counts as unexplained if this torque raises its error by a tenth (to 1.2
     times the noise's variance), and if chance would show such a variance in less than 1
-    of 1000 cases, given how few repetitions show the noise.
-
-    Parameters
-    ----------
-    search
-        The findings beside the model.
-
-    Returns
-    -------
-    Remainder
-        Sizes, joints with unexplained torque, and rows with isolated disturbances.
+    of 1000 cases, given how few repetitions show the noise. Where no repetition shows
+    it, what follows no motion is noise too, of whatever colour.
     """
     data = search.data
     fit = search.fit
@@ -78,26 +77,16 @@ def unexplained_error(search: Search) -> Remainder:
 def remainder(
     data: WhiteData, fit: WhiteFit, residual: Array, outlier_rows: Mask
 ) -> Remainder:
-    """Judge a residual against the noise, joint by joint.
-
-    Only rows in which the joint slides count: at standstill dry friction holds any
-    torque up to its limit, and near reversals its laws are only approximate.
+    """Judge a residual against the noise, joint by joint, in rows in which it slides.
 
     Parameters
     ----------
-    data
-        White rows with the noise.
     fit
         The fit of the model and the findings.
     residual
         (M, n) what is left [N m or N].
     outlier_rows
         (M, n) rows of events, left out.
-
-    Returns
-    -------
-    Remainder
-        What is left, by joint.
     """
     rows = data.rows
     noise = data.noise
@@ -124,15 +113,44 @@ def remainder(
         raised = raised[squares[raised] > rise * floor[raised] ** 2]
     with np.errstate(divide="ignore", invalid="ignore"):
         variance *= (noise.floor / floor) ** 2
-    is_sure = variance[raised] > _smallest_variance(noise, rise)[raised]
+    sure = raised[variance[raised] > _smallest_variance(noise, rise)[raised]]
+    if noise.source != REPETITION and sure.size:
+        shares = _shares_that_follow_motion(data, residual, slides, sure)
+        sure = sure[shares > 1.0 - 1.0 / rise]
     return Remainder(
         in_sample_excess_variance=mean(white**2, keep) - 1.0,
         beyond=np.sqrt(np.maximum(squares - floor**2, 0.0)),
         joints_above_noise=tuple(raised.tolist()),
-        joints_unexplained=tuple(raised[is_sure].tolist()),
+        joints_unexplained=tuple(sure.tolist()),
         residual=residual,
         outlier_rows=outlier_rows,
     )
+
+
+def _shares_that_follow_motion(
+    data: WhiteData, residual: Array, which: Mask, joints: Indices
+) -> Array:
+    """Return the largest share of the squares of what is left on each of some joints
+    (from 0) that one cause, such as a position, explains on parts of the motion left
+    out.
+
+    Noise that wanders slowly exceeds a floor of fast noise, and follows no motion.
+
+    Parameters
+    ----------
+    residual, which
+        (M, n) what is left [N m or N], and flags of the rows that count.
+    """
+    states = States.from_rows(data.rows)
+    fold = folds_of(data.rows, FOLDS)
+    shares = []
+    for j in joints.tolist():
+        rows = which[:, j]
+        error = JointError(j, residual[:, j], orders=())
+        sets = chain.from_iterable(columns_of_causes(states, error).values())
+        left = residual[rows, j]
+        shares.append(max(held_out_share(x[rows], left, fold[rows]) for x in sets))
+    return np.array(shares)
 
 
 def _smallest_variance(noise: Noise, rise: float) -> Array:

@@ -7,16 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 from point_mass_arm import MASSES, PointMassArm, causal_filter, delayed
 
 from sdp_vs_penalty import diagnose, identify
 from sdp_vs_penalty.diagnosis import Finding
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
 from sdp_vs_penalty.diagnosis.doubts import Doubt
+from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import search
 from sdp_vs_penalty.effects import JointResonance, JointSpring, TorqueFilter
 from sdp_vs_penalty.robot.inertia import link_sizes
+from sdp_vs_penalty.signals import SPECTRUM
 
 EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
 
@@ -232,6 +235,43 @@ def test_a_swing_that_is_damped_strongly_may_be_play(problem):
     assert damped.is_stand_in
     assert sprung.resembles == ()
     assert not sprung.is_stand_in
+
+
+@pytest.mark.parametrize(("size", "verdict"), [(0, "nothing"), (3, "unknown")])
+def test_noise_of_any_colour_is_no_unknown_torque(problem, size, verdict):
+    """It wanders beyond a floor of fast noise, and follows no motion."""
+
+    def wandering(t, torque):
+        fast = np.random.default_rng(len(t)).normal(size=torque.shape)
+        return torque + scipy.signal.lfilter([0.075], [1.0, -0.95], fast, axis=0)
+
+    arm = pulled(lambda q: np.outer(np.sin(2.0 * q[:, 1]) * q[:, 2] ** 2, [0, size, 0]))
+    arm = replace(arm, channel=wandering)
+    runs = [arm.run(seed, periods=0.9) for seed in (1, 11)]
+    model = identify(problem, runs, "ols", effects=EFFECTS, check=False)
+    found = diagnose(model, runs, arm.run(51, periods=0.9), check=False)
+    assert found.noise_source == SPECTRUM
+    assert found.verdict.startswith(verdict)
+
+
+def test_one_cause_has_one_law(problem, monkeypatch):
+    """A model with the general law is not offered its special case, and a finer form of
+    friction waits until the model's own has its best constant."""
+    run = PointMassArm().run(1, periods=2)
+    model = identify(problem, run, "ols", effects=[*EFFECTS, "joint_resonance:1"])
+    runs = DiagnosisRuns(model, run, None)
+    forms = runs.candidates
+    offered = {form.key for batch in forms.batches for form in batch.forms}
+    assert ("joint_elasticity", 1) in offered
+    assert ("joint_elasticity", 0) not in offered
+    empty = search(runs.white_data, forms.only(lambda x: False, runs.white_data))
+    form = {f.key[0]: f for b in forms.batches for f in b.forms if f.key[1] == 1}
+    terms = [
+        ScoredEffect(form[name], {}, drop)
+        for name, drop in (("sigmoid_friction", 90.0), ("coulomb_friction", 30.0))
+    ]
+    monkeypatch.setattr(empty, "top_candidates", lambda *_: terms)
+    assert empty.best_addition() is terms[1]
 
 
 @pytest.mark.long

@@ -12,6 +12,7 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.constants import (
     EVIDENCE_TO_ADD,
     MAX_CANDIDATES_REFINED,
+    MAX_JOINT_HARM,
     SURE_HELP,
     THIRDS,
 )
@@ -31,7 +32,7 @@ from sdp_vs_penalty.diagnosis.curves.laws import (
     law_in_words,
     recognise_law,
 )
-from sdp_vs_penalty.diagnosis.held_out import HeldOutData
+from sdp_vs_penalty.diagnosis.held_out import HeldOutData, error_ratios
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, margin
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import folds_of
@@ -532,7 +533,8 @@ def accept_curves(
 
     A curve is a torque in doubt, and has to help as such a finding: it lowers the sum of
     the joints' log errors on data left out, in the rows in which they slide, by 5 %
-    (SURE_HELP) and beyond the spread of a test run. And most of the data left out
+    (SURE_HELP) and beyond the spread of a test run. It acts in all rows, and raises no
+    joint's error over all of them by 5 % (MAX_JOINT_HARM). And most of the data left out
     lie where the curve was measured (elsewhere, the table is held constant). Each curve is
     judged together with those accepted before it.
 
@@ -573,13 +575,13 @@ def accept_curves(
         change = held_out.change(chosen, with_curve, number)
         if change.rise > -max(SURE_HELP, change.spread):
             continue
+        before, errors = map(held_out.errors, (chosen, with_curve))
+        if error_ratios(before, errors).max() > 1.0 + MAX_JOINT_HARM:
+            continue
         share_outside = judge.outside(search.data.rows, curve.table, curve.by_fold)
         if share_outside <= MOSTLY_NEW:
-            before = held_out.errors(chosen)
             accepted[number] = replace(
-                curve,
-                before=float(before[curve.joint]),
-                errors=held_out.errors(with_curve),
+                curve, before=float(before[curve.joint]), errors=errors
             )
             chosen = with_curve
     return tuple(accepted.values())
