@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -29,9 +30,16 @@ from sdp_vs_penalty.robot.inertial_repair import (
     WrittenInertial,
     find_exchanges,
     find_repairs,
+    find_shared,
 )
 from sdp_vs_penalty.robot.model_files import format_of
-from sdp_vs_penalty.robot.plausible_units import LinkSizes, limits_in_degrees, odd_units
+from sdp_vs_penalty.robot.plausible_units import (
+    LONGEST,
+    LinkSizes,
+    limits_in_degrees,
+    odd_units,
+)
+from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.robot_file import as_urdf, load_robot
 from sdp_vs_penalty.robot.urdf import (
     couplings_left_out,
@@ -86,20 +94,13 @@ class LinkCheck(WritesJson):
     nearest: Inertial | None = field(metadata=NOT_STORED)
     #: Whether the nearest inertia differs by no more than the written digits.
     is_rounding: bool
+    #: The mistake that was made in all links of the file; "" where none was.
+    of_all: str = ""
 
     @classmethod
-    def from_link(cls, link: Any, reach: float, shape: Array | None) -> "LinkCheck":
-        """Check the inertial of one link.
-
-        Parameters
-        ----------
-        reach : float
-            How far the link's body reaches [m].
-        shape : (k, 3) array or None
-            Points around its shapes, in its frame [m].
-        """
+    def from_link(cls, link: Any, written: WrittenInertial) -> "LinkCheck":
+        """Check the inertial of one link, as it is written."""
         theta = read_inertial(link)
-        written = _written(link, reach, shape)
         inertial = Inertial.from_parameters(theta)
         moments = np.asarray(np.linalg.eigvalsh(inertial.about_com), float)
         triangle = float(moments[0] + moments[1] - moments[2])
@@ -133,7 +134,7 @@ class LinkCheck(WritesJson):
             triangle_margin=triangle,
             pseudo_inertia_margin=float(inertia.consistency_margin(theta)),
             verdict=impossible or "; ".join(contradictions) or "consistent",
-            reach=reach,
+            reach=written.reach,
             gyration=0.0 if impossible else float(inertia.gyration(theta)),
             misfit=misfit,
             contradictions=contradictions,
@@ -159,13 +160,15 @@ class LinkCheck(WritesJson):
 
     @property
     def unlikely(self) -> bool:
-        """Whether the body can exist, but does not fit its shapes or its place."""
-        return bool(self.misfit)
+        """Whether the body can exist, but does not fit its shapes or its place, or all links
+        have one mistake."""
+        return bool(self.misfit or self.of_all)
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """What is wrong with a link, what explains it, and what ``--fix`` writes."""
-        return tuple(f"{self.link}: {text}." for text in self._texts())
+        texts = () if self.of_all else self._texts()
+        return tuple(f"{self.link}: {text}." for text in texts)
 
     def _texts(self) -> Iterator[str]:
         """Yield the sentences without the link's name and the full stop."""
@@ -224,16 +227,23 @@ class LinkCheck(WritesJson):
 @contextmanager
 def checkable(path: Path) -> Iterator[Path]:
     """Turn a robot's file into a URDF for the length of a block, as `as_urdf`; an MJCF too,
-    with a link behind each joint."""
+    with a link behind each joint, called by its body."""
     if format_of(read_bytes(path)) != "mjcf":
         with as_urdf(path) as file:
             yield file
         return
+    from sdp_vs_penalty.robot.mjcf import load_bodies
+
     stated = load_robot(path)
     nothing: Any = [np.zeros(stated.robot.n)] * 5
+    text = make_urdf(stated.robot, Content(stated.links, *nothing)).decode()
+    for body in reversed(load_bodies(path)[1]):
+        if body.joints and body.name:
+            ours = f'"link{body.carrier + 1}"'
+            text = text.replace(ours, quoteattr(body.name))
     with TemporaryDirectory() as folder:
         out = Path(folder) / f"{path.stem}.urdf"
-        out.write_bytes(make_urdf(stated.robot, Content(stated.links, *nothing)))
+        out.write_text(text)
         yield out
 
 
@@ -271,15 +281,39 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
             if shape is not None and is_drawn:
                 shapes[name] = (shape.points - at[:3, 3]) @ at[:3, :3]
     with errors_located_in(path):
-        return [
-            LinkCheck.from_link(
-                link,
-                reaches.get(link.get("name"), _REACH_OF_BASE),
-                shapes.get(link.get("name")),
-            )
+        links = [
+            link
             for link in Document.read(path).root.findall("link")
             if link.find("inertial") is not None
         ]
+        names = [link.get("name") for link in links]
+        written = [
+            _written(link, reaches.get(name, _REACH_OF_BASE), shapes.get(name))
+            for link, name in zip(links, names, strict=True)
+        ]
+        checks = list(map(LinkCheck.from_link, links, written))
+    moving = [
+        k for k, x in enumerate(written) if names[k] in reaches and x.number("mass")
+    ]
+    # Where lengths are in another unit, no link is judged by its size.
+    is_of_size = _longest(robot) < LONGEST
+    shared = find_shared([written[k] for k in moving]) if is_of_size else None
+    sentence, repairs = shared or ("", [])
+    for place, k in enumerate(moving if shared else ()):
+        own = repairs[place : place + 1]
+        checks[k] = replace(
+            checks[k],
+            of_all=sentence,
+            repairs=tuple(own),
+            repair=next(iter(own), None),
+            misfit="",
+        )
+    return checks
+
+
+def _longest(robot: Robot) -> float:
+    """Return the largest distance between two joints [m]."""
+    return max(float(np.linalg.norm(j.placement[:3, 3])) for j in robot.tree)
 
 
 def _written(
@@ -335,7 +369,7 @@ def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
     return [
         (
             check.link,
-            "implausible" if check.misfit else check.verdict,
+            "implausible" if check.consistent and check.unlikely else check.verdict,
             f"{check.inertial_given.mass:.3g}",
             f"{check.triangle_margin:.3g}",
             f"{check.pseudo_inertia_margin:.3g}",
@@ -371,6 +405,9 @@ def sentences(
         checks = [replace(c, misfit="", repairs=()) if c.misfit else c for c in checks]
     verdict = _verdict(checks)
     lines = [f"{formatting.count(len(checks), 'inertial')} checked: {verdict}"]
+    for text in dict.fromkeys(check.of_all for check in checks if check.of_all):
+        is_repaired = any(check.repair for check in checks)
+        lines.append(f"All links: {text}{' (--fix writes this)' * is_repaired}.")
     lines += [text for check in checks for text in check.sentences]
     if massless:
         lines.append(
@@ -388,7 +425,9 @@ def _verdict(checks: Sequence[LinkCheck]) -> str:
             c.link for c in checks if not c.consistent and not c.contradictions
         ],
         "contradictory": [c.link for c in checks if c.contradictions],
-        "possible but implausible": [c.link for c in checks if c.unlikely],
+        "possible but implausible": [
+            c.link for c in checks if c.consistent and c.unlikely
+        ],
     }
     found = [f"{', '.join(links)} {kind}" for kind, links in kinds.items() if links]
     return f"{'; '.join(found)}." if found else "all are consistent."
@@ -408,7 +447,6 @@ def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
         For a file that is not a URDF of a tree of joints.
     """
     robot, _ = load_urdf(path)
-    longest = max(float(np.linalg.norm(j.placement[:3, 3])) for j in robot.tree)
     sizes = [
         LinkSizes(
             c.link,
@@ -419,7 +457,7 @@ def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
         for c in checks
         if np.isfinite(c.inertial_given.about_com).all()
     ]
-    odd = odd_units(sizes, longest)
+    odd = odd_units(sizes, _longest(robot))
     remarks = [f"Units: {x.what} {formatting.sentence(x.remedy)}." for x in odd]
     in_degrees = limits_in_degrees(robot.joints)
     return [*remarks, f"Units: {in_degrees}."] if in_degrees else remarks

@@ -12,7 +12,7 @@ like. The nearest consistent tensor competes as an error of unknown cause. Hypot
 within a factor of ten of the best are not told apart.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import NamedTuple
@@ -271,6 +271,64 @@ def find_exchanges(written: WrittenInertial) -> list[Repair]:
     return [x for x in found if x.score > found[0].score - _CHARACTER]
 
 
+def find_shared(links: Sequence[WrittenInertial]) -> tuple[str, list[Repair]] | None:
+    """Return the mistake that was made in all links of a file, and its repair of each, none
+    where only the true numbers repair it; None without one.
+
+    One convention explains all links together: it is weighed before each link alone.
+    """
+    written = [text for link in links for text in link.texts.values()]
+    if len(links) < 2 or max(map(len, written)) > _LONGEST:
+        return None
+    wrong = [x for x in links if not x.fits(x.barycentric())]
+    tensors = {tuple(map(x.number, MOMENTS)) for x in links}
+    masses = {x.number("mass") for x in links}
+    if wrong and len(tensors) == 1 < len(masses) and any(*tensors):
+        numbers = " ".join(links[0].texts[k] for k in MOMENTS)
+        same = f"all have the same inertia ({numbers}), whatever they weigh"
+        return f"{same}: numbers that hold the place of the links' own", []
+    now = [_score(x, x.barycentric()) for x in links]
+    least = _CHARACTER * (_INVENTED if wrong else _ANEW)
+    found = list[tuple[float, str, list[Repair]]]()
+    for sentence in dict.fromkeys(x for x, _ in _of_all_links(links[0])):
+        repairs = list[Repair]()
+        for link, before in zip(links, now, strict=True):
+            texts = dict(_of_all_links(link))[sentence]
+            barycentric = link.barycentric(texts)
+            if not link.fits(barycentric):
+                break
+            gain = link.plausibility(barycentric) - before
+            repairs.append(Repair(sentence, texts, _CONVENTION, barycentric, gain))
+        gain = sum(x.score for x in repairs) - _CHARACTER * _CONVENTION
+        # The wrong link alone may have it, and the others bear it.
+        are_most = 2 * sum(x.score > 0.0 for x in repairs) > len(links)
+        if len(repairs) == len(links) and are_most and gain > least:
+            found.append((gain, sentence, repairs))
+    if not found:
+        return None
+    _, sentence, repairs = max(found, key=lambda x: x[0])
+    return sentence, repairs
+
+
+def _score(link: WrittenInertial, barycentric: Array) -> float:
+    """Return the logarithm of the prior of a link's numbers; of such as cannot be its own
+    that of numbers typed anew."""
+    if not link.fits(barycentric):
+        return -_CHARACTER * _ANEW
+    return link.plausibility(barycentric)
+
+
+def _of_all_links(written: WrittenInertial) -> Iterator[tuple[str, dict[str, str]]]:
+    """Yield the mistakes that are made in a whole file, and the texts that each changes."""
+    yield from _of_whole_tensor(written.texts)
+    about_origin = _about_origin(written)
+    yield about_origin.sentence.partition(": ")[0], about_origin.texts
+    grams = {"mass": _shifted(written.texts["mass"], -3)[0]}
+    yield "the mass is in g", grams
+    moments = {name: _shifted(written.texts[name], -3)[0] for name in MOMENTS}
+    yield "the mass is in g, and the inertia in g m^2", {**grams, **moments}
+
+
 def _second(barycentric: Array) -> Array:
     """Return the second moment (3, 3) about the centre over the mass [m^2]."""
     tensor = inertia.inertia_matrix(barycentric[4:])
@@ -308,6 +366,11 @@ def _of_conventions(texts: Mapping[str, str]) -> Iterator[tuple[str, dict[str, s
     for a, b in (*combinations(CENTRE, 2), *combinations(MOMENTS, 2)):
         if float(texts[a]) != float(texts[b]):
             yield f"{a} and {b} are exchanged", {a: texts[b], b: texts[a]}
+    yield from _of_whole_tensor(texts)
+
+
+def _of_whole_tensor(texts: Mapping[str, str]) -> Iterator[tuple[str, dict[str, str]]]:
+    """Yield conventions of all six numbers, or of the centre's three."""
     moments = [texts[name] for name in MOMENTS]
     for order in _ORDERS:
         changed = dict(zip(order, moments, strict=True))

@@ -7,6 +7,7 @@ MuJoCo parses in a process of its own: a broken file ends that process.
 
 import json
 import os
+import re
 import tempfile
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -94,6 +95,8 @@ class MujocoModel:
     gravity: tuple[float, float, float]
     #: Names of all joints in MuJoCo's order.
     joint_names: tuple[str, ...]
+    #: Names of all bodies, the world's first; "" where one has none.
+    body_names: tuple[str, ...]
     #: What each equality of the model couples, in words.
     equalities: tuple[str, ...]
     #: Tendons that pull on joints by themselves, in words.
@@ -124,6 +127,8 @@ class MujocoModel:
 class PlacedBody:
     """A body of an MJCF file, and the joint that it moves with."""
 
+    #: Its name; "" where it has none.
+    name: str
     #: Names of its own joints; () where it is fixed to its parent.
     joints: tuple[str, ...]
     #: Index of the moving joint that carries it, among those of the robot's tree; -1
@@ -282,6 +287,7 @@ def _compiled(path: Path) -> MujocoModel:
         name=names["model"],
         gravity=(x, y, z),
         joint_names=tuple(joint_names),
+        body_names=tuple(names["bodies"]),
         equalities=tuple(names["equalities"]),
         tendons=tuple(names["tendons"]),
         arrays=arrays,
@@ -311,7 +317,7 @@ def model_arrays(path: str, folder: str) -> Iterator[Arrays]:
     ------
     dict of str to array
         "gravity" (3,) [m/s^2]; the fields of MuJoCo's ``mjModel`` that are read, such
-        as "body_mass" [kg]; "names" (bytes,), JSON with "model", "joints", "tendons" that
+        as "body_mass" [kg]; "names" (bytes,), JSON with "model", "joints", "bodies", "tendons" that
         pull, and "equalities": what each of them couples.
 
     Raises
@@ -329,20 +335,32 @@ def model_arrays(path: str, folder: str) -> Iterator[Arrays]:
         _drop_shapes(spec)
         model = spec.compile()
     except ValueError as error:
-        reason = (str(error).splitlines() or ["no reason given"])[0][:200]
+        reason, *rest = str(error).splitlines() or ["no reason given"]
         if "unknown exception" in reason:  # as it calls C++'s bad_alloc
             raise MemoryError from error
+        named = re.search("Element name '([^']+)'", " ".join(rest))
+        body = spec.body(named[1]) if named and "inertia" in reason else None
+        where = f", body {body.name!r}" if body is not None else ""
         remedy = "correct it"
-        if "inertia must" in reason:
+        is_full = body is not None and np.isfinite(body.fullinertia).all()
+        if is_full and "inertia must" in reason:
             remedy = (
                 "correct it: fullinertia is Ixx Iyy Izz Ixy Ixz Iyz, and a URDF's order is"
                 " another one, Ixx Ixy Ixz Iyy Iyz Izz"
             )
-        raise InputError(f"MuJoCo does not read it ({reason})", remedy) from error
+        elif body is not None and "A + B" in reason:
+            shown = " ".join(f"{x:g}" for x in body.inertia)
+            remedy = (
+                f"correct its diaginertia, {shown}: no principal moment of a body is larger"
+                " than the sum of the other two"
+            )
+        what = f"MuJoCo does not read it ({reason[:200]}{where})"
+        raise InputError(what, remedy) from error
     fields = {name: np.array(getattr(model, name), float) for name in _ARRAYS}
     names = {
         "model": _name_of_model(model),
         "joints": [model.joint(k).name for k in range(model.njnt)],
+        "bodies": [model.body(k).name for k in range(model.nbody)],
         "equalities": [_equality_words(model, k) for k in range(model.neq)],
         "tendons": [
             f"tendon {model.tendon(k).name!r}"
@@ -453,7 +471,7 @@ def _tree(
     belongs to the last; the links of the others are massless.
     """
     joints = list[Joint]()
-    world = PlacedBody((), -1, np.eye(4), np.zeros(10))
+    world = PlacedBody("", (), -1, np.eye(4), np.zeros(10))
     bodies = [world]
     for body in range(1, len(model.arrays["body_parentid"])):
         parent = model.integer("body_parentid", body)
@@ -480,7 +498,8 @@ def _tree(
             carrier = len(joints) - 1
             pose = from_anchor
         inertial = _inertial(model, body)
-        bodies.append(PlacedBody(tuple(names), carrier, pose, inertial))
+        name = model.body_names[body]
+        bodies.append(PlacedBody(name, tuple(names), carrier, pose, inertial))
     if not joints:
         what = "no moving joint, so nothing to identify"
         raise InputError(what, "name another file", model.path)

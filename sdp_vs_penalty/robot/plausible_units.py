@@ -13,7 +13,7 @@ from sdp_vs_penalty.robot.inertia import DENSEST
 from sdp_vs_penalty.robot.joint import Joint
 
 #: Longest distance between two joints [m], heaviest link [kg].
-_LONGEST = 20.0
+LONGEST = 20.0
 _HEAVIEST = 3000.0
 #: A centre of mass is so many times farther away than the farthest joint, and more than
 #: this [m].
@@ -95,7 +95,7 @@ def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
     known = [x for x in links if x.mass > 0.0 and np.isfinite(x.mass)]
     scale = 1.0
     lengths: Sequence[float] = ()
-    if longest > _LONGEST:
+    if longest > LONGEST:
         units = _length_units(longest, _SHORTEST_ARM, _LONGEST_ARM)
         lengths = list(units)
         scale = 1.0 / lengths[0]

@@ -126,6 +126,33 @@ def test_a_body_larger_than_its_shapes_is_named_and_kept(tmp_path, capsys):
     assert [c.misfit for c in check_urdf(path)] == ["", ""]
 
 
+@pytest.mark.parametrize(
+    ("masses", "moments", "words"),
+    [
+        (
+            (2000, 1000),
+            (".01 0 0 .01 0 .01", ".005 0 0 .005 0 .004"),
+            "the mass is in g (",
+        ),
+        ((2, 1), ("1 0 0 1 0 1", "1 0 0 1 0 1"), "the same inertia (1 0 0 1 0 1)"),
+    ],
+)
+def test_a_mistake_of_all_links_is_one_explanation(
+    masses, moments, words, tmp_path, capsys
+):
+    """Before each link is judged alone; what tells the true numbers is written."""
+    shape = ROD.replace("0.6", "0.3").replace("0.02", "0.1")
+    path = write(tmp_path, body(masses[1], *moments[1].split()), shape)
+    first = body("2", "0.01", "0", "0", "0.01", "0", "0.01")
+    text = path.read_text().replace("\n  <inertia", "<inertia")
+    path.write_text(text.replace(first, body(masses[0], *moments[0].split())))
+    code, said, fixed = said_and_fixed(path, capsys)
+    assert code == 1
+    assert words in said.partition("All links:")[2]
+    assert "l1:" not in said
+    assert (fixed == path.read_text()) == ("same" in words)
+
+
 def test_moments_about_exchanged_axes_are_a_finding_without_a_fix(tmp_path, capsys):
     """A rod of .6 m along z; its mass lies near the middle, along x by its moments."""
     path = write(tmp_path, body("1", "0.0002", "0", "0", "0.001", "0", "0.001"), ROD)

@@ -254,3 +254,6 @@ def test_moments_in_the_order_of_a_urdf_are_said(tmp_path):
     wrong = '<inertial pos="0 0 0" mass="1" fullinertia=".02 .001 0 .02 0 .01"/>'
     path.write_text(MESHES.format("gone.stl", wrong))
     refusal(lambda: load_mjcf(path), "inertia must", "Ixx Iyy Izz Ixy Ixz Iyz")
+    wrong = '<inertial pos="0 0 0" mass="1" diaginertia=".02 .01 .05"/>'
+    path.write_text(MESHES.format("gone.stl", wrong))
+    refusal(lambda: load_mjcf(path), "A + B", "correct its diaginertia, 0.02 0.01 0.05")

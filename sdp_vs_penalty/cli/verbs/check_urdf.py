@@ -8,7 +8,8 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
 
     Reads URDF, xacro, SDF and MJCF. A mistake is a decimal point, an exponent, a sign, exchanged
     numbers, a unit; without one, the nearest possible inertia is shown.
-    Exit code 1 where one is impossible or contradicts itself, or in another unit than m and kg.
+    Exit code 1 where one is impossible or contradicts itself, in another unit than m and kg, or all
+    have one mistake.
     Example: sdp-vs-penalty check-urdf robot.urdf
 
     urdf robot.urdf: File to check.
@@ -47,5 +48,5 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
         if fix is not None:
             inertials.write_repaired(file, checks, fix)
             console.written(fix)
-    if units or not all(check.consistent for check in checks):
+    if units or any(check.of_all or not check.consistent for check in checks):
         raise SystemExit(1)
