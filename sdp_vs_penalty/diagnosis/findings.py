@@ -454,15 +454,10 @@ class Finding(Rated):
         if self.undecided is None:
             instruction = self.cool_down_instruction
             return f"{instruction}." if instruction else ""
-        words = [
-            "excite",
-            model,
-            "--separate",
-            self.undecided,
-            "--out",
-            f"tell{self.number}.csv",
-        ]
-        return formatting.command(*words)
+        out = f"tell{self.number}.csv"
+        return formatting.command(
+            "excite", model, "--separate", self.undecided, "--out", out
+        )
 
     @property
     def main_joint(self) -> int:

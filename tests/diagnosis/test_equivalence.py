@@ -11,9 +11,7 @@ import scipy
 from point_mass_arm import MASSES, PointMassArm, causal_filter, delayed
 
 from sdp_vs_penalty import diagnose, identify
-from sdp_vs_penalty.diagnosis import Finding
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
-from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import search
@@ -140,48 +138,6 @@ def test_no_drive_looks_ahead(problem):
     assert late.with_shape(phase=2.0).resembles == ("presliding_hysteresis",)
 
 
-@pytest.mark.parametrize(
-    ("reasons", "certain"),
-    [
-        (("rivals",), True),
-        (("more_left",), True),
-        (("insignificant",), True),
-        (("looks_like",), False),
-        (("insignificant", "no_torque"), False),
-        (("at_end",), False),
-        (("small",), False),
-        (("small_here",), True),
-        (("stand_in",), False),
-        (("rivals", "small"), False),
-        (("alone",), False),
-        (("rivals", "sticks", "helps"), True),
-        (("sticks", "helps", "log"), False),
-    ],
-)
-def test_a_torque_may_be_certain_and_its_name_or_size_not(reasons, certain):
-    helps = "helps" in reasons
-    reasons = [reason for reason in reasons if reason != "helps"]
-    finding = Finding(
-        effect="joint_spring",
-        joints=(1,),
-        shape={},
-        size=0.32,
-        unit="N*m/rad",
-        std=1.27,
-        parameters={},
-        confidence="weak",
-        indistinguishable_from=(),
-        held_out_rmse_before=np.ones(2),
-        held_out_rmse_after=np.ones(2),
-        physics="",
-        text="joint_spring:1",
-        gain=30.0,
-        helps=helps,
-    )
-    doubted = replace(finding, doubts=tuple(map(Doubt, reasons)))
-    assert doubted.torque_is_certain == certain
-
-
 @pytest.mark.long
 def test_a_spring_that_stiffens_is_no_linear_one(problem):
     found = diagnosed(problem, pulled(lambda q: q**3 * [3.0, 0.0, 0.0]))
@@ -209,23 +165,18 @@ def test_a_spring_on_one_side_only_is_an_end_stop(problem, side, sign):
     assert abs(found.shape["q0"] - 0.3 * sign) < 0.02
 
 
-def test_a_refit_leaves_links_where_upright_gravity_does_not_show_them(problem):
+@pytest.mark.parametrize("effects", [EFFECTS, EFFECTS[1:]])
+def test_a_refit_leaves_links_where_upright_gravity_does_not_show_them(
+    problem, effects
+):
+    """A model of friction alone has none."""
     run = PointMassArm().run(1)
-    model = identify(problem, run, effects=EFFECTS, check=False)
-    data = DiagnosisRuns(model, run, None).white_data
-    theta, _ = least_squares_refit(data, [])
-    change = theta[: model.links.size] - model.links.ravel()
-    assert np.all(
-        np.abs(change) < 0.5 * link_sizes(model.problem.nominal_links).ravel()
-    )
-
-
-def test_a_model_of_friction_alone_is_refitted(problem):
-    run = PointMassArm().run(1)
-    model = identify(problem, run, "ols", effects=EFFECTS[1:], check=False)
-    data = DiagnosisRuns(model, run, None).white_data
-    theta, _ = least_squares_refit(data, [])
+    model = identify(problem, run, "ols", effects=effects, check=False)
+    theta, _ = least_squares_refit(DiagnosisRuns(model, run, None).white_data, [])
     assert np.all(np.isfinite(theta))
+    links = model.links.ravel() if effects is EFFECTS else np.zeros(0)
+    sizes = link_sizes(model.problem.nominal_links).ravel()[: len(links)]
+    assert np.all(np.abs(theta[: len(links)] - links) < 0.5 * sizes)
 
 
 def test_a_swing_that_is_damped_strongly_may_be_play(problem):

@@ -83,11 +83,31 @@ def test_an_effect_is_certain_where_only_its_law_is_open(effect, rivals, is_cert
 
 
 @pytest.mark.parametrize(
-    ("reason", "is_certain"), [("uncertain", True), ("insignificant", False)]
+    ("reasons", "effect", "torque"),
+    [
+        ("rivals", True, True),
+        ("uncertain", True, True),
+        ("more_left", False, True),
+        ("insignificant", False, True),
+        ("looks_like", False, False),
+        ("insignificant no_torque", False, False),
+        ("at_end", False, False),
+        ("small", False, False),
+        ("small_here", False, True),
+        ("stand_in", False, False),
+        ("rivals small", False, False),
+        ("alone", False, False),
+        ("rivals sticks helps", False, True),
+        ("sticks helps log", False, False),
+    ],
 )
-def test_an_effect_is_certain_where_only_its_size_is_open(reason, is_certain):
-    doubt = {"confidence": "weak", "doubts": (Doubt(reason),)}
-    assert finding("joint_spring", 2, **doubt).effect_is_certain == is_certain
+def test_an_effect_or_its_torque_may_be_certain_and_name_or_size_not(
+    reasons, effect, torque
+):
+    helps, names = "helps" in reasons, reasons.replace("helps", "").split()
+    doubts = {"confidence": "weak", "doubts": tuple(map(Doubt, names))}
+    doubted = finding("joint_spring", 2, helps=helps, **doubts)
+    assert (doubted.effect_is_certain, doubted.torque_is_certain) == (effect, torque)
 
 
 def test_a_size_whose_interval_holds_zero_is_not_called_sure():
