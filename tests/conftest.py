@@ -114,7 +114,9 @@ def pytest_collection():
 
 
 def pytest_collection_finish():
+    """What a test makes is mostly given back without the collector, which looks rarely."""
     gc.freeze()
+    gc.set_threshold(50_000, 20, 20)
     gc.enable()
 
 
