@@ -3,6 +3,7 @@
 import asyncio
 import json
 import re
+import shutil
 import time
 from dataclasses import replace
 from functools import partial
@@ -71,6 +72,24 @@ def here():
     made = Sessions(Here())
     yield made
     made.close()
+
+
+@pytest.fixture(scope="module")
+def project(hidden, tmp_path_factory):
+    """The folder of a project: two runs, and the model of the first."""
+    folder = tmp_path_factory.mktemp("project")
+    sessions = Sessions(Here())
+    files = saved(folder, hidden.runs[:2], "a.csv", "test.csv")
+    s = opened(sessions, "two_link", **files)
+    do(s, s.identify)
+    yield shutil.copytree(s.folder, folder / "kept")
+    sessions.close()
+
+
+@pytest.fixture
+def identified(here, project, tmp_path):
+    """A copy of that project, opened."""
+    return here.open_folder(shutil.copytree(project, tmp_path / "project"))
 
 
 @pytest.mark.long
@@ -965,14 +984,11 @@ def test_what_cannot_be_saved_is_said_and_hangs_nothing(here, tmp_path):
     assert s.notice.texts[0].startswith("The project is not saved. ")
 
 
-def test_a_new_run_tests_the_model_that_is_there(here, hidden, tmp_path):
+def test_a_new_run_tests_the_model_that_is_there(identified, hidden, tmp_path):
     """The model stays, whatever run is judged; it goes with what it was identified from."""
-    files = saved(tmp_path, hidden.runs[:3], "a.csv", "test.csv", "new.csv")
-    new = {"new.csv": files.pop("new.csv")}
-    s = opened(here, "two_link", **files)
-    do(s, s.identify)
+    s = identified
     first = s.current
-    s.arrived |= new
+    s.arrived |= saved(tmp_path, hidden.runs[2:], "new.csv")
     do(s, s.read_files)
     assert "new.csv" in s.notice.texts[-1]
     assert [run["use"] for run in s.runs] == ["train", "test", "test"]
@@ -1187,17 +1203,17 @@ def test_a_fault_of_the_log_leads_where_a_new_run_errs(here, hidden, tmp_path):
     assert "Find a load" not in screen.text("next")
 
 
-def test_rows_that_no_robot_measures_are_left_out_by_a_button(here, hidden, tmp_path):
+def test_rows_that_no_robot_measures_are_left_out_by_a_button(
+    identified, hidden, tmp_path
+):
     """A file with them becomes a run that waits, and no model is tested on it before."""
-    files = saved(tmp_path, hidden.runs[:3], "a.csv", "test.csv", "torn.csv")
+    files = saved(tmp_path, hidden.runs[2:], "torn.csv")
     head, *rows = files["torn.csv"].read_text().splitlines()
     cells = rows[5].split(",")
     rows[5] = ",".join([cells[0], "-2.68e154", *cells[2:]])
     files["torn.csv"].write_text("\n".join([head, *rows]) + "\n")
-    torn = {"torn.csv": files.pop("torn.csv")}
-    s = opened(here, "two_link", **files)
-    do(s, s.identify)
-    s.arrived |= torn
+    s = identified
+    s.arrived |= files
     do(s, s.read_files)
     assert s.runs[-1]["use"] == "wait"
     assert s.current.judged_on == ["test.csv"]
@@ -1274,14 +1290,11 @@ def test_the_unit_of_one_run_is_asked_for_that_run(here, hidden, tmp_path):
     assert [words[1] for words in s.prepared] == ["b.csv"]
 
 
-def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(
-    here, hidden, tmp_path
-):
+def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(identified):
     """The verdict on the card is the one in the file; what a URDF cannot hold is left
     out by a button, and the file is then as good as the model."""
-    runs = hidden.runs[:2]
-    s = opened(here, "two_link", **saved(tmp_path, runs, "a.csv", "test.csv"))
-    do(s, s.identify, lambda: s.add("joint_spring:1"))
+    s = identified
+    do(s, lambda: s.add("joint_spring:1"))
     model = s.current
     assert "joint spring" in model.exported["robot.urdf"]["lost"]
     before = model.verdict_on("robot.urdf")
@@ -1301,10 +1314,8 @@ def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(
     assert s.current is model
 
 
-def test_a_file_is_made_beside_a_job_and_once(here, hidden, tmp_path, monkeypatch):
-    files = saved(tmp_path, hidden.runs[:2], "a.csv", "test.csv")
-    s = opened(here, "two_link", **files)
-    do(s, s.identify)
+def test_a_file_is_made_beside_a_job_and_once(here, identified, monkeypatch):
+    s = identified
     asked, given = [], []
     run = here.pool.run
 
@@ -1327,13 +1338,10 @@ def test_a_file_is_made_beside_a_job_and_once(here, hidden, tmp_path, monkeypatc
 
 @pytest.mark.parametrize("is_answered", [True, False])
 def test_a_new_run_in_another_unit_waits_for_its_unit(
-    here, hidden, tmp_path, monkeypatch, is_answered
+    identified, hidden, tmp_path, monkeypatch, is_answered
 ):
     """The model is tested on it once the unit is said, or it is left as it is."""
-    files = saved(tmp_path, hidden.runs[:3], "a.csv", "test.csv", "new.csv")
-    new = {"new.csv": files.pop("new.csv")}
-    s = opened(here, "two_link", **files)
-    do(s, s.identify)
+    s = identified
     gains = [
         make_explanation(
             "torque gain", "", joints=[j], remedy="", run="new.csv", size=-0.9
@@ -1343,7 +1351,7 @@ def test_a_new_run_in_another_unit_waits_for_its_unit(
     found = with_one_unit("new.csv", gains, 2)
     by_cause = property(lambda report: found if report.run == "new.csv" else ())
     monkeypatch.setattr("sdp_vs_penalty.checks.report.Report.by_cause", by_cause)
-    s.arrived |= new
+    s.arrived |= saved(tmp_path, hidden.runs[2:], "new.csv")
     do(s, s.read_files)
     assert s.runs[-1]["use"] == "wait"
     screen = Screen(s)
