@@ -40,14 +40,10 @@ def test_every_file_of_verbs_is_in_the_programs_help(capsys):
 
 
 @pytest.mark.parametrize("verb", sorted(EXAMPLES))
-def test_the_programs_help_says_of_a_verb_what_its_docstring_does(verb):
+def test_a_verb_has_the_summary_of_its_docstring_and_one_example_that_parses(verb):
     summaries = {name: line for verbs in VERBS.values() for name, line in verbs.items()}
     first, _, _ = str(import_verb(verb).__doc__).partition("\n\n")
     assert summaries[verb] == " ".join(first.split())
-
-
-@pytest.mark.parametrize("verb", sorted(EXAMPLES))
-def test_there_is_one_example_and_it_parses(verb):
     assert len(EXAMPLES[verb]) == 1, (
         f"{verb}: one line 'Example: sdp-vs-penalty ...' in the docstring"
     )
