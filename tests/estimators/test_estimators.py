@@ -41,9 +41,9 @@ toy_run = partial(repeating_run, seed=0, motion_seed=5, seconds=10.0)
 
 
 @EVERY
-@pytest.mark.parametrize("contract", ESTIMATOR_CONTRACTS, ids=lambda c: c.__name__)
-def test_every_estimator_keeps_every_contract(contract, method):
-    contract(quick(method))
+def test_every_estimator_keeps_every_contract(method):
+    for contract in ESTIMATOR_CONTRACTS:
+        contract(quick(method))
 
 
 @pytest.mark.parametrize("method", CONSTRAINED)
