@@ -103,11 +103,13 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     is_too_fast = speed > _FASTEST and _may_be_in_radians(glance)
     if is_usual_step and not is_too_fast:
         return
+    speeds = {name: _usual_speed(glance, factor) for name, factor in fits.items()}
     expected = {
-        name: _usual_speed(glance, factor) or 1.0 / factor
-        for name, factor in fits.items()
+        name: x or 1.0 / fits[name] for name, x in speeds.items() if x <= _FASTEST
     }
-    unit = min(fits, key=lambda name: abs(np.log(expected[name])))
+    if not expected:
+        return  # no arm is as fast in any other unit
+    unit = min(expected, key=lambda name: abs(np.log(expected[name])))
     factor = fits[unit]
     ratio = velocity_ratio(glance)
     if ratio is not None and abs(ratio - 1.0) < _CONFIRMED:

@@ -100,13 +100,13 @@ def _on_lines(glance: RunSummary) -> Rows:
     rounding, and some channel changes its value."""
     is_straight = np.ones(len(glance.steps) - 1, bool)
     changes = np.zeros(len(glance.steps) - 1, bool)
-    for _, _, x in reversed(glance.channels):
+    for x in np.column_stack([*reversed(glance.run.groups.values())]).T:
         span = np.ptp(x)
         if span > 0.0:
             slope = np.diff(x) / np.maximum(glance.steps, 1e-300)
             size = np.maximum(np.abs(slope[1:]), np.abs(slope[:-1]))
             # Relative, and of the values of a file with nine digits.
-            rounding = 1e-6 * size + 1e-9 * span / glance.steps[1:]
+            rounding = 1e-6 * size + 1e-8 * span / glance.steps[1:]
             is_straight &= np.abs(np.diff(slope)) <= rounding
             changes |= size > 0.0
         if not is_straight.any():

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sdp_vs_penalty.checks.certainty import likely, told_by
-from sdp_vs_penalty.checks.constants import LONG_STRETCH, RUN, STUCK, STUCK_SECONDS
+from sdp_vs_penalty.checks.constants import GAP, LONG_STRETCH, RUN, STUCK, STUCK_SECONDS
 from sdp_vs_penalty.checks.glance import Rows, RunSummary, mask_of
 from sdp_vs_penalty.checks.issue import Issue, make_issue
 from sdp_vs_penalty.data.measurements import Measurements
@@ -92,12 +92,13 @@ def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
             zeros &= not glance.holds_torque(j, zeros)
         bad[name] = zeros
     what = (
-        "{rows} rows of {named} are exactly zero, and jump there and back: nothing was"
-        " measured."
+        "{rows} rows of {named} are exactly zero, and the channel jumps there and back."
     )
     jumps = "the channel jumps to no other value and back"
     sure = told_by(jumps, glance.second_witness(bad, "no joint moves like that"))
-    yield from glance.delete_rows("zeros", bad, what, sure)
+    yield from glance.delete_rows(
+        "zeros", bad, what, sure, cause="nothing was measured, or the drive was off"
+    )
 
 
 #: A channel drops to zero where so many times as many of its jumps there and back end at
@@ -176,15 +177,17 @@ def _stuck(glance: RunSummary, j: int, x: Array, is_position: bool) -> Rows:
     level = largest_step_of_resolution(x)
     frozen_parts = []
     position = glance.run.q[:, j]
+    held = x[[first for first, _ in pauses]]
     for first, last in pauses:
-        if x[first] in (x.min(), x.max()):
-            continue  # clipped there
+        if x[first] in (x.min(), x.max()) or np.sum(held == x[first]) > 1:
+            continue  # clipped there: a freeze stays at the value of its begin
         if not is_position and x[first] == 0.0:
             continue  # its drive is off there
         if is_position and velocity_goes_on(glance.run, j, first, last, level):
             is_frozen = True
-        elif last == len(x) - 1:
-            # The run ends with this value: only a torque can be judged.
+        elif last == len(x) - 1 or glance.steps[last] > GAP * glance.usual_step:
+            # The run ends with this value, or rows are missing behind it: only a torque
+            # can be judged.
             turns_round = _joint_goes_round(position, first, last)
             is_frozen = turns_round and not is_position
         elif steps[last] < level:
