@@ -49,7 +49,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.kinds.position_unit import KINDS_OF_UNITS
 from sdp_vs_penalty.race.race import HeldRaces
 from sdp_vs_penalty.results.remedy import Change
-from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, joined
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.threads import on_one_thread
 
@@ -233,20 +233,9 @@ def _facts_of(
             if not work.torque_unit:
                 issues += channels.find_torques_in_counts(glance)
         if not any(f.kind in NO_DYNAMICS for f in issues):
-            issues += _coarse(glance)
-    return replace(report, issues=tuple(issues), lockstep=lockstep)
-
-
-def _coarse(glance: RunSummary) -> list[Issue]:
-    """List the issues about positions too coarse in time or resolution to be
-    differentiated twice; none for a run too short to be filtered."""
-    try:
-        known = glance.problem.preprocessing.resolve(glance.run)
-        filtered = FilteredRun(glance.run, known, glance.movement)
-        motion = joined(filtered.states())
-        return [*channels.find_coarse_sampling(glance, motion, known)]
-    except InputError:  # the dynamics say that the run is too short
-        return []
+            issues += channels.find_coarse_sampling(glance)
+    filters = None if glance.filtered is None else glance.filtered.settings
+    return replace(report, issues=tuple(issues), lockstep=lockstep, filters=filters)
 
 
 def judge_ranges(

@@ -107,7 +107,7 @@ class LoggerJudge:
             if is_ruled_out or not run.torque_logged:
                 continue
             try:
-                filters = problem.preprocessing.resolve(run)
+                filters = report.filters or problem.preprocessing.resolve(run)
                 data = RegressionData.from_run(problem, run, filters)
             except InputError as error:
                 too_little = stated("the filters need more")

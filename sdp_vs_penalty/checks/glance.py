@@ -90,9 +90,16 @@ class RunSummary:
     def arm_rows(self) -> FilteredRows | None:
         """The filtered rows with the columns of the arm's model; None for a run that is
         too short for the filters."""
+        run = self.filtered
+        return None if run is None else run.all_rows(self.problem.model())
+
+    @cached_property
+    def filtered(self) -> FilteredRun | None:
+        """The run behind its filters; None for a run that is too short for them."""
         try:
             settings = self.problem.preprocessing.resolve(self.run)
-            return FilteredRun(self.run, settings).all_rows(self.problem.model())
+            run = FilteredRun(self.run, settings, self.movement)
+            return run if run.filters else None
         except InputError:
             return None
 

@@ -18,6 +18,7 @@ from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.remedy import Change, Remedy
 from sdp_vs_penalty.results.table import Table
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 if TYPE_CHECKING:
     import pandas
@@ -81,6 +82,11 @@ class Report(Record):
     )
     #: Joints that move in proportion; None where none do.
     lockstep: LockstepMotion | None = field(
+        default=None, compare=False, repr=False, metadata=NOT_STORED
+    )
+    #: Settings of the filters for the run with its facts mended; None for a run that is
+    #: too short for them.
+    filters: Preprocessing | None = field(
         default=None, compare=False, repr=False, metadata=NOT_STORED
     )
     #: Kinds of issue that ``unexplained`` is corrected for, each once.

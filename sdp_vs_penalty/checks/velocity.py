@@ -44,6 +44,13 @@ _LARGEST_LAG = 50
 _ROWS_OF_LAG = 16384
 
 
+_note = partial(
+    make_issue,
+    severity="note",
+    remedy="no action needed: velocities are taken from the positions",
+)
+
+
 def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
     """Yield issues where the logged velocity is not the derivative of the position.
 
@@ -114,13 +121,11 @@ def _in_another_unit(ratio: float, is_unit_said: bool) -> Issue | None:
     beside = (
         "" if of_position == "radians" else f", where positions are in {of_position}"
     )
-    return make_issue(
+    return _note(
         kind="velocity unit",
-        severity="note",
         where="columns dq",
         what=f"the logged velocities are in {of_velocity}{beside}: {ratio:.4g} times the"
         " derivative of the position.",
-        remedy="no action needed: velocities are taken from the positions",
         factor=ratio,
     )
 
@@ -150,14 +155,12 @@ def _against_the_clock(ratio: float, n_alike: int, n_known: int) -> Issue:
 def _of_the_other_sign(ratio: float, n_alike: int, n_known: int) -> Issue:
     """Return the note that velocities have the sign of a motion backwards, by one factor
     of most joints."""
-    return make_issue(
+    return _note(
         kind="velocity sign",
-        severity="note",
         where="columns dq",
         what=f"the logged velocity is {ratio:.3g} times the derivative of the position,"
         f" in {n_alike} of {n_known} joints alike.",
         cause="the rows are in reverse order, or velocities have the other sign",
-        remedy="no action needed: velocities are taken from the positions",
         factor=ratio,
     )
 
@@ -173,12 +176,10 @@ def _of_one_joint(j: int, ratio: float) -> Iterator[Issue]:
     position: it is negative, or off by a third or more."""
     if ratio > 0.0 and abs(np.log(ratio)) <= _OF_ONE_JOINT:
         return
-    yield make_issue(
+    yield _note(
         kind="velocity of one joint",
-        severity="note",
         joints=[j],
         what=f"dq{j + 1} is {ratio:.3g} times the derivative of q{j + 1}.",
-        remedy="no action needed: velocities are taken from the positions",
         where=f"dq{j + 1}",
         factor=ratio,
     )
@@ -191,15 +192,13 @@ def _late(glance: RunSummary, lag: float) -> Issue:
     lag : by how many samples; negative where they come before.
     """
     later = "later" if lag > 0.0 else "earlier"
-    return make_issue(
+    return _note(
         kind="velocity lag",
-        severity="note",
         where="columns dq",
         what=f"the logged velocities come {abs(lag):.0f} samples"
         f" ({1e3 * abs(lag) * glance.usual_step:.3g} ms) {later} than the derivative of the"
         " positions.",
         cause="they are filtered, or from another source",
-        remedy="no action needed: velocities are taken from the positions",
         samples=lag,
         seconds=lag * glance.usual_step,
     )

@@ -14,7 +14,6 @@ from sdp_vs_penalty.checks.certainty import likely, stated
 from sdp_vs_penalty.checks.clock import find_coarse_stamps
 from sdp_vs_penalty.checks.facts.channels import find_degrees
 from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion, lockstep_groups
-from sdp_vs_penalty.checks.facts.magnitude import possible_magnitudes
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import mended_unasked
@@ -475,43 +474,6 @@ def test_the_usual_units_of_positions_that_cannot_be(units, named):
     q = np.array([[0.2, 0.9, -2.5, -1.0, 0, 1.5, 0], [0.9, -0.3, 1.8, -2.0, 0, 2.0, 0]])
     run = Measurements(np.arange(2.0), q * [*units[:2], *5 * [units[2]]], 0.0 * q)
     assert likeliest_scale(robot, run, None) == named
-
-
-def flickering(n_levels):
-    """A current in few steps flickers between two of them while its joint rests."""
-    level = np.where(RUN.t < 3.0, 1.2, n_levels * np.sin(RUN.t) ** 2)
-    flicker = np.random.default_rng(2).choice([0.0, 1.0], len(RUN.t), p=[0.9, 0.1])
-    return 0.15 * np.round(level + flicker)
-
-
-#: Torques of joint 2, and whether they lack their sign.
-MAGNITUDES = {
-    "touches zero smoothly": (5.0 * (1.0 - np.cos(2.0 * RUN.t)) + 1e-4, False),
-    "six levels, resting near zero": (flickering(6), False),
-    "nine levels": (flickering(9), False),
-    "no sign": (np.abs(5.0 * np.cos(2.0 * RUN.t) + 1e-3), True),
-    # Between two samples it passes zero by more than the usual step.
-    "no sign, friction turns fast": (
-        np.abs(0.5 * np.cos(2.0 * RUN.t) + 4.0 * np.tanh(RUN.dq[:, 1] / 0.3)),
-        True,
-    ),
-}
-
-
-@pytest.mark.parametrize("name", MAGNITUDES)
-def test_a_torque_without_its_sign_has_corners_at_zero(name):
-    torque, is_magnitude = MAGNITUDES[name]
-    run = replace(RUN, tau=np.column_stack([RUN.tau[:, 0], torque]))
-    assert possible_magnitudes(summary(run)) == [1] * is_magnitude
-
-
-def test_a_corner_that_a_motion_repeats_is_one_corner():
-    """Dry friction makes one where the joint turns, in every period."""
-    t = np.arange(0.0, 20.0, 0.01)
-    phase = t % 4.0 - 2.0
-    tau = np.column_stack([np.cos(t), 0.003 + np.abs(phase)])
-    q = np.column_stack([np.sin(0.5 * np.pi * t), np.cos(0.5 * np.pi * t)])
-    assert not possible_magnitudes(summary(Measurements(t, q, tau)))
 
 
 def test_an_order_that_makes_positions_possible_is_said_beside_their_range():

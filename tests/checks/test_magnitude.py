@@ -32,7 +32,7 @@ def test_a_torque_without_its_sign_contradicts_the_arm():
     run = run_with(-float(run_with(0.0).tau[:, 1].mean()))
     assert run.tau[:, 1].min() < 0.0 < run.tau[:, 1].max()
     logged = replace(run, tau=np.abs(run.tau))
-    assert magnitudes(RunSummary(logged, PROBLEM), [1]) == [1]
+    assert magnitudes(RunSummary(logged, PROBLEM), np.array([1])) == [1]
 
 
 @pytest.mark.parametrize("above_zero", [0.0, 0.5])
@@ -40,7 +40,7 @@ def test_a_torque_that_has_one_sign_by_itself_is_no_magnitude(above_zero):
     """Also where it comes down to zero, as weight and friction may make it."""
     lowest = run_with(0.0).tau[:, 1].min()
     logged = run_with(above_zero - lowest)
-    assert magnitudes(RunSummary(logged, PROBLEM), [1]) == []
+    assert magnitudes(RunSummary(logged, PROBLEM), np.array([1])) == []
 
 
 def test_inertia_takes_no_mean_power_in_few_rows_of_a_trapezoid():

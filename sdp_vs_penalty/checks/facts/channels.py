@@ -17,12 +17,11 @@ from sdp_vs_penalty.data.plausibility import (
     is_in_ranges,
     radians_per_percent,
 )
-from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.encoder import lattice_step, lattice_step_bound
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.filtered import joined
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
 #: How sure degrees are that only the joints' ranges tell.
@@ -223,22 +222,13 @@ def find_torques_in_counts(glance: RunSummary) -> Iterator[Issue]:
         )
 
 
-def find_coarse_sampling(
-    glance: RunSummary, motion: Motion, settings: Preprocessing
-) -> Iterator[Issue]:
+def find_coarse_sampling(glance: RunSummary) -> Iterator[Issue]:
     """Yield warnings where positions are too coarse to be differentiated twice: in
-    time, for the fastest harmonic of the motion, or in their resolution.
-
-    Parameters
-    ----------
-    motion : Motion
-        Its states behind the filters.
-
-    Returns
-    -------
-    iterator of Issue
-        About the sample rate, and about each joint's resolution.
-    """
+    time, for the fastest harmonic of the motion, or in their resolution; none for a run
+    too short to be filtered."""
+    if glance.filtered is None:
+        return
+    settings = glance.filtered.settings
     rate = 1.0 / glance.usual_step
     highest = highest_harmonic(glance.run)
     needed = c.SAMPLES_A_PERIOD * highest
@@ -256,7 +246,7 @@ def find_coarse_sampling(
     assert settings.state_cutoff is not None
     assert settings.torque_cutoff is not None
     band = min(settings.state_cutoff, settings.torque_cutoff)
-    sizes = motion.ddq.std(axis=0)
+    sizes = joined(glance.filtered.states()).ddq.std(axis=0)
     for j in np.flatnonzero(glance.moving).tolist():
         yield from _quantised(glance, j, float(sizes[j]), band)
 

@@ -7,7 +7,7 @@ explains it with signs clearly better than as it is logged.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -17,10 +17,8 @@ from sdp_vs_penalty.checks.facts.noise import shows_noise
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import Issue, make_explanation, make_issue
 from sdp_vs_penalty.race.arm_fit import orthonormal
-from sdp_vs_penalty.race.constants import LOG_ODDS_AGAINST_FAULT
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
 from sdp_vs_penalty.signals.filtered import Rows
-from sdp_vs_penalty.signals.runs import spans
 
 #: Rows for each column of the links, from which on they cannot explain friction by chance.
 _ROWS_A_LINK_COLUMN = 1.2
@@ -65,30 +63,19 @@ def find_model_torques(glance: RunSummary) -> Iterator[Issue]:
 
 
 def find_magnitudes(glance: RunSummary) -> Iterator[Issue]:
-    """Yield a warning about torques that are magnitudes: they look so, and the arm
-    explains them with signs clearly better."""
-    if joints := magnitudes(glance, possible_magnitudes(glance)):
+    """Yield a warning about torques that are magnitudes: they come down to zero, are
+    never negative, and the arm explains them with signs clearly better."""
+    least, largest = glance.run.tau.min(axis=0), glance.run.tau.max(axis=0)
+    is_unsigned = (least >= 0.0) & (least <= _TOUCHES_ZERO * largest) & (largest > 0.0)
+    if joints := magnitudes(glance, np.flatnonzero(glance.moving & is_unsigned)):
         yield make_explanation(
             kind="torque magnitude",
             joints=joints,
             what="{where} never changes sign: the logger wrote magnitudes.",
-            certainty=likely(
-                "it turns back at zero in corners, and with signs the arm"
-                " explains it clearly better"
-            ),
+            certainty=likely("with signs the arm explains it clearly better"),
             remedy="log the torque with its sign",
             where=", ".join(f"tau{j + 1}" for j in joints),
         )
-
-
-def possible_magnitudes(glance: RunSummary) -> list[int]:
-    """List the moving joints (from 0) whose torque looks like a magnitude: it never is
-    negative, and turns back at zero in corners."""
-    return [
-        j
-        for j, x in enumerate(glance.run.tau.T)
-        if glance.moving[j] and np.ptp(x) and _is_unsigned(x, glance.run.q)
-    ]
 
 
 #: A torque below this share of its largest value is near zero: there a magnitude may
@@ -96,59 +83,8 @@ def possible_magnitudes(glance: RunSummary) -> list[int]:
 _NEAR_ZERO = 0.2
 
 
-#: Least range of a corner's values, over the height below which it is looked at.
-_CORNER_RANGE = 0.7
-
-
-#: Least mean of a corner's values over that height: of a corner it is 1/2, of a parabola
-#: that touches zero 1/3.
-_CORNER_MEAN = 0.38
-
-
-#: Two poses are one if no joint differs by more than this share of the scatter of its
-#: positions.
-_ONE_POSE = 0.1
-
-
 #: The least value of a magnitude is at most this share of the largest.
 _TOUCHES_ZERO = 0.01
-
-
-def _is_unsigned(torque: Array, q: Array) -> bool:
-    """Whether a torque (N,) is a magnitude: it turns back at zero in corners, where the
-    true torque changes its sign.
-
-    A corner is a stretch of samples below ``near``, a fifth of the largest torque, with
-    three properties. Its lowest sample is less than one step of the torque away from
-    zero. Its values have nearly the range ``near``: a coarse current at rest stays at one
-    level. Their mean is about near / 2, as in a V: a smooth torque that touches zero is
-    a parabola, with near / 3.
-
-    A smooth torque that turns back anywhere below ``near`` comes as close to zero as x
-    by chance with the probability x / near. So each corner multiplies the odds by near /
-    x. Corners in one pose, a row of q (N, n), count once: the motion may repeat itself.
-    """
-    if not 0.0 <= torque.min() <= _TOUCHES_ZERO * torque.max():
-        return False
-    steps = np.abs(np.diff(torque))
-    near = _NEAR_ZERO * float(torque.max())
-    usual_step = min(float(np.median(steps[steps > 0.0])), near)
-    scatter = nonzero_or_one(q.std(axis=0))
-    poses: list[Array] = []
-    log_odds = 0.0
-    for first, end in spans(torque < near):
-        part = torque[first:end]
-        lowest = first + int(np.argmin(part))
-        # Dry friction turns fast there: the two steps beside it may exceed the usual.
-        step_at_corner = steps[max(lowest - 1, 0) : lowest + 1].max()
-        touches = 0.0 < torque[lowest] < max(usual_step, step_at_corner)
-        comes_down = np.ptp(part) > _CORNER_RANGE * near
-        if touches and comes_down and part.mean() > _CORNER_MEAN * near:
-            pose = q[lowest] / scatter
-            if all(np.abs(pose - other).max() > _ONE_POSE for other in poses):
-                poses.append(pose)
-                log_odds += float(np.log(near / max(torque[lowest], usual_step)))
-    return bool(log_odds > LOG_ODDS_AGAINST_FAULT)
 
 
 #: Signs are estimated anew so many times; they settle in a few.
@@ -160,7 +96,7 @@ _ITERATIONS = 30
 _TIMES = c.CONTRADICTS[0]
 
 
-def magnitudes(glance: RunSummary, joints: Sequence[int]) -> list[int]:
+def magnitudes(glance: RunSummary, joints: Indices) -> list[int]:
     """List the joints, among some (from 0), whose torque the arm explains clearly better
     with signs than as logged; the list is empty where the run gives no rows of the arm.
 
@@ -169,11 +105,11 @@ def magnitudes(glance: RunSummary, joints: Sequence[int]) -> list[int]:
     leave _TIMES (2) as much energy as the second: a model's error is no noise, so that
     a smaller fall of it says nothing.
     """
-    rows = glance.arm_rows if joints else None
+    rows = glance.arm_rows if len(joints) else None
     if rows is None:
         return []
     nominal = glance.problem.nominal(glance.problem.model())
-    return [j for j in joints if _is_magnitude(rows, j, nominal)]
+    return [j for j in joints.tolist() if _is_magnitude(rows, j, nominal)]
 
 
 def _is_magnitude(rows: Rows, joint: int, nominal: Array) -> bool:
