@@ -4,7 +4,7 @@
 the order of the code.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -190,15 +190,11 @@ def judge_facts(problem: Problem, run: Measurements) -> Report:
     report = _facts_of(problem, run)
     if all(f.repair is None or f.is_stood_on for f in report.issues):
         return report
-    sure = _facts_of(problem, run, is_repaired=lambda f: f.is_stood_on)
+    sure = _facts_of(problem, run, only_sure=True)
     return replace(report, issues=no_surer(report.issues, sure.issues))
 
 
-def _facts_of(
-    problem: Problem,
-    run: Measurements,
-    is_repaired: Callable[[Issue], bool] = lambda _: True,
-) -> Report:
+def _facts_of(problem: Problem, run: Measurements, only_sure: bool = False) -> Report:
     """Report the facts of a run, in which some are repaired.
 
     Facts are read from rows, clock and channels. An arm is fitted only to a torque that
@@ -210,7 +206,7 @@ def _facts_of(
         error = InputError("there are no rows", "log the motion", run.names[0])
         issue = make_refusal("no rows", error, READ)
         return Report(run.names[0], (issue,), run, run)
-    issues, glance = mended(run, problem, is_repaired)
+    issues, glance = mended(run, problem, only_sure)
     work = glance.run
     report = Report(run.names[0], tuple(issues), work, run, original=run)
     if any(f.kind in NO_ROWS for f in issues):

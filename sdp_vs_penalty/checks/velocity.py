@@ -80,14 +80,24 @@ def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
     ratio = float(np.median(ratios[known]))
     n_alike = int(np.sum(np.abs(ratios[known] / ratio - 1.0) < _SAME))
     is_common = n_alike >= 0.75 * len(known)
+    alike = (
+        f"the logged velocity is {ratio:.3g} times the derivative of the position,"
+        f" in {n_alike} of {len(known)} joints alike."
+    )
     if is_common and ratio < 0.0:
-        yield _of_the_other_sign(ratio, n_alike, len(known))
+        yield _note(
+            kind="velocity sign",
+            where="columns dq",
+            what=alike,
+            cause="the rows are in reverse order, or velocities have the other sign",
+            factor=ratio,
+        )
         return
     if is_common and abs(np.log(ratio)) > _CLOCK:
         largest = np.abs(glance.run.q).max()
         is_unit_said = not glance.run.unit_command and largest < _TWO_TURNS
         by_unit = _in_another_unit(ratio, is_unit_said)
-        yield by_unit or _against_the_clock(ratio, n_alike, len(known))
+        yield by_unit or _against_the_clock(ratio, alike)
         return
     for j in known.tolist():
         yield from _of_one_joint(j, float(ratios[j]))
@@ -130,38 +140,24 @@ def _in_another_unit(ratio: float, is_unit_said: bool) -> Issue | None:
     )
 
 
-def _against_the_clock(ratio: float, n_alike: int, n_known: int) -> Issue:
+def _against_the_clock(ratio: float, alike: str) -> Issue:
     """Return the warning that the clock or the velocity is off by one factor.
 
-    ratio : velocity over the derivative of the position; n_alike, n_known : joints with
-    this ratio, and joints whose ratio is known.
+    ratio : velocity over the derivative of the position; alike : the sentence that says
+    in how many joints.
     """
     times = f"{max(ratio, 1.0 / ratio):.3g} times too"
     wrong = f"{times} fast" if ratio < 1.0 else f"{times} slow"
     return make_issue(
         kind="clock against velocity",
         where="columns t and dq",
-        what=f"the logged velocity is {ratio:.3g} times the derivative of the position,"
-        f" in {n_alike} of {n_known} joints alike.",
+        what=alike,
         cause=f"time runs {wrong}, or velocities are in another unit",
         remedy=f"find out the log's rate: multiply t by {1.0 / ratio:.3g}, or divide dq"
         f" by {ratio:.3g}",
         repair=partial(_stretched, factor=1.0 / ratio),
         apply="clock:t",
         factor=1.0 / ratio,
-    )
-
-
-def _of_the_other_sign(ratio: float, n_alike: int, n_known: int) -> Issue:
-    """Return the note that velocities have the sign of a motion backwards, by one factor
-    of most joints."""
-    return _note(
-        kind="velocity sign",
-        where="columns dq",
-        what=f"the logged velocity is {ratio:.3g} times the derivative of the position,"
-        f" in {n_alike} of {n_known} joints alike.",
-        cause="the rows are in reverse order, or velocities have the other sign",
-        factor=ratio,
     )
 
 

@@ -71,9 +71,7 @@ RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
 
 
 def mended(
-    run: Measurements,
-    problem: Problem,
-    is_repaired: Callable[[Issue], bool] = lambda _: True,
+    run: Measurements, problem: Problem, only_sure: bool = False
 ) -> tuple[list[Issue], RunSummary]:
     """Apply the rules about rows, clock and channels in order, each to the run as the
     rules before have repaired it.
@@ -83,8 +81,8 @@ def mended(
     problem : Problem
         Of the robot: its filters say when it stands still, its arm judges torques that
         do not change.
-    is_repaired : callable
-        Whether an issue with a repair is mended.
+    only_sure : bool
+        Whether to mend only what other facts may stand on.
 
     Returns
     -------
@@ -104,6 +102,6 @@ def mended(
             break
         for issue in rule(glance):
             issues.append(issue)
-            if issue.repair is not None and is_repaired(issue):
+            if issue.repair is not None and (issue.is_stood_on or not only_sure):
                 glance = replace(glance, run=issue.repair(glance.run))
     return issues, glance

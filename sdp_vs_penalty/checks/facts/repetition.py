@@ -7,10 +7,7 @@ import numpy as np
 
 from sdp_vs_penalty.checks.constants import LONG_STRETCH, RUN, STUCK
 from sdp_vs_penalty.checks.facts.noise import shows_noise
-from sdp_vs_penalty.checks.facts.stuck import (
-    largest_step_of_resolution,
-    velocity_goes_on,
-)
+from sdp_vs_penalty.checks.facts.stuck import velocity_goes_on
 from sdp_vs_penalty.checks.glance import (
     Rows,
     RunSummary,
@@ -165,20 +162,12 @@ def _frozen_measurements(glance: RunSummary) -> Rows:
     if glance.run.torque_logged:
         measured.append(glance.run.tau)
     frozen = _frozen_packets(glance, repeat_row_before(measured))
-    if not frozen.any():
-        return frozen
-    level_by_joint = {
-        j: largest_step_of_resolution(glance.run.q[:, j])
-        for j in np.flatnonzero(glance.moving).tolist()
-    }
-    parts = []
-    for first, end in spans(frozen):
-        goes_on = [
-            velocity_goes_on(glance.run, j, first, end - 1, level)
-            for j, level in level_by_joint.items()
-        ]
-        if any(goes_on):
-            parts.append((first, end))
+    joints = np.flatnonzero(glance.moving).tolist()
+    parts = [
+        (first, end)
+        for first, end in spans(frozen)
+        if any(velocity_goes_on(glance.run, j, first, end - 1) for j in joints)
+    ]
     return mask_of(len(frozen), parts)
 
 

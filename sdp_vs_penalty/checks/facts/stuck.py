@@ -153,7 +153,7 @@ def find_frozen_channels(glance: RunSummary, word: str, name: str) -> Iterator[I
         " moves: frozen."
     )
     goes_on = is_position and all(
-        velocity_goes_on(glance.run, int(channel[1:]) - 1, first, end - 1, 0.0)
+        velocity_goes_on(glance.run, int(channel[1:]) - 1, first, end - 1)
         for channel, rows in bad.items()
         for first, end in spans(rows)
     )
@@ -183,7 +183,7 @@ def _stuck(glance: RunSummary, j: int, x: Array, is_position: bool) -> Rows:
             continue  # clipped there: a freeze stays at the value of its begin
         if not is_position and x[first] == 0.0:
             continue  # its drive is off there
-        if is_position and velocity_goes_on(glance.run, j, first, last, level):
+        if is_position and velocity_goes_on(glance.run, j, first, last):
             is_frozen = True
         elif last == len(x) - 1 or glance.steps[last] > GAP * glance.usual_step:
             # The run ends with this value, or rows are missing behind it: only a torque
@@ -207,12 +207,12 @@ def largest_step_of_resolution(x: Array) -> float:
     return 3.0 * lattice_step(x)
 
 
-def velocity_goes_on(run: Measurements, j: int, a: int, b: int, level: float) -> bool:
+def velocity_goes_on(run: Measurements, j: int, a: int, b: int) -> bool:
     """Whether joint j's logged velocity shows that it moves from row a to b.
 
     It does if two things hold. The mean square velocity there is at least a tenth of
-    that elsewhere. And the velocity's integral leaves the position by more than ``level``
-    [rad, m]: a joint that is held still trembles by less than its encoder's resolution.
+    that elsewhere. And the velocity's integral leaves the position by more than steps of
+    its encoder: a joint that is held still trembles by less.
     False if no velocity was logged.
     """
     if run.dq is None:
@@ -223,7 +223,7 @@ def velocity_goes_on(run: Measurements, j: int, a: int, b: int, level: float) ->
     is_fast = square[a : b + 1].mean() > 0.1 * elsewhere.mean()
     steps = velocity[a:b] * np.diff(run.t[a : b + 1])
     travel = np.ptp(np.concatenate([[0.0], np.cumsum(steps)]))
-    return bool(is_fast and travel > level)
+    return bool(is_fast and travel > largest_step_of_resolution(run.q[:, j]))
 
 
 def _joint_goes_round(q: Array, a: int, b: int) -> bool:
