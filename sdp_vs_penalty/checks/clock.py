@@ -515,7 +515,8 @@ def _gap(glance: RunSummary, rows: Indices) -> Issue:
         rows,
         kind="gap in time",
         what=f"{formatting.count(len(rows), 'gap')} of up to {steps.max():.3g} s (the"
-        f" usual step is {glance.usual_step:.3g} s); in all {steps.sum():.3g} s are missing.",
+        f" usual step is {glance.usual_step:.3g} s), {steps.sum():.3g} s in all.",
+        cause="samples are missing",
         remedy="no action needed: the run is split there, and the filters lose a second"
         " on either side",
     )
