@@ -313,7 +313,7 @@ def _to_add(
 def _in_one_line(diagnosis: Diagnosis, finding: Finding) -> str:
     """Say what a finding is on the arm, and how sure that is."""
     together = diagnosis.only_in_sum(finding)
-    text = finding.on_the_arm.removeprefix(ON_THE_ARM)
+    text = in_brief(finding.on_the_arm.removeprefix(ON_THE_ARM))
     if together or finding.size_may_be_zero:
         text = named_on_joints(together or (finding,))
     if together:

@@ -213,7 +213,7 @@ def checked(session: Session) -> StageVerdict:
         text += f" And {others} more." if others else ""
         return StageVerdict("usable", text, "Check")
     runs = formatting.count(len(session.runs), "run")
-    return StageVerdict("good", f"Nothing wrong in {runs}.", "Check")
+    return StageVerdict("good", f"Nothing wrong in {runs}.", "Done")
 
 
 def identified(session: Session) -> StageVerdict | None:

@@ -244,7 +244,8 @@ class Workbench:
                 if step.number:
                     stage, part = step.figure
                     to = {"data_to": stage, "data_part_of": part}
-                    tag("a", step.number, "figure", href=f"#{stage}", **to)
+                    number = step.number.replace(" %", "\N{NO-BREAK SPACE}%")
+                    tag("a", number, "figure", href=f"#{stage}", **to)
                 if step.more:
                     with details("More", "more"):
                         note(step.more)
