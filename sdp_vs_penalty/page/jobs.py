@@ -289,6 +289,8 @@ def read(job: JobRequest) -> Answer:
             said = [remark for remark in each_once if isinstance(remark, Remark)]
             remarks += map(str, said)
             name = file["name"]
+            if "scale" in how:
+                remarks.append(f"{name}: read by {how['scale']}, as runs like it.")
             part = replace(part, names=(name,))
             check_torque(part)
             _refuse_duplicate(part, state.runs, path)
@@ -298,7 +300,7 @@ def read(job: JobRequest) -> Answer:
                     "use": "train",
                     "in_commands": f"{Path(name).stem}_read.csv" if how else name,
                     "columns": names,
-                    "stated": [],
+                    "stated": "scale" in how,
                 }
             )
             read_so.append({"file": file["name"], "options": how})
@@ -347,13 +349,13 @@ def _names_of_columns(path: Path) -> list[str]:
 
 def _kept_of(run: Mapping[str, Any]) -> Answer:
     """Return what stays in the record of a run, whatever is done to its samples: its use,
-    what commands call its file, the columns of that, and the readings that a person
-    stated of it."""
+    what commands call its file, the columns of that, and whether a person has stated its
+    units."""
     return {
         "use": run["use"],
         "in_commands": run["in_commands"],
         "columns": run.get("columns", []),  # older projects have none
-        "stated": run.get("stated", []),
+        "stated": bool(run.get("stated")),
     }
 
 
@@ -414,7 +416,7 @@ def change(job: JobRequest) -> Answer:
         effect = effect_on_error(before, replace(after, runs=runs))
     if change.verb == "read":
         for k in chosen:
-            kept[k]["stated"] = [*kept[k]["stated"], job["change"]]
+            kept[k]["stated"] = True
     for stays, name in zip(kept, job["names"], strict=True):
         stays["in_commands"] = name
     return {"effect": effect} | _judged(job, replace(after, runs=runs), kept)
@@ -598,6 +600,7 @@ def _load_run(options: Mapping[str, str], problem: Problem, path: Path) -> Measu
             rename=pairs("--rename", options.get("rename")),
             motors=options.get("motors", "motor_side" in options),
             rate=numbers("rate", options.get("rate", "0"), 1)[0] or None,
+            scale=pairs("--scale", options.get("scale")),
         )
     if part.n != problem.robot.n:
         raise other_robot(part.n, problem.robot.n, path)

@@ -17,7 +17,6 @@ from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.page.session import MOTION, Session, asks_for_unit, is_refused
 from sdp_vs_penalty.page.stages.use import worse_in_words
 from sdp_vs_penalty.page.view import (
-    ACCEPT,
     View,
     change_in_words,
     checked,
@@ -91,15 +90,8 @@ def _find_step(view: View) -> NextStep:
         text = f"{session.robot_word} has {joints}. Its measurements come next."
         return NextStep(text, "Choose measurements", "measure", opens="drop-runs")
     waiting = [run for run in session.runs if run["use"] == "wait"]
-    for run in waiting:  # its rows first: what is stated of others is of good ones
-        if is_refused(run):
-            return _of_waiting(session, run)
-    if (offer := session.offer) is not None:
-        do = partial(session.start, session.accept, offer)
-        label = ACCEPT.format(offer.run["name"])
-        return NextStep(offer.sentence, label, "check", do, level="usable")
-    if waiting:
-        return _of_waiting(session, waiting[0])
+    if waiting:  # what is refused first
+        return _of_waiting(session, max(waiting, key=is_refused))
     return _of_runs(session) if session.model is None else _of_model(view)
 
 

@@ -6,15 +6,7 @@ import copy
 import inspect
 import json
 import time
-from collections.abc import (
-    Callable,
-    Collection,
-    Coroutine,
-    Iterable,
-    Iterator,
-    Mapping,
-    Sequence,
-)
+from collections.abc import Callable, Collection, Coroutine, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from filecmp import cmp
 from pathlib import Path
@@ -25,7 +17,6 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import Files, command_of, cut_copy
 from sdp_vs_penalty.checks.explain import NOT_REPAIRED
-from sdp_vs_penalty.checks.issue import EXPLANATION
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.formats import suffixes
 from sdp_vs_penalty.data.parsing import numbers
@@ -116,28 +107,6 @@ class PageNotice:
 
 
 @dataclass(frozen=True)
-class Offer:
-    """A reading that a person stated of some runs, and not of another one whose file has
-    the same columns."""
-
-    #: Record of that other run.
-    run: dict[str, Any]
-    #: Names of the runs that were read so.
-    others: tuple[str, ...]
-    #: How they were read, a change as JSON.
-    change: dict[str, Any]
-
-    @property
-    def sentence(self) -> str:
-        """What is offered, and why."""
-        names = formatting.words([*self.others])
-        return (
-            f"{self.run['name']} has the columns of {names}, and you said of"
-            f" these: {self.change['words']}."
-        )
-
-
-@dataclass(frozen=True)
 class Working:
     """A piece of work, of one or more jobs."""
 
@@ -197,18 +166,6 @@ def asks_for_unit(run: Mapping[str, Any]) -> bool:
         for issue in run["findings"]
         for remedy in issue["remedies"]
     )
-
-
-def _offers(runs: Sequence[dict[str, Any]]) -> Iterator[Offer]:
-    """Yield what may hold for runs as it was stated of others that came before."""
-    for k, run in enumerate(runs):
-        others = [x for x in runs[:k] if x.get("columns") == run.get("columns")]
-        known = [change["arguments"] for change in run.get("stated", ())]
-        stated = [c for x in others for c in x.get("stated", ())]
-        for change in stated if run.get("columns") else ():
-            if change["arguments"] not in known and "is_declined" not in change:
-                names = [x["name"] for x in others if change in x["stated"]]
-                yield Offer(run, tuple(names), change)
 
 
 def _alike_once(texts: Iterable[str]) -> tuple[str, ...]:
@@ -1100,16 +1057,15 @@ class Session:
 
     def _with_questions(self, runs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         """Return the runs, of which those wait that no model is tested on before a
-        question is answered: whether it is read as others, in which unit its torque is,
-        or what becomes of what the check calls an error. The others are tested on."""
-        asked = [offer.run["file"] for offer in _offers(runs)]
+        question is answered: in which unit its torque is, or what becomes of what the
+        check calls an error. The others are tested on."""
         unit = runs[0].get("torque_unit")
         has_units = not any(asks_for_unit(run) for run in runs if run["use"] == "train")
 
         def use_of(run: Mapping[str, Any]) -> str:
             if run["use"] not in ("test", "wait"):
                 return str(run["use"])
-            is_open = run["file"] in asked or run.get("torque_unit") != unit
+            is_open = run.get("torque_unit") != unit
             is_open |= is_refused(run) or (has_units and asks_for_unit(run))
             return "wait" if is_open and self.history else "test"
 
@@ -1184,17 +1140,13 @@ class Session:
         """Each issue of the check once, with the runs that have it.
 
         Issues are the same if kind, place and remedy are equal; the first run's sentence
-        stands for all. What explains the torques of a run that may have to be read
-        otherwise is left out. Example: [({"kind": "torque sign", ...}, [run 1, run 2])].
+        stands for all. Example: [({"kind": "torque sign", ...}, [run 1, run 2])].
         """
         groups = dict[
             tuple[str, str, str], tuple[dict[str, Any], list[dict[str, Any]]]
         ]()
-        asked = [offer.run["file"] for offer in _offers(self.runs)]
         for run in self.runs:
             for issue in run["findings"]:
-                if run["file"] in asked and issue["nature"] == EXPLANATION:
-                    continue  # of torques that may have to be read otherwise
                 key = (issue["kind"], issue["where"], issue["remedy"])
                 groups.setdefault(key, (issue, []))[1].append(run)
         return list(groups.values())
@@ -1362,11 +1314,17 @@ class Session:
         dropped = self._dropped(models)
         done = words
         if self.repairs_several(change):  # the words count them
-            done = f"{words} ({self.faults_in_words})"
+            done = f"repaired: {self.faults_in_words}"
         elif len(request["files"]) < len(self.runs):
             names = [r["name"] for r in self.runs if r["file"] in request["files"]]
             done = f"{words} in {formatting.words(names)}"
+        columns = [x["columns"] for x in self.runs if x["file"] in request["files"]]
         self._step_from_here(words)
+        scale = change["arguments"].get("scale", {})
+        for key in {json.dumps(names) for names in columns if names and scale}:
+            texts = ",".join(f"{name}={unit}" for name, unit in scale.items())
+            options = {**self.assigned.get(key, {}), "scale": texts}
+            self.assigned = {**self.assigned, key: options}
         self._take(answer)
         self._keep_models(models)
         if change["verb"] in ("transform", "read", "cut"):
@@ -1421,24 +1379,10 @@ class Session:
         change = {**change, "words": _words_of_reading(change) or change["words"]}
         return self._request("change", change=change, files=chosen, names=names)
 
-    @property
-    def offer(self) -> Offer | None:
-        """What may hold for a run as it does for others; None without any."""
-        return next(_offers(self.runs), None)
-
-    async def accept(self, offer: Offer) -> None:
-        """Read a run as it was stated of others with the same columns."""
-        await self._change(offer.change, [offer.run["file"]])
-
-    async def leave_as_read(
-        self, chosen: Mapping[str, Any], change: Mapping[str, Any]
-    ) -> None:
-        """Remember that a change does not hold for a run, which may be tested on then."""
-        declined = {**change, "is_declined": True}
+    async def leave_as_read(self, chosen: Mapping[str, Any]) -> None:
+        """Remember that a run is in the unit in which it was read: it may be tested on."""
         runs = [
-            {**run, "stated": [*run["stated"], declined]}
-            if run["file"] == chosen["file"]
-            else run
+            {**run, "stated": True} if run["file"] == chosen["file"] else run
             for run in self.runs
         ]
         runs = self._with_questions(runs)

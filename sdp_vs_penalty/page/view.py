@@ -24,9 +24,6 @@ Forms = Mapping[str, Sequence[Action]]
 #: Files or folders that the page lists to choose from.
 MOST_OFFERED = 50
 
-#: What reads a run as others were read.
-ACCEPT = "Read {} the same way"
-
 
 @dataclass(frozen=True)
 class Project:

@@ -276,7 +276,6 @@ class Workbench:
         # What the button does depends on the remedies and on the model.
         depends = [
             session.remedies,
-            session.offer and session.offer.run["file"],
             [m.file for m in session.history],
             session.mappings,
         ]

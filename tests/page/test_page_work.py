@@ -1144,47 +1144,28 @@ def test_a_model_that_was_brought_stays_where_training_runs_change(
     np.testing.assert_array_equal(*theta)
 
 
-def test_what_was_stated_of_runs_is_offered_for_a_new_one(here, hidden, tmp_path):
-    """Drive gains, for files with the same columns: one click, or left as it is."""
+def test_what_was_stated_of_runs_holds_for_a_new_one(here, hidden, tmp_path):
+    """Drive gains, for files with the same columns; it is said."""
     gains = np.array([9.0, 7.0])
-    runs = [replace(run, tau=run.tau / gains) for run in hidden.runs[:4]]
-    names = ("a.csv", "test.csv", "new.csv", "newer.csv")
+    runs = [replace(run, tau=run.tau / gains) for run in hidden.runs[:3]]
+    names = ("a.csv", "test.csv", "new.csv")
     files = saved(tmp_path, runs, *names)
-    new, newer = ({name: files.pop(name)} for name in names[2:])
+    new = {"new.csv": files.pop("new.csv")}
     s = opened(here, "two_link", **files)
     read = {"verb": "read", "words": "", "arguments": {"scale": {"tau": "9:7"}}}
     do(s, lambda: s.apply(read))
     assert s.repairs[-1][0] == "multiply the torque by 9, 7"
-    assert [words[:2] for words in s.prepared] == [
-        ["convert", "a.csv"],
-        ["convert", "test.csv"],
-    ]
     do(s, s.identify)
     s.arrived |= new
     do(s, s.read_files)
-    screen = Screen(s)
-    said = "new.csv has the columns of a.csv and test.csv"
-    assert said in screen.text("next")
-    assert [run["use"] for run in s.runs] == ["train", "test", "wait"]
-    assert s.current.judged_on == ["test.csv"]  # nothing is tested before
-    screen.click("next")
-    assert s.history
-    assert s.offer is None
+    assert "new.csv: read by tau=9:7, as runs like it." in s.notice.texts
+    assert [run["use"] for run in s.runs] == ["train", "test", "test"]
     for run, path in zip(s.runs, hidden.runs, strict=False):
         tau = np.load(s.folder / run["file"])["tau1"]
         np.testing.assert_allclose(tau, path.tau[:, 0], rtol=1e-6)
-    assert (
-        s.commands().count(
-            "sdp-vs-penalty convert new.csv --scale tau=9:7 --out new_fixed.csv"
-        )
-        == 1
-    )
-    s.arrived |= newer
-    do(s, s.read_files)
-    screen.do(s.changed)
-    screen.click("decline")
-    assert s.offer is None
-    assert s.runs[-1]["name"] == "newer.csv"
+    assert [words[:4] for words in s.prepared] == [
+        ["convert", name, "--scale", "tau=9:7"] for name in names
+    ]
 
 
 def test_a_fault_of_the_log_leads_where_a_new_run_errs(here, hidden, tmp_path):

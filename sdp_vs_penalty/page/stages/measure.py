@@ -20,7 +20,6 @@ from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.session import ENDINGS, Session, asks_for_unit
 from sdp_vs_penalty.page.spoken import heading_of, name_in_title, spoken
 from sdp_vs_penalty.page.view import (
-    ACCEPT,
     PagePart,
     Project,
     Stage,
@@ -508,25 +507,13 @@ def _findings(view: View) -> None:
     """
     session = view.session
     for words, effect in session.repairs:
-        done = label_of(words)
-        draw.tag("p", f"Done: {done}. {effect}", "chosen")
+        draw.tag("p", f"✓ {label_of(words)}. {effect}", "chosen")
     with draw.tag("p", style="row"):
         for run in session.runs:
             if all(issue["severity"] == "note" for issue in run["findings"]):
                 draw.tag("span", f"✓ {run['name']}", "tick")
-    if (offer := session.offer) is not None:
-        with draw.tag("div", style="finding"):
-            draw.tag("p", offer.sentence)
-            with draw.tag("div", style="row"):
-                accept = partial(session.start, session.accept, offer)
-                label = ACCEPT.format(offer.run["name"])
-                draw.button(label, accept, "accept")
-                decline = partial(
-                    session.start, session.leave_as_read, offer.run, offer.change
-                )
-                draw.button("Leave it as it is", decline, "decline")
     first = session.remedies[:1]
-    if first and offer is None and session.repairs_several(first[0]["change"]):
+    if first and session.repairs_several(first[0]["change"]):
         with draw.tag("div", style="row"):
             _remedy(view, first[0], "remedy-all")
     for k, (issue, runs) in enumerate(session.issues):
@@ -608,7 +595,7 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
     draw.button(label, do, key)
     waiting = [x for x in session.runs if x["use"] == "wait" and asks_for_unit(x)]
     if asked and waiting:
-        leave = partial(session.start, session.leave_as_read, waiting[0], change)
+        leave = partial(session.start, session.leave_as_read, waiting[0])
         draw.button("Leave it as it is", leave, f"{key}-as-is")
     elif asked == ["tau"] and session.model is None:
         identify = partial(session.start, session.identify)
