@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
 from typing import TYPE_CHECKING, Any, Self
@@ -17,13 +17,17 @@ from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.store import AppendableArray, iter_chunks
+from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.nominal import NOMINAL, as_model
 from sdp_vs_penalty.estimation.verdict import (
     ABOVE_NOISE,
+    FIT,
+    MISSING,
     MOSTLY_NEW,
+    NO_MODEL,
     ErrorsBesideNoise,
     NoiseFloor,
     Verdict,
@@ -262,6 +266,38 @@ class Comparison(Record):
         is_new = share is None or share >= MOSTLY_NEW
         return "" if is_new else "on training motion"
 
+    @fact("")
+    def graded_error(self) -> str:
+        """The number that the grade is of: the largest error over noise; without a noise
+        floor the arm's error as a share of its torque."""
+        largest = self.largest_error_over_noise
+        if largest is None:
+            return f"{number(self.relative_error)} % of torque"
+        return f"{number(largest)} times the noise"
+
+    @fact("")
+    def grades(self) -> str:
+        """What the grades mean, and where this model stands."""
+        shares = self.error_beyond_noise
+        joint = int(np.argmax(shares)) + 1
+        beyond = "" if self.noise_floor is None else " beyond its noise"
+        largest = self.largest_error_over_noise
+        error = "here the noise is not known"
+        if largest is not None:
+            error = f"here up to {number(largest)}, joint {self.worst_joint}"
+        return (
+            f"Good: each joint errs by at most {ABOVE_NOISE:g} times its noise, on motion"
+            f" that is new ({error}). Do not use: a joint errs by more than {NO_MODEL:g} %"
+            f" of its torque{beyond} (here up to {number(shares[joint - 1])} %, joint"
+            f" {joint}). Usable: all between."
+        )
+
+    @fact("")
+    def level(self) -> str:
+        """How good the model is: "good", "fair" (usable, and nothing but a small torque is
+        missing), "usable" or "bad"."""
+        return level_of(self.verdict, self.error_beyond_noise)
+
     @fact("Hz", name="band")
     def band(self) -> float:
         """The low-pass that measured and modelled torque passed."""
@@ -433,6 +469,23 @@ class Comparison(Record):
         return self.noise_floor, self.noise_source
 
 
+def level_of(verdict: Verdict, shares: Sequence[float] | Array) -> str:
+    """Return how good a model is by its verdict and by its errors beyond the noise (n,) [%
+    of the joints' torques]: "good", "fair" for a usable one of which nothing but a small
+    torque is missing, "usable" or "bad"."""
+    grade = verdict.grade
+    if grade != "usable":
+        return "bad" if grade == "do not use" else grade
+    fits = any(x.about == FIT and x.grade == "good" for x in verdict.lines)
+    is_small = fits or max(shares) <= 100.0 * MINOR
+    about = {line.about for line in verdict.lines if line.grade == "usable"}
+    return "fair" if is_small and about <= {FIT, MISSING} else grade
+
+
+#: What a sensor of an arm resolves at best, as a share of the largest torque (RMS) of its
+#: joints: 20 bits. Logs without noise, of a joint that turns about its axis with next to
+#: no torque, would state errors of micronewton metres as multiples of a noise.
+RESOLUTION = 1e-6
 #: Length [s] of the stretches of which a relative error's spread is told: longer than
 #: errors of a friction or a filter stay alike.
 _STRETCH = 1.0
@@ -708,11 +761,22 @@ def _noise_floor(first: Estimate, shown: FilteredRuns) -> tuple[Array | None, st
     stored = _kept_noise(first, shown.settings)
     recording = shown.measurements.recording
     if stored is not None and stored.data_hash == recording.data_hash:
-        return stored.floor, stored.source
-    floor, source = noise_level(first.problem, shown)
-    if stored is not None and stored.source == REPETITION and source != REPETITION:
-        return stored.floor, stored.source
-    return floor, source
+        floor, source = stored.floor, stored.source
+    else:
+        floor, source = noise_level(first.problem, shown)
+        if stored is not None and stored.source == REPETITION and source != REPETITION:
+            floor, source = stored.floor, stored.source
+    if floor is None:
+        return None, source
+    return np.maximum(floor, resolution(shown.measurements.tau, first)), source
+
+
+def resolution(tau: Array, model: Estimate) -> Array:
+    """Return what no sensor of an arm resolves, (n,) [N m or N]: RESOLUTION of the largest
+    torque (RMS) of the joints with the same unit, in measured torque (M, n)."""
+    torque = np.sqrt(np.mean(tau**2, axis=0))
+    units = np.array(model.torque_units)
+    return RESOLUTION * np.array([torque[units == unit].max() for unit in units])
 
 
 def _kept_noise(model: Estimate, settings: Preprocessing) -> NoiseFloor | None:

@@ -122,16 +122,33 @@ class Conclusion:
 
     @cached_property
     def findings(self) -> list[Finding]:
-        """The findings, and which of them help; one that does not is weak."""
-        # The flags of re-estimated constants come first.
-        flags = self.help_together[self.ladder.n_own :]
+        """The findings, and which of them help; one that does not is weak. A weak one
+        that lowers its joint's error beside others alone stays to be looked at."""
+        # Flags and numbers of re-estimated constants come first.
+        n_own = self.ladder.n_own
+        held_out = self.ladder.held_out
+        before = held_out.errors(())
         findings = []
-        for finding, helps in zip(self.findings_alone, flags, strict=True):
-            if helps:
-                findings.append(replace(finding, helps=True))
-                continue
-            doubts = (*finding.doubts, Doubt("alone"))
-            findings.append(replace(finding, confidence="weak", doubts=doubts))
+        for finding, helps, number in zip(
+            self.findings_alone,
+            self.help_together[n_own:],
+            self.ladder.offered[n_own:],
+            strict=True,
+        ):
+            j = finding.main_joint - 1
+            doubts = finding.doubts
+            # The torque of one that cancels with others is larger than the error.
+            cancels = (finding.torque_rms or 0.0) > before[j]
+            if not helps:
+                doubts = (*doubts, Doubt("alone"))
+            elif finding.rating == "weak" and not cancels:
+                after = held_out.errors([number])
+                if after[j] > (1.0 - MINOR) * before[j]:
+                    doubts = (*doubts, Doubt("by_itself"))
+            confidence = "weak" if doubts else finding.confidence
+            findings.append(
+                replace(finding, helps=helps, confidence=confidence, doubts=doubts)
+            )
         return findings
 
     @property
@@ -389,9 +406,11 @@ def _standstill(data: WhiteData, residual: Array, units: Sequence[str]) -> str:
     rms_in_motion = np.sqrt(squares_in_motion / np.maximum(moves.sum(axis=0), 1))
     values = [f"{rms_in_motion[j - 1]:.2g} {units[j - 1]}" for j in joints]
     return (
-        f"Most of the error that is left on {formatting.joints(joints)} lies where"
+        "In the runs that were searched, most of the error that is left on"
+        f" {formatting.joints(joints)} lies where"
         f" {'it stands' if len(joints) == 1 else 'they stand'} still: dry friction holds"
-        f" any torque up to its own. In motion it is {formatting.words(values)}."
+        " any torque up to its own. In the rows of these runs that move it is"
+        f" {formatting.words(values)}."
     )
 
 

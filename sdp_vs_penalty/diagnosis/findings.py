@@ -970,6 +970,11 @@ class Diagnosis(Record, JsonRecord):
                 )
                 what = f"{finding.title}: these runs do not decide it"
                 remedies.append(Remedy(what, *finding.grade_and_why, change))
+        if self.is_undetermined:
+            change = Change("record", "record a motion that moves all joints more")
+            what = "These runs leave values of the model open"
+            why = "the model explains the runs that it is from"
+            remedies.append(Remedy(what, "certain", why, change))
         remedies += [e.remedy for e in self.events_without_cause if e.frequency is None]
         return tuple(remedies)
 
@@ -990,8 +995,6 @@ class Diagnosis(Record, JsonRecord):
             words = f"add {named_on_joints(self.helpful)}"
         elif texts:
             words = f"add the {len(texts)} that help"
-            if uncertain := _uncertain_in_words(self.helpful):
-                words = f"add all {len(texts)} ({uncertain})"
         change = Change(
             "add",
             words,
@@ -1153,6 +1156,7 @@ class Diagnosis(Record, JsonRecord):
             if self.is_within_noise(main):
                 named = named_on_joints(together)
                 text = f"Still to be won: {likeness}{named} ({badge})"
+                text = f"{self.good_already} {text}".lstrip()
             others = [found for found in self.helpful if found not in together]
             if len(others) > _MOST_NAMED:
                 return f"{text}, and {len(others)} more."
@@ -1239,16 +1243,14 @@ class Diagnosis(Record, JsonRecord):
         if over is None or not len(over):
             return "Nothing is missing that these measurements could show."
         worst = int(np.argmax(over)) + 1
-        ratio = float(over[worst - 1])
         left = float(self.held_out_rmse_before[worst - 1])
         unit = self.torque_unit(worst)
-        error = formatting.times_noise(ratio, left, unit)
+        error = formatting.times_noise(float(over[worst - 1]), left, unit)
         above_noise = self.joints_above_noise
         if self.is_undetermined:
             return (
-                "Nothing is missing that these measurements could show: with other values"
-                " of its parameters the model explains them. These runs do not determine"
-                f" those values: on data left out joint {worst} errs by {error}."
+                "No effect is missing, but these runs leave values of the model open: on"
+                f" data left out joint {worst} errs by {error}."
             )
         if above_noise:
             return (
@@ -1256,8 +1258,31 @@ class Diagnosis(Record, JsonRecord):
                 f" {formatting.joints(above_noise)}: joint {worst} errs by {error}, on data"
                 " left out."
             )
-        within = formatting.within_noise(ratio, worst, left, unit, "on data left out")
-        return f"Nothing is missing that these measurements could show: {within}."
+        return (
+            "Nothing is missing that these measurements could show:"
+            f" {self._within_noise}."
+        )
+
+    @property
+    def _within_noise(self) -> str:
+        """A clause on errors within the noise of every joint; "" where one is larger, or
+        the noise is not known."""
+        over = over_noise(self.held_out_rmse_before, self.known_floor)
+        if over is None or not np.all(over <= ABOVE_NOISE):
+            return ""
+        j = int(np.argmax(over))
+        return formatting.within_noise(
+            float(over[j]),
+            j + 1,
+            float(self.held_out_rmse_before[j]),
+            self.torque_unit(j + 1),
+            "on data left out",
+        )
+
+    @property
+    def good_already(self) -> str:
+        """A sentence on errors that are within the noise; "" where they are not."""
+        return f"Good already: {self._within_noise}." if self._within_noise else ""
 
     @property
     def held_out_rmse_with_all(self) -> Array:
@@ -1459,16 +1484,6 @@ def _hum_in_words(diagnosis: Diagnosis, hum: Event) -> str:
     if hum.amplitude is not None:
         amount = f" ({hum.amplitude:.2g} {diagnosis.torque_unit(hum.joint)})"
     return f"{hum.frequency:.3g} Hz{amount} on joint {hum.joint}"
-
-
-def _uncertain_in_words(found: Sequence[Finding | Retune]) -> str:
-    """Count what is open of findings in words: "1 size uncertain"; "" if nothing is."""
-    is_open = [isinstance(f, Finding) and f.size_is_open for f in found]
-    badges = [
-        "size uncertain" if x else f.badge for x, f in zip(is_open, found, strict=True)
-    ]
-    open_badges = [*dict.fromkeys(x for x in badges if x != "confident")]
-    return ", ".join(f"{badges.count(badge)} {badge}" for badge in open_badges)
 
 
 def rating_counts(findings: Sequence[Finding | Retune]) -> str:

@@ -34,7 +34,7 @@ from sdp_vs_penalty.estimation.shapes import (
     changed_constant_in_words,
     with_shapes,
 )
-from sdp_vs_penalty.formatting import plain_unit
+from sdp_vs_penalty.formatting import change_of
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -210,9 +210,9 @@ def retune(
     """
     j = constant.index
     shape = effect_types()[constant.effect].shapes[constant.shape]
-    change = changed_constant_in_words(constant, shape, robot.joints[j].kind)
+    rounded = replace(constant, after=float(f"{constant.after:.2g}"))
+    change = changed_constant_in_words(rounded, shape, robot.joints[j].kind)
     was, now = float(before[j]), float(after[j])
-    unit = plain_unit(robot.torque_units[j])
     doubts = []
     if constant.at_end:
         doubts.append(Doubt("at_end"))
@@ -228,6 +228,6 @@ def retune(
         confidence="weak" if doubts else "confident",
         rmse_before=was,
         rmse_after=now,
-        explanation=f"{change}; error on data left out {was:.3g} to {now:.3g} {unit}",
+        explanation=f"{change}; error on data left out: {change_of(was, now)}",
         doubts=tuple(doubts),
     )

@@ -35,9 +35,10 @@ def commands_of(
     name = first.opened or "model1.json"
     names = [name]
 
-    def identify_words(model: ModelStep, out: str) -> list[str]:
-        """Return the words of the `identify` that makes a model as its file ``out``."""
-        words = ["--method", model.method, "--effects", ",".join(model.effects)]
+    def identify_words(effects: Sequence[str], out: str) -> list[str]:
+        """Return the words of the `identify` that makes a model with these effects as its
+        file ``out``."""
+        words = ["--method", first.method, "--effects", ",".join(effects)]
         if not has_check:
             words.append("--no-check")
         given = {"hold": robot["hold"], **options}
@@ -49,15 +50,10 @@ def commands_of(
         return ["identify", source, *data, *words, "--out", out]
 
     if not first.opened:
-        commands.append(identify_words(first, name))
+        commands.append(identify_words(first.effects, name))
     # A model that was kept is the last of those that the commands before it made.
     n_made = max(1, sum(words[0] in ("identify", "add") for words in prepared))
     for k, model in enumerate(history[1:], start=n_made + 1):
-        if model.made_for:
-            name = f"model{k}.json"
-            names.append(name)
-            commands.append(identify_words(model, name))
-            continue
         frozen = ["--frozen"] if model.frozen else []
         how = [*data, *test, *frozen]
         what = [",".join(model.added)]
@@ -73,6 +69,10 @@ def commands_of(
         name = f"model{k}.json"
         names.append(name)
         commands.append(["add", *words, *frozen, "--out", name])
+    for file, record in history[-1].exported.items():
+        if "model" in record:
+            commands.append(identify_words(record["effects"], f"for-{file}.json"))
+            commands.append(["export", f"for-{file}.json", "--out", file])
     if history[-1].findings is not None:
         frozen = ["--frozen"] if history[-1].findings.frozen else []
         found = f"findings{n_made + len(history) - 1}.json"

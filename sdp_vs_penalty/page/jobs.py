@@ -76,6 +76,7 @@ from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.estimation.excitation import Limits, excite, save_trajectory
 from sdp_vs_penalty.estimation.identify import estimate_parameters
+from sdp_vs_penalty.estimation.nominal import nominal_model
 from sdp_vs_penalty.estimation.separation import separate
 from sdp_vs_penalty.estimation.shapes import effects_to_estimate_again
 from sdp_vs_penalty.estimation.verdict import Verdict
@@ -1240,13 +1241,24 @@ def _files_judged(
         if held is None:
             continue
         judged[home.FILE] = {
+            **_error_of(held.comparison),
             "lost": effects_in_words(held.lost),
             "n_lost": len(held.lost),
-            "worst": words.describe_worst(held.comparison, ""),
             "effects": _effects_to_estimate_again(held.model),
             "verdict": held.verdict.to_dict(),
         }
     return judged
+
+
+def _error_of(compared: Comparison) -> Answer:
+    """Return the number that a model is graded by ("size"), the same in words ("error"),
+    and its "worst" joint in words."""
+    largest = compared.largest_error_over_noise
+    return {
+        "size": compared.relative_error if largest is None else largest,
+        "error": compared.graded_error,
+        "worst": words.describe_worst(compared, ""),
+    }
 
 
 def _effects_to_estimate_again(estimate: Estimate) -> list[str]:
@@ -1349,6 +1361,11 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
                 {"model": arm}, filtered, noise=comparison.noise
             )
             errors_of_runs[run.names[0]] = alone.rmse
+    factory = {}
+    if arm is estimate:
+        as_it_came = {"factory": nominal_model(estimate.problem)}
+        (stated,) = compare_filtered(as_it_came, judged, noise=comparison.noise)
+        factory = _error_of(stated)
     job.progress("judging the files to export")
     exported = _files_judged(estimate, judged, comparison, diagnosis)
     job.progress("looking where it fails")
@@ -1361,6 +1378,8 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         "errors_of_runs": errors_of_runs,
         "method": estimate.method,
         "effects": _effects_to_estimate_again(estimate),
+        "errors": _error_of(comparison),
+        "factory": factory,
         "exported": exported,
         "comparison": {**comparison.to_dict(), "verdict": verdict_of_model},
         "failures": failures,

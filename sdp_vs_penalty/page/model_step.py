@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.constants import MINOR
+from sdp_vs_penalty.diagnosis.comparison import level_of
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
-from sdp_vs_penalty.estimation.verdict import (
-    FIT,
-    GRADES,
-    MISSING,
-    Grade,
-    Verdict,
-    over_noise,
-)
+from sdp_vs_penalty.estimation.verdict import GRADES, Grade, Verdict, over_noise
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.render.tables import facts_from_json
@@ -70,12 +64,17 @@ class ModelStep(JsonRecord):
     findings_added: str | list[int] | None = None
     #: Whether the others were held when effects were added.
     frozen: bool = False
-    #: File for which it was identified, without the effects that this cannot hold; "":
-    #: none.
-    made_for: str = ""
-    #: By file of `export` that cannot hold all of it, what is known of that file:
-    #: "lost" effects in words, their number "n_lost", the "worst" joint in words,
-    #: "effects" that it holds as `identify` takes them, "verdict" as the file says it.
+    #: The number that it is graded by ("size": the largest error over noise, or where no
+    #: noise is known the arm's error [% of torque]), the same in words ("error"), and the
+    #: "worst" joint in words.
+    errors: dict[str, Any] = field(default_factory=dict)
+    #: The same of the robot as its file states it; empty for servos.
+    factory: dict[str, Any] = field(default_factory=dict)
+    #: By file of `export` that cannot hold all of it, what is known of that file: the
+    #: same, "lost" effects in words, their number "n_lost", "effects" that it holds as
+    #: `identify` takes them, "verdict" as the file says it; once identified "again"
+    #: without the lost ones, what that did, and the "model" that the file is made of,
+    #: where it errs less.
     exported: dict[str, dict[str, Any]] = field(default_factory=dict)
     #: File that a person brought; "" for none.
     opened: str = ""
@@ -103,6 +102,29 @@ class ModelStep(JsonRecord):
         record = self.exported.get(file)
         return self.verdict if record is None else Verdict.from_dict(record["verdict"])
 
+    def beside(self, file: str, again: ModelStep) -> ModelStep:
+        """Return this step, with a file of `export` made of a model that was identified
+        without what it cannot hold, where that errs less; else as it is. The file says
+        both errors."""
+        record = self.exported[file]
+        errors = again.exported.get(file, again.errors)
+        before = record["error"].partition(" ")[0]
+        done = f"Identified again without these: {before} → {errors['error']}."
+        kept: dict[str, Any] = {"again": f"{done} Worse: the file stays as it was."}
+        if errors["size"] < record["size"]:
+            kept = {
+                **{name: errors[name] for name in ("size", "error", "worst")},
+                "again": f"{done} The file is made of that model.",
+                "model": Path(again.file).name,
+                "verdict": again.verdict_on(file).to_dict(),
+            }
+        return replace(self, exported={**self.exported, file: {**record, **kept}})
+
+    def model_of(self, file: str) -> str:
+        """The model.json that a file is made of."""
+        name = self.exported.get(file, {}).get("model", "")
+        return str(Path(self.file).with_name(name)) if name else self.file
+
     def is_worse_in(self, file: str) -> bool:
         """Whether a file of `export` is worth less than the model."""
         grades = [GRADES.index(x.grade) for x in (self.verdict_on(file), self.verdict)]
@@ -124,25 +146,9 @@ class ModelStep(JsonRecord):
         return torque if np.isfinite(torque).all() else None
 
     @property
-    def within_noise(self) -> str:
-        """A sentence on errors that are good already; "" where they are not."""
-        if not any(x.about == FIT and x.grade == "good" for x in self.verdict.lines):
-            return ""
-        times = self.facts["largest_error_over_noise"].texts[0]
-        return f"Good already: no joint errs by more than {times} times its noise."
-
-    @property
     def level(self) -> str:
-        """The colour of the verdict: "good", "usable", "bad", or "fair" for a usable model
-        of which nothing but a small torque is missing."""
-        grade = self.verdict.grade
-        if grade != "usable":
-            return "bad" if grade == "do not use" else grade
-        about = {line.about for line in self.verdict.lines if line.grade == "usable"}
-        shares = self.facts["error_beyond_noise"].value
-        is_small = shares is not None and max(shares) <= 100.0 * MINOR
-        is_small = is_small or bool(self.within_noise)
-        return "fair" if is_small and about <= {FIT, MISSING} else grade
+        """The colour of the verdict, with what a diagnosis says is missing."""
+        return level_of(self.verdict, self.facts["error_beyond_noise"].value)
 
     @property
     def where_it_fails(self) -> Failures:

@@ -220,11 +220,6 @@ def _of_model(view: View) -> NextStep:
         known["figure"] = "identify", "fit"
     is_first = len(session.history) == 1
     is_done = session.current.servo or (level == "good" and not is_first)
-    file = session.current.made_for
-    if file and file not in session.taken:
-        do = partial(session.download, file, view.download)
-        return NextStep(text, f"Download {file}", "use", do, **known)
-    is_done = is_done or bool(file)
     if changed := session.current.change_in_words(session.robot["units"]):
         if found := session.fault_of_changed_run:
             text = f"{of_model.word}. {found}"
@@ -287,7 +282,7 @@ def _to_add(
     if main is not None:
         text = _in_one_line(diagnosis, main)
         if diagnosis.is_within_noise(main):
-            text = session.current.within_noise or text
+            text = diagnosis.good_already or text
     number = ""
     if remedy.before is not None and remedy.after is not None:
         falls = np.subtract(remedy.before, remedy.after)
@@ -321,12 +316,7 @@ def _taken(session: Session) -> str:
     before, after = (step.comparison["rmse"] for step in session.history[-2:])
     floor = session.current.comparison["noise_floor"]
     joint = most_changed_joint(session.current.added, before, after, floor)
-    changed = change_in_words(session, joint, before, after)
-    if file := session.current.made_for:
-        n_lost = session.history[-2].exported[file]["n_lost"]
-        effects = formatting.count(n_lost, "effect")
-        return f"Without the {effects} that {file} cannot hold, {changed}"
-    return formatting.sentence(changed)
+    return formatting.sentence(change_in_words(session, joint, before, after))
 
 
 def _motion_to_record(view: View) -> NextStep | None:

@@ -423,8 +423,6 @@ class Session:
         texts = set[str]()
         for model in self.history:
             texts = set() if model.findings else texts.union(model.added)
-            if model.made_for:  # without some of them
-                texts = {text for text in texts if is_among(text, model.effects)}
         return texts
 
     @property
@@ -1678,20 +1676,21 @@ class Session:
             "urdf": self.robot["source"] if self.robot["file"] else None,
             "forward": self.answer("forward") is not None,
             "verdict": self.current.verdict_on(name).to_dict(),
+            "model": self.current.model_of(name),
         }
 
     async def identify_for(self, file: str) -> None:
-        """Identify the model again, without the effects that a file cannot hold."""
+        """Identify without the effects that a file cannot hold, for this file alone: the
+        model stays as it is."""
         request = {
             "effects": ",".join(self.current.exported[file]["effects"]),
             "method": self.method,
             "anyway": self.anyway,
             "runs": self.runs,
+            "diagnosed": self.findings and self.findings.to_dict(),
         }
         title = f"Identifying for {file}"
-        step = await self._step(
-            title, "fit", request, label=f"for {file}", made_for=file
-        )
+        again = await self._step(title, "fit", request)
         self._step_from_here(f"identified for {file}", keeps_models=True)
-        self.history = [*self.history, step]
+        self.history = [*self.history[:-1], self.current.beside(file, again)]
         self.new = ("use", "take-away")

@@ -230,15 +230,15 @@ def _evidence_for(
     else:
         power = min(int(finding.gain / 2.0 / np.log(10.0)), _MOST_ODDS)
         odds = f"{10**power:,}".replace(",", " ")
-        searched = "Odds for it in the runs that were searched"
-        evidence.append((f"{searched}: more than {odds} to 1.", True))
+        text = f"That a torque is missing: more than {odds} to 1, in the runs searched."
+        evidence.append((text, True))
     if size:
         evidence.append((_size_in_words(finding, size), not finding.size_is_open))
     if rivals := finding.rivals_in_words:
         evidence.append((f"Fits as well: {rivals}.", False))
     elif finding.rating == "confident" and not diagnosis.only_in_sum(finding):
         least = number(np.exp(EVIDENCE_TO_DISTINGUISH / 2.0), 2)
-        nothing = f"Nothing else fits as well: {least} to 1 against every other effect."
+        nothing = f"That it is this effect and no other: {least} to 1, or more."
         evidence.append((nothing, True))
     if splits := finding.splits_sentence:
         evidence.append((splits, "few_splits" not in reasons))
@@ -249,7 +249,7 @@ def _size_in_words(finding: Finding, size: str) -> str:
     """Say a finding's size with its interval, also relative, and of a mass what that
     interval leaves out."""
     share = formatting.percent(abs(finding.half_width_95 / finding.size), 2)
-    text = f"Size {size}, so to {share}."
+    text = f"Size {size}: known to {share}."
     if plain_unit(finding.unit).startswith("kg"):
         text += (
             " That leaves out the scale of the torques: gains that are 1 % off make the"

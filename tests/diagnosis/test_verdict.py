@@ -98,7 +98,7 @@ def test_an_error_of_standstill_is_said_to_be_one():
     assert "left on joint 1 lies where it stands still" in _standstill(
         data, error, units
     )
-    assert "In motion it is 0.3 N." in _standstill(data, error, units)
+    assert "that move it is 0.3 N." in _standstill(data, error, units)
     assert _standstill(data, np.where(moving[:, None], 3.0, error), units) == ""
 
 

@@ -1273,7 +1273,7 @@ def test_the_unit_of_one_run_is_asked_for_that_run(here, hidden, tmp_path):
 
 def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(identified):
     """The verdict on the card is the one in the file; what a URDF cannot hold is left
-    out by a button, and the file is then as good as the model."""
+    out by a button, for this file alone and only where it then errs less."""
     s = identified
     do(s, lambda: s.add("joint_spring:1"))
     model = s.current
@@ -1281,18 +1281,34 @@ def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(identified):
     before = model.verdict_on("robot.urdf")
     screen = Screen(s)
     screen.view.download = lambda name: None
-    assert sentence(before.grade) in screen.text("take-away")
+    text = screen.text("take-away")
+    assert sentence(before.grade) in text
+    assert model.facts["grades"].text in text
     screen.click("take-robot.urdf")
     assert before.brief().split(". ")[0] in (s.folder / "robot.urdf").read_text()
     screen.click("for-robot.urdf")
-    assert "joint_spring:1" not in s.current.effects
-    assert s.current.verdict_on("robot.urdf") == s.current.verdict
-    assert "Download robot.urdf" in screen.text("next")
-    assert "identify two_link" in s.commands()[-2]
-    screen.click("next")
-    assert s.current.verdict.brief() in (s.folder / "robot.urdf").read_text()
+    again, record = s.current, s.current.exported["robot.urdf"]
+    assert replace(again, exported=model.exported) == model
+    assert record["size"] < model.exported["robot.urdf"]["size"]
+    assert f"→ {record['error']}. The file is made" in screen.text("take-away")
+    assert "for-robot.urdf.json" in s.commands()[-2]
+    screen.click("take-robot.urdf")
+    verdict = again.verdict_on("robot.urdf").brief()
+    assert verdict in (s.folder / "robot.urdf").read_text()
+    error = model.exported["robot.urdf"]["error"]
+    before_and_after = f"{error.split()[0]} → {error}"
+    assert model.beside("robot.urdf", model).exported["robot.urdf"] == {
+        **model.exported["robot.urdf"],
+        "again": f"Identified again without these: {before_and_after}. Worse: the file"
+        " stays as it was.",
+    }
     s.undo()
     assert s.current is model
+    poor = replace(model, factory={**model.errors, "size": 0.0, "error": "nothing"})
+    s.history = [*s.history[:-1], poor]
+    assert "Worse than the robot's own file as it came (nothing)." in Screen(s).text(
+        "take-away"
+    )
 
 
 def test_a_file_is_made_beside_a_job_and_once(here, identified, monkeypatch):

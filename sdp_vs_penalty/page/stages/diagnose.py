@@ -61,7 +61,9 @@ def models(view: View) -> None:
     if (diagnosis := session.findings_of_current) is not None:
         remedy = diagnosis.confident_remedy or next_remedy(diagnosis.remedies)
         before, after = diagnosis.held_out_rmse_before, remedy and remedy.after
-        scope = "on data left out" if diagnosis.held_out_source != "test" else scope
+        is_test = diagnosis.held_out_source == "test"
+        of_test = f", {scope.removeprefix('on ')}" if is_test else ""
+        scope = f"on data left out{of_test}"
     torque = history[-1].torque
     drawn = bars(before, after, floor, units, scope, torque=torque)
     ui.html(drawn, sanitize=False)
@@ -70,10 +72,7 @@ def models(view: View) -> None:
     with draw.details("What the model holds", "model-holds", on=True), draw.tag("ul"):
         draw.tag("li", f"At first: {effects_in_words(history[0].effects)}.")
         for step in history[1:]:
-            done = f"Added: {effects_in_words(step.added)}"
-            if step.made_for:
-                done = f"For {step.made_for}: {effects_in_words(step.effects)}"
-            draw.tag("li", f"{done}.")
+            draw.tag("li", f"Added: {effects_in_words(step.added)}.")
     facts = {str(k): model.facts for k, model in enumerate(history, start=1)}
     with draw.details(f"Error (RMS) {scope}, as a table", "history-table"):
         draw.judged(history)
@@ -139,7 +138,8 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
         k = places[finding.number]
         if words.findings[k].said_by:
             continue
-        badges[words.findings[k].badge] = None
+        if finding.text not in view.session.added:
+            badges[words.findings[k].badge] = None
         card = partial(_card, view, diagnosis, words.findings[k], k)
         (sure if finding.torque_is_certain else others).append(card)
     for k, constant in enumerate(diagnosis.retuned):
@@ -208,7 +208,8 @@ def _card(
         # What is said of several weak findings at once calls them by their numbers.
         number = "" if finding.torque_is_certain else f"{finding.number}. "
         title = f"{number}{words.title}"
-        with _head(title, f"card-{k}", is_open and not is_added, words):
+        is_open = is_open and not is_added
+        with _head(title, f"card-{k}", is_open, words, is_added):
             draw.tag("p", words.on_the_arm, "on-the-arm")
             _picture(session, finding)
             draw.tag("h5", "Evidence")
@@ -227,16 +228,21 @@ def _card(
 
 
 def _head(
-    title: str, key: str, is_open: bool, words: FindingWords | None = None
+    title: str,
+    key: str,
+    is_open: bool,
+    words: FindingWords | None = None,
+    is_added: bool = False,
 ) -> Any:
-    """Draw the head of a card: its title, how sure it is, and what adding it does to
-    the error; fill what it unfolds in a ``with`` statement."""
+    """Draw the head of a card: its title, how sure it is before it is added, and what
+    adding it does to the error; fill what it unfolds in a ``with`` statement."""
     unfolded = draw.tag("details", open=is_open)
     with unfolded, draw.tag("summary", style="head", data_key=key):
         draw.tag("h4", title)
         if words is not None:
             badge = "sum certain" if words.is_sum else words.badge
-            draw.tag("span", badge, f"badge {words.rating}")
+            if not is_added:
+                draw.tag("span", badge, f"badge {words.rating}")
             draw.tag("span", words.brief_gain, "soft")
     return unfolded
 

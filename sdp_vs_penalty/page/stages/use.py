@@ -1,13 +1,14 @@
 """Use: the model's files, its runs, the commands that make the same, and the model run
 forward."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.effects import standard_effect
+from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import chart_and_arm
@@ -43,7 +44,11 @@ MORE = {name: use for name, use in _OTHERS.items() if name not in LOAD}
 _MODELS = {home.FILE for home in EXPORTS.all().values() if hasattr(home, "HOLDS")}
 
 
-@requires_model("take-away", "Download", lambda s: (s.findings is None, s.runs))
+@requires_model(
+    "take-away",
+    "Download",
+    lambda s: (s.findings is None, s.runs, [step.exported for step in s.history]),
+)
 def take_away(view: View) -> None:
     """Draw the files to download and the command lines that repeat the session's
     work.
@@ -57,6 +62,7 @@ def take_away(view: View) -> None:
                 take = partial(session.download, name, view.download, flange)
                 _file_card(session, name, use, take)
 
+    draw.note(session.current.facts["grades"].text)
     findings_file = (
         {} if session.findings is None else {"findings.json": "the diagnosis"}
     )
@@ -98,12 +104,19 @@ def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) 
             if name in _MODELS or name == "model.json":
                 grade = model.verdict_on(name).grade
                 level = model.level if record is None else _LEVELS.get(grade, grade)
-                draw.tag("span", formatting.sentence(grade), f"badge {level}")
+                worse = _worse_than(session, record or model.errors)
+                error = (record or model.errors)["error"]
+                draw.tag(
+                    "span",
+                    f"{formatting.sentence(grade)}, {error}",
+                    f"badge {'bad' if worse else level}",
+                )
         draw.note(use)
         if record is not None:
             count = formatting.count(record["n_lost"], "effect")
             worst = record["worst"].rstrip(".")
-            draw.tag("p", f"Without {count}: {worst[:1].lower()}{worst[1:]}.", "worst")
+            text = f"Without {count}: {worst[:1].lower()}{worst[1:]}."
+            draw.tag("p", f"{text} {worse}".rstrip(), "worst")
         draw.button(
             "Download", take, f"take-{name}", "free", aria_label=f"Download {name}"
         )
@@ -111,10 +124,25 @@ def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) 
             return
         with draw.details("What it cannot hold", f"lacks-{name}"):
             draw.note(f"{formatting.sentence(record['lost'])}.")
-        if not any(step.opened or step.frozen for step in session.history):
+        if "again" in record:
+            draw.note(record["again"])
+        elif not any(step.opened or step.frozen for step in session.history):
             again = partial(session.start, session.identify_for, name)
             label = "Identify again without these"
             draw.button(label, again, f"for-{name}", aria_label=f"{label}: {name}")
+
+
+def _worse_than(session: Session, judged: Mapping[str, Any]) -> str:
+    """Say of what a model, or a file of it, that was judged errs more: of the robot as its
+    file states it, or of the model that the session began with; "" for neither."""
+    first, model = session.history[0], session.current
+    known = {"the robot's own file as it came": model.factory}
+    if first is not model:
+        known["the model that you began with"] = first.errors
+    for name, other in known.items():
+        if other and judged["size"] > (1.0 + CHANGES) * other["size"]:
+            return f"Worse than {name} ({other['error']})."
+    return ""
 
 
 def worse_in_words(model: ModelStep) -> str:
