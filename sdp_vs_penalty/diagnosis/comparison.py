@@ -267,15 +267,6 @@ class Comparison(Record):
         return "" if is_new else "on training motion"
 
     @fact("")
-    def graded_error(self) -> str:
-        """The number that the grade is of: the largest error over noise; without a noise
-        floor the arm's error as a share of its torque."""
-        largest = self.largest_error_over_noise
-        if largest is None:
-            return f"{number(self.relative_error)} % of torque"
-        return f"{number(largest)} times the noise"
-
-    @fact("")
     def grades(self) -> str:
         """What the grades mean, and where this model stands."""
         shares = self.error_beyond_noise

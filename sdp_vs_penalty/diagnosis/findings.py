@@ -1384,10 +1384,10 @@ class Diagnosis(Record, JsonRecord):
                 "record a run with more than one period: only repetition tells noise"
                 " from error."
             )
-            add = f"Add {self.sure_text}; {record}"
+            add = f"Add what helps; {record}"
             return add if self.helpful else record.capitalize()
         if self.helpful:
-            return f"Add {self.sure_text}, and diagnose the model that results."
+            return "Add what helps, and diagnose the model that results."
         if self.effects or self.retuned:
             return (
                 "Record a run that tells the findings from what fits as well: all are"
@@ -1408,20 +1408,6 @@ class Diagnosis(Record, JsonRecord):
             for f in self.helpful
             if f.rating == "weak"
         ]
-
-    @property
-    def sure_text(self) -> str:
-        """Words for the findings in :attr:`helpful`, such as "the confident findings and
-        the near-ties".
-        """
-        kinds = {f.rating for f in self.helpful}
-        names = {
-            "confident": "the confident findings",
-            "near-tie": "the near-ties",
-            "weak": "what is weak in name or size only",
-        }
-        shown = [text for kind, text in names.items() if kind in kinds]
-        return formatting.words(shown) if shown else ""
 
     def _summary(self) -> Summary:
         """Return the headline, and rows of label and text for the printed summary."""

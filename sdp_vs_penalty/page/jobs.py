@@ -1253,12 +1253,12 @@ def _files_judged(
 def _error_of(compared: Comparison) -> Answer:
     """Return the number that a model is graded by ("size"), the same in words ("error"),
     and its "worst" joint in words."""
-    largest = compared.largest_error_over_noise
-    return {
-        "size": compared.relative_error if largest is None else largest,
-        "error": compared.graded_error,
-        "worst": words.describe_worst(compared, ""),
-    }
+    size = compared.largest_error_over_noise
+    unit = "times the noise"
+    if size is None:
+        size, unit = compared.relative_error, "% of torque"
+    error = f"{formatting.number(size)} {unit}"
+    return {"size": size, "error": error, "worst": words.describe_worst(compared, "")}
 
 
 def _effects_to_estimate_again(estimate: Estimate) -> list[str]:

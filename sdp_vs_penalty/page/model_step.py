@@ -125,25 +125,12 @@ class ModelStep(JsonRecord):
         name = self.exported.get(file, {}).get("model", "")
         return str(Path(self.file).with_name(name)) if name else self.file
 
-    def is_worse_in(self, file: str) -> bool:
-        """Whether a file of `export` is worth less than the model."""
-        grades = [GRADES.index(x.grade) for x in (self.verdict_on(file), self.verdict)]
-        return grades[0] < grades[1]
-
-    def weakest_grade(self, files: Iterable[str]) -> Grade:
-        """The lowest grade of the model and of these files of `export`."""
-        verdicts = [self.verdict, *map(self.verdict_on, files)]
-        return min((x.grade for x in verdicts), key=GRADES.index)
-
-    @property
-    def torque(self) -> Array | None:
-        """(n,) RMS torque of each joint [N m, N], where errors are judged by it: without
-        a noise floor; None elsewhere."""
-        if self.facts["error_over_noise"].value is not None:
-            return None
-        shares = np.array(self.facts["error_beyond_noise"].value, float)
-        torque = 100.0 * np.array(self.comparison["rmse"]) / shares
-        return torque if np.isfinite(torque).all() else None
+    def worse_in(self, files: Iterable[str]) -> dict[str, Grade]:
+        """The grades of those of these files of `export` that are worth less than the
+        model."""
+        grades = {file: self.verdict_on(file).grade for file in files}
+        own = GRADES.index(self.verdict.grade)
+        return {file: x for file, x in grades.items() if GRADES.index(x) < own}
 
     @property
     def level(self) -> str:

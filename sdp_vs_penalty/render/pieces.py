@@ -89,7 +89,7 @@ def bars(
     units: Sequence[str],
     scope: str = "",
     chosen: int | None = None,
-    torque: Array | None = None,
+    torque: Sequence[float] | Array = (),
 ) -> Markup:
     """Draw one bar for each joint: its error over its noise, or as a share of its torque
     where no noise is known, before (grey), after (blue), and both in N m or N.
@@ -107,15 +107,15 @@ def bars(
         What the errors are of, such as "on unseen motion".
     chosen : int or None
         Index of the joint that is shown, where each bar is a button; None: no buttons.
-    torque : (n,) array or None
-        RMS torque of each joint [N m or N].
+    torque : (n,) sequence
+        RMS torque of each joint [N m or N]; empty: not known.
     """
     errors_of_both = np.array([before, before if after is None else after], float)
     ratios = over_noise(errors_of_both, floor)
     is_known = ratios is not None
     unit = ""
-    if ratios is None and torque is not None:
-        ratios, unit = 100.0 * errors_of_both / torque, " %"
+    if ratios is None and len(torque) > 0 and all(torque):
+        ratios, unit = 100.0 * errors_of_both / np.array(torque), " %"
     old_errors, new_errors = errors_of_both if ratios is None else ratios
     scale = _Scale.for_errors(np.concatenate([old_errors, new_errors]), is_known)
     rows = []

@@ -577,24 +577,15 @@ def describe_remedy(remedy: Remedy) -> str:
     line."""
     text = f"{formatting.sentence(remedy.change.words)} ({remedy.certainty}:"
     text += f" {remedy.why})"
-    outcome = describe_outcome(remedy)
-    return f"{text}: {outcome}" if outcome else f"{text}."
-
-
-def describe_outcome(remedy: Remedy) -> str:
-    """Say what a remedy does to the error of the joint whose error falls most on data left
-    out; "" where nothing was left out."""
     if remedy.before is None or remedy.after is None:
-        return ""
-    falls = np.array(remedy.before) - np.array(remedy.after)
+        return f"{text}."
+    falls = np.subtract(remedy.before, remedy.after)
     j = int(np.argmax(falls))
     if not falls[j] > 0.0:
-        return f"joint {j + 1}'s error does not fall on data left out."
-    was, now = (formatting.number(x[j]) for x in (remedy.before, remedy.after))
-    change = formatting.change_of(remedy.before[j], remedy.after[j])
-    return (
-        f"joint {j + 1}'s error falls from {was} to {now} ({change}) on data left out."
-    )
+        return f"{text}: joint {j + 1}'s error does not fall on data left out."
+    was, now = remedy.before[j], remedy.after[j]
+    change = f"{number(was)} to {number(now)} ({formatting.change_of(was, now)})"
+    return f"{text}: joint {j + 1}'s error falls from {change} on data left out."
 
 
 def most_changed_joint(

@@ -224,7 +224,7 @@ def verdict(data: ReportData) -> Context:
             last.noise_floor,
             data.units,
             last.kind_of_error,
-            torque=last.errors.torque if last.errors.torque.all() else None,
+            torque=last.torque_rms,
         ),
         "lines": [*map(str, record.lines[1:])],  # the first one is the headline
         "remark": record.remark,

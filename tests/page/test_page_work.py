@@ -41,7 +41,7 @@ from sdp_vs_penalty.files import protecting
 from sdp_vs_penalty.formatting import sentence
 from sdp_vs_penalty.page import Sessions, WorkerPool, data_chart, guarded, jobs, worker
 from sdp_vs_penalty.page import sessions as tabs
-from sdp_vs_penalty.render.words import describe_diagnosis, describe_outcome
+from sdp_vs_penalty.render.words import describe_diagnosis, describe_remedy
 from sdp_vs_penalty.results import Change
 from sdp_vs_penalty.robot.robot import joint_limits
 
@@ -200,10 +200,12 @@ def test_a_card_promises_what_its_own_button_adds_and_the_next_step_all_of_it(tw
         "Adding it cuts joint 1's error on data left out from 4.2 to 2.1 N"
     )
     assert "joint 2's error on data left out from 3.1 to 1.55 N" in said[2]
-    outcome = describe_outcome(judged.remedies[0])
-    assert outcome == "joint 1's error falls from 4.2 to 0.7 (-83 %) on data left out."
-    weakly = describe_outcome(judged.remedies_by_finding[2])
-    assert weakly.startswith("joint 2's error falls from 3.1 to 1.55")
+    assert describe_remedy(judged.remedies[0]).endswith(
+        "joint 1's error falls from 4.2 to 0.7 (-83 %) on data left out."
+    )
+    assert "2's error falls from 3.1 to 1.55" in describe_remedy(
+        judged.remedies_by_finding[2]
+    )
 
 
 def test_a_doubt_that_several_findings_share_is_said_once(two_link):

@@ -131,7 +131,7 @@ def test_one_grade_everywhere_and_no_stale_sentence(story):
     levels = {"identify": model.level, "use": model.level}
     # Use is as good as the weakest file that it offers first.
     assert model.verdict.grade == "good"
-    if any(model.is_worse_in(name) for name in use.FILES):
+    if model.worse_in(use.FILES):
         levels["use"] = "usable"
     for stage, level in levels.items():
         marks = {

@@ -64,7 +64,7 @@ def models(view: View) -> None:
         is_test = diagnosis.held_out_source == "test"
         of_test = f", {scope.removeprefix('on ')}" if is_test else ""
         scope = f"on data left out{of_test}"
-    torque = history[-1].torque
+    torque = history[-1].comparison["torque_rms"]
     drawn = bars(before, after, floor, units, scope, torque=torque)
     ui.html(drawn, sanitize=False)
     if len(history) == 1:

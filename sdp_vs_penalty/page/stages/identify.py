@@ -270,7 +270,13 @@ class _Fit:
                 f"in {name} (after), and in the runs that the model is from (before)"
             )
         self.bars.content = pieces.bars(
-            before, after, floor, units, scope, chosen=j, torque=self.model.torque
+            before,
+            after,
+            floor,
+            units,
+            scope,
+            chosen=j,
+            torque=self.model.comparison["torque_rms"],
         )
 
     def _draw_torques(

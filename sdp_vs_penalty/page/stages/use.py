@@ -9,6 +9,7 @@ from typing import Any
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.effects import standard_effect
 from sdp_vs_penalty.estimation.constants import CHANGES
+from sdp_vs_penalty.estimation.verdict import GRADES
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import chart_and_arm
@@ -148,28 +149,24 @@ def _worse_than(session: Session, judged: Mapping[str, Any]) -> str:
 def worse_in_words(model: ModelStep) -> str:
     """Say which of the files that are offered first are worth less than the model; "" for
     none."""
-    worse = [name for name in FILES if model.is_worse_in(name)]
+    worse = model.worse_in(FILES)
     if not worse:
         return ""
-    grades = {model.verdict_on(name).grade for name in worse}
-    grade = formatting.words(sorted(grades))
     return (
-        f"That is model.json; {formatting.words(worse)} cannot hold all of it:"
-        f" {grade}, as exported."
+        f"That is model.json; {formatting.words([*worse])} cannot hold all of it:"
+        f" {formatting.words(sorted({*worse.values()}))}, as exported."
     )
 
 
 def _judged(session: Session) -> StageVerdict | None:
     """Return the verdict on the model; where a file is worth less, that on the files."""
     verdict = identified(session)
-    if verdict is None:
-        return None
-    model = session.current
-    weakest = model.weakest_grade(FILES)
-    if weakest == model.verdict.grade:
+    worse = session.current.worse_in(FILES) if verdict else {}
+    if verdict is None or not worse:
         return verdict
+    weakest = min(worse.values(), key=GRADES.index)
     level = _LEVELS.get(weakest, weakest)
-    return replace(verdict, level=level, text=worse_in_words(model))
+    return replace(verdict, level=level, text=worse_in_words(session.current))
 
 
 _DRIVES = (
