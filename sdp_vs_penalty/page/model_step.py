@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +14,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.comparison import level_of
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
+from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.verdict import GRADES, Grade, Verdict, over_noise
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.records import JsonRecord
@@ -124,6 +125,17 @@ class ModelStep(JsonRecord):
         """The model.json that a file is made of."""
         name = self.exported.get(file, {}).get("model", "")
         return str(Path(self.file).with_name(name)) if name else self.file
+
+    def worse_than(self, errors: Mapping[str, Any], first: ModelStep) -> str:
+        """Say of what a model, or a file of it, with these ``errors`` errs more: of the
+        robot as its file states it, or of the first model; "" for neither."""
+        known = {"the robot's own file as it came": self.factory}
+        if first is not self:
+            known["the model that you began with"] = first.errors
+        for name, other in known.items():
+            if other and errors["size"] > (1.0 + CHANGES) * other["size"]:
+                return f"Worse than {name} ({other['error']})."
+        return ""
 
     def worse_in(self, files: Iterable[str]) -> dict[str, Grade]:
         """The grades of those of these files of `export` that are worth less than the

@@ -1,15 +1,13 @@
 """Use: the model's files, its runs, the commands that make the same, and the model run
 forward."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.effects import standard_effect
-from sdp_vs_penalty.estimation.constants import CHANGES
-from sdp_vs_penalty.estimation.verdict import GRADES
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import chart_and_arm
@@ -105,11 +103,11 @@ def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) 
             if name in _MODELS or name == "model.json":
                 grade = model.verdict_on(name).grade
                 level = model.level if record is None else _LEVELS.get(grade, grade)
-                worse = _worse_than(session, record or model.errors)
-                error = (record or model.errors)["error"]
+                errors = record or model.errors
+                worse = model.worse_than(errors, session.history[0])
                 draw.tag(
                     "span",
-                    f"{formatting.sentence(grade)}, {error}",
+                    f"{formatting.sentence(grade)}, {errors['error']}",
                     f"badge {'bad' if worse else level}",
                 )
         draw.note(use)
@@ -133,19 +131,6 @@ def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) 
             draw.button(label, again, f"for-{name}", aria_label=f"{label}: {name}")
 
 
-def _worse_than(session: Session, judged: Mapping[str, Any]) -> str:
-    """Say of what a model, or a file of it, that was judged errs more: of the robot as its
-    file states it, or of the model that the session began with; "" for neither."""
-    first, model = session.history[0], session.current
-    known = {"the robot's own file as it came": model.factory}
-    if first is not model:
-        known["the model that you began with"] = first.errors
-    for name, other in known.items():
-        if other and judged["size"] > (1.0 + CHANGES) * other["size"]:
-            return f"Worse than {name} ({other['error']})."
-    return ""
-
-
 def worse_in_words(model: ModelStep) -> str:
     """Say which of the files that are offered first are worth less than the model; "" for
     none."""
@@ -164,8 +149,7 @@ def _judged(session: Session) -> StageVerdict | None:
     worse = session.current.worse_in(FILES) if verdict else {}
     if verdict is None or not worse:
         return verdict
-    weakest = min(worse.values(), key=GRADES.index)
-    level = _LEVELS.get(weakest, weakest)
+    level = "bad" if "do not use" in worse.values() else "usable"
     return replace(verdict, level=level, text=worse_in_words(session.current))
 
 
