@@ -111,9 +111,11 @@ class Candidate:
         """Return whether both are one cause, of which this candidate is the general law.
 
         A spring on which its link swings, for example, is the spring that yields slowly
-        as well. Effects that may come several times on a joint are causes of their own.
+        as well. Effects that may come several times on a joint are causes of their own,
+        and a constant of the model stays to be judged.
         """
-        return self.generalises(other) and not self.effect.several
+        is_apart = self.effect.several or other.replaces_own_constant
+        return self.generalises(other) and not is_apart
 
     def with_shape(self, **shape: float) -> Candidate:
         """Return the candidate with other values of some shape constants (SI units).

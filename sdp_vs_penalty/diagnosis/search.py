@@ -346,8 +346,8 @@ class Search:
 
         It is the simplest of the best candidates with J > EVIDENCE_TO_ADD. Candidates
         are added to a fit with the effects chosen so far and with small tolerated
-        errors of these effects' laws. A finer form of one of the model's effects waits
-        until that effect has its best constant: both are laws of one cause.
+        errors of these effects' laws. A law that generalises one of the model's effects
+        waits until that effect has its best constant: both are laws of one cause.
         """
         self.fit = self.score.fit(self.nuisances.with_law_misfits(self.terms), self.fit)
         candidates = self.top_candidates(self.fit, self.terms)
@@ -365,7 +365,7 @@ class Search:
         ]
         constants = [t.form for t in strong if t.form.replaces_own_constant]
         return self.simplest(
-            [t for t in strong if not any(map(t.form.refines, constants))]
+            [t for t in strong if not any(map(t.form.generalises, constants))]
         )
 
     def drop_weak(
