@@ -1254,10 +1254,10 @@ def _error_of(compared: Comparison) -> Answer:
     """Return the number that a model is graded by ("size"), the same in words ("error"),
     and its "worst" joint in words."""
     size = compared.largest_error_over_noise
-    unit = "times the noise"
+    unit = "x noise"
     if size is None:
-        size, unit = compared.relative_error, "% of torque"
-    error = f"{formatting.number(size)} {unit}"
+        size, unit = compared.relative_error, " % error"
+    error = f"{formatting.number(size)}{unit}"
     return {"size": size, "error": error, "worst": words.describe_worst(compared, "")}
 
 

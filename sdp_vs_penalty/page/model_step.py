@@ -109,10 +109,10 @@ class ModelStep(JsonRecord):
         both errors."""
         record = self.exported[file]
         errors = again.exported.get(file, again.errors)
-        before = record["error"].partition(" ")[0]
+        before = record.get("error", "").partition(" ")[0]
         done = f"Identified again without these: {before} → {errors['error']}."
         kept: dict[str, Any] = {"again": f"{done} Worse: the file stays as it was."}
-        if errors["size"] < record["size"]:
+        if errors["size"] < record.get("size", np.inf):
             kept = {
                 **{name: errors[name] for name in ("size", "error", "worst")},
                 "again": f"{done} The file is made of that model.",
@@ -133,7 +133,7 @@ class ModelStep(JsonRecord):
         if first is not self:
             known["the model that you began with"] = first.errors
         for name, other in known.items():
-            if other and errors["size"] > (1.0 + CHANGES) * other["size"]:
+            if other and errors.get("size", 0.0) > (1.0 + CHANGES) * other["size"]:
                 return f"Worse than {name} ({other['error']})."
         return ""
 

@@ -61,7 +61,8 @@ def take_away(view: View) -> None:
                 take = partial(session.download, name, view.download, flange)
                 _file_card(session, name, use, take)
 
-    draw.note(session.current.facts["grades"].text)
+    if grades := session.current.facts.get("grades"):  # none of older projects
+        draw.note(grades.text)
     findings_file = (
         {} if session.findings is None else {"findings.json": "the diagnosis"}
     )
@@ -105,11 +106,9 @@ def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) 
                 level = model.level if record is None else _LEVELS.get(grade, grade)
                 errors = record or model.errors
                 worse = model.worse_than(errors, session.history[0])
-                draw.tag(
-                    "span",
-                    f"{formatting.sentence(grade)}, {errors['error']}",
-                    f"badge {'bad' if worse else level}",
-                )
+                level = "usable" if worse and level != "bad" else level
+                text = ", ".join(filter(None, (grade, errors.get("error"))))
+                draw.tag("span", formatting.sentence(text), f"badge {level}")
         draw.note(use)
         if record is not None:
             count = formatting.count(record["n_lost"], "effect")
