@@ -194,8 +194,8 @@ def _unit(session: Session, level: str) -> NextStep:
 def _with_published_gains(session: Session, remedy: Remedy) -> Remedy:
     """Return a remedy that asks for the unit of all torques with the published drive
     gains of the robot; without these, and any other remedy, as it is."""
-    gains = [*session.published_gains.values()]
-    if remedy.change.arguments.get("scale") != {"tau": None} or not all(gains):
+    gains = session.published_gains
+    if remedy.change.arguments.get("scale") != {"tau": None} or not gains:
         return remedy
     words = "read the torque by the published drive gains"
     change = Change("read", words, {"scale": {"tau": ":".join(gains)}})

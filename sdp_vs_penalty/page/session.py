@@ -1109,12 +1109,11 @@ class Session:
             self.new = ("measure", "runs")
 
     @property
-    def published_gains(self) -> dict[int, str]:
-        """Drive gains of the robot [N m per A] that the data set of it publishes, by joint
-        (from 1); those of others are "" for the person to fill in."""
+    def published_gains(self) -> list[str]:
+        """Drive gains of the robot's joints [N m per A] that the data set of it publishes;
+        none of another robot."""
         gains = (self.robot["data"] or {}).get("drive_gains") or ()
-        joints = enumerate(self.robot["joints"])
-        return {j + 1: f"{gains[j]:g}" if gains else "" for j, _ in joints}
+        return [f"{gain:g}" for gain in gains]
 
     @property
     def refused(self) -> list[dict[str, Any]]:

@@ -606,18 +606,24 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
 
 #: Units of torque to choose from, by the name that `convert` has.
 _UNITS = {"mNm": "mN m", "Ncm": "N cm", "kgfm": "kgf m", "lbfin": "lbf in"}
+#: The same of positions.
+_ANGLES = {"deg": "degrees", "mrad": "mrad"}
 
 
 def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:
-    """Draw a choice of units for a torque channel, and a field for the joints' drive
-    gains, filled in where they are published; ``scale`` is kept up to date.
+    """Draw a choice of units for a torque channel or positions, and a field for the
+    joints' drive gains, filled in where they are published, or for their factors;
+    ``scale`` is kept up to date.
 
     scale : how the channel is read, by its name, as `convert --scale` takes it.
     """
     (channel,) = scale
-    published = session.published_gains.items()
-    gains = [gain for j, gain in published if channel in ("tau", f"tau{j}")]
-    chosen = {"unit": "", "gains": ", ".join(gains if all(gains) else ())}
+    is_torque = group_of(channel) == "tau"
+    gains = session.published_gains if is_torque else []
+    n = session.robot["n"]
+    if place := channel.removeprefix(group_of(channel)):  # of one joint
+        gains, n = gains[int(place) - 1 :][:1], 1
+    chosen = {"unit": "", "gains": ", ".join(gains)}
 
     def put(what: str, text: str) -> None:
         chosen[what] = text
@@ -625,13 +631,12 @@ def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:
         scale[channel] = chosen["unit"] or listed
 
     put("unit", "")
-    options = [("", "drive gains"), *_UNITS.items()]
+    by, unit = ("drive gain", "N m/A") if is_torque else ("factor", "to rad, m")
+    options = [("", f"{by}s"), *(_UNITS if is_torque else _ANGLES).items()]
     with draw.tag("div", style="fields"):
-        draw.choice(
-            "Read the torque by", options, "", partial(put, "unit"), f"{key}-unit"
-        )
-        label = f"{formatting.count(len(gains), 'drive gain')} [N m/A], in order"
-        example = ", ".join(["11.5"] * len(gains))
+        draw.choice("Read it by", options, "", partial(put, "unit"), f"{key}-unit")
+        label = f"{formatting.count(n, by)} [{unit}], in order"
+        example = ", ".join(["11.5"] * n)
         put_gains = partial(put, "gains")
         draw.text_field(label, chosen["gains"], put_gains, f"{key}-gains", example)
 
