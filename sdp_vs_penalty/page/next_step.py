@@ -281,8 +281,9 @@ def _to_add(
     text = in_brief(more)
     if main is not None:
         text = _in_one_line(diagnosis, main)
-        if diagnosis.is_within_noise(main):
-            text = diagnosis.good_already or text
+        good = diagnosis.good_already
+        if good and diagnosis.is_within_noise(main):
+            text = in_brief(good)
     number = ""
     if remedy.before is not None and remedy.after is not None:
         falls = np.subtract(remedy.before, remedy.after)

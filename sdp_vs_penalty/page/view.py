@@ -233,7 +233,7 @@ def in_brief(text: str) -> str:
     >>> in_brief("Joint 2 errs by 2 N m, 6 times its noise (4 % of it); that is rough.")
     'Joint 2 errs by 2 N m, 6 times its noise.'
     """
-    return f"{re.split(r'(?<=.{12})(?:[:;.] | [(])', text)[0].rstrip('.')}."
+    return f"{re.split(r'(?<=.{13})(?:[:;.] | [(])', text)[0].rstrip('.')}."
 
 
 def measured_on(session: Session) -> str:
