@@ -118,17 +118,20 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
     run = replace(
         run, reading=f"{log.path.name}: {sentence}", unit_by_arm=found.unit_by_arm
     )
-    is_asked = "q" in found.unsaid or bool(found.possible_scale)
+    is_asked = "q" in found.unsaid or found.is_possible
     asked = _asking_command(log, found, choice) if is_asked else ""
     return replace(run, unit_command=asked)
 
 
 def _asking_command(log: Log, found: Recognition, choice: Choice) -> str:
     """Format the command that states the unit of positions, which nothing says."""
-    stated = found.possible_scale or {"q": "UNIT"}
+    stated = {} if found.is_possible else {"q": "UNIT"}
+    stated |= found.possible_scale
     for group in stated:
         found = found.without_unit(group)
-    asking = replace(choice, scale={**(choice.scale or {}), **stated})
+    options = (*found.possible_options, *choice.options)
+    scale = {**(choice.scale or {}), **stated}
+    asking = replace(choice, scale=scale, options=options)
     return repeating_command(log, found, asking)
 
 
@@ -828,13 +831,14 @@ def _as_the_arm_says(
         found = by_arm.with_lengths(found, robot)
     if robot is not None and "q" not in (choice.scale or {}):
         links = getattr(choice.joints, "links", None)
-        is_in_shares = bool(found.torque_unit)
-        of_links = by_arm.fit_of(
-            robot, clock_of_positions, links, each_in_its_unit=is_in_shares
+        each = bool(found.torque_unit)
+        of_links, apart = (
+            by_arm.fit_of(robot, clock_of_positions, links, each_in_its_unit=x)
+            for x in (each, True)
         )
         before = found
         found, blocks = by_arm.with_unit_of_positions(
-            found, blocks, robot, of_links, choice.unit_of_others
+            found, blocks, robot, of_links, apart, choice.unit_of_others
         )
         if found is not before:  # so fast joints move in that unit
             found = _with_unit_of_clock(found, t, blocks, choice.rate)
@@ -927,7 +931,7 @@ def sentence_and_command(
             f"joints {', '.join(found.joints)}{other if found.has_other_joints else ''}"
         )
     sentence = "; ".join(said)
-    is_possible = bool(found.possible_scale)
+    is_possible = found.is_possible
     format_command = _asking_command if is_possible else repeating_command
     command = "" if log.remedy else format_command(log, found, choice)
     how = "if so, convert it by" if is_possible else "the same by"

@@ -4,6 +4,7 @@ whether columns are at all what their order or their letters suggest."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from sdp_vs_penalty.data.hypotheses.weighing import (
 )
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import (
+    ENCODER_ZERO,
     far_outside,
     is_in_ranges,
     radians_per_percent,
@@ -119,12 +121,14 @@ def with_unit_of_positions(
     blocks: dict[str, Array],
     robot: Robot,
     fit: Fit,
+    apart: Fit,
     of_others: str = "",
 ) -> tuple[Recognition, dict[str, Array]]:
     """Decide the unit of positions that no name says and that may not be radians, or that
     are impossible as radians, if one unit is certain: by the joints' ranges, by what the arm
     leaves of the torques, and by how usual it is.
 
+    ``apart`` fits each joint's torque in a unit of its own.
     ``of_others`` : the unit that the arm has told of another run of the same recorder.
     """
     q, tau = blocks["q"], blocks["tau"]
@@ -164,14 +168,17 @@ def with_unit_of_positions(
             of_gears = _odds_of_gears(best, share, q, torques, fit, turning)
     if best.is_of_any_size or not is_clear or of_gears > 1.0:
         may_ask = "q" in found.unsaid or found.has_our_names
-        if is_impossible and may_ask and of_gears <= _POSSIBLE:
+        if not (is_impossible and may_ask):
+            return found, blocks
+        if of_gears <= _POSSIBLE and (
+            is_explained or _explains(apart(best.in_si(q), tau))
+        ):
             may_be = f"{_Q_MAY_BE}{best.words}{mm}: {why}"
-            found = replace(
-                found,
-                said=(*found.said, may_be),
-                possible_scale={"q": best.scale_words(robot)},
-            )
-        return found, blocks
+            scale = {"q": best.scale_words(robot)}
+            return replace(
+                found, said=(*found.said, may_be), possible_scale=scale
+            ), blocks
+        return _with_possible_gears(found, robot, q, tau, fit, apart), blocks
     found = replace(found, unit_by_arm=best.words)
     if "tau" in found.unsaid and of_best.size > 0.0:
         is_usual = max(of_best.size, 1.0 / of_best.size) < _OTHER_SIZE
@@ -191,6 +198,58 @@ def with_unit_of_positions(
         if x == "q" or (x == "qcmd" and is_in_one_unit(q, block))
     }
     return replace(found, is_of_arm=True), {**blocks, **moved}
+
+
+#: Steps by which gears' ratios are sought, of all joints and then of each, and what a step
+#: has to leave.
+_FAR_LESS = 0.99
+_OF_RATIOS, _STEPS_OF_RATIO, _N_RATIOS = 1.07, (1.15, 1.04, 1.01), 25
+
+
+def _explains(fit: ChannelFit | None) -> bool:
+    """Tell whether an arm explains torques, or cannot be fitted to them."""
+    return fit is None or fit.share <= EXPLAINS_NONE
+
+
+def _with_possible_gears(
+    found: Recognition, robot: Robot, q: Array, tau: Array, fit: Fit, apart: Fit
+) -> Recognition:
+    """Propose the motors' angles q (N, n) behind gears whose ratios the arm explains best,
+    if it explains the torques so: first one ratio of all joints, then each its own."""
+    turning = _revolute(robot)
+    reach = np.array([max(-x.lower, x.upper) for x in robot.joints]) + ENCODER_ZERO
+    least = np.abs(q).max(axis=0) / reach
+    if robot.transmission is not None or not np.isfinite(least).all():
+        return found
+
+    def share(ratios: Array) -> float:
+        of_arm = apart(q / ratios, tau)
+        is_possible = np.all(ratios[turning] >= least[turning])
+        return of_arm.share if of_arm is not None and is_possible else 1.0
+
+    is_turning = np.isin(np.arange(robot.n), turning)
+    common = least[turning].max() * _OF_RATIOS ** np.arange(_N_RATIOS)
+    ratios = min((np.where(is_turning, x, 1.0) for x in common), key=share)
+    best = share(ratios)
+    for step in _STEPS_OF_RATIO:
+        rows = [is_turning, *np.eye(robot.n)[turning]]
+        for row, factor in product(rows, (step, 1.0 / step)):
+            while (left := share(tried := ratios * factor**row)) < _FAR_LESS * best:
+                ratios, best = tried, left
+    if best > EXPLAINS_NONE:
+        return found
+    rounded = np.where(is_turning, [float(f"{x:.3g}") for x in ratios], 1.0)
+    sides = [fit(q / rounded, x) or _NO_FIT for x in (rounded * tau, tau)]
+    words = ",".join(f"{x:g} q{k}" for k, x in enumerate(rounded.tolist(), 1))
+    # Torques of the motors are so many times too small for the nominal links.
+    is_at_joints = abs(np.log(sides[1].size or 1e9)) < abs(np.log(sides[0].size or 1e9))
+    options = ["--motors", words, *["--joint-torque"] * bool(is_at_joints)]
+    said = (
+        f"q may be of motors behind gears of {words}: outside the joints' ranges as radians,"
+        f" and the arm leaves {100.0 * best:.2g} % of the torques so (write the ratios of"
+        " its data sheet, which torques tell to a few per cent)"
+    )
+    return replace(found, said=(*found.said, said), possible_options=tuple(options))
 
 
 def with_lengths(found: Recognition, robot: Robot) -> Recognition:

@@ -55,6 +55,8 @@ class Recognition:
     unit_by_arm: str = ""
     #: Words of ``--scale`` by group that the arm finds possible, not certain.
     possible_scale: Mapping[str, str] = field(default_factory=dict)
+    #: Further words of the `convert` command that the arm finds possible: of gears.
+    possible_options: tuple[str, ...] = ()
     #: Those of q and tau whose unit neither names, metadata nor the program that wrote the
     #: file say.
     unsaid: frozenset[str] = frozenset()
@@ -67,6 +69,11 @@ class Recognition:
     #: Odds of an order by its values, and share of the torques that the arm leaves in it.
     weight: float = 1.0
     share: float = 1.0
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether the arm finds another reading of positions possible, not certain."""
+        return bool(self.possible_scale or self.possible_options)
 
     @property
     def has_our_names(self) -> bool:
