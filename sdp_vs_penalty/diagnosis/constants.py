@@ -34,6 +34,9 @@ EVIDENCE_TO_ADD = 10.0
 #: Evidence by which another form must fall short to be told from a term: odds of 20 to
 #: 1, "strong" (ibid.).
 EVIDENCE_TO_DISTINGUISH = 6.0
+#: Share of what a term explains from which another candidate is looked at, beside which
+#: constants are not refined yet.
+PROMISING = 0.5
 #: A law is right to this share of what it explains: so much of it looks like what acts
 #: where it does.
 LAW_TOLERANCE = 0.04

@@ -25,6 +25,7 @@ from sdp_vs_penalty.diagnosis.constants import (
     LAW_TOLERANCE,
     MAX_CANDIDATES_REFINED,
     MINOR,
+    PROMISING,
 )
 from sdp_vs_penalty.diagnosis.explanation import Explanation
 from sdp_vs_penalty.diagnosis.held_out import (
@@ -38,10 +39,6 @@ from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.refine import refine_constants
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.estimation.certificate import NOT_CERTIFIED
-
-#: Share of what a finding explains from which a candidate is refined, whose constants
-#: stand on a coarse grid.
-_PROMISING = 0.5
 
 
 @dataclass(frozen=True)
@@ -231,7 +228,7 @@ def _rivals_on_rows(search: Search, group: _Group) -> list[ScoredEffect]:
 def _promising(search: Search, group: _Group) -> list[Candidate]:
     """List the candidates that explain at least half of what a group of findings does.
 
-    Half (_PROMISING) is enough here, since the candidates' shape constants stand on a
+    Half (PROMISING) is enough here, since the candidates' shape constants stand on a
     coarse grid and are refined afterwards. Of each law (effect, joint and discrete
     constants) the best grid point is listed; at most MAX_CANDIDATES_REFINED in all, the
     best first. Other values of the model's own constants are no rivals.
@@ -246,7 +243,7 @@ def _promising(search: Search, group: _Group) -> list[Candidate]:
         for f in _list_possible_replacements(search, group, batch):
             form = batch.forms[f]
             share = float(shares[f])
-            largest_share, _ = best.get(form.discrete_choice, (_PROMISING, form))
+            largest_share, _ = best.get(form.discrete_choice, (PROMISING, form))
             if share > largest_share:
                 best[form.discrete_choice] = share, form
     ranked = sorted(best.values(), key=lambda pair: -pair[0])

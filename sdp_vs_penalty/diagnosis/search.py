@@ -8,7 +8,11 @@ from functools import partial
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_ADD, MAX_CANDIDATES_REFINED
+from sdp_vs_penalty.diagnosis.constants import (
+    EVIDENCE_TO_ADD,
+    MAX_CANDIDATES_REFINED,
+    PROMISING,
+)
 from sdp_vs_penalty.diagnosis.evidence import EvidenceScorer
 from sdp_vs_penalty.diagnosis.library import Candidate, Key, Library, may_join
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit, margin
@@ -347,7 +351,8 @@ class Search:
         It is the simplest of the best candidates with J > EVIDENCE_TO_ADD. Candidates
         are added to a fit with the effects chosen so far and with small tolerated
         errors of these effects' laws. A law that generalises one of the model's effects
-        waits until that effect has its best constant: both are laws of one cause.
+        waits for a constant of that effect that explains half as much: both are laws of
+        one cause, and others' constants are refined beside it.
         """
         self.fit = self.score.fit(self.nuisances.with_law_misfits(self.terms), self.fit)
         candidates = self.top_candidates(self.fit, self.terms)
@@ -363,10 +368,18 @@ class Search:
             for t in candidates
             if t.evidence > (0.0 if is_of_a_finding(t.form) else EVIDENCE_TO_ADD)
         ]
-        constants = [t.form for t in strong if t.form.replaces_own_constant]
-        return self.simplest(
-            [t for t in strong if not any(map(t.form.generalises, constants))]
-        )
+        constants = [t for t in strong if t.form.replaces_own_constant]
+
+        def waits(law: ScoredEffect) -> bool:
+            """Return whether a law of the same cause as one of these constants explains
+            less than twice as much."""
+            return any(
+                law.form.generalises(own.form)
+                and own.evidence > PROMISING * law.evidence
+                for own in constants
+            )
+
+        return self.simplest([t for t in strong if not waits(t)])
 
     def drop_weak(
         self, terms: Sequence[ScoredEffect], on: Set[int] = frozenset()

@@ -193,7 +193,7 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
     weak = replace(first, confidence="weak", doubts=(Doubt("alone"),))
     assert weak.undecided == first.text
     for effects, said in (
-        ((first, weak), "the confident findings"),
+        ((first, weak), "Add what helps"),
         ((weak,), "all are weak"),
         ((), "Use"),
     ):

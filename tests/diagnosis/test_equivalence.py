@@ -219,7 +219,7 @@ def test_one_cause_has_one_law(problem, monkeypatch):
     form = {f.key[0]: f for b in forms.batches for f in b.forms if f.key[1] == 1}
     terms = [
         ScoredEffect(form[name], {}, drop)
-        for name, drop in (("sigmoid_friction", 90.0), ("coulomb_friction", 30.0))
+        for name, drop in (("sigmoid_friction", 90.0), ("coulomb_friction", 60.0))
     ]
     monkeypatch.setattr(empty, "top_candidates", lambda *_: terms)
     assert empty.best_addition() is terms[1]
