@@ -123,11 +123,11 @@ class Conclusion:
     @cached_property
     def findings(self) -> list[Finding]:
         """The findings, and which of them help; one that does not is weak. A weak one
-        that lowers its joint's error beside others alone stays to be looked at."""
+        that lowers no joint's error by 1 %, alone or beside the others, is not added."""
         # Flags and numbers of re-estimated constants come first.
         n_own = self.ladder.n_own
-        held_out = self.ladder.held_out
-        before = held_out.errors(())
+        offered = zip(self.ladder.offered, self.help_together, strict=True)
+        helpful = [number for number, helps in offered if helps]
         findings = []
         for finding, helps, number in zip(
             self.findings_alone,
@@ -135,21 +135,26 @@ class Conclusion:
             self.ladder.offered[n_own:],
             strict=True,
         ):
-            j = finding.main_joint - 1
             doubts = finding.doubts
-            # The torque of one that cancels with others is larger than the error.
-            cancels = (finding.torque_rms or 0.0) > before[j]
             if not helps:
                 doubts = (*doubts, Doubt("alone"))
-            elif finding.rating == "weak" and not cancels:
-                after = held_out.errors([number])
-                if after[j] > (1.0 - MINOR) * before[j]:
-                    doubts = (*doubts, Doubt("by_itself"))
+            elif finding.rating == "weak" and not self._lowers(number, helpful):
+                doubts = (*doubts, Doubt("no_gain"))
             confidence = "weak" if doubts else finding.confidence
             findings.append(
                 replace(finding, helps=helps, confidence=confidence, doubts=doubts)
             )
         return findings
+
+    def _lowers(self, number: int, helpful: Sequence[int]) -> bool:
+        """Whether an effect lowers a joint's error on data left out by MINOR, alone or
+        beside the others that are ``helpful``; effects are named by their numbers."""
+        errors = self.ladder.held_out.errors
+        others = [k for k in helpful if k != number]
+        return any(
+            np.any(errors([*without, number]) < (1.0 - MINOR) * errors(without))
+            for without in ((), others)
+        )
 
     @property
     def _told(self) -> tuple[list[Finding], Array]:

@@ -19,7 +19,8 @@ REASONS: Mapping[str, str] = {
     "raises": "on data left out its joints' errors rise more than they fall with it",
     "alone": "beside what is added it does not clearly lower the error on data left out, or"
     " raises a joint's",
-    "by_itself": "by itself it does not lower its joint's error on data left out by 1 %",
+    "no_gain": "alone or beside the others it lowers no joint's error on data left out by"
+    " 1 %",
     "held": "its joint hardly moves: dry friction that does not slide holds any torque",
     "sticks": "where the joints slide it has another size, or is not evident: friction"
     " that sticks at reversals looks so",
@@ -46,7 +47,7 @@ NAME_IS_OPEN = {"rivals", "explained"}
 SIZE_IS_OPEN = {"uncertain", "insignificant", "shared"}
 
 #: Reasons for which a finding is not added.
-NOT_ADDED = {"alone", "by_itself", "few_splits", "held", "log", "at_end"}
+NOT_ADDED = {"alone", "no_gain", "few_splits", "held", "log", "at_end"}
 
 #: Reasons that leave open whether a torque is there, unless adding it helps on data left
 #: out. All others leave open which of several effects makes how much of it.

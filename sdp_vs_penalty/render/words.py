@@ -202,6 +202,8 @@ def _brief_gain(finding: Finding, diagnosis: Diagnosis) -> str:
     before, after = (float(rmse[joint - 1]) for rmse in diagnosis.errors_of(finding))
     amounts = f"{number(before)} → {number(after)} {diagnosis.torque_unit(joint)}"
     change = formatting.change_of(before, after)
+    if after > (1.0 - MINOR) * before and finding in diagnosis.helpful:
+        change = "it helps beside the others"
     return f"joint {joint}'s error: {amounts}, {change}"
 
 
