@@ -15,6 +15,7 @@ from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import Issue, make_issue
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.words.units import UNITS
+from sdp_vs_penalty.race.kinds.clock_rate import stamps_text
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Ratios of joints that are one: they differ by no more than this share.
@@ -146,13 +147,11 @@ def _against_the_clock(ratio: float, alike: str) -> Issue:
     ratio : velocity over the derivative of the position; alike : the sentence that says
     in how many joints.
     """
-    times = f"{max(ratio, 1.0 / ratio):.3g} times too"
-    wrong = f"{times} fast" if ratio < 1.0 else f"{times} slow"
     return make_issue(
         kind="clock against velocity",
         where="columns t and dq",
         what=alike,
-        cause=f"time runs {wrong}, or velocities are in another unit",
+        cause=f"{stamps_text(1.0 / ratio)}, or velocities are in another unit",
         remedy=f"find out the log's rate: multiply t by {1.0 / ratio:.3g}, or divide dq"
         f" by {ratio:.3g}",
         repair=partial(_stretched, factor=1.0 / ratio),

@@ -45,6 +45,13 @@ def percent_text(share: float) -> str:
     return f"{100.0 * share:.0f} %"
 
 
+def times_text(factor: float) -> str:
+    """Say how wrong a channel is that has to be multiplied by a factor."""
+    if factor < 1.0:
+        return f"{1.0 / factor:.3g} times too large"
+    return f"{factor:.3g} times too small"
+
+
 def joints_text(joints: Sequence[int]) -> str:
     """Name joints given from 0: "joint 1", "joints 2 to 4"."""
     return formatting.joints([int(j) + 1 for j in joints])

@@ -57,15 +57,19 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         )
     rate = chain.rate
     if rate != 1.0:
-        word = "fast" if rate < 1.0 else "slow"
         yield Fault(
             kind="clock rate",
             joints=(),
-            what=f"time runs {max(rate, 1.0 / rate):.3g} times too {word}: inertia does"
-            " not fit the weight.",
+            what=f"{stamps_text(rate)}: inertia does not fit the weight.",
             remedy=f"multiply t by {rate:.3g} (find out the log's true rate)",
             without=replace(chain, rate=1.0),
             number=_RATE,
             in_words=lambda x: f"a factor of {np.exp(x):.3g}",
             place="column t",
         )
+
+
+def stamps_text(rate: float) -> str:
+    """Say how wrong stamps are that have to be multiplied by a factor."""
+    where = "far apart" if rate < 1.0 else "close together"
+    return f"the time stamps are {max(rate, 1.0 / rate):.3g} times too {where}"

@@ -8,7 +8,13 @@ import numpy as np
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
-from sdp_vs_penalty.race.fault import UNITS, Fault, joints_text, prior_of_one_of
+from sdp_vs_penalty.race.fault import (
+    UNITS,
+    Fault,
+    joints_text,
+    prior_of_one_of,
+    times_text,
+)
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
 
@@ -58,19 +64,12 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         yield Fault(
             kind="torque gain",
             joints=(j,),
-            what=f"the torque of {joints_text([j])} is {_times(factor)} beside those of"
+            what=f"the torque of {joints_text([j])} is {times_text(factor)} beside those of"
             " its neighbours.",
             remedy=f"multiply tau{j + 1} by {factor:.3g}",
             without=_number((j,)).at(chain, 0.0),
             number=_number((j,)),
-            in_words=lambda log_factor: _times(float(np.exp(log_factor))),
+            in_words=lambda log_factor: times_text(float(np.exp(log_factor))),
             number_told=abs,
             figures={"factor": factor},
         )
-
-
-def _times(factor: float) -> str:
-    """Say how wrong a torque is that has to be multiplied by a factor."""
-    if factor < 1.0:
-        return f"{1.0 / factor:.3g} times too large"
-    return f"{factor:.3g} times too small"

@@ -8,7 +8,7 @@ import numpy as np
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
-from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
+from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of, times_text
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
 
@@ -51,7 +51,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             kind="gear ratio",
             joints=(j,),
             what=f"the gear ratio of {joints_text([j])} is another one: its position is"
-            f" {1.0 / ratio:.3g} times too large, its torque as many times too small.",
+            f" {times_text(ratio)}, its torque {times_text(1.0 / ratio)}.",
             remedy=f"multiply q{j + 1} (and dq{j + 1}) by {ratio:.3g} and tau{j + 1} by"
             f" {1.0 / ratio:.3g}",
             without=_number(j).at(chain, 0.0),

@@ -11,7 +11,7 @@ from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
 #: Gravity on Earth [m/s^2]; a problem whose gravity is of another size is corrected.
@@ -19,6 +19,8 @@ _EARTH = max(map(abs, STANDARD_GRAVITY))
 #: Step of the difference quotient by an angle, standard deviation beforehand, and the
 #: largest angle for which a first-order step is trusted [rad].
 _STEP, _SD, _FIRST_ORDER = 0.02, 0.3, 0.5
+#: Steps from the direction in which the nominal links would weigh.
+_STEPS = 3
 #: Shares of its weight that a controller subtracts from an arm that stands as assumed: all
 #: of it, or that of links as light as the nominal ones.
 _SUBTRACTED = (1.0, 0.8)
@@ -27,8 +29,9 @@ _ODDS_AGAINST_TILT = 3.0
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield gravity along each of the six axes of the base, and the assumed gravity
-    turned by the two angles of a first-order step."""
+    """Yield gravity along each of the six axes of the base, the assumed gravity turned by
+    the two angles of a first-order step, and of an arm that leaves much along any
+    direction."""
     now = fit.chain
     if any(now.lacks):
         return  # weight that is missing has no direction
@@ -45,8 +48,43 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
             for share in _SUBTRACTED:
                 left = np.array(chain.gravity) - share * gravity
                 yield Hypothesis(kind, (), 2.0 * prior, _with_gravity(chain, left))
-    if is_of_earth:
-        yield _tilted(evidence, fit, prior - _ODDS_AGAINST_TILT)
+    if not is_of_earth:
+        return
+    # A direction that is claimed already is not another mistake.
+    is_claimed = now.gravity != evidence.log.as_logged.gravity
+    odds = (0.0 if is_claimed else prior) - _ODDS_AGAINST_TILT
+    yield _tilted(evidence, fit, odds)
+    if not (fit.shares > c.BADLY).any():
+        return
+    nominal = _of_nominal_links(evidence, fit)
+    if gravity @ nominal > size * _EARTH * np.cos(_FIRST_ORDER):
+        return
+    far = fit
+    for _ in range(_STEPS):
+        view = replace(fit.view, chain=_with_gravity(now, nominal))
+        far = evidence.fit(view, fit.v)
+        skew = _tilted(evidence, far, odds)
+        nominal = np.array(skew.chain.gravity)
+    yield skew
+
+
+def _of_nominal_links(evidence: Evidence, fit: ViewFit) -> Array:
+    """Return Earth's gravity (3,) along the direction in which the nominal links, of any
+    size, make most of the torques: least squares of their inertia and of their weight
+    along each axis, beside each joint's own columns."""
+    log, now, rows = evidence.log, fit.chain, fit.columns.rows
+    still = [
+        log.nominal(replace(now, gravity=tuple(axis)), is_still=True)
+        for axis in np.eye(3).tolist()
+    ]
+    inertia = log.nominal(replace(now, gravity=(0.0, 0.0, 0.0)))
+    torques = np.stack([inertia.T, *(x.T for x in still), log.torques(now)], axis=2)
+    masked = torques * log.torque_mask(now)[:, :, None]
+    left = rows.project_out_own(masked)[log.moving]
+    left = left / np.linalg.norm(left[:, :, -1:], axis=1, keepdims=True)
+    *columns, torque = left.reshape(-1, left.shape[2]).T
+    sizes = np.linalg.lstsq(np.stack(columns, axis=1), torque, rcond=None)[0]
+    return _EARTH * sizes[1:] / nonzero_or_one(np.linalg.norm(sizes[1:]))
 
 
 def _tilted(evidence: Evidence, fit: ViewFit, odds: float) -> Hypothesis:
@@ -64,12 +102,14 @@ def _tilted(evidence: Evidence, fit: ViewFit, odds: float) -> Hypothesis:
     angles, _ = evidence.score_test(fit, slopes, np.full(2, _SD))
     angles = np.clip(angles, -_FIRST_ORDER, _FIRST_ORDER)
     turned = gravity + size * angles @ across
+    turned *= size / np.linalg.norm(turned)
+    assumed = np.array(log.as_logged.gravity)
     return Hypothesis(
         kind="gravity direction",
         joints=(),
         log_prior=odds,
-        chain=_with_gravity(now, size * turned / np.linalg.norm(turned)),
-        is_usual=bool(np.linalg.norm(angles) < 2.0 * c.CALIBRATED),
+        chain=_with_gravity(now, turned),
+        is_usual=bool(np.linalg.norm(turned - assumed) < 2.0 * c.CALIBRATED * size),
     )
 
 

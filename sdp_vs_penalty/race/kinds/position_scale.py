@@ -1,5 +1,6 @@
-"""A common factor of all positions: an encoder's counts a turn are any number, and a unit
-that nobody named, or one that was named wrongly, is a factor too."""
+"""A factor of all positions, or of one joint's beside a torque that is right: an encoder's
+counts a turn are any number, and a unit that nobody named, or one that was named wrongly,
+is a factor too."""
 
 import math
 from collections.abc import Iterator
@@ -10,21 +11,21 @@ import numpy as np
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
-from sdp_vs_penalty.race.fault import Fault, prior_of_one_of
+from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of, times_text
 from sdp_vs_penalty.race.kinds.position_unit import COUNTS, counts_a_turn, undone_unit
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
 
-#: Factors that are tried [-].
-_FACTORS = (1.0, 0.75, 1.35)
+#: Factors that are tried of all joints, and of one [-].
+_FACTORS, _OF_A_JOINT = (1.0, 0.75, 1.35), (1.0, 0.6, 1.6)
 _TURN = 2.0 * np.pi
 
 
-def _number(log: Likelihood) -> Number:
-    """Return the common factor of the revolute joints' positions."""
+def _number(joints: tuple[int, ...]) -> Number:
+    """Return the common factor of some joints' positions."""
     return Number(
         "scale",
-        tuple(log.revolute),
+        joints,
         sd=0.5,
         usual=c.CALIBRATED_GAIN,
         is_factor=True,
@@ -45,47 +46,62 @@ def _counts_in_words(log_count: float) -> str:
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield another factor of all positions of an arm that is poorly explained, where they
-    are radians."""
+    """Yield another factor of all positions, and of each joint's, of an arm that is poorly
+    explained, where they are radians."""
     log, now = evidence.log, fit.chain
     is_in_radians = bool(np.all(np.abs(now.scale)[log.revolute] == 1.0))
     if not is_in_radians or len(log.revolute) < 2 or not fit.is_poorly_explained.any():
         return
-    prior = prior_of_one_of(1)
-    yield from at_sizes("position scale", prior, now, _number(log), np.log(_FACTORS))
+    kind, of_all = "position scale", _number(tuple(log.revolute))
+    yield from at_sizes(kind, prior_of_one_of(1), now, of_all, np.log(_FACTORS))
+    for j in log.revolute:
+        prior = prior_of_one_of(log.n)
+        yield from at_sizes(kind, prior, now, _number((j,)), np.log(_OF_A_JOINT))
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
-    """Yield one fault about all revolute joints whose factor is no unit's."""
-    scales = {abs(chain.scale[j]) for j in log.revolute}
-    if len(log.revolute) < 2 or len(scales) > 1 or scales == {1.0}:
-        return
-    _, joints_of_unit = undone_unit(log, chain)
-    if joints_of_unit:
-        return
-    (scale,) = scales
-    kind, number = "position scale", _number(log)
-    are = f"are {1.0 / scale:.3g} times too large"
-    if scale < c.LARGEST_COUNT:
+    """Yield one fault about all revolute joints whose factor is no unit's, or one about
+    each."""
+    scales = np.abs(chain.scale)
+    _, of_unit = undone_unit(log, chain)
+    changed = [j for j in log.revolute if scales[j] != 1.0 and j not in of_unit]
+    groups: list[tuple[int, ...]]
+    groups = [(j,) for j in changed] if len(log.revolute) > 1 else []
+    if groups and changed == log.revolute and np.ptp(scales[changed]) == 0.0:
+        groups = [tuple(changed)]
+    for joints in groups:
+        yield _fault(log, chain, joints)
+
+
+def _fault(log: Likelihood, chain: LogTransform, joints: tuple[int, ...]) -> Fault:
+    """Return the fault that some joints' positions have another factor."""
+    is_all = len(joints) > 1
+    scale = abs(chain.scale[joints[0]])
+    kind, number = "position scale", _number(joints)
+    where = f"position of {joints_text(joints)} is"
+    if is_all:
+        where = "positions of all joints are"
+    are = times_text(scale)
+    if is_all and scale < c.LARGEST_COUNT:
         kind, number = COUNTS, counts_a_turn(log)
-        are = f"are in counts of an encoder with {_TURN / scale:.5g} a turn"
-    channels = ", ".join(f"q{j + 1}" for j in log.revolute)
+        are = f"in counts of an encoder with {_TURN / scale:.5g} a turn"
+    channels = ", ".join(f"q{j + 1}" for j in joints)
     # The sign of a position is a fault of its own.
     without = replace(
         chain,
         scale=tuple(
-            math.copysign(1.0, present) if j in log.revolute else present
+            math.copysign(1.0, present) if j in joints else present
             for j, present in enumerate(chain.scale)
         ),
     )
-    yield Fault(
+    return Fault(
         kind=kind,
-        joints=tuple(log.revolute),
-        what=f"the positions of all joints {are}.",
+        joints=joints,
+        what=f"the {where} {are}.",
         remedy=f"multiply {channels} (and dq) by {scale:.5g}",
         without=without,
         number=number,
         in_words=_counts_in_words if kind == COUNTS else _factor_in_words,
-        place=channels,
+        place=channels if is_all else "",
         figures={"factor": scale},
     )
