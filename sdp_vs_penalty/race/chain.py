@@ -17,7 +17,7 @@ torques are A^-T tau.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -89,6 +89,8 @@ class LogTransform:
     reversed: bool = False
     #: Torques that are not the arm's.
     events: tuple[LogEvent, ...] = ()
+    #: Gravity that the problem assumes [m/s^2].
+    assumed: tuple[float, ...] = field(default=(), compare=False)
 
     @classmethod
     @lru_cache(99)
@@ -99,7 +101,8 @@ class LogTransform:
         names = "zero", "lead", "lag", "lacks", "longer", "bend", "limit", "carried"
         numbers: dict[str, Any] = dict.fromkeys(names, (0.0,) * n)
         numbers |= dict.fromkeys(("scale", "gain", "ratio"), (1.0,) * n)
-        return cls(in_order, tau_order=in_order, gravity=gravity, **numbers)
+        numbers |= {"gravity": gravity, "assumed": gravity}
+        return cls(in_order, tau_order=in_order, **numbers)
 
     @property
     def n(self) -> int:
@@ -202,7 +205,8 @@ class LogTransform:
         """Return one repair that has the effect of this one followed by ``later``.
 
         Order, scale, zero, gain, ratio, delay, low-pass, missing weight and clock are
-        composed; everything else is the later one's.
+        composed; gravity is this one's where it is not the assumed one; everything else is
+        the later one's.
 
         Parameters
         ----------
@@ -227,6 +231,7 @@ class LogTransform:
             lead=tuple(later.lead[j] + self.lead[k] for j, k in of_torque),
             lag=tuple(later.lag[j] + self.lag[k] for j, k in of_torque),
             lacks=tuple(np.add(later.lacks, self.lacks).tolist()),
+            gravity=later.gravity if self.gravity == self.assumed else self.gravity,
             rate=later.rate * self.rate,
             reversed=later.reversed != self.reversed,
         )

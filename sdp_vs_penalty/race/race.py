@@ -313,13 +313,23 @@ class Race:
         if of_one_part not in self.kinds:
             return
         none = self.all.log.as_logged
+        kinds = [kind for kind in self.kinds if kind in OF_ONE_RUN]
         parts = of_one_part.parts_of(self.all)
+        odds = c.LOG_ODDS_AGAINST_DIFFERENCE - c.LOG_ODDS_AGAINST_FAULT
+        odds += float(np.log(len(parts)))
         suspects = [part for part in parts if self._is_suspect(part, fit)]
         if fit.chain != none:
             as_logged = replace(fit, view=replace(fit.view, chain=none))
-            kinds = [kind for kind in self.kinds if kind in OF_ONE_RUN]
             of_all = [h for kind in kinds for h in kind.propose(self.all, as_logged)]
-        yield from of_one_part.confined(of_all, none, parts, suspects)
+        others = [part for part in parts if part not in suspects]
+        yield from of_one_part.confined(of_all, none, others, odds)
+        for part in suspects:
+            run = self.all.of_rows(np.flatnonzero(self.all.rows_of(part)))
+            alone = run.fit(LogView(none), fit.v)
+            # Beside the others it errs as one arm for all does.
+            alone = replace(alone, left=fit.shares * alone.total)
+            of_run = [h for kind in kinds for h in kind.propose(run, alone)]
+            yield from of_one_part.confined(of_run, none, [part], odds, True)
 
     def _is_suspect(self, part: Part, fit: ViewFit) -> bool:
         """Whether a run may have any fault of its own: one arm for all errs, and errs less

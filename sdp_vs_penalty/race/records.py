@@ -135,7 +135,7 @@ class LogView:
         for part, transform in self.parts:
             # Friction of a part that runs backwards differs from that of the others.
             motion = replace(transform.motion_part, reversed=transform.reversed)
-            if motion != motion.unchanged(motion.n, motion.gravity):
+            if motion != motion.unchanged(motion.n, motion.assumed):
                 moved.append((part, motion))
         return LogView(self.chain.motion_part, tuple(moved), self.further)
 

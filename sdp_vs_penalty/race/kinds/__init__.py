@@ -58,6 +58,7 @@ OF_ONE_RUN = (
     clock_rate,
     sign,
     order,
+    mounting,
     weight,
     gain,
     gear,

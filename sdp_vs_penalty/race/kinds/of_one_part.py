@@ -4,7 +4,7 @@ need, there alone; a load on the last link, another arm.
 A load phi adds Y_last phi on the part's rows, Y_last the regressor of the last link.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -57,29 +57,27 @@ def confined(
     hypotheses: Iterable[Hypothesis],
     none: LogTransform,
     parts: Sequence[Part],
-    suspects: Collection[Part],
+    odds_against: float,
+    is_suspect: bool = False,
 ) -> Iterator[Hypothesis]:
-    """Yield hypotheses about a log as it is again, each in a part alone: those about a number
-    near what it is in every part, and all others in suspect ones.
+    """Yield hypotheses about a log as it is again, each in a part alone: those about a
+    number near what it is, and of suspect parts all.
 
     What a part has of its own comes before what all rows have. A change that an unchanged
     log (``none``) behind it does not keep belongs to all rows.
     """
-    odds = c.LOG_ODDS_AGAINST_DIFFERENCE - c.LOG_ODDS_AGAINST_FAULT
-    odds += float(np.log(len(parts)))
     for h in hypotheses:
-        if h.further is not None or not h.is_friction_real:
-            continue
         is_near = h.number is not None and h.chain == none
+        is_tried = h.further is None and h.is_friction_real
+        if not is_tried or not (is_near or is_suspect):
+            continue
         chain = h.number.at(none, h.number.step) if h.number and is_near else h.chain
         if chain.followed_by(none) != chain:
             continue
-        alone = replace(h, log_prior=h.log_prior - odds, tells_by_friction=False)
+        odds = h.log_prior - odds_against
+        alone = replace(h, log_prior=odds, tells_by_friction=False)
         for part in parts:
-            is_tried = is_near or part in suspects
-            if part.run is None:
-                is_tried = is_near and h.kind in _WITHIN_A_RUN
-            if is_tried:
+            if part.run is not None or h.kind in _WITHIN_A_RUN:
                 yield replace(alone, part=part)
 
 
