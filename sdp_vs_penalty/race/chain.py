@@ -205,8 +205,8 @@ class LogTransform:
         """Return one repair that has the effect of this one followed by ``later``.
 
         Order, scale, zero, gain, ratio, delay, low-pass, missing weight and clock are
-        composed; gravity is this one's where it is not the assumed one; everything else is
-        the later one's.
+        composed, and drifts added (a step lies in one run by itself); gravity is this one's
+        where it is not the assumed one; everything else is the later one's.
 
         Parameters
         ----------
@@ -220,6 +220,7 @@ class LogTransform:
         zero = tuple(
             float(factor[j]) * self.zero[k] + later.zero[j] for j, k in of_position
         )
+        drifts = [event for event in self.events if event.at is None]
         return replace(
             later,
             order=tuple(self.order[k] for k in later.order),
@@ -234,6 +235,7 @@ class LogTransform:
             gravity=later.gravity if self.gravity == self.assumed else self.gravity,
             rate=later.rate * self.rate,
             reversed=later.reversed != self.reversed,
+            events=(*drifts, *later.events),
         )
 
     @property

@@ -344,6 +344,11 @@ class Evidence:
                 turned = self._own_columns(other, chain)[:, at]
                 is_own_alike &= np.array_equal(own[:, at], turned)
                 own[:, at] = turned
+                for event in beside.events:
+                    column = np.zeros((*own.shape[:2], 1))
+                    column[event.joint, at] = event.shape(log.data.motion.t[at])
+                    own = np.concatenate([own, column], axis=2)
+                    is_own_alike = False
             if not is_own_alike:
                 basis = orthonormal(own * mask[:, :, None])
         if motion.further:
@@ -538,7 +543,8 @@ class Evidence:
     def _price_of_events(fit: ViewFit, v: float) -> float:
         """Return what the sizes of a view's events cost (Schwarz 1978)."""
         count = np.maximum(fit.columns.count / v, 1.0)
-        return sum(0.5 * float(np.log(count[x.joint])) for x in fit.chain.events)
+        events = [x for chain in fit.view.chains for x in chain.events]
+        return sum(0.5 * float(np.log(count[x.joint])) for x in events)
 
     def residual(self, fit: ViewFit) -> Array:
         """Return the torque (n, M) that the arm and each joint's own columns leave."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 
@@ -61,6 +62,19 @@ class Number:
                 entries[j] = -value if is_negative else value
             changed = tuple(entries)
         return replace(chain, **{self.field: changed})
+
+
+def factor_of(field: str, joints: tuple[int, ...]) -> Number:
+    """Return a factor that drives and loggers know to a few per cent, e^2 at most."""
+    return Number(
+        field,
+        joints,
+        sd=0.5,
+        usual=c.CALIBRATED_GAIN,
+        is_factor=True,
+        widest=c.WIDEST,
+        limits=(-2.0, 2.0),
+    )
 
 
 @dataclass(frozen=True)

@@ -60,6 +60,7 @@ OF_ONE_RUN = (
     order,
     mounting,
     weight,
+    events,
     gain,
     gear,
     delay,

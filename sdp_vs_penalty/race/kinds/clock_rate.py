@@ -6,24 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
+from sdp_vs_penalty.race.records import Hypothesis, at_sizes, factor_of
 
 #: Rates that are tried: true time over the file's [-].
 _RATES = (1.0, 0.5, 0.75, 1.4, 2.0)
-_RATE = Number(
-    field="rate",
-    joints=(),
-    sd=0.5,
-    usual=c.CALIBRATED_GAIN,
-    is_factor=True,
-    widest=c.WIDEST,
-    limits=(-2.0, 2.0),
-)
+_RATE = factor_of("rate", ())
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:

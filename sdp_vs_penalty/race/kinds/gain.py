@@ -2,10 +2,10 @@
 is not seen by what joints share: that is the size of torques."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import (
@@ -16,7 +16,7 @@ from sdp_vs_penalty.race.fault import (
     times_text,
 )
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
+from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes, factor_of
 
 #: Factors that are tried beside those near one: units, and a grid whose steps the
 #: refinement bridges.
@@ -29,13 +29,9 @@ _SD, _SD_OF_UNITS = 0.5, 2.0
 
 def _number(joints: tuple[int, ...], sd: float = _SD) -> Number:
     """Return the factor of some joints' torques."""
-    return Number(
-        field="gain",
-        joints=joints,
+    return replace(
+        factor_of("gain", joints),
         sd=sd,
-        usual=c.CALIBRATED_GAIN,
-        is_factor=True,
-        widest=c.WIDEST,
         round_sizes=tuple(np.log(_DECIMALS).tolist()),
         limits=(-7.5, 7.5),
     )

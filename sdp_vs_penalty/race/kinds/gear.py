@@ -5,32 +5,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of, times_text
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
+from sdp_vs_penalty.race.records import Hypothesis, at_sizes, factor_of
 
 #: Ratios that are tried, over the logger's [-].
 _RATIOS = (1.0, 0.6, 1.6)
-#: Standard deviation of its logarithm beforehand, and the largest that is believed: a
-#: factor of 7.
-_SD, _LARGEST = 0.5, 2.0
-
-
-def _number(j: int) -> Number:
-    """Return joint j's gear ratio over the one by which the logger divided, as a number
-    that the race looks for; sizes are natural logarithms of that factor."""
-    return Number(
-        "ratio",
-        (j,),
-        sd=_SD,
-        usual=c.CALIBRATED_GAIN,
-        is_factor=True,
-        widest=c.WIDEST,
-        limits=(-_LARGEST, _LARGEST),
-    )
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
@@ -40,13 +22,14 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         return
     for j in log.revolute:
         prior = prior_of_one_of(log.n)
-        yield from at_sizes("gear ratio", prior, now, _number(j), np.log(_RATIOS))
+        number = factor_of("ratio", (j,))
+        yield from at_sizes("gear ratio", prior, now, number, np.log(_RATIOS))
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     """Yield a fault for each joint with another ratio."""
     for j in np.flatnonzero(np.array(chain.ratio) != 1.0).tolist():
-        ratio = chain.ratio[j]
+        ratio, number = chain.ratio[j], factor_of("ratio", (j,))
         yield Fault(
             kind="gear ratio",
             joints=(j,),
@@ -54,8 +37,8 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             f" {times_text(ratio)}, its torque {times_text(1.0 / ratio)}.",
             remedy=f"multiply q{j + 1} (and dq{j + 1}) by {ratio:.3g} and tau{j + 1} by"
             f" {1.0 / ratio:.3g}",
-            without=_number(j).at(chain, 0.0),
-            number=_number(j),
+            without=number.at(chain, 0.0),
+            number=number,
             in_words=lambda x: f"a factor of {np.exp(x):.3g}",
             figures={"factor": ratio},
         )

@@ -14,7 +14,7 @@ from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of, times_text
 from sdp_vs_penalty.race.kinds.position_unit import COUNTS, counts_a_turn, undone_unit
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
+from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes, factor_of
 
 #: Factors that are tried of all joints, and of one [-].
 _FACTORS, _OF_A_JOINT = (1.0, 0.75, 1.35), (1.0, 0.6, 1.6)
@@ -23,16 +23,7 @@ _TURN = 2.0 * np.pi
 
 def _number(joints: tuple[int, ...]) -> Number:
     """Return the common factor of some joints' positions."""
-    return Number(
-        "scale",
-        joints,
-        sd=0.5,
-        usual=c.CALIBRATED_GAIN,
-        is_factor=True,
-        widest=c.WIDEST,
-        known_within=c.WIDEST,
-        limits=(-2.0, 2.0),
-    )
+    return replace(factor_of("scale", joints), known_within=c.WIDEST)
 
 
 def _factor_in_words(log_factor: float) -> str:
@@ -54,8 +45,9 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         return
     kind, of_all = "position scale", _number(tuple(log.revolute))
     yield from at_sizes(kind, prior_of_one_of(1), now, of_all, np.log(_FACTORS))
+    # A joint's position that errs beside a right torque is rarer.
+    prior = prior_of_one_of(1) + prior_of_one_of(log.n)
     for j in log.revolute:
-        prior = prior_of_one_of(log.n)
         yield from at_sizes(kind, prior, now, _number((j,)), np.log(_OF_A_JOINT))
 
 
