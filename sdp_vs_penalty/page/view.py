@@ -236,13 +236,16 @@ def in_brief(text: str) -> str:
     return f"{re.split(r'(?<=.{13})(?:[:;.] | [(])', text)[0].rstrip('.')}."
 
 
-def measured_on(session: Session) -> str:
+def measured_on(session: Session, names_runs: bool = False) -> str:
     """Say on what the errors of the current model's diagnosis are measured, or those of
-    the model before that; the bars name the runs too."""
+    the model before that: with the names of the runs or without."""
+    scope = session.current.scope
+    scope = scope if names_runs else scope.partition(" (")[0]
     diagnosis = session.findings_of_current
     if diagnosis is not None and diagnosis.held_out_source != "test":
         return "on data left out"
-    return session.current.scope.partition(" (")[0]
+    left_out = "" if diagnosis is None else "on data left out, "
+    return f"{left_out}{scope.removeprefix('on ') if left_out else scope}"
 
 
 def change_in_words(

@@ -24,6 +24,7 @@ from sdp_vs_penalty.page.view import (
     label_of,
     label_of_motion,
     look_in_words,
+    measured_on,
     requires_model,
     spoken,
 )
@@ -57,13 +58,10 @@ def models(view: View) -> None:
     units = session.robot["units"]
     before, after = (history[k].comparison["rmse"] for k in (0, -1))
     floor = history[-1].comparison["noise_floor"]
-    scope = history[-1].scope
+    scope = measured_on(session, names_runs=True)
     if (diagnosis := session.findings_of_current) is not None:
         remedy = diagnosis.confident_remedy or next_remedy(diagnosis.remedies)
         before, after = diagnosis.held_out_rmse_before, remedy and remedy.after
-        is_test = diagnosis.held_out_source == "test"
-        of_test = f", {scope.removeprefix('on ')}" if is_test else ""
-        scope = f"on data left out{of_test}"
     torque = history[-1].comparison["torque_rms"]
     drawn = bars(before, after, floor, units, scope, torque=torque)
     ui.html(drawn, sanitize=False)
