@@ -316,7 +316,7 @@ def _of_wide_block(
     calls anything else.
     """
     widths = {x: y.width for x, y in log.columns.items() if y.kind == "list"}
-    if not widths:
+    if not widths or log.remedy:
         return None
     from sdp_vs_penalty.data.hypotheses.proposals import names_by_values
     from sdp_vs_penalty.data.hypotheses.recognition import find_clock
@@ -328,7 +328,9 @@ def _of_wide_block(
         clock = find_clock(log.columns)
         pairs = {"t": clock} if clock else {}
         found = Recognition(pairs | ({"tau": taus[0]} if taus else {}))
-        blocks = [x for x, quantity in said.items() if quantity in (None, "q")]
+        # Without a robot what is called positions is all that.
+        open_to = (None, "q") if joints or taus else (None,)
+        blocks = [x for x, quantity in said.items() if quantity in open_to]
     else:
         blocks = [x for x in widths if x == found.rename.get("q")]
     n = len(joints) if joints else widths.get(found.rename.get("tau", ""))
