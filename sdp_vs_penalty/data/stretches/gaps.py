@@ -87,7 +87,8 @@ def order_of_time(t: Array, q: Array) -> NDArray[np.intp] | None:
     is_beside = is_moved[1:] | is_moved[:-1]
     steps, as_written = np.diff(t[order]), np.diff(t)
     usual = float(np.median(steps)) if is_beside.any() else 0.0
-    if not usual > 0.0 or not steps[is_beside].min() > 0.0:
+    # Two rows tell no order.
+    if len(t) < 3 or not usual > 0.0 or not steps[is_beside].min() > 0.0:
         return None
     longest = REGULAR * usual
     makes_gaps = np.sum(steps > longest) > np.sum(as_written > longest)
