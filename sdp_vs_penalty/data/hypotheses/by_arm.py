@@ -156,7 +156,7 @@ def with_unit_of_positions(
         return found, blocks
     lengths = np.delete(best.scale, _revolute(robot))
     mm = ", lengths in mm" if np.any(lengths != 1.0) else ""
-    why = f"the arm leaves {100.0 * share:.2g} % of the torques"
+    why = f"the arm leaves {formatting.percent(share, 2)} of the torques"
     if is_impossible:
         why = f"outside the joints' ranges as radians, and {why}"
     is_clear = not others or max(weights) >= CERTAIN * others[-1]
@@ -246,8 +246,8 @@ def _with_possible_gears(
     options = ["--motors", words, *["--joint-torque"] * bool(is_at_joints)]
     said = (
         f"q may be of motors behind gears of {words}: outside the joints' ranges as radians,"
-        f" and the arm leaves {100.0 * best:.2g} % of the torques so (write the ratios of"
-        " its data sheet, which torques tell to a few per cent)"
+        f" and the arm leaves {formatting.percent(best, 2)} of the torques so (write the"
+        " ratios of its data sheet, which torques tell to a few per cent)"
     )
     return replace(found, said=(*found.said, said), possible_options=tuple(options))
 
@@ -303,7 +303,7 @@ def with_joint_side(
             found = found.without_unit(group)
     said = (
         f"{text} are the motors': the robot's transmission makes the joints' of them, of"
-        f" which the arm leaves {100.0 * share:.2g} %"
+        f" which the arm leaves {formatting.percent(share, 2)}"
     )
     kept = [x for x in found.said if not (_says_motors(x) or x.startswith(_Q_MAY_BE))]
     return replace(found, said=(*kept, said), possible_scale={}, is_of_arm=True), blocks
@@ -484,8 +484,8 @@ def with_signed_register(
     sign = 1.0 if pair[1].friction > 0.0 else -1.0
     text = (
         f"tau is a register whose bit {bit} is its sign: the arm leaves"
-        f" {100.0 * pair[1].share:.2g} % of it, {100.0 * pair[0].share:.2g} % as it is"
-        " written"
+        f" {formatting.percent(pair[1].share, 2)} of it,"
+        f" {formatting.percent(pair[0].share, 2)} as it is written"
     )
     found = replace(found, said=(*found.said, text), is_of_arm=True)
     return found, {**blocks, "tau": sign * register}
@@ -502,7 +502,7 @@ def confirmed(found: Recognition, blocks: Mapping[str, Array], fit: Fit) -> Reco
     is_velocity = rate_from_velocities(q, tau) is not None
     if of_torques is None or of_torques.share > EXPLAINS_NONE or is_velocity:
         raise found.unless_confirmed
-    said = f"the arm leaves {100.0 * of_torques.share:.2g} % of the torques so"
+    said = f"the arm leaves {formatting.percent(of_torques.share, 2)} of the torques so"
     return replace(
         found, said=(*found.said, said), unless_confirmed=None, share=of_torques.share
     )

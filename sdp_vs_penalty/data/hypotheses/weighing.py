@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.hypotheses.arm import N_PARTS, ChannelFit
 from sdp_vs_penalty.data.words.units import LARGEST_PERCENT, UNITS
 from sdp_vs_penalty.robot.arrays import Array
@@ -221,7 +222,8 @@ def which_torque(
                 reasons = [f"{ratio:.3g} times {other.split(' to ')[0]}"]
         evidence = 1e-30 if name in models else 1.0
         if name in fits:
-            reasons.append(f"the arm leaves {100.0 * fits[name].share:.2g} % of it")
+            left = formatting.percent(fits[name].share, 2)
+            reasons.append(f"the arm leaves {left} of it")
         if name in shares:
             evidence = (min(shares.values()) / shares[name]) ** N_PARTS
         why = "; ".join(reasons)
