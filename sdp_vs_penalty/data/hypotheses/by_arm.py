@@ -247,7 +247,7 @@ def _with_possible_gears(
     said = (
         f"q may be of motors behind gears of {words}: outside the joints' ranges as radians,"
         f" and the arm leaves {formatting.percent(best, 2)} of the torques so (write the"
-        " ratios of its data sheet, which torques tell to a few per cent)"
+        " ratios of its data sheet: a joint that bears little hardly tells its own)"
     )
     return replace(found, said=(*found.said, said), possible_options=tuple(options))
 
