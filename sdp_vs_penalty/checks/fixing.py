@@ -47,7 +47,7 @@ class LeftOut:
         if self.before is self.after is None:
             return "No error on motion left out: no torque was logged."
         was, now = (
-            "not identifiable" if error is None else f"{error:.3g} %"
+            "no model could be identified" if error is None else f"{error:.3g} %"
             for error in (self.before, self.after)
         )
         return f"Error on motion left out: {was} as logged, {now} repaired."
