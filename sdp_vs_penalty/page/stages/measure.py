@@ -622,7 +622,7 @@ def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:
     gains = session.published_gains if is_torque else []
     n = session.robot["n"]
     if place := channel.removeprefix(group_of(channel)):  # of one joint
-        gains, n = gains[int(place) - 1 :][:1], 1
+        gains, n = ["", *gains][int(place) :][:1], 1
     chosen = {"unit": "", "gains": ", ".join(gains)}
 
     def put(what: str, text: str) -> None:
