@@ -38,18 +38,21 @@ def _number(joints: tuple[int, ...], sd: float = _SD) -> Number:
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield a factor of all torques, which only a run shows beside others, and of each
-    joint's, near one and of a unit."""
+    """Yield a factor of each joint's torque, near one and of a unit."""
     log, now = evidence.log, fit.chain
-    every = tuple(range(log.n))
-    of_all = _number(every, _SD_OF_UNITS)
-    sizes = np.log([1.0, 1e-3, 1e3])
-    yield from at_sizes("torque gain", prior_of_one_of(1), now, of_all, sizes)
     for j in log.joints if log.n > 1 else ():
         prior = prior_of_one_of(log.n)
         yield from at_sizes("torque gain", prior, now, _number((j,)))
         unit, factors = _number((j,), _SD_OF_UNITS), np.log(_GAINS)
         yield from at_sizes("torque gain", prior - np.log(2.0), now, unit, factors)
+
+
+def of_all_torques(now: LogTransform, log_prior: float) -> Iterator[Hypothesis]:
+    """Yield a factor of all torques, near one and of a unit, which only a part of the rows
+    shows, beside the others."""
+    number = _number(tuple(range(len(now.gain))), _SD_OF_UNITS)
+    sizes = np.log([1.0, 1e-3, 1e3])
+    return at_sizes("torque gain", log_prior, now, number, sizes)
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
