@@ -166,18 +166,30 @@ def _confirmed_order(log: Log, found: Recognition, choice: Choice) -> Recognitio
 
     if getattr(choice.joints, "robot", None) is None:
         return found
-    odds = list[tuple[float, int]]()
-    orders = (found, *found.others)[:_MOST_ORDERS]
-    for k, order in enumerate(orders):
-        if odds and order.weight * CERTAIN < found.weight:
+    explained = list[tuple[Recognition, float]]()
+    for order in (found, *found.others)[:_MOST_ORDERS]:
+        if explained and order.weight * CERTAIN < found.weight:
             break
         with warnings.catch_warnings(action="ignore"), suppress(InputError):
-            _, of_arm = _run_of_columns(log, order, choice)
-            odds.append((order.weight * of_arm.share**-N_PARTS, k))
+            explained.append((order, _run_of_columns(log, order, choice)[1].share))
+    shares = dict[tuple[str, ...], float]()
+    for order, share in explained:
+        motion = _motion_columns(order)
+        shares[motion] = min(share, shares.get(motion, share))
+    # Of torques beside one motion the arm leaves least of a model's: it tells no measured one.
+    odds = [
+        (order.weight * shares[_motion_columns(order)] ** -N_PARTS, -k)
+        for k, (order, _) in enumerate(explained)
+    ]
     best, second = sorted([*odds, (0.0, 0), (0.0, 0)], reverse=True)[:2]
     if found.unless_confirmed is not None and not best[0] > CERTAIN * second[0]:
         raise found.unless_confirmed
-    return orders[best[1]]
+    return explained[-best[1]][0] if explained else found
+
+
+def _motion_columns(found: Recognition) -> tuple[str, ...]:
+    """Return the columns that a reading takes for what is no torque."""
+    return tuple(y for x, y in found.rename.items() if group_of(x) != "tau")
 
 
 def _run_of_columns(

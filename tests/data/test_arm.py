@@ -363,6 +363,21 @@ def test_a_block_of_all_channels_is_told_by_its_values(tmp_path):
         np.testing.assert_allclose(run.tau, motion.tau)
 
 
+def test_of_two_torques_without_names_the_arm_takes_none(tmp_path):
+    """A model's fits better than the measured one."""
+    problem = limited_arm(tmp_path)
+    run = small_run(problem, seconds=8.0)
+    noise = (
+        0.03 * run.tau.std(axis=0) * np.random.default_rng(2).normal(size=run.tau.shape)
+    )
+    path = tmp_path / "run.csv"
+    np.savetxt(
+        path, np.hstack([run.t[:, None], run.q, run.dq, run.tau + noise, run.tau])
+    )
+    with pytest.raises(InputError, match="where its columns are t, q, dq and tau"):
+        reading(path, problem)
+
+
 def test_counts_whose_size_is_likely_bring_the_command(tmp_path):
     """Encoders of other sizes are as possible: the user decides."""
     problem = limited_arm(tmp_path)
