@@ -150,13 +150,16 @@ def test_the_tool_turns_about_the_remote_centre_and_slides_through_it():
 
 
 def test_tables_without_header_are_read_at_their_rate(tmp_path):
-    rows = np.random.default_rng(0).normal(size=(30, 6))
+    phase = 0.005 * np.arange(300.0)[:, None] * [2.0, 3.0]
+    torques = np.random.default_rng(0).normal(size=phase.shape)
+    rows = np.hstack([np.sin(phase), np.cos(phase) * [2.0, 3.0], torques])
     path = tmp_path / "results.csv"
     np.savetxt(path, rows, delimiter=",")
     run = convert(path, rate=200.0)
     assert np.array_equal(np.hstack([run.q, run.dq, run.tau]), rows)
     assert_allclose(np.diff(run.t), 0.005)
-    for text, words in (("1,2\n3,4\n", "three a joint"), ("1,2,x\n", "not a number")):
+    five = "1,2,7,8,5\n3,4,1,2,9\n2,1,1,3,4\n"
+    for text, words in ((five, "name columns by"), ("1,2,x\n", "not a number")):
         path.write_text(text)
         refusal(lambda: convert(path, rate=200.0), words)
     refusal(lambda: convert(tmp_path / "none.csv", rate=200.0), "No such file")
