@@ -9,7 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.certainty import likely, possible, told_by
-from sdp_vs_penalty.checks.constants import GAP, MOST_REPEATED, RUN
+from sdp_vs_penalty.checks.constants import GAP, MOST_REPEATED, RUN, TIME_BACKWARDS
 from sdp_vs_penalty.checks.glance import CONTINUE, Rows, RunSummary, with_time_steps
 from sdp_vs_penalty.checks.issue import Issue, make_issue, rows_text
 from sdp_vs_penalty.checks.velocity import velocity_ratio
@@ -265,7 +265,7 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
         repair = partial(with_time_steps, where=glance.steps < 0.0, steps=step)
     seconds = float(-glance.steps[bad].min())
     yield make_issue(
-        kind="time runs backwards",
+        kind=TIME_BACKWARDS,
         severity=severity,
         where=rows_text(glance.run, bad + 1),
         what=f"time goes back {formatting.times(len(bad))}, by up to {seconds:.3g} s.",

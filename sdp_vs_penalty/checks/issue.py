@@ -12,6 +12,7 @@ from sdp_vs_penalty.checks.certainty import (
     Certainty,
     told_by,
 )
+from sdp_vs_penalty.checks.constants import TIME_BACKWARDS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.race.fault import joints_text
@@ -78,9 +79,10 @@ class Issue(WritesJson):
     @property
     def is_stood_on(self) -> bool:
         """Whether other facts are as sure as they are on its repaired log: it is certain,
-        its cause included, or an error, without whose repair nothing can be read."""
+        its cause included, or it is an error or a time that goes back, without whose
+        repair nothing can be read."""
         is_sure = self.certainty.grade == CERTAIN and "cause" not in self.figures
-        return is_sure or self.severity == "error"
+        return is_sure or self.severity == "error" or self.kind == TIME_BACKWARDS
 
     @property
     def remedies(self) -> tuple[Remedy, ...]:
