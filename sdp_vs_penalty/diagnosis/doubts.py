@@ -74,8 +74,10 @@ class Doubt(JsonRecord):
 
     @property
     def sentence(self) -> str:
-        """What is said of it, such as "its gain is small"."""
-        return self.cause or REASONS[self.reason]
+        """What is said of it, such as "its gain is small"; a file of another version may
+        hold a reason that this one does not know."""
+        unknown = f"another version of this program doubted it ({self.reason!r})"
+        return self.cause or REASONS.get(self.reason, unknown)
 
     @property
     def leaves_torque_open(self) -> bool:
@@ -84,5 +86,5 @@ class Doubt(JsonRecord):
 
     @property
     def forbids_adding(self) -> bool:
-        """Whether a finding with it is not added."""
-        return self.reason in NOT_ADDED
+        """Whether a finding with it is not added: also where the reason is not known."""
+        return self.reason in NOT_ADDED or self.reason not in REASONS

@@ -110,6 +110,16 @@ def test_an_effect_or_its_torque_may_be_certain_and_name_or_size_not(
     assert (doubted.effect_is_certain, doubted.torque_is_certain) == (effect, torque)
 
 
+def test_a_doubt_of_another_version_is_read_and_its_finding_is_not_added():
+    doubts = (Doubt("rivals"), Doubt("by_itself"))
+    weak = finding("joint_spring", 2, confidence="weak", doubts=doubts, helps=True)
+    saved = diagnosis(finding("backlash", 1), weak).to_dict()
+    read = Diagnosis.from_dict(saved)
+    assert [f.text for f in read.helpful] == [read.effects[0].text]
+    said = describe_diagnosis(read, ["N m"] * 7).findings[1].doubt
+    assert "another version of this program doubted it ('by_itself')" in said
+
+
 def test_a_size_whose_interval_holds_zero_is_not_called_sure():
     """The evidence does not count it for the finding."""
     helps = finding("joint_spring", 2, std=0.7, helps=True)
