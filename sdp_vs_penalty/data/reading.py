@@ -227,7 +227,7 @@ def _run_of_columns(
         columns = {x: y[order] if len(y) == n_rows else y for x, y in columns.items()}
         t = t[order]
     run, found = _in_si(log, found, groups, t, columns, choice)
-    if not (found.has_our_names or choice.as_written) and (step := _rounded_to(run.t)):
+    if not (found.has_our_names or choice.as_written) and (step := _rounded_to(run)):
         run = replace(run, t=spaced_evenly(run.t, step))
         each = float(np.median(np.diff(run.t)))
         steps = f"stamps were written in steps of {step:.3g} s"
@@ -241,13 +241,15 @@ def _run_of_columns(
     return replace(run, file_rows=rows), found
 
 
-def _rounded_to(t: Array) -> float:
+def _rounded_to(run: Measurements) -> float:
     """Return the step [s] in which a clock was written that has the same stamp in several
-    rows, one row more or less; 0 for another clock."""
-    stamps, counts = np.unique(t, return_counts=True)
+    rows, one row more or less; 0 for another clock, and where such rows are copies."""
+    stamps, counts = np.unique(run.t, return_counts=True)
     inner = counts[1:-1]
     is_rounded = len(inner) > 1 and inner.min() > 1 and np.ptp(inner) < 2
-    is_rounded = is_rounded and bool(np.all(np.diff(t) >= 0.0))
+    steps = np.diff(run.t)
+    is_copy = (np.diff(np.hstack([run.q, run.tau]), axis=0) == 0.0).all(axis=1)
+    is_rounded = is_rounded and steps.min() >= 0.0 and not is_copy[steps == 0.0].all()
     return float(np.median(np.diff(stamps))) if is_rounded else 0.0
 
 

@@ -232,6 +232,13 @@ def test_whole_seconds_are_no_milliseconds(run, tmp_path):
     np.testing.assert_allclose(np.diff(read(path)[0].t), 0.01)
 
 
+def test_rows_that_are_written_twice_keep_their_stamps(run, tmp_path):
+    """Their time is the clock's, and the check calls them copies."""
+    twice = run.rows(np.repeat(np.arange(run.samples), 2))
+    path = table(tmp_path / "run.csv", time=twice.t, pos=twice.q, trq=twice.tau)
+    np.testing.assert_array_equal(read(path)[0].t, twice.t)
+
+
 @pytest.mark.parametrize("clock", ["time", "time [s]"])
 def test_poses_that_are_seconds_apart_stay_seconds(clock, run, tmp_path):
     """In milliseconds the joints would move a thousand times as fast as any arm."""
