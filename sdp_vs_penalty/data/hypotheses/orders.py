@@ -24,6 +24,8 @@ _MOVED = 0.1
 #: How usual other orders than q, dq, tau are, columns that are none of these, and torques
 #: that are the derivative of velocities.
 _OTHER_ORDER, _UNUSED, _ACCELERATION = 0.3, 0.1, 0.01
+#: Of more columns a joint nothing tells which is which.
+_MOST_COLUMNS = 8
 #: Rows a second of a log whose clock counts milliseconds row by row.
 _OF_MILLISECONDS = 1000.0
 
@@ -136,6 +138,8 @@ def _of_joints(
 ) -> Iterator[Layout]:
     """Yield what k columns of each of n joints can be, group by group or joint by joint."""
     k = len(names) // n
+    if k > _MOST_COLUMNS:
+        return
     places = np.arange(k * n)
     arrangements = [(places.reshape(k, n), 1.0), (places.reshape(n, k).T, _OTHER_ORDER)]
     arrangements = arrangements if min(k, n) > 1 else arrangements[:1]
