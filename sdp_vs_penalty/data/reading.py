@@ -177,14 +177,17 @@ def _confirmed_order(log: Log, found: Recognition, choice: Choice) -> Recognitio
         motion = _motion_columns(order)
         shares[motion] = min(share, shares.get(motion, share))
     # Of torques beside one motion the arm leaves least of a model's: it tells no measured one.
-    odds = [
-        (order.weight * shares[_motion_columns(order)] ** -N_PARTS, -k)
-        for k, (order, _) in enumerate(explained)
-    ]
-    best, second = sorted([*odds, (0.0, 0), (0.0, 0)], reverse=True)[:2]
-    if found.unless_confirmed is not None and not best[0] > CERTAIN * second[0]:
+
+    def odds(order: Recognition) -> float:
+        return order.weight * shares[_motion_columns(order)] ** -N_PARTS
+
+    ranked = sorted((order for order, _ in explained), key=odds, reverse=True)
+    is_confirmed = len(ranked) == 1 or (
+        len(ranked) > 1 and odds(ranked[0]) > CERTAIN * odds(ranked[1])
+    )
+    if found.unless_confirmed is not None and not is_confirmed:
         raise found.unless_confirmed
-    return explained[-best[1]][0] if explained else found
+    return ranked[0] if ranked else found
 
 
 def _motion_columns(found: Recognition) -> tuple[str, ...]:
@@ -246,11 +249,12 @@ def _rounded_to(run: Measurements) -> float:
     rows, one row more or less; 0 for another clock, and where such rows are copies."""
     stamps, counts = np.unique(run.t, return_counts=True)
     inner = counts[1:-1]
-    is_rounded = len(inner) > 1 and inner.min() > 1 and np.ptp(inner) < 2
     steps = np.diff(run.t)
+    is_rounded = len(inner) > 1 and inner.min() > 1 and np.ptp(inner) < 2
+    if not is_rounded or steps.min() < 0.0:
+        return 0.0
     is_copy = (np.diff(np.hstack([run.q, run.tau]), axis=0) == 0.0).all(axis=1)
-    is_rounded = is_rounded and steps.min() >= 0.0 and not is_copy[steps == 0.0].all()
-    return float(np.median(np.diff(stamps))) if is_rounded else 0.0
+    return 0.0 if is_copy[steps == 0.0].all() else float(np.median(np.diff(stamps)))
 
 
 def _remark(log: Log, said: str) -> None:

@@ -958,7 +958,7 @@ class Diagnosis(Record, JsonRecord):
         adds_curves = bool(self.curves) and not self.leaves_curves_out
         leaves_spans_out = bool(self.left_out) and not self.frozen
         if self.helpful or adds_curves or leaves_spans_out:
-            remedies.append(self._all_that_is_sure)
+            remedies.append(self._all_that_helps)
         remedies += [constant.remedy for constant in self.retuned]
         remedies += self.remedies_by_finding
         for finding in self.effects:
@@ -984,7 +984,7 @@ class Diagnosis(Record, JsonRecord):
         return tuple(f.remedy(self) for f in self.effects)
 
     @property
-    def _all_that_is_sure(self) -> Remedy:
+    def _all_that_helps(self) -> Remedy:
         """The remedy that adds what helps, with the curves where these stay."""
         texts = [f.text for f in self.helpful]
         takes_all = bool(self.curves) and not self.leaves_curves_out

@@ -16,7 +16,13 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
-from sdp_vs_penalty.race.kinds import KINDS, OF_ONE_RUN, list_faults, of_one_part
+from sdp_vs_penalty.race.kinds import (
+    KINDS,
+    NOT_OF_ONE_RUN,
+    gain,
+    list_faults,
+    of_one_part,
+)
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Further, Hypothesis, LogView, Number, Part
 from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
@@ -313,7 +319,8 @@ class Race:
         if of_one_part not in self.kinds:
             return
         none = self.all.log.as_logged
-        kinds = [kind for kind in self.kinds if kind in OF_ONE_RUN]
+        kinds = [kind for kind in self.kinds if kind not in NOT_OF_ONE_RUN]
+        scaled = [*gain.of_all_torques(none)]
         parts = of_one_part.parts_of(self.all)
         odds = c.LOG_ODDS_AGAINST_DIFFERENCE - c.LOG_ODDS_AGAINST_FAULT
         odds += float(np.log(len(parts)))
@@ -322,13 +329,13 @@ class Race:
             as_logged = replace(fit, view=replace(fit.view, chain=none))
             of_all = [h for kind in kinds for h in kind.propose(self.all, as_logged)]
         others = [part for part in parts if part not in suspects]
-        yield from of_one_part.confined(of_all, none, others, odds)
+        yield from of_one_part.confined([*of_all, *scaled], none, others, odds)
         for part in suspects:
             run = self.all.of_rows(np.flatnonzero(self.all.rows_of(part)))
             alone = run.fit(LogView(none), fit.v)
             # Beside the others it errs as one arm for all does.
             alone = replace(alone, left=fit.shares * alone.total)
-            of_run = [h for kind in kinds for h in kind.propose(run, alone)]
+            of_run = [*scaled, *(h for kind in kinds for h in kind.propose(run, alone))]
             yield from of_one_part.confined(of_run, none, [part], odds, True)
 
     def _is_suspect(self, part: Part, fit: ViewFit) -> bool:

@@ -51,21 +51,8 @@ KINDS: tuple[ModuleType, ...] = (
     effects,
     friction,
 )
-#: What a run may have by itself.
-OF_ONE_RUN = (
-    position_unit,
-    position_scale,
-    clock_rate,
-    sign,
-    order,
-    mounting,
-    weight,
-    events,
-    gain,
-    gear,
-    delay,
-    zero,
-)
+#: Whose changes belong to all rows, or have parts of their own: not tried in one run.
+NOT_OF_ONE_RUN = carried, saturation, effort, of_one_part, effects, friction
 #: What a motion shows whose directions are half as many as its joints.
 SHOWN_BY_A_POOR_MOTION = position_unit, sign, mounting, events
 

@@ -47,12 +47,12 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         yield from at_sizes("torque gain", prior - np.log(2.0), now, unit, factors)
 
 
-def of_all_torques(now: LogTransform, log_prior: float) -> Iterator[Hypothesis]:
+def of_all_torques(now: LogTransform) -> Iterator[Hypothesis]:
     """Yield a factor of all torques, near one and of a unit, which only a part of the rows
     shows, beside the others."""
-    number = _number(tuple(range(len(now.gain))), _SD_OF_UNITS)
+    number = _number(tuple(range(now.n)), _SD_OF_UNITS)
     sizes = np.log([1.0, 1e-3, 1e3])
-    return at_sizes("torque gain", log_prior, now, number, sizes)
+    return at_sizes("torque gain", prior_of_one_of(1), now, number, sizes)
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:

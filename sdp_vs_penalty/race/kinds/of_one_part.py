@@ -12,7 +12,6 @@ import numpy as np
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
-from sdp_vs_penalty.race.kinds import gain
 from sdp_vs_penalty.race.records import Further, Hypothesis, Part
 
 #: Instants at which a run may change, in shares of its rows.
@@ -35,8 +34,7 @@ def parts_of(evidence: Evidence) -> list[Part]:
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield of each part a load and a factor of all torques, and of an arm that leaves
-    much another arm."""
+    """Yield a load of each part, and of an arm that leaves much another arm."""
     none = evidence.log.as_logged
     load = load_on_last_link(evidence, fit, fit.chain)
     arm = another_arm(evidence, fit) if (fit.shares > c.BADLY).any() else None
@@ -44,8 +42,6 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     odds = -c.LOG_ODDS_AGAINST_DIFFERENCE - float(np.log(len(parts)))
     for part in parts:
         at = evidence.rows_of(part)[None, :, None]
-        for scaled in gain.of_all_torques(none, odds):
-            yield replace(scaled, part=part)
         if load is not None:
             # Of what follows an instant the load may have been put down.
             is_positive = part.run is not None
