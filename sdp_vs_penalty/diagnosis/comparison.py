@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from html import escape
 from typing import TYPE_CHECKING, Any, Self
@@ -17,7 +17,6 @@ from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.store import AppendableArray, iter_chunks
-from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
@@ -25,7 +24,7 @@ from sdp_vs_penalty.estimation.nominal import NOMINAL, as_model
 from sdp_vs_penalty.estimation.verdict import (
     ABOVE_NOISE,
     FIT,
-    MISSING,
+    LOG,
     MOSTLY_NEW,
     NO_MODEL,
     ErrorsBesideNoise,
@@ -46,9 +45,9 @@ from sdp_vs_penalty.regression.evidence import (
 )
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary, cut_to_width
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.filtered import FilteredRuns, Rows
-from sdp_vs_penalty.signals.noise import REPETITION
+from sdp_vs_penalty.signals.noise import NOISE_UNKNOWN, REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import subsample_sentence, window_subsample
 from sdp_vs_penalty.signals.standstill import slides_throughout
@@ -273,7 +272,8 @@ class Comparison(Record):
         joint = int(np.argmax(shares)) + 1
         beyond = "" if self.noise_floor is None else " beyond its noise"
         largest = self.largest_error_over_noise
-        error = "here the noise is not known"
+        share = 100.0 * NEGLIGIBLE
+        error = f"or by {share:g} % of its torque where, as here, no noise is known"
         if largest is not None:
             error = f"here up to {number(largest)}, joint {self.worst_joint}"
         return (
@@ -284,10 +284,43 @@ class Comparison(Record):
         )
 
     @fact("")
-    def level(self) -> str:
-        """How good the model is: "good", "fair" (usable, and nothing but a small torque is
-        missing), "usable" or "bad"."""
-        return level_of(self.verdict, self.error_beyond_noise)
+    def headline(self) -> str:
+        """Which joint errs most, by the measure that it is graded by, and the limit of
+        that; else what else decides the grade."""
+        weakest = self.verdict.lines[0]
+        if weakest.about not in (FIT, LOG):
+            return weakest.text
+        in_doubt = f" {weakest.text}" if weakest.about == LOG else ""
+        return f"{self._largest_error_beside_limit}{in_doubt}"
+
+    @property
+    def _largest_error_beside_limit(self) -> str:
+        """The error of the joint that errs most, by the measure that it is graded by, and
+        what is asked of that measure."""
+        errors = self.errors
+        unusable = errors.unusable
+        joint = errors.worst_of(unusable or range(1, len(self.rmse) + 1))
+        unit = plain_unit(self.estimate.torque_units[joint - 1])
+        error = f"{number(float(self.rmse[joint - 1]))} {unit}"
+        share = f"{number(float(errors.beyond_noise[joint - 1]))} % of its torque"
+        over = errors.over_noise
+        times = ""
+        if over is not None:
+            times = f"{number(float(over[joint - 1]))} times its noise"
+        if unusable:
+            measures = ", ".join(filter(None, (times, share)))
+            limit = f"usable is up to {NO_MODEL:g} %"
+        elif self.is_negligible:
+            known = "the torque of no arm is known better"
+            return f"No joint errs by more than {share}; {known}."
+        elif not times:
+            measures, limit = share, f"good or not is open, since {NOISE_UNKNOWN}"
+        elif self.is_within_noise:
+            return f"No joint errs by more than {times.replace('its', 'the')}."
+        else:
+            measures, limit = times, f"good is up to {ABOVE_NOISE:g} times"
+        most = " most" if len(self.rmse) > 1 else ""
+        return f"Joint {joint} errs{most}: {measures} ({error}); {limit}."
 
     @fact("Hz", name="band")
     def band(self) -> float:
@@ -342,6 +375,14 @@ class Comparison(Record):
         return self.estimate.certificate.gap
 
     @property
+    def is_negligible(self) -> bool:
+        """Whether no noise is known, and the error of every joint is at most NEGLIGIBLE of
+        its torque."""
+        return self.noise_floor is None and bool(
+            np.all(self.rmse <= NEGLIGIBLE * self.torque_rms)
+        )
+
+    @property
     def is_within_noise(self) -> bool:
         """Whether the error of every joint is at most ABOVE_NOISE times its noise
         floor.
@@ -354,25 +395,17 @@ class Comparison(Record):
         """The judgement of the model on these measurements."""
         return self.verdict_with()
 
-    def verdict_with(
-        self, missing: str = "", forward: str = "", has_open_finding: bool = False
-    ) -> Verdict:
-        """Return the verdict with sentences from a diagnosis and a forward simulation.
+    def verdict_with(self, forward: str = "") -> Verdict:
+        """Return the verdict with what a forward simulation shows, a sentence.
 
-        The grade is that of the comparison alone.
-
-        Parameters
-        ----------
-        missing
-            What a diagnosis says is missing.
-        forward
-            What a forward simulation shows.
-        has_open_finding
-            Whether the model lacks an effect that a diagnosis found.
+        An error that is negligible beside the torque counts as noise.
         """
         masses, nominal = self._masses
-        return judge(
-            errors=self.errors,
+        errors = self.errors
+        if self.is_negligible:
+            errors = replace(errors, floor=nonzero_or_one(self.rmse))
+        verdict = judge(
+            errors=errors,
             r2=self.r2,
             noise_source=self.noise_source,
             new_share=self.new_motion_share,
@@ -381,14 +414,23 @@ class Comparison(Record):
             masses=masses,
             nominal=nominal,
             judged_on=self.runs,
-            missing=missing,
             forward=forward,
             remark=self.judged_on or "",
             seconds=self.signals.seconds,
             doubt=doubt_of_log(self.estimate.provenance.get("checks", {})),
             highest=self.highest_relative_error,
-            has_open_finding=has_open_finding,
             determined=(self.estimate.n_base_from_data, self.estimate.n_base),
+        )
+        if not self.is_negligible:
+            return verdict
+        said = [
+            replace(line, text=self._largest_error_beside_limit)
+            if line.about == FIT
+            else line
+            for line in verdict.lines
+        ]
+        return replace(
+            verdict, lines=tuple(said), error_over_noise=None, noise_source=""
         )
 
     def plot(
@@ -460,23 +502,13 @@ class Comparison(Record):
         return self.noise_floor, self.noise_source
 
 
-def level_of(verdict: Verdict, shares: Sequence[float] | Array) -> str:
-    """Return how good a model is by its verdict and by its errors beyond the noise (n,) [%
-    of the joints' torques]: "good", "fair" for a usable one of which nothing but a small
-    torque is missing, "usable" or "bad"."""
-    grade = verdict.grade
-    if grade != "usable":
-        return "bad" if grade == "do not use" else grade
-    fits = any(x.about == FIT and x.grade == "good" for x in verdict.lines)
-    is_small = fits or max(shares) <= 100.0 * MINOR
-    about = {line.about for line in verdict.lines if line.grade == "usable"}
-    return "fair" if is_small and about <= {FIT, MISSING} else grade
-
-
 #: What a sensor of an arm resolves at best, as a share of the largest torque (RMS) of its
 #: joints: 20 bits. Logs without noise, of a joint that turns about its axis with next to
 #: no torque, would state errors of micronewton metres as multiples of a noise.
 RESOLUTION = 1e-6
+#: Share of a joint's torque up to which an error is good without a known noise: the gain
+#: of no arm's torque is known better.
+NEGLIGIBLE = 1e-3
 #: Length [s] of the stretches of which a relative error's spread is told: longer than
 #: errors of a friction or a filter stay alike.
 _STRETCH = 1.0

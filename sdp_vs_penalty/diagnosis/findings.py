@@ -22,6 +22,7 @@ from sdp_vs_penalty.effects import (
     effect_name,
     effect_types,
     on_the_arm,
+    standard_effect,
 )
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.errors import InputError
@@ -151,6 +152,14 @@ def is_law_of(name: str, other: str) -> bool:
         return True
     types = effect_types()
     return name in types[other].refines or other in types[name].refines
+
+
+def is_friction(name: str) -> bool:
+    """Return whether an effect, by name, is friction: it says so, or refines what simulators
+    call that."""
+    return "friction" in name or standard_effect("friction").name in (
+        effect_types()[name].refines
+    )
 
 
 #: Relative standard deviation of a size from which its torque is said too: a 95 %
@@ -871,6 +880,21 @@ class Diagnosis(Record, JsonRecord):
             return ()
         return tuple(group)
 
+    def on_the_arm_of(self, finding: Finding) -> str:
+        """Say what a finding is on the arm, in a sentence; of those that show their sum
+        alone, what they have in common."""
+        together = self.only_in_sum(finding)
+        if not together:
+            return finding.on_the_arm
+        kinds = effect_types()
+        seen = dict.fromkeys(kinds[f.effect].seen_against for f in together)
+        with_what = formatting.words([f"its {name}" for name in seen if name])
+        are_friction = all(is_friction(f.effect) for f in together)
+        what = "friction" if are_friction else "torque"
+        changes = f"changes with {with_what}" if with_what else "is another one"
+        joint = formatting.joints([finding.main_joint])
+        return f"{ON_THE_ARM}{what} of {joint} {changes}, by a law that is open."
+
     @fact("times the noise", name="error on data left out")
     def left_over_noise(self) -> Array | None:
         """(n,) error of each joint on data left out, with all that helps, over its
@@ -1100,7 +1124,9 @@ class Diagnosis(Record, JsonRecord):
         """The remedy that adds what is confident alone; None where that is all that is
         sure, or nothing."""
         found = self._confident
-        if not found or len(found) == len(self.helpful) or self.retuned or self.curves:
+        is_main_among = self.main_finding in found
+        is_all = len(found) == len(self.helpful)
+        if not is_main_among or is_all or self.retuned or self.curves:
             return None
         words = f"add the {len(found)} that are confident"
         if len(found) == 1:

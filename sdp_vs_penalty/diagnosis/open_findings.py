@@ -5,7 +5,7 @@ from __future__ import annotations
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, named_on_joints
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.verdict import Verdict
+from sdp_vs_penalty.estimation.verdict import FIT, Verdict
 
 
 def findings_not_added(diagnosis: Diagnosis, estimate: Estimate) -> list[Finding]:
@@ -65,9 +65,17 @@ def verdict_beside(
 ) -> Verdict:
     """Return the verdict on a model, with what a diagnosis, if there is one, found that
     it lacks, and with the sentence on a forward simulation."""
+    verdict = compared.verdict_with(forward)
     if diagnosis is None:
-        return compared.verdict_with(forward=forward)
-    model = compared.estimate
-    return compared.verdict_with(
-        still_missing(diagnosis, model), forward, has_open_finding(diagnosis, model)
-    )
+        return verdict
+    return with_findings(verdict, diagnosis, compared.estimate)
+
+
+def with_findings(
+    verdict: Verdict, diagnosis: Diagnosis, estimate: Estimate
+) -> Verdict:
+    """Return the verdict on a model with what a diagnosis found that it lacks. A fit that
+    is good stays good: more can be won, and nothing is wrong."""
+    is_good_fit = any(x.about == FIT and x.grade == "good" for x in verdict.lines)
+    is_open = not is_good_fit and has_open_finding(diagnosis, estimate)
+    return verdict.with_missing(still_missing(diagnosis, estimate), is_open)

@@ -1,18 +1,17 @@
-"""The arm in 3D beside a chart: ellipsoids of the links, moved with a run, a simulated
-arm beside the measured one. workbench.js moves what is drawn here once."""
+"""The arm in 3D beside a chart: ellipsoids of the links, moved with a run. workbench.js
+moves what is drawn here once."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import scipy
 from nicegui import ui
 
-from sdp_vs_penalty.colours import AFTER, MEASURED
+from sdp_vs_penalty.colours import AFTER
 from sdp_vs_penalty.page.controls import button, chart, note, tag
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.robot.arrays import Array
@@ -25,22 +24,10 @@ _BONES = "#888888"
 _SURFACE = 0.35
 #: Of the joints' axes: a colour that no curve has.
 _AXES = "#7c3aed"
+#: Solidity of the links' ellipsoids.
+_SOLIDITY = 0.75
 #: Squares of the ground on each side.
 _SQUARES = 10
-
-
-@dataclass(frozen=True)
-class _Look:
-    """How an arm is drawn: the name, colour and solidity of its links."""
-
-    name: str
-    colour: str
-    opacity: float
-
-
-#: The measured arm, which stands beside a simulated one, in the colours of their
-#: curves.
-_LOOKS = (_Look("measured", MEASURED, 0.45), _Look("link", AFTER, 0.75))
 
 
 def chart_and_arm(
@@ -48,7 +35,6 @@ def chart_and_arm(
     label: str,
     about: Mapping[str, Any],
     caption: str,
-    arms: int = 1,
     scale: tuple[str, str] | None = None,
 ) -> tuple[Any, Callable[..., None]]:
     """Draw an empty chart over time and, to its right, the arm in 3D with a clock.
@@ -61,8 +47,6 @@ def chart_and_arm(
         Text alternative of the chart.
     about : mapping
         "joints" and "bodies" (ellipsoids) of the arm; without bodies no scene is drawn.
-    arms : int
-        1, or 2 for a measured arm with a simulated one in the same place.
     scale : tuple of str, optional
         What the first and the last colour of the links mean, if errors colour them.
 
@@ -70,13 +54,13 @@ def chart_and_arm(
     -------
     chart, callable
         The callable shows a recording: its name, its arrays t, tf and poses, and
-        optionally errors (F, n), 0 to 1, that colour the links of the first arm.
+        optionally errors (F, n), 0 to 1, that colour the links.
     """
     with tag("div", style="pair"):
         drawn = chart({}, label).classes("timed")
         if not about["bodies"]:
             return drawn, lambda *_: None
-        scene = ArmScene(view, about, caption, arms, scale)
+        scene = ArmScene(view, about, caption, scale)
     return drawn, scene.load
 
 
@@ -88,7 +72,6 @@ class ArmScene:
         view: View,
         about: Mapping[str, Any],
         caption: str,
-        arms: int,
         scale: tuple[str, str] | None,
         height: int = 330,
     ) -> None:
@@ -109,14 +92,12 @@ class ArmScene:
                 on_click=self.select_link,
                 camera=camera,
             ) as self.scene:
-                self.groups = [
-                    group for look in _LOOKS[-arms:] for group in self._draw(look)
-                ]
+                self.groups = self._draw()
             frame.props["data-arm"] = self.scene.id
             self.scene.style(f"height: {height}px")
             text = f"The arm in 3D: {caption}"
             self.scene.props.update({"role": "img", "aria-label": text})
-            self._draw_clock(arms)
+            self._draw_clock()
             if scale:
                 _draw_scale(scale)
             has_meshes = bool(view.session.robot.get("meshes"))
@@ -133,7 +114,7 @@ class ArmScene:
         n_joints = len(self.view.session.robot["joints"])
         for hit in event.hits:
             name, _, link = hit.object_name.partition("-")
-            if name in ("link", "measured") and link.isdigit():
+            if name == "link" and link.isdigit():
                 self.view.select(joint=min(int(link), n_joints - 1))
                 return
 
@@ -143,10 +124,9 @@ class ArmScene:
         Parameters
         ----------
         read : mapping
-            t (M,) [s]; tf (F,) [s] and poses (F, joints, 4, 4), for two arms both in
-            turn.
+            t (M,) [s]; tf (F,) [s] and poses (F, joints, 4, 4).
         errors : (F, n) array, optional
-            Torque errors, 0 to 1, that colour the links of the first arm.
+            Torque errors, 0 to 1, that colour the links.
         """
         if self.loaded == name:
             return
@@ -158,31 +138,30 @@ class ArmScene:
             "poses": np.round(_places_and_turns(poses), 4).tolist(),
             "errors": [[0.0]] * len(read["tf"]) if errors is None else errors.tolist(),
         }
-        measured = poses[:, : len(self.about["joints"])]
-        self.scene.move_camera(**camera_place(measured, self.about), duration=0.0)
+        self.scene.move_camera(**camera_place(poses, self.about), duration=0.0)
         arm = f"arms[{self.scene.id}] ??= new Arm({self.scene.id})"
         ui.run_javascript(f"({arm}).load({json.dumps(moves)})")
 
-    def _draw_clock(self, arms: int) -> None:
+    def _draw_clock(self) -> None:
         """Draw the play button, a bar to drag through the run, and the seconds."""
         play = f"arms[{self.scene.id}]?.play()"
         with tag("div", style="row"):
             run = lambda: ui.run_javascript(play)  # noqa: E731
-            button("Play", run, f"play-{arms}", data_play="")
+            button("Play", run, "play", data_play="")
             tag(
                 "input",
                 type="range",
                 min="0",
                 max="1000",
                 value="0",
-                data_key=f"time-{arms}",
+                data_key="time",
                 data_time=self.scene.id,
                 aria_label="Time in the run",
             )
             tag("span", "0.0 s", "soft", data_clock="")
 
-    def _draw(self, look: _Look) -> list[Any]:
-        """Draw the joints and links of one arm; return a group for each joint.
+    def _draw(self) -> list[Any]:
+        """Draw the joints and links of the arm; return a group for each joint.
 
         Each group holds what moves with its joint, so that the browser sets its pose
         only.
@@ -201,7 +180,7 @@ class ArmScene:
                 self._draw_axis(joint["axis"], thin)
         for body in self.about["bodies"]:
             with groups[body["joint"]]:
-                self._draw_link(body, look)
+                self._draw_link(body)
         for mesh in self.view.session.robot.get("meshes", ()):
             with groups[mesh["joint"]]:
                 self._draw_mesh(mesh)
@@ -235,14 +214,14 @@ class ArmScene:
         tube = self.scene.quadratic_bezier_tube(begin, middle, stop, 1, thin)
         tube.material(colour)
 
-    def _draw_link(self, body: Mapping[str, Any], look: _Look) -> None:
+    def _draw_link(self, body: Mapping[str, Any]) -> None:
         """Draw a link as the ellipsoid of uniform density with the same mass and
         inertia.
         """
         place = np.array(body["place"])
         ball = self.scene.sphere(1.0, 24, 16).scale(*body["half"])
-        ball.material(look.colour, look.opacity)
-        ball.with_name(f"{look.name}-{body['link']}")
+        ball.material(AFTER, _SOLIDITY)
+        ball.with_name(f"link-{body['link']}")
         ball.move(*place[:3, 3]).rotate_R(place[:3, :3].tolist())
 
 

@@ -10,7 +10,7 @@ from urllib.parse import urlencode
 from starlette.datastructures import MutableHeaders
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import HTTPConnection
-from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.websockets import WebSocketClose
 
 from sdp_vs_penalty.errors import printable
@@ -35,6 +35,17 @@ _HEADERS = {
 _NAMES = ("127.0.0.1", "localhost")
 #: Name of the key in the printed address.
 KEY = "key"
+#: What is shown without it.
+_CLOSED = """<!doctype html><html lang="en"><meta charset="utf-8">
+<meta name="viewport" content="width=device-width"><title>sdp-vs-penalty</title>
+<body style="font: 1.05rem/1.6 system-ui, sans-serif; max-width: 40rem; margin: 3rem auto;
+padding: 0 1rem"><h1 style="font-size: 1.4rem">This address lacks its key</h1>
+<p>Only who knows the key may see your measurements. The whole address stands in the
+terminal in which the program was started: &ldquo;The workbench is at
+http://127.0.0.1&hellip;?key=&hellip;&rdquo;. Open that.</p>
+<p>Without that terminal: start <code>sdp-vs-penalty page</code> again, which opens it by
+itself. Your projects are on disk, and are listed there.</p></body></html>
+"""
 
 
 def guarded(app: App, port: int, key: str) -> App:
@@ -157,11 +168,7 @@ def _refusal(kind: str) -> Any:
     """Return the response that refuses an unauthorised request or web socket."""
     if kind == "websocket":
         return WebSocketClose(1008)
-    text = (
-        "Only the page itself may ask: open the address that was printed, key"
-        " included.\n"
-    )
-    return PlainTextResponse(text, 403, {"connection": "close"})
+    return HTMLResponse(_CLOSED, 403, {"connection": "close"})
 
 
 def _report(error: Exception) -> None:

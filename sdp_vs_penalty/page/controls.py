@@ -151,25 +151,6 @@ def sketch(drawn: Mapping[str, Any]) -> None:
         )
 
 
-def slider(
-    label: str, value: str, do: Callable[[int], Any], key: str, least: str, most: str
-) -> None:
-    """Draw a slider between two whole numbers; ``do`` gets the number on release."""
-    with tag("label", style="field"):
-        tag("span", label)
-        handle = tag(
-            "input",
-            type="range",
-            data_key=key,
-            aria_label=label,
-            value=value,
-            min=least,
-            max=most,
-            step="1",
-        )
-        changing(handle, lambda text: do(int(text)))
-
-
 def check(
     label: str, on: bool, do: Callable[[bool], Any], key: str, hint: str = ""
 ) -> None:

@@ -56,11 +56,7 @@ from sdp_vs_penalty.diagnosis.comparison import (
     predicted,
 )
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.open_findings import (
-    has_open_finding,
-    still_missing,
-    verdict_beside,
-)
+from sdp_vs_penalty.diagnosis.open_findings import verdict_beside, with_findings
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.effects import effects_in_words
 from sdp_vs_penalty.errors import (
@@ -288,7 +284,7 @@ def read(job: JobRequest) -> Answer:
                     part = _load_run(how, state.problem, path)
             each_once = {str(w.message): w.message for w in heard}.values()
             said = [remark for remark in each_once if isinstance(remark, Remark)]
-            remarks += map(str, said)
+            remarks += [str(x) for x in said if not _maps_nothing(x)]
             name = file["name"]
             if "scale" in how:
                 remarks.append(f"{name}: read by {how['scale']}, as runs like it.")
@@ -330,6 +326,14 @@ def read(job: JobRequest) -> Answer:
         state = _holding(state, shared, remarks)
     answer = {"refused": refused, "remarks": remarks, "mappings": mappings}
     return answer | {"read": read_so} | _judged(job, state, kept)
+
+
+def _maps_nothing(remark: Remark) -> bool:
+    """Return whether a reader says only that columns have our names."""
+    has_our_names = isinstance(remark, ColumnsRemark) and all(
+        ours == theirs for ours, theirs in remark.rename.items()
+    )
+    return has_our_names and "; " not in str(remark)
 
 
 def _columns_tried(rename: str, columns: Sequence[str]) -> dict[str, str]:
@@ -431,8 +435,8 @@ def check_again(job: JobRequest) -> Answer:
 
 def motion(job: JobRequest) -> Answer:
     """Write the motion that a remedy asks to record, or the one that tells the effects of
-    ``job["separate"]`` apart: within the robot's limits, and no faster than
-    ``job["speed"]`` [%] of the fastest joint in the runs.
+    ``job["separate"]`` apart: within the robot's limits, and no faster than the fastest
+    joint in the runs.
 
     Returns {"file": its name, in the session's folder; "words": its length and speed, and
     what to do with it}.
@@ -457,14 +461,14 @@ def motion(job: JobRequest) -> Answer:
             f"{name} is in your downloads: {trajectory.duration:.3g} s of t, q, dq and ddq"
             f" within the limits of the robot's file, at most {formatting.number(speeds[fastest])}"
             f" {unit} (joint {fastest + 1}). Look at it in a simulator, run it on the arm,"
-            " and bring the log under Measure, where it can be made slower or faster."
+            " and bring the log under Measure."
         ),
     }
 
 
 def _limits_of_motion(job: JobRequest) -> Limits:
-    """Return the robot's limits, with the speed of a joint at most a share of the fastest
-    one of its kind in the runs; of joints none of which moves there the robot's."""
+    """Return the robot's limits, with the speed of a joint at most that of the fastest one
+    of its kind in the runs; of joints none of which moves there the robot's."""
     robot = job.problem.robot
     limits = Limits.from_robot(robot)
     views = [np.load(job.folder / run["view"])["dq"] for run in job["runs"]]
@@ -473,8 +477,7 @@ def _limits_of_motion(job: JobRequest) -> Limits:
     logged = np.nanquantile(np.abs(np.vstack(views)), 0.995, axis=0)
     units = np.array(robot.torque_units)
     fastest = np.array([logged[units == unit].max() for unit in units])
-    speed = fastest * numbers("speed", job["speed"], 1)[0] / 100.0
-    velocity = np.minimum(limits.velocity, np.where(fastest > 0.0, speed, np.inf))
+    velocity = np.minimum(limits.velocity, np.where(fastest > 0.0, fastest, np.inf))
     slower = velocity / limits.velocity
     return replace(limits, velocity=velocity, acceleration=slower * limits.acceleration)
 
@@ -514,7 +517,8 @@ def _columns_of(
         "columns": the file's column names; "cells": the first cells of each; "chosen":
         by the names that a run needs (t, q1, ..., tau1, ...) the file's column taken or
         guessed for each, "" for none, and "rate" [Hz]; "torques": by its name each
-        other set of torques of the same joints. None if the file was not refused for
+        other set of torques of the same joints, or, of a table without names, each block
+        that may be that. None if the file was not refused for
         its columns, or has too few of them.
     """
     joints = problem.channel_names
@@ -533,9 +537,31 @@ def _columns_of(
             "units": [row.unit for row in report.rows],
             "sketches": _sketches(path, report),
             "chosen": {"rate": "", **{x: guessed[x] for x in ("t", *q, *dq, *tau)}},
-            "torques": taken.torques if taken else {},
+            "torques": taken.torques if taken else _blocks(report, guessed, tau),
         }
     return None
+
+
+def _blocks(
+    report: ColumnReport, guessed: Mapping[str, str], tau: Sequence[str]
+) -> dict[str, dict[str, str]]:
+    """Return the blocks of columns without a name that may be the torques, the guessed one
+    first, each by its place with the columns by our names; none where there is one only."""
+    names = [row.name for row in report.rows]
+    taken = [column for ours, column in guessed.items() if column and ours not in tau]
+    free = [x for x in names if x not in taken]
+    n = len(tau)
+    if len(free) % n or not all(name[:1] == "#" for name in names):
+        return {}
+    blocks = [free[k : k + n] for k in range(0, len(free), n)]
+    return {
+        f"columns {block[0]} to {block[-1]}": {
+            **guessed,
+            **dict(zip(tau, block, strict=True)),
+        }
+        for block in blocks
+        if len(blocks) > 1
+    }
 
 
 #: Points of a column's sketch, and its height.
@@ -660,15 +686,13 @@ def keep(
         if the run cannot be split.
     """
     file = _run_file_name(part)
-    # A split that the person has dragged stays.
-    known = [run["split"] for run in job["runs"] if run["file"] == file]
     mended = report.repaired_all
     shown = _shown_rows(part)
     if shown is not part or part.samples < 2:  # the check repairs it, or refuses it
         shown = mended = _shown_rows(mended)
         split = None
     else:
-        split = known[0] if known else split_run(problem, part)
+        split = split_run(problem, part)
     findings = [issue.to_dict() for issue in report.by_cause]
     view = f"view-{file}"
     if not (job.folder / file).exists():
@@ -766,21 +790,6 @@ def _scale_of_unit(raw: Array, repaired: Array) -> float:
     moves = (spreads[0] > 0.0) & (spreads[1] > 0.0)
     factors = (spreads[1][moves] / spreads[0][moves]).tolist() or [1.0]
     return min(factors) if max(factors) < 1.01 * min(factors) else 1.0
-
-
-def resplit(job: JobRequest) -> Answer:
-    """Split a run anew so that ``job["share"]`` of its motion is for training.
-
-    Returns {"split": the new time windows}. Raises InputError if no split is possible.
-    """
-    run = next(run for run in job["runs"] if run["file"] == job["file"])
-    part = load_measurements(job.folder / run["file"])
-    split = split_run(job.problem, part, job["share"])
-    if split is None:
-        raise InputError(
-            f"{run['name']} cannot be split so", "drag the bar back", run["name"]
-        )
-    return {"split": split}
 
 
 def placed(robot: Robot, t: Array, q: Array) -> tuple[Array, Array]:
@@ -970,9 +979,9 @@ def find(job: JobRequest) -> Answer:
     Returns
     -------
     dict
-        "diagnosis"; "curves": what `add` calls each measured curve; "missing": a
-        sentence for the model's verdict. The curves that the page draws are saved as
-        ``job["pictures"]``.
+        "diagnosis"; "curves": what `add` calls each measured curve; "verdicts": those of
+        ``job["verdicts"]``, with what is missing. The curves that the page draws are
+        saved as ``job["pictures"]``.
     """
     runs = job.runs
     model = job.model
@@ -992,8 +1001,10 @@ def find(job: JobRequest) -> Answer:
     return {
         "diagnosis": result.to_dict(),
         "curves": curves,
-        "missing": still_missing(result, model),
-        "has_open_finding": has_open_finding(result, model),
+        "verdicts": {
+            name: with_findings(Verdict.from_dict(verdict), result, model).to_dict()
+            for name, verdict in job["verdicts"].items()
+        },
     }
 
 
@@ -1136,50 +1147,19 @@ def forward(job: JobRequest) -> Answer:
     """Simulate the current model along the judged runs, as `simulate --follow` does.
 
     A free run starts from a measured state and is driven by the logged torque (or by
-    what ``job["drive"]`` names). Each one's arrays are saved as an .npz file: t (M,)
-    [s]; measured, simulated (M, n) positions; tf (F,) [s]; poses (F, 2 joints, 4, 4),
-    the measured arm's joints before those of the simulated arm.
+    what ``job["drive"]`` names).
 
     Returns
     -------
     dict
-        "arrays": the file names; "runs": what each free run is called; "verdict",
-        "explained": sentences; "units" of the joints; "left_out": effects that a
-        simulation cannot use; "table": the errors.
+        "verdict", "explained": sentences; "left_out": effects that a simulation cannot
+        use; "table": the errors.
     """
-    estimate = job.model
-    drive = job["drive"]
-    following = follow(estimate, job.runs.judge, drive=drive, progress=job.progress)
-    files = [f"forward-{following.drive}-{k}.npz" for k in range(len(following.free))]
-    for file, free in zip(files, following.free, strict=True):
-        t = free.simulated.t
-        tf, measured_poses = placed(estimate.robot, t, free.measured)
-        _, simulated_poses = placed(estimate.robot, t, free.simulated.q)
-        arrays = {
-            "t": t,
-            "measured": free.measured,
-            "simulated": free.simulated.q,
-            "tf": tf,
-        }
-        save_arrays(
-            job.folder / file,
-            {
-                **arrays,
-                "poses": np.concatenate([measured_poses, simulated_poses], axis=1),
-            },
-        )
-    return {
-        "arrays": files,
-        "runs": [
-            f"{f.simulated.names[0]}, from {f.simulated.t[0]:.4g} s"
-            for f in following.free
-        ],
-        **{
-            name: getattr(following, name)
-            for name in ("verdict", "explained", "units", "left_out")
-        },
-        "table": following.table().to_dict(),
-    }
+    following = follow(
+        job.model, job.runs.judge, drive=job["drive"], progress=job.progress
+    )
+    said = {x: getattr(following, x) for x in ("verdict", "explained", "left_out")}
+    return {**said, "table": following.table().to_dict()}
 
 
 def ranges(job: JobRequest) -> Answer:
@@ -1222,7 +1202,8 @@ def _distinct_names(runs: Sequence[Measurements]) -> list[str]:
     distinct = []
     for name, run in zip(names, runs, strict=True):
         if names.count(name) > 1:
-            name += f", {run.t[0]:.4g} to {run.t[-1]:.4g} s"
+            begin, end = (f"{round(float(t), 3):.4g}" for t in run.t[[0, -1]])
+            name += f", {begin} to {end} s"
         distinct.append(name)
     return distinct
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,19 +11,25 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.comparison import level_of
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
 from sdp_vs_penalty.estimation.constants import CHANGES
-from sdp_vs_penalty.estimation.verdict import GRADES, Grade, Verdict, over_noise
+from sdp_vs_penalty.estimation.verdict import Grade, Verdict, over_noise
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.render.tables import facts_from_json
 from sdp_vs_penalty.results.facts import Fact
 from sdp_vs_penalty.robot.arrays import Array
 
+#: Colours of grades that are not called like these.
+_LEVELS = {"do not use": "bad"}
 #: So many times the error of the runs that a model is from: something has changed since.
 CHANGED = 5.0
+
+
+def level_of(grade: Grade) -> str:
+    """Return the colour of a grade: "good", "usable" or "bad"."""
+    return _LEVELS.get(grade, grade)
 
 
 @dataclass(frozen=True)
@@ -137,17 +143,11 @@ class ModelStep(JsonRecord):
                 return f"Worse than {name} ({other['error']})."
         return ""
 
-    def worse_in(self, files: Iterable[str]) -> dict[str, Grade]:
-        """The grades of those of these files of `export` that are worth less than the
-        model."""
-        grades = {file: self.verdict_on(file).grade for file in files}
-        own = GRADES.index(self.verdict.grade)
-        return {file: x for file, x in grades.items() if GRADES.index(x) < own}
-
     @property
-    def level(self) -> str:
-        """The colour of the verdict, with what a diagnosis says is missing."""
-        return level_of(self.verdict, self.facts["error_beyond_noise"].value)
+    def headline(self) -> str:
+        """Which joint errs most, and by how much, in a sentence."""
+        fact = self.facts.get("headline")  # none in projects of older versions
+        return spoken(fact.text if fact else self.verdict.reason)
 
     @property
     def where_it_fails(self) -> Failures:

@@ -12,10 +12,10 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
+from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, named_on_joints
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.page.session import MOTION, Session, asks_for_unit, is_refused
-from sdp_vs_penalty.page.stages.use import worse_in_words
 from sdp_vs_penalty.page.view import (
     View,
     change_in_words,
@@ -31,7 +31,7 @@ from sdp_vs_penalty.page.view import (
     spoken,
 )
 from sdp_vs_penalty.records import from_json, to_json
-from sdp_vs_penalty.render.words import most_changed_joint
+from sdp_vs_penalty.render.words import describe_unexplained, most_changed_joint
 from sdp_vs_penalty.results.remedy import Change, Remedy
 
 
@@ -49,10 +49,10 @@ class NextStep:
     do: Callable[[], Any] | None = None
     #: Key of a file chooser that the button opens; "" for none.
     opens: str = ""
-    #: Colour: "good", "fair", "usable", "bad", or "" for none.
+    #: Colour: "good", "usable", "bad", or "" for none.
     level: str = ""
-    #: Label of a second choice, and what its button does; None for none.
-    other: tuple[str, Callable[[], Any]] | None = None
+    #: A second choice, of which the button counts; None for none.
+    other: NextStep | None = None
     #: What the step does to an error, or how large one is, and what that is measured on;
     #: "" where nothing is measured.
     number: str = ""
@@ -124,8 +124,15 @@ def _columns(session: Session) -> NextStep:
         label = f"Leave {formatting.words(same)} out"
         return NextStep(text, label, "measure", do, level="usable")
     text = f"{formatting.words(same)}: say which column is what."
+    label = "Read with these columns"
+    chosen = first["chosen"].items()
+    blocks = [name for name, at in first["torques"].items() if at.items() <= chosen]
+    if blocks:
+        n = len(first["torques"])
+        text = f"{formatting.words(same)}: which of {n} blocks is the torque?"
+        label = f"Take {blocks[0]}"
     do = partial(session.start, session.read_mapped, first["columns"])
-    return NextStep(text, "Read with these columns", "measure", do, level="usable")
+    return NextStep(text, label, "measure", do, level="usable")
 
 
 def _of_runs(session: Session) -> NextStep:
@@ -231,37 +238,70 @@ def _of_model(view: View) -> NextStep:
     if diagnosis is None and not is_done:
         do = partial(session.start, session.diagnose)
         label = "Diagnose: what is missing?" if is_first else "Diagnose again"
-        other: tuple[str, Callable[[], Any]] | None = None
+        other = None
         if len(session.past[-1][1]["runs"]) < len(session.runs):  # they came just now
             names = [run["name"] for run in session.runs]
             again = partial(session.start, session.identify_from, names)
-            other = "Or identify again from all runs", again
+            other = NextStep("", "Or identify again from all runs", "diagnose", again)
         return NextStep(text, label, "diagnose", do, other=other, **known)
     if diagnosis is not None:
         remedy = next_remedy(diagnosis.remedies)
         if remedy is not None:
             return _to_add(session, diagnosis, remedy, level)
-        cause = spoken(diagnosis.cause)
-        text = f"{of_model.word}. {in_brief(cause)}"
-        head, _, errs = cause.partition(": ")
-        known["number"] = f"{of_model.text[:-1]}, {measured_on(session)}"
-        if in_brief(cause) == f"{head}.":  # it names the error
-            known["number"] = formatting.sentence(
-                errs.replace("on data left out", measured_on(session))
-            )
-        known["more"] = f"{cause} {more}"
-        if level != "good" and (motion := _motion_to_record(view)) is not None:
-            known["more"] = f"{known['more']} {motion.text}"
-            return replace(motion, text=text, **known)
+        known["more"] = f"{spoken(diagnosis.cause)} {more}"
+        known["number"] = f"{of_model.text} Measured {measured_on(session)}"
+        text = f"{of_model.word}. {_without_remedy(session, diagnosis)}"
         if level == "bad":
             label = "Choose other measurements"
             return NextStep(text, label, "measure", opens="drop-runs", **known)
-    known["more"] = f"{known['more']} {worse_in_words(session.current)}".rstrip()
+        if level != "good":
+            step = _curve_to_add(session, diagnosis) or _motion_to_record(view)
+            known["more"] = f"{known['more']} {step.text}"
+            known["other"] = _report(view)
+            return replace(step, text=text, **known)
+    test = NextStep(text, "Test it on a new run", "measure", opens="drop-runs")
     if "report.html" in session.taken:
-        label = "Test it on a new run"
-        return NextStep(text, label, "measure", opens="drop-runs", **known)
-    do = partial(session.download, "report.html", view.download)
-    return NextStep(text, "Download the report", "use", do, **known)
+        return replace(test, **known)
+    return replace(_report(view), text=text, other=test, **known)
+
+
+def _report(view: View) -> NextStep:
+    """Return the step that downloads the report."""
+    do = partial(view.session.download, "report.html", view.download)
+    return NextStep("", "Download the report", "use", do)
+
+
+def _without_remedy(session: Session, diagnosis: Diagnosis) -> str:
+    """Say what a diagnosis that adds nothing has found; of an error beyond the noise what
+    it follows."""
+    model = session.current
+    is_explained = model.verdict.grade == "good" or diagnosis.is_undetermined
+    if is_explained or diagnosis.effects or not model.failures:
+        return in_brief(spoken(diagnosis.cause))
+    worst = int(model.facts["worst_joint"].value)
+    return describe_unexplained(model.where_it_fails, worst)
+
+
+def _curve_to_add(session: Session, diagnosis: Diagnosis) -> NextStep | None:
+    """Return the step that adds the measured curve which explains most of an error on
+    data left out; None where none lowers one."""
+    added = session.current.effects
+    curves = [
+        (curve.explained_share, curve.joint, text)
+        for curve, text in zip(
+            diagnosis.curves, session.diagnosed.curve_texts, strict=True
+        )
+        if text not in added
+        if curve.held_out_rmse_after < (1.0 - MINOR) * curve.held_out_rmse_before
+    ]
+    if not curves:
+        return None
+    _, joint, text = max(curves)
+    words = f"add the measured curve of joint {joint}"
+    change = Change("add", words, {"effects": [text]}).to_dict()
+    do = partial(session.start, session.apply, change)
+    text = "It has no name; as it was measured it can be added."
+    return NextStep(text, label_of(words), "diagnose", do)
 
 
 def _to_add(
@@ -271,19 +311,18 @@ def _to_add(
     confident alone, where more helps, and all of it as a second choice."""
     main = diagnosis.main_finding
     change = remedy.change
-    other: tuple[str, Callable[[], Any]] | None = None
+    other = None
     alone = diagnosis.confident_remedy
     if alone is not None and change.arguments.get("findings") == "helpful":
         all_of_it = partial(session.start, session.apply, change.to_dict())
-        other = f"Or {change.words}", all_of_it
+        other = NextStep("", f"Or {change.words}", "diagnose", all_of_it)
         remedy, change = alone, alone.change
     more = spoken(diagnosis.cause)
     text = in_brief(more)
     if main is not None:
         text = _in_one_line(diagnosis, main)
-        good = diagnosis.good_already
-        if good and diagnosis.is_within_noise(main):
-            text = in_brief(good)
+    if level == "good":
+        text = f"Good already; to be won: {text[:1].lower()}{text[1:]}"
     number = ""
     if remedy.before is not None and remedy.after is not None:
         falls = np.subtract(remedy.before, remedy.after)
@@ -291,6 +330,9 @@ def _to_add(
         added = change_in_words(session, joint, remedy.before, remedy.after)
         n_added = len(change.arguments["effects"])
         number = f"With {f'all {n_added}' if n_added > 1 else 'it'}, {added}"
+        n_sure = sum(found.rating == "confident" for found in diagnosis.helpful)
+        if alone is None and 0 < n_sure < n_added:
+            number = f"{n_sure} confident, {n_added - n_sure} open. {number}"
     do = partial(session.start, session.apply, change.to_dict())
     label = label_of(change.words)
     return NextStep(
@@ -301,11 +343,9 @@ def _to_add(
 def _in_one_line(diagnosis: Diagnosis, finding: Finding) -> str:
     """Say what a finding is on the arm, and how sure that is."""
     together = diagnosis.only_in_sum(finding)
-    text = in_brief(finding.on_the_arm.removeprefix(ON_THE_ARM))
-    if together or finding.size_may_be_zero:
-        text = named_on_joints(together or (finding,))
-    if together:
-        text = f"{text}, which show their sum alone"
+    text = in_brief(diagnosis.on_the_arm_of(finding).removeprefix(ON_THE_ARM))
+    if finding.size_may_be_zero and not together:
+        text = named_on_joints((finding,))
     is_sure = finding.effect_is_certain or bool(together)
     return graded(text, "certain" if is_sure else finding.grade_and_why[0])
 
@@ -320,26 +360,21 @@ def _taken(session: Session) -> str:
     return formatting.sentence(change_in_words(session, joint, before, after))
 
 
-def _motion_to_record(view: View) -> NextStep | None:
-    """Return the step that records a motion which shows more. It is for a model that
-    errs where nothing is known to add; None where no motion is advised."""
+def _motion_to_record(view: View) -> NextStep:
+    """Return the step that records a motion which shows more, for a model that errs where
+    nothing is known to add."""
     session = view.session
     if MOTION in session.taken:
         text, label = "The motion's log comes next.", "Choose the log"
         return NextStep(text, label, "measure", opens="drop-runs")
     diagnosis = session.findings_of_current
     of_diagnosis = () if diagnosis is None else to_json(diagnosis.remedies)
+    text = "Another motion may show what it is."
+    label = "Make a motion to record"
+    motion: Mapping[str, Any] = {}
     for remedy in (*session.remedies, *of_diagnosis):
-        if (change := remedy["change"])["verb"] == "record":
-            do = partial(session.start, session.make_motion, change, view.download)
-            return NextStep(
-                graded(remedy["problem"], "certain"),
-                label_of_motion(change),
-                "measure",
-                do,
-            )
-    if len(session.runs) == 1:
-        text = "One run alone tells little: record another motion."
-        do = partial(session.start, session.make_motion, {}, view.download)
-        return NextStep(text, "Make a motion for a second run", "measure", do)
-    return None
+        if remedy["change"]["verb"] == "record" and not motion:
+            text, motion = graded(remedy["problem"], "certain"), remedy["change"]
+            label = label_of_motion(motion)
+    do = partial(session.start, session.make_motion, motion, view.download)
+    return NextStep(text, label, "measure", do)

@@ -1,10 +1,13 @@
 """One tab: what it has chosen, read and identified, what is said of it, and how its
 jobs are done."""
 
+from __future__ import annotations
+
 import asyncio
 import copy
 import inspect
 import json
+import re
 import time
 from collections.abc import Callable, Collection, Coroutine, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -35,7 +38,7 @@ from sdp_vs_penalty.estimators.estimator import no_progress
 from sdp_vs_penalty.files import require_format, write_text
 from sdp_vs_penalty.page.commands import commands_of, option_words
 from sdp_vs_penalty.page.model_step import ModelStep
-from sdp_vs_penalty.page.spoken import spoken
+from sdp_vs_penalty.page.spoken import progress_in_words, spoken
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.problem.check_command import CheckCommand
 from sdp_vs_penalty.records import from_json, to_json
@@ -116,6 +119,24 @@ class Working:
     status: str = ""
     #: When it began, on the monotonic clock [s].
     since: float = field(default_factory=time.monotonic)
+    #: What is counted, the first number and when that was heard [s]; "" for nothing.
+    counted: tuple[str, int, float] = ("", 0, 0.0)
+
+    def hears(self, text: str) -> Working:
+        """Return the work as a job says where it stands, with the time that is left of
+        what is counted ("trying effects: 843 of 1503")."""
+        status = progress_in_words(text)
+        count = re.search(r"(\d+) of (\d+)", text)
+        if count is None:
+            return replace(self, status=status)
+        done, of = map(int, count.groups())
+        kind, now = text[: count.start()], time.monotonic()
+        begun = self.counted if self.counted[0] == kind else (kind, done, now)
+        _, first, since = begun
+        if done > first:
+            left = (now - since) * (of - done) / (done - first)
+            status += f", about {max(1.0, left):.0f} s left"
+        return replace(self, status=status, counted=begun)
 
 
 def _acts_as(text: str, effect: str, joints: Collection[int]) -> bool:
@@ -324,10 +345,6 @@ class Session:
     repairs: list[list[str]] = field(default_factory=list)
     #: The stage and the part where what is new can be seen.
     new: tuple[str, str] | None = None
-    #: Change that asked for the last motion, and its speed [% of the fastest joint in the
-    #: runs].
-    motion: Mapping[str, Any] = field(default_factory=dict)
-    speed: str = "100"
     #: Names of the files that were downloaded.
     taken: set[str] = field(default_factory=set)
     #: By file that was made, what it was made of.
@@ -679,7 +696,12 @@ class Session:
 
     async def _run(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Run a request in a worker, and show where it stands."""
-        return await self.pool.run(request, lambda text: self._doing(status=text))
+
+        def hear(text: str) -> None:
+            self.working = (self.working or Working()).hears(text)
+            self.changed()
+
+        return await self.pool.run(request, hear)
 
     def _request(self, job: str, **details: Any) -> dict[str, Any]:
         """Return the request for a function of jobs.py: the session's state and the
@@ -1239,24 +1261,6 @@ class Session:
         self._begin(step)
         self.runs = runs
 
-    async def split(self, file: str, percent: int) -> None:
-        """Split a run anew: ``percent`` of its motion are for training, the others
-        for testing.
-        """
-        answer = await self._job(
-            "Splitting the run", "resplit", file=file, share=percent / 100.0
-        )
-        runs = [
-            {**run, "split": answer["split"]} if run["file"] == file else run
-            for run in self.runs
-        ]
-        models = await self._judged_on(runs, self.robot)
-        dropped = self._dropped(models)
-        self._step_from_here("another split")
-        self.runs = runs
-        self._keep_models(models)
-        self.say(*dropped, error=False)
-
     async def mount(self, gravity: str) -> None:
         """Set gravity in the robot's base frame, "x,y,z" [m/s^2]."""
         vector = numbers("gravity", gravity, 3)
@@ -1405,9 +1409,8 @@ class Session:
     ) -> None:
         """Make the motion that a remedy asks to record; ``ready`` is called with its
         file's name."""
-        self.motion = change
         separate = change.get("arguments", {}).get("separate", ())
-        how: dict[str, Any] = {"separate": separate, "speed": self.speed}
+        how: dict[str, Any] = {"separate": separate}
         # Effects are told apart beside the last model that holds none of them.
         for model in self.history if separate else ():
             if not any(is_among(text, model.effects) for text in separate):
@@ -1421,8 +1424,7 @@ class Session:
         """Identify the first model of a new history with the chosen effects and
         method.
         """
-        title = f"Identifying by {self.method}"
-        self._begin(await self._fit(title, "identified", self.runs))
+        self._begin(await self._fit("Identifying the model", "identified", self.runs))
 
     async def _fit(
         self, title: str, label: str, runs: Sequence[Mapping[str, Any]]
@@ -1533,20 +1535,16 @@ class Session:
         model; ``frozen``: its parameters are kept."""
         self._refuse_meaningless()
         pictures = f"cards-{Path(self.current.file).stem}.npz"
-        title = "Looking for what is missing"
-        answer = await self._job(title, "find", frozen=frozen, pictures=pictures)
+        verdicts = {file: x["verdict"] for file, x in self.current.exported.items()}
+        how = {"frozen": frozen, "pictures": pictures}
+        how["verdicts"] = {"": self.current.comparison["verdict"], **verdicts}
+        answer = await self._job("Looking for what is missing", "find", **how)
         diagnosis = Diagnosis.from_dict(answer["diagnosis"])
         # A model that lacks a confident finding gets a lower grade.
-        missing = answer["missing"], answer["has_open_finding"]
-        verdict = self.current.verdict.with_missing(*missing).to_dict()
+        verdict = answer["verdicts"].pop("")
         exported = {
-            file: {
-                **record,
-                "verdict": self.current.verdict_on(file)
-                .with_missing(*missing)
-                .to_dict(),
-            }
-            for file, record in self.current.exported.items()
+            file: {**self.current.exported[file], "verdict": one}
+            for file, one in answer["verdicts"].items()
         }
         diagnosed = replace(
             self.current,

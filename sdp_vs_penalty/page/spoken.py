@@ -54,6 +54,30 @@ def spoken(text: str) -> str:
     return f"{text}." if text and text[-1] not in ".!?)" else text
 
 
+#: What jobs say of their steps, and what the page has for it.
+_STEPS = (
+    (r"^\d+: (.*?)( \(.*)?$", r"\1 explains a part of the error"),
+    (r"^trying effects: (\d+) of (\d+)", r"\1 of \2 effects tried"),
+    (r"^(\d+) of (\d+) done$", r"\1 of \2 parts done"),
+    (r"^estimating by .*", "estimating the parameters"),
+    (r"^compressing the measurements", "reading the motion"),
+    (r"shape constants", "how friction turns round"),
+    (r"^held-out errors", "testing what was found on data left out"),
+    (r"^the current model, pass (\d+) of (\d+)", r"fitting again, \1 of \2"),
+)
+
+
+def progress_in_words(text: str) -> str:
+    """Return where a job stands, without the words of its method.
+
+    >>> progress_in_words("2: sigmoid friction on joint 3 (v0 0.013, law algebraic)")
+    'sigmoid friction on joint 3 explains a part of the error'
+    """
+    for said, words in _STEPS:
+        text = re.sub(said, words, text)
+    return text
+
+
 #: Kinds of issue that the page calls otherwise.
 _HEADINGS = {
     "torque channel kind": "torques that are not in N m",
@@ -65,6 +89,15 @@ _HEADINGS = {
 def heading_of(kind: str) -> str:
     """Return the heading of an issue of a kind."""
     return _HEADINGS.get(kind, kind)
+
+
+def with_whole_amounts(text: str) -> str:
+    """Return a text in which no line ends within a number and its unit, or before an
+    arrow."""
+    text = re.sub(
+        r"(?<=\d) (?=%|N m|N\b|kg|rad|s\b)|(?<=N) (?=m\b)| (?=→)", "\xa0", text
+    )
+    return text.replace("→ ", "→\xa0")
 
 
 def shown_name(name_given: str) -> str:

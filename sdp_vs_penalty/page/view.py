@@ -9,11 +9,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from nicegui import ui
 from nicegui.client import Client
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.causes import VELOCITY
+from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
+from sdp_vs_penalty.page.model_step import level_of
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import heading_of, spoken
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
@@ -71,8 +74,6 @@ class View:
     methods: dict[str, bool] = field(
         default_factory=lambda: dict.fromkeys(METHODS, True)
     )
-    #: What drives the forward simulation.
-    drive: str = ""
     #: What the form for simulated runs holds.
     hiding: dict[str, Any] = field(
         default_factory=lambda: {"effect": HIDDEN, "joint": "0", "level": LEVEL}
@@ -147,7 +148,7 @@ class StageVerdict:
     """What a stage has come to. Only estimation/verdict.py grades a model
     (:func:`identified`)."""
 
-    #: Colour: "good", "fair", "usable", "bad", or "" for none.
+    #: Colour: "good", "usable", "bad", or "" for none.
     level: str
     #: What the stage has come to, in a sentence.
     text: str
@@ -223,8 +224,8 @@ def identified(session: Session) -> StageVerdict | None:
         return None
     verdict = session.model.verdict
     text = spoken(said_before(verdict.reason))
-    word = verdict.grade.capitalize()
-    return StageVerdict(session.model.level, in_brief(text), word, text)
+    level, word = level_of(verdict.grade), verdict.grade.capitalize()
+    return StageVerdict(level, session.model.headline, word, text)
 
 
 def in_brief(text: str) -> str:
@@ -257,7 +258,13 @@ def change_in_words(
     unit = formatting.plain_unit(session.robot["units"][joint - 1])
     amounts = f"{formatting.number(was)} → {formatting.number(now)} {unit}"
     change = formatting.change_of(was, now)
-    return f"joint {joint}'s error: {amounts} ({change}), {measured_on(session)}"
+    text = f"joint {joint}'s error: {amounts} ({change}), {measured_on(session)}"
+    over = over_noise(np.array(after), session.current.comparison["noise_floor"])
+    left = 0.0 if over is None else float(over[joint - 1])
+    is_left = left > ABOVE_NOISE
+    return (
+        f"{text}; {formatting.number(left)} times its noise left" if is_left else text
+    )
 
 
 @dataclass(frozen=True)

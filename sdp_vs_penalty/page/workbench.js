@@ -101,6 +101,11 @@ document.addEventListener("click", (event) => {
   if (question && !confirm(question)) event.stopImmediatePropagation();
 }, true);
 
+document.addEventListener("click", (event) => {
+  const back = event.target.closest?.("[data-key=undo], [data-key=redo]"); // seen at once, drawn anew when done
+  const words = back?.querySelector(".what");
+  if (words) words.textContent = words.textContent.replace(/^Undo/, "Undoing").replace(/^Redo/, "Redoing");
+});
 addEventListener("popstate", (event) => {
   const stage = event.state?.stage ?? (location.hash.slice(1) || "measure");
   // One stage back, or on again; "skip to content" leads to no stage.
@@ -214,9 +219,7 @@ class Arm {
       const other = mesh.quaternion.clone().set(...b.slice(3));
       mesh.quaternion.set(...a.slice(3)).slerp(other, share);
     }
-    const ink = getComputedStyle(this.frame).color; // what is measured, light or dark
     for (const object of objects?.values() ?? []) {
-      if (object.mesh?.name?.startsWith("measured-")) object.mesh.material.color.setStyle(ink);
       const link = /^link-(\d+)$/.exec(object.mesh?.name ?? "");
       if (!link) continue;
       const error = errors[k][Math.min(+link[1], errors[k].length - 1)];

@@ -20,6 +20,7 @@ from sdp_vs_penalty.page.controls import (
 from sdp_vs_penalty.page.next_step import NextStep, next_step
 from sdp_vs_penalty.page.session import PageNotice, Working
 from sdp_vs_penalty.page.sessions import title_of
+from sdp_vs_penalty.page.spoken import with_whole_amounts
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View, label_of
 
@@ -240,11 +241,11 @@ class Workbench:
         def draw_next() -> None:
             """Draw the verdict and the button."""
             with tag("div", style=f"now-words {step.level}"):
-                tag("p", step.text)
+                tag("p", with_whole_amounts(step.text))
                 if step.number:
                     stage, part = step.figure
                     to = {"data_to": stage, "data_part_of": part}
-                    number = step.number.replace(" %", "\N{NO-BREAK SPACE}%")
+                    number = with_whole_amounts(step.number)
                     tag("a", number, "figure", href=f"#{stage}", **to)
                 if step.more:
                     with details("More", "more"):
@@ -256,8 +257,10 @@ class Workbench:
             do = step.do or (lambda: None)
             with tag("div", style="choices"):
                 button(step.label, do, "next", "primary", **at)
-                if step.other is not None:
-                    button(*step.other, "next-other", "quiet", data_to=step.stage)
+                if (other := step.other) is not None:
+                    at = {"data_to": other.stage, "data_opens": other.opens or False}
+                    do = other.do or (lambda: None)
+                    button(other.label, do, "next-other", "quiet", **at)
 
         def draw_steps() -> None:
             """Draw the buttons that take a step back, or again."""
@@ -270,7 +273,7 @@ class Workbench:
                         tag("span", arrow, aria_hidden="true")
                         tag("span", f"{word}: {label_of(label)}", "what")
 
-        other = step.other and step.other[0]
+        other = step.other and step.other.label
         words = [step.text, step.number, step.more]
         state = [words, step.label, step.stage, step.opens, step.level, other]
         # What the button does depends on the remedies and on the model.

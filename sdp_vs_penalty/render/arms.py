@@ -1,4 +1,4 @@
-"""The arm's links as ellipsoids, for the pictures of report and page."""
+"""The arm's links as ellipsoids and surfaces, for the pictures of the page."""
 
 from __future__ import annotations
 
@@ -10,34 +10,6 @@ import numpy as np
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-
-
-def link_ellipsoid(link: Array) -> Array | None:
-    """Return points on the surface of a link's ellipsoid of uniform density.
-
-    Parameters
-    ----------
-    link : (10,) array
-        Standard parameters m [kg], m c [kg m], Ixx, Ixy, ..., Izz [kg m^2].
-
-    Returns
-    -------
-    (3, k) array or None
-        Points in the link's frame [m]; None for a link without mass or thickness.
-    """
-    body = half_axes(link)
-    if body is None:
-        return None
-    half, axes, com = body
-    polar = np.linspace(0.0, np.pi, 14)
-    azimuth = np.linspace(0.0, 2.0 * np.pi, 28)
-    u, v = np.meshgrid(polar, azimuth)
-    unit_sphere = np.stack(
-        [np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)]
-    ).reshape(3, -1)
-    # Stretch the sphere along the ellipsoid's axes, then move it to the centre.
-    along_axes = half[:, None] * (axes.T @ unit_sphere)
-    return np.asarray(axes @ along_axes + com[:, None], float)
 
 
 def half_axes(link: Array) -> tuple[Array, Array, Array] | None:

@@ -133,7 +133,9 @@ def bars(
         row |= {"name": f"joint {j + 1}", "number": j + 1}
         row |= {"is_chosen": j == chosen}
         errors = [before[j]] if after is None else [before[j], after[j]]
-        row["amount"] = f"{' → '.join(map(number, errors))} {plain_unit(units[j])}"
+        size, milli = (1e3, "m") if max(errors) < 1e-3 else (1.0, "")
+        amounts = " → ".join(number(size * error) for error in errors)
+        row["amount"] = f"{amounts} {milli}{plain_unit(units[j])}"
         rows.append(row)
     return piece(
         "bars.html",

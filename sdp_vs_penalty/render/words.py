@@ -97,8 +97,6 @@ class FindingWords:
     #: Number of the finding that says it as well, since only their sum is shown; 0 for
     #: what stands for itself.
     said_by: int = 0
-    #: Whether it says the sum of several.
-    is_sum: bool = False
 
     @property
     def title_with_doubt(self) -> str:
@@ -165,12 +163,12 @@ def describe_finding(
     if any(other.effect == finding.effect for other in earlier):
         physics = ""  # it was said of the first one
     rivals = finding.rivals_in_words
-    title, arm, size = finding.title, finding.on_the_arm, finding.size_text
+    title, badge, size = finding.title, finding.badge, finding.size_text
     said_by = 0
     doubt = doubt_of(finding, shared_doubts(diagnosis.effects))
     if together := diagnosis.only_in_sum(finding):
         title = formatting.sentence(named_on_joints(together))
-        arm = f"{ON_THE_ARM}these act together, and the runs show their sum alone."
+        badge = "sum certain"
         size = ""
         said_by = together[0].number if finding != together[0] else 0
     elif finding.size_may_be_zero:
@@ -178,10 +176,9 @@ def describe_finding(
     return FindingWords(
         title=title,
         said_by=said_by,
-        is_sum=bool(together),
-        on_the_arm=arm,
+        on_the_arm=diagnosis.on_the_arm_of(finding),
         rating=finding.rating,
-        badge=finding.badge,
+        badge=badge,
         size=size,
         constants=finding.constants if size else "",
         gain=finding.gain_sentence(diagnosis),
@@ -227,7 +224,9 @@ def _evidence_for(
     evidence = [(finding.gain_sentence(diagnosis), falls)]
     if rising := _rising_joints(diagnosis, before, after):
         evidence.append((f"{rising} with it.", False))
-    if finding.size_may_be_zero:
+    if together := diagnosis.only_in_sum(finding):
+        evidence += [(_part_of_sum(part), not part.size_is_open) for part in together]
+    elif finding.size_may_be_zero:
         evidence.append(("Its size is not told from zero.", False))
     else:
         power = min(int(finding.gain / 2.0 / np.log(10.0)), _MOST_ODDS)
@@ -238,13 +237,21 @@ def _evidence_for(
         evidence.append((_size_in_words(finding, size), not finding.size_is_open))
     if rivals := finding.rivals_in_words:
         evidence.append((f"Fits as well: {rivals}.", False))
-    elif finding.rating == "confident" and not diagnosis.only_in_sum(finding):
+    elif finding.rating == "confident" and not together:
         least = number(np.exp(EVIDENCE_TO_DISTINGUISH / 2.0), 2)
         nothing = f"That it is this effect and no other: {least} to 1, or more."
         evidence.append((nothing, True))
     if splits := finding.splits_sentence:
         evidence.append((splits, "few_splits" not in reasons))
     return tuple(evidence)
+
+
+def _part_of_sum(finding: Finding) -> str:
+    """Say what is known of one of the findings that show their sum alone."""
+    size = finding.size_text
+    if finding.size_may_be_zero:
+        size = "its size is not told from zero"
+    return f"{plain_name(finding.effect)}: {size}."
 
 
 def _size_in_words(finding: Finding, size: str) -> str:
@@ -296,7 +303,7 @@ def doubt_of(rated: Finding | Retune, shared: Collection[Doubt] = ()) -> str:
     if isinstance(rated, Finding) and rated.splits_sentence:
         left_out.add(Doubt("few_splits"))  # their number is said
     if rated.badge == "size uncertain":
-        left_out.add(Doubt("uncertain"))
+        left_out |= {Doubt("uncertain"), Doubt("insignificant")}
     return _in_words([doubt for doubt in rated.doubts if doubt not in left_out])
 
 
@@ -334,7 +341,7 @@ def describe_constant(constant: Retune) -> FindingWords:
     """
     doubt = doubt_of(constant)
     return FindingWords(
-        title=f"{plain_name(constant.effect)}, joint {constant.joint}",
+        title=f"{plain_name(constant.effect)} of joint {constant.joint}, estimated again",
         rating=constant.rating,
         badge=constant.badge,
         physics=f"Re-estimated constant: {constant.explanation}.",
@@ -523,6 +530,14 @@ _WHEN = {
     TORQUE_RATE: "in proportion to the rate of the torque",
     TORQUE_CURVATURE: "in proportion to the second derivative of the torque",
 }
+
+
+def describe_unexplained(failures: Failures, joint: int) -> str:
+    """Say what the error of a joint (from 1) follows, which no effect explains."""
+    when = _WHEN.get(shown_cause(None, failures, joint))
+    if when is None:
+        return f"No effect of the library explains what joint {joint} errs."
+    return f"Joint {joint} errs {when}; no effect of the library explains it."
 
 
 def noise_unknown(compared: Comparison) -> str:

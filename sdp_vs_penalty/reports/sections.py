@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty import colours, formatting
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.store import AppendableArray, iter_chunks
+from sdp_vs_penalty.data.store import AppendableArray
 from sdp_vs_penalty.diagnosis.comparison import Comparison, predicted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.open_findings import (
@@ -34,11 +34,9 @@ from sdp_vs_penalty.ranges.band import band_of
 from sdp_vs_penalty.ranges.table import ranges_of, training_of
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.render import charts, pieces, tables, words
-from sdp_vs_penalty.render.arms import link_ellipsoid
 from sdp_vs_penalty.results.remedy import Remedy
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array, Indices
-from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun
 from sdp_vs_penalty.simulation.follow import Following
 
@@ -564,30 +562,11 @@ def ranges(data: ReportData) -> Context:
 
 
 def arm(data: ReportData) -> Context:
-    """Return the context of the section on links: ellipsoids on the arm, and their
-    table.
-
-    The arm is drawn in the mean pose of the runs.
-    """
-    estimate = data.last
-    links = tables.link_table(estimate)
+    """Return the context of the section on links: their table, and what to know of it."""
+    links = tables.link_table(data.last)
     if links is None:
         return {"links": None}
-    robot = estimate.robot
-    q = data.measurements.q
-    mean_pose = sum(chunk.sum(axis=0) for _, chunk in iter_chunks(q)) / len(q)
-    (poses,) = robot.poses(robot.tree_state(mean_pose)[0])
-    caption = (
-        "Uniform ellipsoids with the identified masses and inertias, in the runs' mean"
-        " pose. An ellipsoid that leaves the picture belongs to a link that these data"
-        " hardly determine. Zero thickness (a rod or a sheet) is unphysical."
-    )
-    picture = _picture(robot, estimate.links, poses)
-    return {
-        "caveats": words.caveats(estimate),
-        "links": pieces.framed(links),
-        "figure": pieces.figure(picture, caption, 460),
-    }
+    return {"caveats": words.caveats(data.last), "links": pieces.framed(links)}
 
 
 def friction(data: ReportData) -> Context:
@@ -605,74 +584,6 @@ def friction(data: ReportData) -> Context:
         )
         figures.append(pieces.figure(plot, "", 250))
     return {"figures": figures}
-
-
-def _picture(robot: Robot, links: Array, poses: Array) -> charts.Figure:
-    """Draw the arm's skeleton, at joint poses (joints, 4, 4), in 3D with an ellipsoid
-    for each link.
-
-    Parameters
-    ----------
-    links : (links, 10) array
-        Standard parameters of each link [kg, kg m, kg m^2].
-    """
-    plot = charts.Figure()
-    link_of = {carrier: place for place, carrier in enumerate(robot.link_joints)}
-    for i, joint in enumerate(robot.tree):
-        begin = np.zeros(3) if joint.parent < 0 else poses[joint.parent][:3, 3]
-        x, y, z = np.stack([begin, poses[i][:3, 3]]).T
-        plot.add(
-            "scatter3d",
-            x=x,
-            y=y,
-            z=z,
-            mode="lines+markers",
-            showlegend=False,
-            hoverinfo="skip",
-            line={"color": colours.NEUTRAL, "width": 6},
-            marker={"size": 3, "color": colours.NEUTRAL},
-        )
-        shape = link_ellipsoid(links[link_of[i]]) if i in link_of else None
-        if shape is None:
-            continue
-        frame = poses[i] @ joint.link_frame
-        x, y, z = frame[:3, :3] @ shape + frame[:3, 3:]
-        plot.add(
-            "mesh3d",
-            x=x,
-            y=y,
-            z=z,
-            name=f"link {link_of[i] + 1}",
-            alphahull=0,
-            color=colours.PALETTE[i % len(colours.PALETTE)],
-            opacity=0.5,
-            showlegend=True,
-        )
-    return plot.update_layout(scene=_scene(poses))
-
-
-def _scene(poses: Array) -> dict[str, Any]:
-    """Return the axes and the camera of the 3D picture.
-
-    The axes follow the joints (poses (joints, 4, 4)), not the ellipsoids: one that
-    leaves them belongs to a link whose identified inertia is implausible for its mass.
-    """
-    joints = np.vstack([np.zeros(3), poses[:, :3, 3]])  # the base comes first
-    # A quarter of the arm's extent, which is at least 0.2 m.
-    room = 0.25 * max(float(np.ptp(joints, axis=0).max()), 0.2)
-    low = (joints.min(axis=0) - room).tolist()
-    high = (joints.max(axis=0) + room).tolist()
-    look = {
-        "title": "",
-        "gridcolor": "rgba(128,128,128,0.3)",
-        "backgroundcolor": "rgba(0,0,0,0)",
-    }
-    axes = {
-        f"{letter}axis": {**look, "range": [start, stop]}
-        for letter, start, stop in zip("xyz", low, high, strict=True)
-    }
-    camera = {"eye": {"x": 1.3, "y": 1.3, "z": 0.6}}
-    return {"aspectmode": "data", "camera": camera, **axes}
 
 
 def certificate(data: ReportData) -> Context:
@@ -751,7 +662,7 @@ SECTIONS = (
     Section("Run forward", "forward", run_forward),
     Section("Parameters", "parameters", parameters),
     Section("What the data allow", "ranges", ranges),
-    Section("Links on the arm", "arm", arm),
+    Section("Links", "arm", arm),
     Section("Friction", "friction", friction),
     Section("Certificate", "certificate", certificate),
     Section("Data check", "data", data_check),

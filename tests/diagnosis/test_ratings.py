@@ -171,7 +171,8 @@ def test_findings_that_cancel_are_one_with_its_sum():
     found = diagnosis(rubs, sticks, small)
     first, second, third = describe_diagnosis(found, ["N m"] * 7).findings
     assert first.title == "Sigmoid friction on joint 1; stiction on joint 1"
-    assert "their sum alone" in first.on_the_arm
+    assert "friction of joint 1 changes with its velocity" in first.on_the_arm
+    assert "law that is open" in first.on_the_arm
     assert first.size == ""
     assert (first.said_by, second.said_by, third.said_by) == (0, 1, 0)
     assert third.title == "Stiction, joint 2"

@@ -86,7 +86,7 @@ def story(browser, server, files, tmp_path_factory):
         act(page, "compare", "table.methods")
         seen["barriers"] += driver.barriers(page)
         go(page, "use")
-        act(page, "forward", "[data-part=forward] .js-line")
+        act(page, "forward", "[data-part=forward] table")
         seen["barriers"] += driver.barriers(page)
         folder = tmp_path_factory.mktemp("taken")
         for name in ("model.json", "robot.urdf", "robot.xml", "report.html"):
@@ -229,7 +229,7 @@ def test_with_the_keyboard_alone(context, server, files):
     page.wait_for_selector("[data-part=fit] .js-line")
     idle(page)
     expect(page.locator("[aria-live=polite]")).to_have_text(
-        "Identifying by lmi-sdp. Done."
+        "Identifying the model. Done."
     )
     heading = page.evaluate("document.activeElement.innerText")
     assert heading == "Identify"  # what is new stands first there

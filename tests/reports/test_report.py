@@ -18,7 +18,7 @@ from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures, where_it_fails
 from sdp_vs_penalty.render import bars
-from sdp_vs_penalty.render.arms import link_ellipsoid
+from sdp_vs_penalty.render.arms import half_axes
 from sdp_vs_penalty.reports import JudgedRun
 from sdp_vs_penalty.signals import FilteredRuns
 from sdp_vs_penalty.simulation import experiment
@@ -129,10 +129,8 @@ def test_nothing_unknown_is_printed_as_python_prints_it(made):
 
 
 def test_what_is_no_body_has_no_ellipsoid():
-    assert link_ellipsoid(np.zeros(10)) is None
-    assert (
-        link_ellipsoid(np.array([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0])) is None
-    )  # a rod
+    assert half_axes(np.zeros(10)) is None
+    assert half_axes(np.array([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0])) is None  # a rod
 
 
 def test_the_verb_and_short_runs(made, tmp_path):

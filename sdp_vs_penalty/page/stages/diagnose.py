@@ -4,6 +4,7 @@ with a click."""
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 from nicegui import ui
@@ -69,8 +70,12 @@ def models(view: View) -> None:
         return
     with draw.details("What the model holds", "model-holds", on=True), draw.tag("ul"):
         draw.tag("li", f"At first: {effects_in_words(history[0].effects)}.")
-        for step in history[1:]:
-            draw.tag("li", f"Added: {effects_in_words(step.added)}.")
+        for below, step in pairwise(history):
+            again = [x for x in step.added if is_among(x, below.effects)]
+            new = [text for text in step.added if text not in again]
+            for word, texts in (("Added", new), ("Estimated again", again)):
+                if texts:
+                    draw.tag("li", f"{word}: {effects_in_words(texts)}.")
     facts = {str(k): model.facts for k, model in enumerate(history, start=1)}
     with draw.details(f"Error (RMS) {scope}, as a table", "history-table"):
         draw.judged(history)
@@ -116,6 +121,7 @@ def findings(view: View) -> None:
 
 #: What is open of a finding, by its badge.
 _BADGES = {
+    "sum certain": "which of these laws makes it is open",
     "near-tie": "what makes it is open",
     "size uncertain": "how much of it this effect makes is open",
     "cause uncertain": "something else may make a part of it",
@@ -130,14 +136,14 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     the same numbers.
     """
     sure, others = list[partial[None]](), list[partial[None]]()
-    badges = dict[str, None]()
+    titles_by_badge = dict[str, list[str]]()
     places = {finding.number: k for k, finding in enumerate(diagnosis.effects)}
     for finding in diagnosis.in_order_of_reading:
         k = places[finding.number]
         if words.findings[k].said_by:
             continue
-        if finding.text not in view.session.added:
-            badges[words.findings[k].badge] = None
+        titles = titles_by_badge.setdefault(words.findings[k].badge, [])
+        titles.append(words.findings[k].title)
         card = partial(_card, view, diagnosis, words.findings[k], k)
         (sure if finding.torque_is_certain else others).append(card)
     for k, constant in enumerate(diagnosis.retuned):
@@ -146,9 +152,11 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     with draw.tag("ol", style="findings"):
         for place, card in enumerate(sure):
             card(is_open=place == 0)
-    for badge in filter(_BADGES.get, badges):
+    for badge in filter(_BADGES.get, titles_by_badge):
+        names = "; ".join(titles_by_badge[badge])
         draw.note(
-            f"{formatting.sentence(badge)}: the torque is there; {_BADGES[badge]}."
+            f"{formatting.sentence(badge)} ({names}): the torque is there;"
+            f" {_BADGES[badge]}."
         )
     if not others:
         return
@@ -207,7 +215,7 @@ def _card(
         number = "" if finding.torque_is_certain else f"{finding.number}. "
         title = f"{number}{words.title}"
         is_open = is_open and not is_added
-        with _head(title, f"card-{k}", is_open, words, is_added):
+        with _head(title, f"card-{k}", is_open, words):
             draw.tag("p", words.on_the_arm, "on-the-arm")
             _picture(session, finding)
             draw.tag("h5", "Evidence")
@@ -226,21 +234,15 @@ def _card(
 
 
 def _head(
-    title: str,
-    key: str,
-    is_open: bool,
-    words: FindingWords | None = None,
-    is_added: bool = False,
+    title: str, key: str, is_open: bool, words: FindingWords | None = None
 ) -> Any:
-    """Draw the head of a card: its title, how sure it is before it is added, and what
-    adding it does to the error; fill what it unfolds in a ``with`` statement."""
+    """Draw the head of a card: its title, how sure it is, and what adding it does to the
+    error; fill what it unfolds in a ``with`` statement."""
     unfolded = draw.tag("details", open=is_open)
     with unfolded, draw.tag("summary", style="head", data_key=key):
         draw.tag("h4", title)
         if words is not None:
-            badge = "sum certain" if words.is_sum else words.badge
-            if not is_added:
-                draw.tag("span", badge, f"badge {words.rating}")
+            draw.tag("span", words.badge, f"badge {words.rating}")
             draw.tag("span", words.brief_gain, "soft")
     return unfolded
 

@@ -30,7 +30,6 @@ from sdp_vs_penalty.render import pieces
 from sdp_vs_penalty.render.charts import Curves, friction_figure
 from sdp_vs_penalty.render.tables import joint_table
 from sdp_vs_penalty.render.words import CERTIFICATE, PROOF, plain_name, shown_finding
-from sdp_vs_penalty.reports.demo import METHODS
 from sdp_vs_penalty.results.table import Table
 
 _USUAL = (*DEFAULT_EFFECTS, standard_effect("armature").name)
@@ -310,8 +309,9 @@ def _figures(model: ModelStep) -> None:
     new = facts["new_motion_percent"].texts[0]
     seconds = facts["judged_seconds"].texts[0]
     draw.note(
-        f"Judged {model.scope}: {seconds} s, {new} % of it not used for fitting,"
-        f" {facts['scope'].text}; checked and identified in {model.seconds:.2g} s."
+        f"Judged {model.scope}: {seconds} s behind the filters, of which {new} % are motion"
+        f" that the model has not seen, {facts['scope'].text}; checked and identified in"
+        f" {model.seconds:.2g} s."
     )
     for line in map(Line.from_dict, model.comparison["verdict"]["lines"][1:]):
         if line.about == LOG:  # bars, table and Diagnose say what the others do
@@ -443,18 +443,12 @@ def methods(view: View) -> None:
     chosen = view.methods
     names = _methods()
 
-    def boxes(shown: Sequence[str]) -> None:
-        for name in shown:
-            put = partial(chosen.__setitem__, name)
-            label = f"{name}: {names[name]}"
-            draw.check(label, chosen.get(name, False), put, f"method-{name}")
-
     with draw.tag("fieldset"):
         draw.tag("legend", "With the effects of the current model")
-        boxes(METHODS)
-        others = [name for name in names if name not in METHODS]
-        with draw.details("More methods", "more-methods"):
-            boxes(others)
+        for name, description in names.items():
+            put = partial(chosen.__setitem__, name)
+            is_on = chosen.get(name, False)
+            draw.check(f"{name}: {description}", is_on, put, f"method-{name}")
 
     def compare() -> None:
         chosen_names = [name for name in names if chosen.get(name)]

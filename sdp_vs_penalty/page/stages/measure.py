@@ -5,6 +5,7 @@ import re
 import tomllib
 from dataclasses import replace
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +59,7 @@ def robot(view: View) -> None:
             _chosen(view)
         if robot["drawn"]["bodies"]:
             caption = "nominal links; the joint that moves lights up, in their order"
-            arm = ArmScene(view, robot["drawn"], caption, 1, None, height=230)
+            arm = ArmScene(view, robot["drawn"], caption, None, height=230)
             read = session.arrays(robot["sweep"])
             arm.load(robot["sweep"], read, read["moves"])
 
@@ -244,31 +245,42 @@ def _mapping(session: Session, mapping: dict[str, Any]) -> None:
     """
     columns = mapping["columns"]
     k = session.mappings.index(mapping)
+    if not mapping["run"] and mapping["torques"]:
+        draw.tag("p", "Which of these blocks is the torque? Read with it:")
+        with draw.tag("div", style="row"):
+            for name, block in mapping["torques"].items():
+                take = partial(session.start, session.read_mapped, columns, name)
+                text = f"{formatting.sentence(name)}: {_range_of(mapping, block)}"
+                draw.button(text, take, f"block-{k}-{name}")
     begin = "Nothing was recognised."
     if any(mapping["chosen"].values()):
         begin = "Filled in with what is recognised, or by their order: look at it."
-    draw.note(f"{begin} Drag a column to its place, or choose it there.")
+    draw.note(f"{begin} Choose a column for each, or drag it there.")
     options = [("", "not there")]
-    with draw.tag("div", style="row"):
-        for place, (name, cells) in enumerate(
-            zip(columns, mapping["cells"], strict=True)
-        ):
-            text = _column(mapping, place)
-            options.append((name, text))
+    options += [(name, _column(mapping, at)) for at, name in enumerate(columns)]
+    with (
+        draw.details(f"All {len(columns)} columns", f"all-columns-{k}"),
+        draw.tag("div", style="row"),
+    ):
+        for place, (name, text) in enumerate(options[1:]):
+            cells = mapping["cells"][place]
             chip = {"draggable": "true", "data_column": name, "title": cells}
             with draw.tag("span", style="of-file", **chip):
                 draw.tag("span", text)
                 draw.sketch(mapping.get("sketches", {place: {}})[place])
-    with draw.tag("div", style="fields"):
-        for ours, theirs in mapping["chosen"].items():
-            choose = partial(session.choose_column, columns, ours)
-            key = f"map-{k}-{ours}"
-            if ours == "rate":
-                label = "Samples a second, where no column is the clock"
-                draw.text_field(label, theirs, choose, key, "1000")
-            else:
-                label = f"{ours} [{_UNIT_OF[group_of(ours)]}]"
-                draw.choice(label, options, theirs, choose, key)
+    heading = lambda ours: _GROUPS[group_of(ours)]  # noqa: E731
+    for group, of_group in groupby(mapping["chosen"], key=heading):
+        with draw.tag("div", style="fields columns"):
+            draw.tag("p", group, "soft")
+            for ours in of_group:
+                choose = partial(session.choose_column, columns, ours)
+                key = f"map-{k}-{ours}"
+                chosen = mapping["chosen"][ours]
+                if ours == "rate":
+                    label = "samples a second, without t"
+                    draw.text_field(label, chosen, choose, key, "1000")
+                else:
+                    draw.choice(ours, options, chosen, choose, key)
     read = partial(session.start, session.read_mapped, columns)
     with draw.tag("div", style="row"):
         draw.button("Read with these columns", read, f"read-mapped-{k}")
@@ -282,7 +294,25 @@ def _mapping(session: Session, mapping: dict[str, Any]) -> None:
 
 
 #: What the columns of our names hold.
-_UNIT_OF = {"t": "s", "q": "rad, m", "dq": "if logged", "tau": "N m, N or A"}
+_GROUPS = {
+    "rate": "Clock [s]",
+    "t": "Clock [s]",
+    "q": "Positions [rad, m]",
+    "dq": "Velocities, if logged",
+    "tau": "Torques [N m, N or A]",
+}
+
+
+def _range_of(mapping: dict[str, Any], block: dict[str, str]) -> str:
+    """Say how large the numbers are that a block of columns has for torques."""
+    places = [
+        mapping["columns"].index(theirs)
+        for ours, theirs in block.items()
+        if group_of(ours) == "tau"
+    ]
+    found = [mapping["sketches"][place] for place in places]
+    sizes = [abs(one[end]) for one in found if one for end in ("low", "high")]
+    return f"up to {formatting.number(max(sizes, default=0.0))}"
 
 
 def _column(mapping: dict[str, Any], place: int) -> str:
@@ -304,11 +334,11 @@ def _your_runs(view: View) -> None:
         draw.draw_form(view.forms["read"], session.reading)
         draw.note("Applies to the files that are read next.")
     with draw.details("A motion to record", "motion"):
-        put = partial(setattr, session, "speed")
-        label = "Speed, in % of the fastest joint in the runs"
-        draw.text_field(label, session.speed, put, "motion-speed", type="number")
-        draw.note("A joint is never faster than the robot's file allows.")
-        make = lambda: session.start(session.make_motion, session.motion, view.download)  # noqa: E731
+        draw.note(
+            "No joint is faster than the fastest one in the runs, or than the robot's file"
+            " allows."
+        )
+        make = partial(session.start, session.make_motion, {}, view.download)
         draw.button("Make the motion", make, "make-motion")
     ticked: dict[str, bool] = {}
     files = {file.name: file for file in view.folder_files(ENDINGS["runs"])}
@@ -401,9 +431,9 @@ def _list(view: View) -> None:
                         draw.choice(
                             label, uses, run["use"], use, f"use-{k}", hidden_label=True
                         )
-    for k, run in enumerate(session.runs):
+    for run in session.runs:
         if run["use"] == "split":
-            _split_bar(session, run, k)
+            _split_bar(run)
     if session.model and any(run["use"] != "train" for run in session.runs):
         names = [run["name"] for run in session.runs]
         again = partial(session.start, session.identify_from, names)
@@ -416,14 +446,8 @@ def _list(view: View) -> None:
         )
 
 
-#: Where the bar of a split begins and ends [% for training].
-_LEAST = "40"
-_MOST = "75"
-
-
-def _split_bar(session: Session, run: dict[str, Any], k: int) -> None:
-    """Draw which seconds of the k-th run are for training and for testing, with a
-    slider.
+def _split_bar(run: dict[str, Any]) -> None:
+    """Draw which seconds of a run are for training and for testing.
 
     run : the page's record of the run; its "split" holds the windows and what to draw.
     """
@@ -443,14 +467,6 @@ def _split_bar(session: Session, run: dict[str, Any], k: int) -> None:
             for part in split["bar"]:
                 place = f"left:{part['left']:.2f}%;width:{part['width']:.2f}%"
                 draw.tag("i", style=part["side"]).style(place)
-        draw.slider(
-            "More to identify from, or more to test on",
-            f"{split['share']:.0%}".rstrip("%"),
-            partial(session.start, session.split, run["file"]),
-            key=f"split-{k}",
-            least=_LEAST,
-            most=_MOST,
-        )
 
 
 def _measured(session: Session) -> StageVerdict | None:

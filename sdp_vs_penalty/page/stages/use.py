@@ -2,7 +2,6 @@
 forward."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -10,18 +9,9 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.effects import standard_effect
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.arm_scene import chart_and_arm
-from sdp_vs_penalty.page.charts import torque_chart
-from sdp_vs_penalty.page.model_step import ModelStep
+from sdp_vs_penalty.page.model_step import level_of
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.view import (
-    Stage,
-    StageVerdict,
-    View,
-    identified,
-    requires_model,
-)
-from sdp_vs_penalty.render.charts import Curves
+from sdp_vs_penalty.page.view import Stage, View, identified, requires_model
 from sdp_vs_penalty.results.table import Table
 
 #: Files and what they are for.
@@ -87,76 +77,48 @@ def take_away(view: View) -> None:
         draw.tag("pre", "\n".join(session.commands()), tabindex="0")
 
 
-#: Colours of grades that are not called like these.
-_LEVELS = {"do not use": "bad"}
-
-
 def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) -> None:
     """Draw the card of a file: what it is for, the verdict that stands in it, and a
-    button to download it; of one that cannot hold all of the model what it lacks, and a
-    button that identifies a model which it can hold.
+    button to download it; of one that cannot hold all of the model first what it lacks,
+    and a button that identifies a model which it can hold.
     """
     model = session.current
     record = model.exported.get(name)
+    errors = record or model.errors
+    is_model = name in _MODELS or name == "model.json"
+    worse = model.worse_than(errors, session.history[0]) if is_model else ""
     with draw.tag("div", style="card file-card"):
         with draw.tag("div", style="head"):
             draw.tag("h4", name)
-            if name in _MODELS or name == "model.json":
+            if is_model:
                 grade = model.verdict_on(name).grade
-                level = model.level if record is None else _LEVELS.get(grade, grade)
-                errors = record or model.errors
-                worse = model.worse_than(errors, session.history[0])
-                level = "usable" if worse and level != "bad" else level
-                text = ", ".join(filter(None, (grade, errors.get("error"))))
+                level = "usable" if worse and grade == "good" else level_of(grade)
+                word = "worse" if worse else grade
+                text = ", ".join(filter(None, (word, errors.get("error"))))
                 draw.tag("span", formatting.sentence(text), f"badge {level}")
         draw.note(use)
         if record is not None:
-            count = formatting.count(record["n_lost"], "effect")
-            worst = record["worst"].rstrip(".")
-            text = f"Without {count}: {worst[:1].lower()}{worst[1:]}."
-            draw.tag("p", f"{text} {worse}".rstrip(), "worst")
+            _lacking(session, name, record, worse)
         draw.button(
             "Download", take, f"take-{name}", "free", aria_label=f"Download {name}"
         )
-        if record is None:
-            return
-        with draw.details("What it cannot hold", f"lacks-{name}"):
-            draw.note(f"{formatting.sentence(record['lost'])}.")
-        if "again" in record:
-            draw.note(record["again"])
-        elif not any(step.opened or step.frozen for step in session.history):
-            again = partial(session.start, session.identify_for, name)
-            label = "Identify again without these"
-            draw.button(label, again, f"for-{name}", aria_label=f"{label}: {name}")
 
 
-def worse_in_words(model: ModelStep) -> str:
-    """Say which of the files that are offered first are worth less than the model; "" for
-    none."""
-    worse = model.worse_in(FILES)
-    if not worse:
-        return ""
-    return (
-        f"That is model.json; {formatting.words([*worse])} cannot hold all of it:"
-        f" {formatting.words(sorted({*worse.values()}))}, as exported."
-    )
-
-
-def _judged(session: Session) -> StageVerdict | None:
-    """Return the verdict on the model; where a file is worth less, that on the files."""
-    verdict = identified(session)
-    worse = session.current.worse_in(FILES) if verdict else {}
-    if verdict is None or not worse:
-        return verdict
-    level = "bad" if "do not use" in worse.values() else "usable"
-    return replace(verdict, level=level, text=worse_in_words(session.current))
-
-
-_DRIVES = (
-    ("torque", "the measured torque alone"),
-    ("pd", "and a control loop on the measured motion"),
-)
-_SERVO = ("servo", "the commands alone, through the model's servos")
+def _lacking(session: Session, name: str, record: dict[str, Any], worse: str) -> None:
+    """Draw what a file cannot hold of the model, what it errs without that, and what
+    mends it."""
+    count = formatting.count(record["n_lost"], "effect")
+    worst = record["worst"].rstrip(".")
+    text = f"Without {count}: {worst[:1].lower()}{worst[1:]}."
+    draw.tag("p", f"{text} {worse}".rstrip(), "worst")
+    with draw.details("What it cannot hold", f"lacks-{name}"):
+        draw.note(f"{formatting.sentence(record['lost'])}.")
+    if "again" in record:
+        draw.note(record["again"])
+    elif not any(step.opened or step.frozen for step in session.history):
+        again = partial(session.start, session.identify_for, name)
+        label = "Identify again without these"
+        draw.button(label, again, f"for-{name}", aria_label=f"{label}: {name}")
 
 
 @requires_model("forward", "Run forward", lambda s: s.answer("forward"))
@@ -165,19 +127,10 @@ def forward(view: View) -> None:
     result.
     """
     session = view.session
-    drives = [_SERVO] * session.current.servo + list(_DRIVES)
-    if view.drive not in dict(drives):
-        view.drive = drives[0][0]
-
-    def run() -> None:
-        session.start(
-            session.ask, "Running the model forward", "forward", drive=view.drive
-        )
-
-    with draw.tag("div", style="fields pick"):
-        draw.choice(
-            "Driven by", drives, view.drive, partial(setattr, view, "drive"), "drive"
-        )
+    drive = "servo" if session.current.servo else "torque"
+    run = partial(
+        session.start, session.ask, "Running the model forward", "forward", drive=drive
+    )
     answer = session.answer("forward")
     draw.button("Run it forward", run, "forward")
     if answer is None:
@@ -198,42 +151,7 @@ def forward(view: View) -> None:
             f" {', '.join(answer['left_out'])}.",
             "finding",
         )
-    _replay(view, answer)
+    draw.note("The motion of each joint is drawn in report.html.")
 
 
-def _replay(view: View, answer: dict[str, Any]) -> None:
-    """Draw a simulated run against the measured one: curves of one joint, and both
-    arms.
-    """
-    session = view.session
-    about = view.session.current.about
-    units = answer["units"]
-    shown = {"run": 0}
-
-    def follow() -> None:
-        read = session.arrays(answer["arrays"][shown["run"]])
-        run = Curves(read["t"], read["measured"], {"simulated": read["simulated"]})
-        drawn.update_figure(torque_chart(run, view.joint or 0, units))
-        move(str(shown["run"]), read)
-
-    def look(run: str) -> None:
-        shown["run"] = int(run)
-        follow()
-
-    with draw.tag("div", style="fields pick"):
-        joints = [(str(j), str(formatting.joint_number(j))) for j in range(len(units))]
-        joint = str(view.joint or 0)
-        draw.choice(
-            "Joint", joints, joint, lambda j: view.select(joint=int(j)), "forward-joint"
-        )
-        if len(answer["runs"]) > 1:
-            runs = [(str(k), name) for k, name in enumerate(answer["runs"])]
-            draw.choice("Free run", runs, "0", look, "free-run")
-    label = "Measured and simulated position, and what is left"
-    caption = "black: measured, blue: simulated"
-    drawn, move = chart_and_arm(view, label, about, caption, arms=2)
-    view.followers["forward"] = follow
-    follow()
-
-
-USE = Stage("use", "Use", "Identify a model first.", (take_away, forward), _judged)
+USE = Stage("use", "Use", "Identify a model first.", (take_away, forward), identified)
