@@ -15,6 +15,7 @@ from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, named_on_joints
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
+from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
 from sdp_vs_penalty.page.session import MOTION, Session, asks_for_unit, is_refused
 from sdp_vs_penalty.page.view import (
     View,
@@ -330,6 +331,10 @@ def _to_add(
         added = change_in_words(session, joint, remedy.before, remedy.after)
         n_added = len(change.arguments["effects"])
         number = f"With {f'all {n_added}' if n_added > 1 else 'it'}, {added}"
+        over = over_noise(np.array(remedy.after), diagnosis.known_floor)
+        if over is not None and over[joint - 1] > ABOVE_NOISE:
+            left = formatting.number(float(over[joint - 1]))
+            number += f"; {left} times its noise are left"
         n_sure = sum(found.rating == "confident" for found in diagnosis.helpful)
         if alone is None and 0 < n_sure < n_added:
             number = f"{n_sure} confident, {n_added - n_sure} open. {number}"

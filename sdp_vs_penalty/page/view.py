@@ -9,13 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from nicegui import ui
 from nicegui.client import Client
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.causes import VELOCITY
-from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
 from sdp_vs_penalty.page.model_step import level_of
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import heading_of, spoken
@@ -258,13 +256,7 @@ def change_in_words(
     unit = formatting.plain_unit(session.robot["units"][joint - 1])
     amounts = f"{formatting.number(was)} → {formatting.number(now)} {unit}"
     change = formatting.change_of(was, now)
-    text = f"joint {joint}'s error: {amounts} ({change}), {measured_on(session)}"
-    over = over_noise(np.array(after), session.current.comparison["noise_floor"])
-    left = 0.0 if over is None else float(over[joint - 1])
-    is_left = left > ABOVE_NOISE
-    return (
-        f"{text}; {formatting.number(left)} times its noise left" if is_left else text
-    )
+    return f"joint {joint}'s error: {amounts} ({change}), {measured_on(session)}"
 
 
 @dataclass(frozen=True)
