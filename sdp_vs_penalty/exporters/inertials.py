@@ -36,12 +36,13 @@ from sdp_vs_penalty.robot.model_files import format_of
 from sdp_vs_penalty.robot.plausible_units import (
     LONGEST,
     LinkSizes,
-    limits_in_degrees,
+    odd_limits,
     odd_units,
 )
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.robot_file import as_urdf, load_robot
 from sdp_vs_penalty.robot.urdf import (
+    axes_left_out,
     couplings_left_out,
     errors_located_in,
     load_urdf,
@@ -459,8 +460,25 @@ def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
     ]
     odd = odd_units(sizes, _longest(robot))
     remarks = [f"Units: {x.what} {formatting.sentence(x.remedy)}." for x in odd]
-    in_degrees = limits_in_degrees(robot.joints)
-    return [*remarks, f"Units: {in_degrees}."] if in_degrees else remarks
+    if odd_limit := odd_limits(robot.joints):
+        remarks.append(f"Units: {odd_limit}.")
+    if without := axes_left_out(parse_urdf(path)):
+        remarks.append(
+            f"Axes: {formatting.words(without)} without <axis>, where the others have theirs:"
+            ' it is xyz="1 0 0" then; write the one that is meant.'
+        )
+    return remarks
+
+
+def gravity_remarks(path: Path) -> list[str]:
+    """Say that gravity of an MJCF points upwards."""
+    if format_of(read_bytes(path)) != "mjcf":
+        return []
+    gravity = load_robot(path).robot.gravity
+    upwards = (
+        f'Gravity: it points upwards, gravity="{" ".join(f"{x:g}" for x in gravity)}":'
+    )
+    return [f"{upwards} z is up in MJCF."] if gravity[2] > 0.0 else []
 
 
 def coupling_remarks(path: str | Path, *, has_lines: bool) -> list[str]:

@@ -283,10 +283,17 @@ def find_shared(links: Sequence[WrittenInertial]) -> tuple[str, list[Repair]] | 
     wrong = [x for x in links if not x.fits(x.barycentric())]
     tensors = {tuple(map(x.number, MOMENTS)) for x in links}
     masses = {x.number("mass") for x in links}
-    if wrong and len(tensors) == 1 < len(masses) and any(*tensors):
-        numbers = " ".join(links[0].texts[k] for k in MOMENTS)
-        same = f"all have the same inertia ({numbers}), whatever they weigh"
-        return f"{same}: numbers that hold the place of the links' own", []
+    if len(tensors) == 1 and any(*tensors):
+        first = links[0].texts
+        numbers = [first[k] for k in MOMENTS]
+        # Three links alike may be modules, but for their round numbers.
+        are_round = all(_digits(x) < 2 for x in (*numbers, first["mass"]))
+        are_alike = len(masses) == 1 and len(links) > 2 and are_round
+        same = f"inertia ({' '.join(numbers)}), whatever they weigh"
+        same = f"mass and inertia ({' '.join(numbers)})" if are_alike else same
+        if are_alike or (wrong and len(masses) > 1):
+            holds = "numbers that hold the place of the links' own"
+            return f"all have the same {same}: {holds}", []
     now = [_score(x, x.barycentric()) for x in links]
     least = _CHARACTER * (_INVENTED if wrong else _ANEW)
     found = list[tuple[float, str, list[Repair]]]()
@@ -460,6 +467,11 @@ def _shifted(text: str, k: int) -> tuple[str, int]:
         f"{sign}{mantissa}{letter or 'e'}{'-' if power < 0 else ''}{abs(power):0{width}d}"
     )
     return min(((x, _distance(plain, x)) for x in candidates), key=lambda x: x[1])
+
+
+def _digits(text: str) -> int:
+    """Count the digits of a number's text that are no zeros at its ends."""
+    return len(_split_exponent(text)[0].strip("+-").replace(".", "").strip("0"))
 
 
 def _split_exponent(text: str) -> tuple[str, str, str]:

@@ -38,6 +38,8 @@ _INERTIA_ERROR = 30.0
 #: turns to either side. Up to the second it is one in degrees; what is larger stands
 #: for "no limit".
 _RANGE_IN_DEGREES = 12.6, 1440.0
+#: Longest range of a rail in mm; what is larger stands for "no limit".
+_LONGEST_IN_MM = 1e4
 #: The same of speeds [rad/s]. Small drives reach 40 rad/s, motors without a gear 100: a
 #: speed below is in degrees only where the ranges of the file are.
 _SPEED_IN_DEGREES = 100.0, 1440.0
@@ -128,9 +130,9 @@ def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
         yield OddUnit("masses", factor=total, links=names, what=how, remedy=remedy)
 
 
-def limits_in_degrees(joints: Sequence[Joint]) -> str:
-    """Say that the limits of a robot's revolute joints are in degrees, or that radians
-    were read as degrees.
+def odd_limits(joints: Sequence[Joint]) -> str:
+    """Say that the limits of a robot's revolute joints are in degrees, that radians were
+    read as degrees, or that a rail's are in millimetres.
 
     Returns
     -------
@@ -148,6 +150,12 @@ def limits_in_degrees(joints: Sequence[Joint]) -> str:
     found = [
         f"{quantity} ({', '.join(names)})" for quantity, names in what.items() if names
     ]
+    rails = {x.name: max(-x.lower, x.upper) for x in joints if x.name not in ranges}
+    if long := [x for x, reach in rails.items() if LONGEST < reach < _LONGEST_IN_MM]:
+        return (
+            f"limits of {', '.join(long)} reach {max(rails[x] for x in long):g} m and look"
+            " like millimetres: write metres"
+        )
     finite = [x for x in ranges.values() if np.isfinite(x)]
     if len(finite) > 1 and max(finite) < _RANGE_READ_AS_DEGREES:
         return (

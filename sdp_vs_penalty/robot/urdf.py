@@ -310,6 +310,13 @@ def coupling_elements(root: Any) -> list[Any]:
     return found
 
 
+def axes_left_out(root: Any) -> list[str]:
+    """List the moving joints without an <axis>, which then is 1 0 0, where most say theirs."""
+    moving = [x for x in root.findall("joint") if x.get("type") in _MOVING]
+    without = [str(x.get("name")) for x in moving if x.find("axis") is None]
+    return without if 2 * len(without) < len(moving) else []
+
+
 def not_read(couplings: Sequence[str]) -> str:
     """Say that couplings of links are not read; "" without any."""
     tree = "the arm is the tree of joints, without what couples its links besides"

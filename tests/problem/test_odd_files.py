@@ -1,6 +1,7 @@
 """What is said of a robot's file that no body or joint can have, and changes no
 estimate."""
 
+import re
 import warnings
 from dataclasses import replace
 
@@ -10,7 +11,7 @@ from arms import THREE, write_urdf
 
 from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.errors import Remark
-from sdp_vs_penalty.exporters.inertials import check_urdf, unit_remarks
+from sdp_vs_penalty.exporters.inertials import check_urdf, gravity_remarks, unit_remarks
 
 #: Of a ball of 2 kg about its centre [kg m^2].
 MOMENTS = (0.005, 0.0, 0.005, 0.0, 0.0, 0.005)
@@ -72,3 +73,53 @@ def test_a_robot_as_people_build_it_is_not_remarked_on(tmp_path):
     file = arm(tmp_path)
     assert remarks_on(file) == []
     assert np.all(load_problem(file).nominal_links[:, 0] > 0.0)
+
+
+#: What is changed in the text of an arm's file, and what is said of it.
+CHANGED = {
+    "a rail in mm": (
+        [
+            (
+                '<joint name="joint3" type="revolute"',
+                '<joint name="joint3" type="prismatic"',
+            )
+        ],
+        "limits of joint3 reach 150 m and look like millimetres",
+    ),
+    "an axis left out": ([], "joint2 without <axis>"),
+}
+
+
+@pytest.mark.parametrize("case", CHANGED)
+def test_a_mistake_of_a_joint_is_said(case, tmp_path):
+    changes, words = CHANGED[case]
+    file = arm(tmp_path, limits=(0.2, 150.0 if changes else 2.5, 2.0))
+    text = file.read_text()
+    for a, b in changes:
+        assert a in text
+        text = text.replace(a, b)
+    if not changes:
+        head, behind = text.split('<joint name="joint2"')
+        text = (
+            head + '<joint name="joint2"' + re.sub("<axis[^>]*>", "", behind, count=1)
+        )
+    file.write_text(text)
+    assert any(words in remark for remark in unit_remarks(file, check_urdf(file)))
+
+
+def test_round_numbers_that_all_links_share_hold_a_place(tmp_path):
+    moments = (1.0, 0.0, 1.0, 0.0, 0.0, 1.0)
+    axes = [replace(axis, mass=1.0, moments=moments) for axis in THREE]
+    file = write_urdf(tmp_path / "arm.urdf", "arm", axes, (0.2, 2.5, 2.0))
+    assert {"hold the place" in x.of_all for x in check_urdf(file)} == {True}
+
+
+@pytest.mark.parametrize("z", [9.81, -9.81])
+def test_gravity_upwards_of_an_mjcf_is_said(z, tmp_path):
+    file = tmp_path / "arm.xml"
+    file.write_text(
+        f'<mujoco><option gravity="0 0 {z}"/><worldbody><body name="b"><joint name="j"/>'
+        '<inertial pos="0 0 0.1" mass="1" diaginertia="0.01 0.01 0.01"/></body>'
+        "</worldbody></mujoco>"
+    )
+    assert bool(gravity_remarks(file)) is (z > 0.0)

@@ -21,10 +21,10 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
     with inertials.checkable(urdf) as file:
         checks = inertials.check_urdf(file)
         massless = inertials.massless_links(file)
-        units = inertials.unit_remarks(file, checks)
+        units = inertials.unit_remarks(file, checks) + inertials.gravity_remarks(urdf)
         verdict, *remarks = inertials.sentences(checks, massless, units)
         couplings = inertials.coupling_remarks(file, has_lines=file == urdf)
-        if units:
+        if any(x.startswith("Units") for x in units):
             verdict = f"{verdict[:-1]}; units are not m, kg and rad."
         console.say(verdict, style="bold")
         for remark in units:
