@@ -153,8 +153,18 @@ def log_of_arrays(
     more : dict
         Further fields of the log.
     """
+    from sdp_vs_penalty.data.words.names import rate_of_heading
+
     texts, columns = texts or {}, dict[str, Column]()
-    # One number beside columns, such as a period Ts, is none of them.
+    arrays = _one_after_the_other(arrays)
+    # Few numbers beside columns, such as a period Ts or gears' ratios, say what lines
+    # above a table do.
+    count = max((len(x) for x in arrays.values()), default=0)
+    heading = [
+        f"{name}: {' '.join(f'{y:.12g}' for y in np.ravel(x))}"
+        for name, x in arrays.items()
+        if x.size < min(ROWS_DESCRIBED, count)
+    ]
     has_columns = bool(texts) or any(x.size > 1 for x in arrays.values())
     arrays = {x: y for x, y in arrays.items() if y.size != 1 or not has_columns}
     for name, cells in texts.items():
@@ -193,7 +203,42 @@ def log_of_arrays(
         }
         return Values(chosen, rows, {x: gap for x, gap in missing.items() if gap.any()})
 
+    more = {"heading": heading, "rate": rate_of_heading(heading), **more}
     return Log(path, columns, read, rows_of_texts, **more)
+
+
+#: A word and the number behind it in a path, "demo_0/", "episodes/3/" and "runs[1].".
+_NUMBERED = re.compile(r"([^\W\d_]+)[ _/\[(-]*([0-9]+)[\])]*(?=[/._-])")
+
+
+def _one_after_the_other(arrays: Mapping[str, Array]) -> Mapping[str, Array]:
+    """Return the arrays of several runs, "demo_0/q" and "demo_1/q", one after the other,
+    with a column that counts the runs; arrays of one run as they are."""
+    from sdp_vs_penalty.data.words.names import counts_runs
+
+    runs = dict[str, dict[int, dict[str, Array]]]()
+    for name, array in arrays.items():
+        for match in _NUMBERED.finditer(name):
+            if counts_runs(match[1]):
+                of_number = runs.setdefault(name[: match.start(2)], {})
+                inner = name[match.end() + 1 :]
+                of_number.setdefault(int(match[2]), {})[inner] = array
+    several = max(runs.values(), key=len, default={})
+    if len(several) < 2:
+        return arrays
+    parts = [several[number] for number in sorted(several)]
+    together = dict[str, list[Array]]()
+    counts = [max(max(x.shape) for x in part.values()) for part in parts]
+    for name in set.intersection(*map(set, parts)):
+        blocks = [
+            x if len(x) == count else x.T
+            for x, count in zip((part[name] for part in parts), counts, strict=True)
+        ]
+        lengths = [*map(len, blocks)]
+        if lengths == counts and len({x.shape[1:] for x in blocks}) == 1:
+            together[name] = blocks
+    out = {x: np.concatenate(together[x]) for x in parts[0] if x in together}
+    return {**out, "episode_index": np.repeat(np.arange(float(len(parts))), counts)}
 
 
 #: How an empty cell of a column of texts is written.

@@ -35,8 +35,8 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
     """Refuse positions that cannot be this robot's, or are not in radians and metres.
 
     Each run is checked for a torque that is zero, velocities that are not the
-    derivative of the positions, positions of the motors instead of the joints,
-    positions far outside of the ranges, and joints that swing over many turns.
+    derivative of the positions, positions far outside of the ranges, and joints that
+    swing over many turns.
 
     Raises
     ------
@@ -47,7 +47,6 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
         _check_derivative(robot, run)
     for run in measurements.runs():
         check_torque(run)
-        _check_side(robot, run)
         far = far_outside(robot, run.q)
         smallest, largest = column_range(run.q)
         travels = largest - smallest
@@ -187,25 +186,6 @@ def check_torque(run: Measurements) -> None:
     if largest < threshold:
         what = f"no torque exceeds {largest:.2g} N m, less than any arm needs"
         raise InputError(what, "write torques in N m", run.names[0])
-
-
-def _check_side(robot: Robot, run: Measurements) -> None:
-    """Raise InputError where the positions are those of the motors: outside of the
-    joints' ranges, but inside once the robot's transmission is applied."""
-    transmission = robot.transmission
-    is_inside = is_in_ranges(robot, run.q)
-    if transmission is None or is_inside or beside_range(robot, run.q):
-        return
-    # Taken as motor positions q_m = A q + b, they give the joint positions q.
-    q = np.linalg.solve(transmission.matrix, (run.q - transmission.offset).T).T
-    if is_in_ranges(robot, q):
-        what = (
-            "the positions are those of the motors: through the transmission they are"
-            " in the ranges"
-        )
-        raise InputError(
-            what, "convert the log with `convert --motor-side`", run.names[0]
-        )
 
 
 def is_in_ranges(robot: Robot, q: np.ndarray) -> bool:

@@ -289,9 +289,9 @@ def channels_of(log: Log, choice: Choice) -> tuple[Log, Recognition]:
     if has_our_names(log.names):
         episode = None
         if len(ours) < len(log.columns):
-            from sdp_vs_penalty.data.words.loggers import episode_of
+            from sdp_vs_penalty.data.hypotheses.recognition import episode_of
 
-            episode = episode_of([x for x in log.columns if x not in ours])
+            episode = episode_of(log.columns, ours)
         order = _order(log, joints)
         return log, Recognition(
             ours,
@@ -387,12 +387,12 @@ def _as_chosen(log: Log, choice: Choice) -> tuple[Log, Recognition]:
     each joint.
     """
     from sdp_vs_penalty.data.hypotheses.recognition import (
+        episode_of,
         find_clock,
         units_of_chosen,
         with_torque,
     )
     from sdp_vs_penalty.data.hypotheses.renaming import expanded
-    from sdp_vs_penalty.data.words.loggers import episode_of
 
     rename = choice.rename or {}
     if log.texts is not None and not {*rename.values()} <= {*log.names}:
@@ -433,7 +433,7 @@ def _as_chosen(log: Log, choice: Choice) -> tuple[Log, Recognition]:
             what = f"column {their_name} is taken as {channels}"
             raise InputError(what, "give --rename one column a channel", log.path)
     order = _order(log, choice.joints)
-    episode = episode_of([x for x in names if x not in rename.values()])
+    episode = episode_of(log.columns, rename.values())
     found = Recognition(rename, logger="", order=order, episode=episode)
     return log, units_of_chosen(found, log.columns)
 
@@ -642,21 +642,15 @@ def _aligned(
 
 def _stamps(log: Log, clock: Sequence[str], columns: Mapping[str, Array]) -> Array:
     """Return the stamps (N,) of a clock in one column or in parts (seconds and
-    nanoseconds; hours, minutes and seconds), in its own unit."""
+    nanoseconds), in its own unit."""
     is_time_of_day = any(log.columns[x].kind == "stamp" for x in clock)
     if len(clock) == 1 and not is_time_of_day:
         return np.ravel(columns[clock[0]])
     from sdp_vs_penalty.data.words.stamps import past_midnight, units_of_parts
 
-    for name in clock[:2] if len(clock) > 2 else ():
-        values = columns[name][np.isfinite(columns[name])]
-        if np.any(values != np.round(values)):
-            what = f"column {name} holds no whole numbers, as a time of day does"
-            remedy = "name the clock with `convert --rename t=NAME`"
-            raise InputError(what, remedy, log.path)
     parts = zip(units_of_parts(clock), clock, strict=True)
     stamps = np.sum([unit * np.ravel(columns[x]) for unit, x in parts], axis=0)
-    return past_midnight(stamps) if is_time_of_day or len(clock) > 2 else stamps
+    return past_midnight(stamps) if is_time_of_day else stamps
 
 
 # -- 4. SI units ----------------------------------------------------------------------
@@ -678,6 +672,7 @@ def _in_si(
     first = columns[groups["q"][0]]
     # A block can be (N, n) or (n, N): its longer side is that of the samples.
     count = max(first.shape) if first.ndim == 2 else len(first)
+    has_clock = choice.rate is None and t is not None
     if choice.rate is not None:
         t = np.arange(count) / choice.rate
     if t is None and first.size:
@@ -737,7 +732,8 @@ def _in_si(
         found = replace(found, said=(*found.said, *told))
     if found.episode and len(t) > 1:
         steps = np.diff(t)
-        apart = np.where(steps <= 0.0, 1.0 - steps, 0.0)
+        begins = steps <= 0.0 if has_clock else np.diff(columns[found.episode]) != 0.0
+        apart = np.where(begins, 1.0 - steps, 0.0)
         if apart.any():
             n_episodes = formatting.count(int(np.sum(apart > 0)) + 1, "episode")
             _remark(log, f"{n_episodes} one after the other, a second apart")

@@ -3,7 +3,7 @@ a careful one that names the row and column that is wrong. Read in pieces: memor
 numbers of the chosen columns and for one piece, however long the file.
 
 Texts of other forms are known by their first line: messages that `ros2 topic echo` has
-printed, JSON, and what KUKA's RSI sends.
+printed, and JSON.
 """
 
 import re
@@ -55,13 +55,13 @@ def read(path: Path) -> Log:
     try:
         table = inspect_table(path)
     except MarkupError as error:
-        from sdp_vs_penalty.data.formats import jsonl, ros_echo, rsi_xml
+        from sdp_vs_penalty.data.formats import jsonl, ros_echo
 
         if error.what.startswith("YAML"):
             return ros_echo.read(path)
-        return (jsonl if error.what.startswith("JSON") else rsi_xml).read_text(
-            path, error
-        )
+        if error.what.startswith("JSON"):
+            return jsonl.read_text(path, error)
+        raise
     return log_of_table(table)
 
 

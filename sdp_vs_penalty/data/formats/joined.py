@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty.data.formats import FILE_SEPARATOR, format_of, open_log
+from sdp_vs_penalty.data.hypotheses.orders import rises
 from sdp_vs_penalty.data.hypotheses.recognition import find_clock, recognise
 from sdp_vs_penalty.data.log import Column, Log, Values
 from sdp_vs_penalty.data.words.joints import match_joints
@@ -216,11 +217,9 @@ def _part(path: Path) -> _Part:
     names = list(columns)
     clock = find_clock(columns) or ""
     if names[0] == "#1":
-        # Without a header the first column is the clock where its values rise evenly, or
+        # Without a header the first column is the clock where its values rise, or
         # where it is the only column of a file called like "time.txt".
-        steps = np.diff(values["#1"])
-        is_clock = len(steps) > 0 and 0.0 < steps.max() < 10.0 * np.median(steps)
-        is_clock = is_clock and bool(steps.min() > 0.0)
+        is_clock = rises(values["#1"])
         if len(names) == 1:
             is_clock = quantity_of(path.stem) == "t"
         clock = "#1" if is_clock else ""

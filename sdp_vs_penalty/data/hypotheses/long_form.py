@@ -22,7 +22,7 @@ _CHANNEL_WORDS = {
     *("variable", "field", "signal", "channel", "key", "metric", "quantity", "tag"),
     *("measurement", "topic", "property", "item", "type", "name"),
 }
-_UNIT_WORDS = {"unit", "units", "einheit", "unidad", "unite"}
+_UNIT_WORDS = {"unit", "units", "uom", "einheit", "unidad", "unite"}
 _VALUE_WORDS = {"value", "values", "val", "reading"}
 #: Robots have no more joints, and logs no more channels.
 _MOST_JOINTS, _MOST_CHANNELS = 100, 1000

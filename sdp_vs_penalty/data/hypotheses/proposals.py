@@ -1,7 +1,7 @@
 """The command that names columns which nothing recognises: by their words as far as they
 go, else by their order."""
 
-import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -60,6 +60,10 @@ def lacking(
     if not how and log.names:
         pairs, scale = _propose(log, missing, None if joints is None else len(joints))
         how = _rename_remedy(log, missing, pairs, scale)
+        counts = Counter(map(group_of, pairs))
+        few = [counts[x] for x in ("q", "tau") if 1 < counts[x] < len(joints or ())]
+        if few:
+            how += f"; it names {min(few)} of the robot's {len(joints or ())} joints"
     how = how or "write numbers, a column or an array a channel (t, q, tau)"
     return InputError(f"{problem} (columns: {brief_names(log.names)})", how, log.path)
 
@@ -149,8 +153,7 @@ def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
     their order where exactly as many are left as groups.
     """
     by_pattern = families(log.names).values()
-    single = [x[0] for x in by_pattern if len(x) == 1]
-    alike = [_with_first(x, single) for x in by_pattern if len(x) > 1]
+    alike = [x for x in by_pattern if len(x) > 1]
     alike += [[name] for name, x in log.columns.items() if x.kind == "list"]
     of_group, unknown = dict[str, list[str]](), list[list[str]]()
     for columns in alike:
@@ -193,23 +196,6 @@ def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
             named = columns or list(of_name)
             pairs[group] = named[0] if len(named) == 1 else "NAME"
     return pairs
-
-
-def _with_first(columns: list[str], single: Sequence[str]) -> list[str]:
-    """Return columns that are numbered from 2 with the one numbered 1, which a rail has in
-    another unit, or by another word: a force beside torques."""
-
-    def number(name: str) -> int:
-        return int(re.findall("[0-9]+", name)[-1])
-
-    if number(columns[0]) != 2:
-        return columns
-    firsts = [x for x in single if number(x) == 1]
-    for quantity in (quantity_of(columns[0]), None):
-        of_quantity = [x for x in firsts if quantity_of(x) == quantity]
-        if len(of_quantity) == 1:
-            return [*of_quantity, *columns]
-    return columns
 
 
 def orders_of(

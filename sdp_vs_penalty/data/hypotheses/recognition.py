@@ -17,7 +17,9 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.hypotheses.channels import (
     BY_WORDS,
     UNSAID_CURRENT,
@@ -35,20 +37,20 @@ from sdp_vs_penalty.data.hypotheses.weighing import (
 )
 from sdp_vs_penalty.data.log import Column
 from sdp_vs_penalty.data.words.joints import hide_joints, in_order_of
-from sdp_vs_penalty.data.words.loggers import clock_of, episode_of, find_logger
+from sdp_vs_penalty.data.words.loggers import clock_of, find_logger
 from sdp_vs_penalty.data.words.names import (
     AMPERES,
     Meaning,
-    is_counter,
+    counts_runs,
+    facts_of_heading,
     read_bare_joint,
     read_commanded_torque,
-    read_letter,
     read_name,
     read_time_by_unit,
+    unit_of,
     units_of_heading,
 )
 from sdp_vs_penalty.data.words.stamps import (
-    find_time_of_day,
     find_two_parts,
     fraction_column,
     has_fraction,
@@ -123,26 +125,19 @@ def recognise(
         columns = columns_called(columns)
     usable = [name for name, x in columns.items() if x.kind != "text"]
     logger, said = find_logger(usable)
-    outputs = list[str]()
     if logger:
         choice = choose_sets(said, None)
         clock = clock_of(logger, usable) or find_clock(columns)
     else:
         # What a controller puts out counts where it has no feedback beside it.
-        outputs = [
+        usable = [
             x
             for x in usable
-            if _OUTPUT.search(x)
-            and any(_OUTPUT.sub(word, x) in usable for word in _FEEDBACK)
+            if not any(_OUTPUT.sub(y, x) in usable for y in _FEEDBACK)
+            or not _OUTPUT.search(x)
         ]
-        usable = [x for x in usable if x not in outputs]
         chosen = {name: columns[name] for name in usable}
         said, choice = _read_and_choose(chosen, joints)
-        if choice and all(map(is_current, _torques_of(choice))):
-            # Letters may be the joints' torques, which the arm weighs against currents.
-            letters = {x: y for x in usable if (y := read_letter(x))}
-            letters = {x: y for x, y in letters.items() if _says_nothing(said.get(x))}
-            choice = choose_sets(said | letters, len(joints) if joints else None)
         if choice is None:
             read = _read_or_commanded
             said, choice = _read_and_choose(chosen, joints, read)
@@ -174,9 +169,10 @@ def recognise(
     ]
     if any(map(read_commanded_torque, _torques_of(choice))):
         said_of.append("tau is what was commanded, for no other torque is there")
-    if outputs:
+    if "tau" not in choice.sets:
         said_of.append(
-            f"what the controller puts out as {_shortened(outputs)} is not used"
+            "no torque is in the file: log it as well, or identify the servos from their"
+            " commands with --known, such as a mass"
         )
     found = Recognition(
         pairs,
@@ -184,7 +180,7 @@ def recognise(
         torques={x.first_to_last: by_our_names("tau", x.columns) for x in torques},
         joints=joint_names,
         order=order,
-        episode=episode_of(list(columns)),
+        episode=episode_of(columns),
         has_other_joints=not is_known,
         inferred={"q": ANGLE} if choice.sets["q"].is_bare else {},
         said=tuple(said_of),
@@ -193,8 +189,17 @@ def recognise(
         of_unit = read_time_by_unit(clock)
         said |= {} if of_unit is None else {clock: of_unit}
     found = with_units(found, said, columns, logger, heading)
+    n = len(keys) if "" not in keys else columns[choice.sets["q"].columns[""]].width
+    found = with_facts(found, facts_of_heading(heading, n), n)
     found = replace(found, unsaid=_without_unit(found, said))
     return with_unit_of_clock(found, columns)
+
+
+def episode_of(columns: Columns, taken: Collection[str] = ()) -> str | None:
+    """Return the first column of numbers that counts runs, of those that are not taken;
+    None where there is none."""
+    names = (x for x, y in columns.items() if y.kind == "number" and x not in taken)
+    return next(filter(counts_runs, names), None)
 
 
 def _without_unit(found: Recognition, said: Mapping[str, Meaning]) -> frozenset[str]:
@@ -209,40 +214,18 @@ def _without_unit(found: Recognition, said: Mapping[str, Meaning]) -> frozenset[
     return frozenset({"q", "tau"} - has_unit)
 
 
-def _shortened(names: Sequence[str]) -> str:
-    """List columns for a message. A group whose names differ only by numbers is shown
-    by its first and its last."""
-    alike = dict[str, list[str]]()
-    for name in names:
-        alike.setdefault(re.sub("[0-9]+", "*", name), []).append(name)
-    shown = (x[0] if len(x) == 1 else f"{x[0]} .. {x[-1]}" for x in alike.values())
-    return ", ".join(shown)
-
-
 def find_clock(columns: Columns | Sequence[str]) -> str | None:
     """Find the column that holds a file's time stamps: "sec+nanosec" for a stamp in two
-    columns, "hour+minute+second" for a time of day; None without a clock.
+    columns; None without a clock.
 
     Among several, the best word wins ("time" before "tick"), then the name with the
     fewest other words. Where no name says it, the only column of stamps is the clock, or
     else an index without a name that rises in fractions, or else the only column of
-    unknown words that ends with a unit of time and rises ("run_minutes"), or a counter
-    that rises by the same in every row, and not by 1 ("tick").
+    unknown words that ends with a unit of time and rises ("run_minutes").
     """
     if not isinstance(columns, Mapping):
         columns = columns_called(columns)
     names = list(columns)
-    time_of_day = find_time_of_day(names)
-    # The first cells of hours and minutes are whole; a clock in minutes rises in fractions.
-    heads = [columns[x].head for x in time_of_day[:2]]
-    if time_of_day and all(np.all(x == np.round(x)) for x in heads):
-        # Another clock goes first, for its stamps may be finer; a date is none.
-        others = {x: c for x, c in columns.items() if x not in time_of_day}
-        other = find_clock(others) or ""
-        is_number = other in others and others[other].kind == "number"
-        head = others[other].head if is_number else np.zeros(0)
-        stands_still = len(head) > 0 and bool(np.all(head == head[0]))
-        return other if other and not stands_still else "+".join(time_of_day)
     if pair := find_two_parts(names):
         return "+".join(pair)
     said = {name: read_name(name) for name in names if columns[name].kind != "list"}
@@ -263,11 +246,6 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
             for x in names
             if not said.get(x) and read_time_by_unit(x) and _rises(columns[x])
         ],
-        [
-            x
-            for x in names
-            if is_counter(x) and _rises(columns[x]) and _is_even(columns[x])
-        ],
     )
     clock = min(clocks)[2] if clocks else None
     clock = clock or next((found[0] for found in weaker if len(found) == 1), None)
@@ -287,12 +265,6 @@ def _rises(column: Column, unit: float = 0.0) -> bool:
     is_whole = unit > 0.0 and not np.any(head % unit)
     rises = len(head) > 2 and bool(np.all(np.diff(head) >= 0.0)) and head[-1] > head[0]
     return bool(rises) and not is_whole
-
-
-def _is_even(column: Column) -> bool:
-    """Return whether the first numbers of a column rise by the same step, other than 1."""
-    steps = {*np.diff(column.head).tolist()}
-    return len(steps) == 1 and steps != {1.0}
 
 
 def _our_name(group: str, key: Hashable, number: int) -> str:
@@ -326,11 +298,6 @@ def _read_and_choose(
         choice = choose_sets(bare, n_joints, single)
         said = said if choice is None else bare
     return said, choice
-
-
-def _says_nothing(said: Meaning | None) -> bool:
-    """Return whether a name says nothing, or a clock with a number, "T1", which is none."""
-    return said is None or (said.quantity == "t" and said.number is not None)
 
 
 def _torques_of(choice: SetChoice) -> list[str]:
@@ -409,18 +376,29 @@ def with_units(
     groups, of_logger = by_group(found.rename), logger.get("units", {})
     in_heading = units_of_heading(heading)
     for group, pairs in groups.items():
-        named = {x: said[y] for x, y in pairs.items() if y in said and said[y].unit}
-        stated = {columns[x].unit.lower() for x in pairs.values() if x in columns}
+        named = {
+            x: (said[y].unit, said[y].factor)
+            for x, y in pairs.items()
+            if y in said and said[y].unit
+        }
+        for x in [x for x in pairs if named and x not in named]:
+            # "rail_pos_in" beside "arm_pos_deg": a word where no neighbour has a unit
+            if told := unit_of(re.split(r"[\W_]+", pairs[x])[-1], group):
+                named[x] = told
+        stated = {
+            x: told
+            for x, y in pairs.items()
+            if y in columns and (told := unit_of(columns[y].unit, group))
+        }
         unit, why, factors = "", "", dict[str, float]()
-        if len(stated) == 1 and stated <= {*UNITS, *SHARES}:
-            (unit,) = stated
+        if stated:
+            unit, factors = _joined(stated)
             why = "as the file's metadata say"
         elif group in of_logger:
             unit, why = of_logger[group], f"as {logger['name']} writes it"
         elif named:
-            unit = " and ".join(dict.fromkeys(x.unit for x in named.values()))
+            unit, factors = _joined(named)
             why = "the unit that its name ends with"
-            factors = {x: y.factor for x, y in named.items()}
         elif group in in_heading:
             unit, factor = in_heading[group]
             why, factors = "the lines above the table", dict.fromkeys(pairs, factor)
@@ -464,6 +442,51 @@ def with_units(
         said=(*remarks, *found.said),
         torque_unit=torque_unit,
     )
+
+
+#: Words of a line whose numbers are of joints, behind the gear.
+_AT_JOINTS = re.compile(r"(?i)\b(incl\w*|with|output|joint|gelenk|abtrieb)")
+
+
+def with_facts(
+    found: Recognition, facts: Mapping[str, tuple[list[float], str]], n: int
+) -> Recognition:
+    """Bring shares of rated torques, currents, and what n motors do behind gears, to joints
+    by the numbers that the lines above the table say (:func:`facts_of_heading`)."""
+    names = {x: " ".join(y.values()) for x, y in by_group(found.rename).items()}
+    are_of_motors = {x for x, text in names.items() if "motor" in text.lower()}
+    lines, factors = list[str](), dict[str, NDArray[Any]]()
+    kind = "constant" if found.torque_unit == "A" else "rated"
+    if found.torque_unit and kind in facts and SHARES.get(found.torque_unit, 1.0):
+        numbers, line = facts[kind]
+        factors["tau"] = SHARES.get(found.torque_unit, 1.0) * np.array(numbers)
+        lines.append(line)
+        is_of_motor = kind == "constant" or "motor" in line.lower()
+        are_of_motors |= {"tau"} if is_of_motor else set()
+        are_of_motors -= {"tau"} if _AT_JOINTS.search(line) else set()
+    is_torque = not found.torque_unit or "tau" in factors
+    if "ratio" in facts and is_torque:
+        ratios, line = np.array(facts["ratio"][0]), facts["ratio"][1]
+        for group in are_of_motors & {"q", "dq", "qcmd", "tau"}:
+            power = 1.0 if group == "tau" else -1.0
+            factors[group] = factors.get(group, 1.0) * ratios**power
+            lines = [*dict.fromkeys([*lines, line])]
+    for group, factor in factors.items():
+        own = np.array(found.factors(group, n))
+        found = found.with_factors(group, (own * factor).tolist())
+    if not factors:
+        return found
+    begins = tuple(f"{x} {y}" for x in factors for y in ("is ", "are the motors'"))
+    text = formatting.words([repr(x.strip("#/% ")[:80]) for x in lines])
+    said = f"{formatting.words([*factors])} of the joints in SI, as the lines above say: {text}"
+    kept = [x for x in found.said if not x.startswith(begins)]
+    return replace(found, said=(said, *kept), torque_unit="")
+
+
+def _joined(units: Mapping[str, tuple[str, float]]) -> tuple[str, dict[str, float]]:
+    """Return the units of columns as one text, and their factors to SI by our names."""
+    texts = dict.fromkeys(text for text, _ in units.values())
+    return " and ".join(texts), {x: factor for x, (_, factor) in units.items()}
 
 
 def _unknown_unit(names: Iterable[str], said: Mapping[str, Meaning]) -> str:
@@ -561,14 +584,9 @@ def joints_of_texts(texts: Sequence[str]) -> list[str]:
 
 
 def with_unit_of_clock(found: Recognition, columns: Columns) -> Recognition:
-    """Add the unit of a clock whose stamps are dates in that unit, say of a time of day
-    in several columns that the date is not read, and mark a unit that nothing says."""
+    """Add the unit of a clock whose stamps are dates in that unit, and mark a unit that
+    nothing says."""
     clock = found.rename.get("t", "")
-    if clock not in columns and clock.count("+") > 1:
-        said = (
-            "t is the time of day, of hours, minutes and seconds; the date is not read"
-        )
-        return replace(found, said=(*found.said, said))
     meaning = read_name(clock)
     is_stated = meaning is not None and bool(meaning.unit)
     is_stated |= "t" in {**found.scale, **found.units}

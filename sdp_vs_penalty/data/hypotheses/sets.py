@@ -4,6 +4,7 @@ from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from sdp_vs_penalty.data.words import table
 from sdp_vs_penalty.data.words.names import WORDS, Meaning
 from sdp_vs_penalty.data.words.tokens import n_common, split_tokens, starred
 
@@ -16,6 +17,8 @@ _LINK_WORDS = frozenset({"link", "joint", "arm", "load", "l", "j"})
 #: q_m beside q_l. Alone, q_m is what was measured.
 _MOTOR_SYMBOLS = {"qm": "q", "m": ""}
 _LINK_SYMBOLS = {"ql": "q", **dict.fromkeys(_LINK_WORDS, "")}
+#: Words of what a rail needs, beside the torques of other joints.
+_FORCES = frozenset(table()["forces"])
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,10 @@ def column_sets(
             groups.setdefault(key, []).append(name)
     sets = list[ColumnSet]()
     for (style, rank, others, n_words), names in groups.items():
+        if all(said[x].words and _FORCES.issuperset(said[x].words) for x in names):
+            continue  # a tool's, but for those that complete others
+        if style == "number":
+            names = _with_rails(names, of_quantity, others, n_joints)
         parts = [names]
         if not _columns_by_joint(style, names, said, n_joints):
             parts = _split(names, lambda x: frozenset(_SIDES & {*split_tokens(x)}))
@@ -104,6 +111,33 @@ def column_sets(
                 sets.append(found)
     sets = [replace(x, is_qualified=any(map(x.qualifies, sets))) for x in sets]
     return sorted(sets, key=lambda column_set: column_set.preference)
+
+
+def _with_rails(
+    names: list[str],
+    said: Mapping[str, Meaning],
+    others: tuple[str, ...],
+    n_joints: int | None,
+) -> list[str]:
+    """Return numbered columns with those of the numbers that they lack, which a unit or a
+    word for forces tells: those of a rail among turning joints."""
+    numbers = {said[x].number for x in names}
+    rails = [
+        x
+        for x, y in said.items()
+        if y.number not in {None, *numbers}
+        and y.other_words == others
+        and _FORCES.issuperset(y.words)
+    ]
+    is_open = (
+        len(names) < n_joints
+        if n_joints
+        else not _columns_by_joint("number", names, said)
+    )
+    together = [*names, *rails]
+    is_whole = n_joints in (None, len(together))
+    is_whole = is_whole and bool(_columns_by_joint("number", together, said))
+    return together if is_open and rails and is_whole else names
 
 
 _SIDES = {*_MOTOR_WORDS, *_LINK_WORDS, *_MOTOR_SYMBOLS}

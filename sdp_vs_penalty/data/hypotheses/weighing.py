@@ -105,10 +105,7 @@ def unit_of_angles(values: Array, kind: str = ANGLE) -> ColumnHypothesis:
         ColumnHypothesis("rad", 0.5, why, 1.0 if is_large else 1e3),
     ]
     if kind == SERVO and _TWO_TURNS < largest <= LARGEST_PERCENT:
-        why = (
-            "which the file does not say: `check` weighs them by the torques, `convert"
-            " --units q=deg` takes degrees"
-        )
+        why = "which the file does not say: `convert --units q=deg` takes degrees"
         answers.append(ColumnHypothesis(DEGREES_OR_PERCENT, 0.5, why, 1e6))
     return weigh(answers)
 

@@ -26,7 +26,11 @@ def find_logger(names: Sequence[str]) -> tuple[dict[str, Any], dict[str, Meaning
     """
     first = dict[str, Any](), dict[str, Meaning]()
     for logger in LOGGERS:
-        groups = {x: columns_of_pattern(logger.get(x), names) for x in _GROUPS}
+        groups = dict[str, dict[Hashable, str]]()
+        for x in reversed(_GROUPS):  # "action.elbow.pos" is no "{joint}.pos"
+            taken = {y for columns in groups.values() for y in columns.values()}
+            left = [y for y in names if y not in taken]
+            groups[x] = columns_of_pattern(logger.get(x), left)
         said = {
             name: Meaning(
                 group,
@@ -84,10 +88,3 @@ def columns_of_pattern(patterns: Any, names: Sequence[str]) -> dict[Hashable, st
 def as_list(value: Any) -> list[Any]:
     """Return what an entry of loggers.toml lists: nothing, one text, or several."""
     return [] if value is None else [value] if isinstance(value, str) else list(value)
-
-
-def episode_of(names: Sequence[str]) -> str | None:
-    """Return the first column that counts runs by the name that a known logger gives it;
-    None where there is none."""
-    known = [x for logger in LOGGERS for x in as_list(logger.get("episode"))]
-    return next((name for name in known if name in names), None)

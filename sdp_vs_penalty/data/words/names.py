@@ -4,6 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import zip_longest
 
 import numpy as np
 
@@ -26,6 +27,8 @@ _FILLERS, _JOINTS, _COUNTERS, _OTHERS, _COMMANDS = (
     frozenset(table()[name])
     for name in ("fillers", "joints", "counters", "others", "commands")
 )
+_RUNS = frozenset(table()["runs"])
+_INDICES = frozenset({"index", "idx", "id", "no", "nr", "number", "num"})
 #: Units of time that alone may mean anything else, such as a length or a minimum.
 _OTHER_SYMBOLS = ("s", "min", "mins", "h", "day")
 #: Units by which a torque is a current.
@@ -62,15 +65,15 @@ def is_no_measurement(name: str) -> bool:
     return not _OTHERS.isdisjoint(split_tokens(name))
 
 
-def is_counter(name: str) -> bool:
-    """Return whether a name says nothing but a counter, which may count time: "tick"."""
-    words = {*split_tokens(name)}
-    return bool(words & _COUNTERS) and words <= _COUNTERS | _FILLERS
-
-
 def is_word_for_joint(words: Sequence[str]) -> bool:
     """Return whether words mean a joint: "joint", "arm axis"."""
     return not _JOINTS.isdisjoint(words) and _FILLERS.issuperset(words)
+
+
+def counts_runs(name: str) -> bool:
+    """Return whether a name means a run among several: "demo_3", "trial index"."""
+    words = {x for x in split_tokens(name) if x.isalpha()}
+    return bool(words & _RUNS) and words <= _RUNS | _INDICES
 
 
 def read_name(name: str) -> Meaning | None:
@@ -138,13 +141,13 @@ def units_of_heading(lines: Sequence[str]) -> dict[str, tuple[str, float]]:
             found["q"] = match[2], 2.0 * np.pi / int(match[1])
         for word, text in _IN_UNIT.findall(line):
             quantity = _quantity(split_tokens(word)) or ""
-            if unit := _unit_of(text, quantity):
+            if unit := unit_of(text, quantity):
                 found.setdefault(quantity, unit)
         listed = _LIST_OF_UNITS.search(line)
         texts = re.split(r"[\s,;]+", listed[1].strip()) if listed else []
         for quantity in ("t", "q", "dq", "tau"):
             while texts and quantity not in found:
-                if unit := _unit_of(texts[0], quantity):
+                if unit := unit_of(texts[0], quantity):
                     found[quantity] = unit
                     texts = texts[1:]
                 elif quantity == "dq":
@@ -152,6 +155,51 @@ def units_of_heading(lines: Sequence[str]) -> dict[str, tuple[str, float]]:
                 else:
                     texts = []
     return found
+
+
+def facts_of_heading(
+    lines: Sequence[str], n: int
+) -> dict[str, tuple[list[float], str]]:
+    """Read numbers of n joints, or one of all, off the lines above a table, each with its
+    line: "rated" torques [N m], torque "constant"s [N m/A] and gears' "ratio"s, as in
+    "torque constants [Nm/A]: 0.12, 0.11" or "gear ratios = [101:1, 120:1]"."""
+    found = dict[str, tuple[list[float], str]]()
+    for line in lines:
+        marks = [*_facts().finditer(line)]
+        for mark, behind in zip_longest(marks, marks[1:]):
+            text = line[mark.end() : behind.start() if behind else None]
+            if ";" in text:  # the commas are decimal
+                text = re.sub(r"(?<=\d),(?=\d)", ".", text)
+            units = (unit_of(x, "tau") for x in re.findall(r"[^\W\d_]+", text))
+            factor = next((x for _, x in filter(None, units)), 1.0)
+            # Without remarks in brackets, names of joints ("A1=") and the 1 of "101:1".
+            for left_out in (
+                r"[\[(][^\[\]()]*[^\W\d][^\[\]()]*[\])]",
+                r"[^\W\d]\w*\s*=|(?<![\w.])[^\W\d]+[0-9]+",
+                r"(?<=\d):1(?![\d.])|(?<![\d.])1:(?=\d)",
+                *(
+                    rf"(?i)(?<![^\W\d]){x}(?![^\W\d])"
+                    for x in table()["facts"]["beside"]
+                ),
+            ):
+                text = re.sub(left_out, " ", text)
+            words = re.sub(r"[][()=:,;|{}]|(?<!\d)\.(?!\d)", " ", text).split()
+            if len(words) in (1, n) and all(map(_POSITIVE.fullmatch, words)):
+                numbers = [factor * float(x) for x in words]
+                found[mark.lastgroup or ""] = numbers * (n // len(words)), line
+    return found
+
+
+#: A number above zero.
+_POSITIVE = re.compile(r"(?=.*[1-9])[0-9]*\.?[0-9]+(?:e-?[0-9]+)?")
+
+
+@cache
+def _facts() -> re.Pattern[str]:
+    """Compile the pattern of the words for numbers a joint."""
+    words = table()["facts"]
+    kinds = (f"(?P<{x}>{'|'.join(words[x])})" for x in words if x != "beside")
+    return re.compile(rf"(?i)(?<![^\W_])(?:{'|'.join(kinds)})(?![^\W_])")
 
 
 #: A word and its unit, "positions in deg", "torque [Nm]"; units in a list.
@@ -163,23 +211,11 @@ _COUNTS_A_TURN = re.compile(
 _LIST_OF_UNITS = re.compile(r"(?i)\b(?:units?|einheiten|unités|unidades)\s*[:=]\s*(.+)")
 
 
-def _unit_of(text: str, quantity: str) -> tuple[str, float] | None:
+def unit_of(text: str, quantity: str) -> tuple[str, float] | None:
     """Return a unit of a quantity as the table of units writes it, with its factor."""
     units = units_in_names().get(quantity, {})
     known = {unit.casefold(): (unit, factor) for unit, factor in units.items()}
     return known.get(text.casefold())
-
-
-def read_letter(name: str) -> Meaning | None:
-    """Read a name that is a letter of torques and a number, "u_1", or the load
-    of a servo, as a torque that ranks
-    behind all names with a word; None for other names."""
-    letters, tokens = INITIALS["tau"].split(), split_tokens(name)
-    numbers = [x for x in tokens if x.isdigit()]
-    words = [x for x in tokens if x in letters or x not in (*numbers, *_FILLERS)]
-    if len(words) != 1 or words[0] not in letters or len(numbers) != 1:
-        return None
-    return Meaning("tau", len(WORDS["tau"]) + 1, number=int(numbers[0]))
 
 
 def read_commanded_torque(name: str) -> Meaning | None:

@@ -12,11 +12,14 @@ from sdp_vs_penalty.data.words import table
 LARGEST_PERCENT = 101.0
 #: Encoders count two to the power of so many a turn.
 ENCODER_BITS = range(10, 21)
-#: Units whose size a file does not say: shares of a rating, steps of an encoder.
-SHARES = (
-    *("%", "percent", "pct", "permil", "permille", "promille", "‰", "0.1%"),
-    *("ticks", "tick", "counts", "inc", "increments", "pulse", "pulses"),
-)
+#: Units whose size a file does not say: shares of a rating with their size, and steps of an
+#: encoder (0).
+SHARES: dict[str, float] = {
+    **dict.fromkeys(("%", "percent", "pct"), 1e-2),
+    **dict.fromkeys(("permil", "permille", "promille", "‰", "0.1%"), 1e-3),
+    **dict.fromkeys(("ticks", "tick", "counts", "inc", "increments"), 0.0),
+    **dict.fromkeys(("pulse", "pulses"), 0.0),
+}
 _PER_SECOND = ("{}/s", "{}/sec", "{}_s", "{} s", "{}_per_s", "{}_per_sec", "{}*s^-1")
 _BETWEEN = ("", " ", "_", ".", "*", "·", "-")
 
@@ -59,7 +62,8 @@ def telling_units(quantity: str) -> frozenset[str]:
     """Return the units of one quantity alone: by them a column that is called by its
     joint is known, "J1 [deg]". A length in "m" can be anything."""
     units = units_in_names()
-    others = {"q": {"m", "mm", "cm"}, "dq": {*units["q"]}, "tau": {"n", *SHARES}}
+    lengths = {"m", "mm", "cm", "in", "inch", "inches"}
+    others = {"q": lengths, "dq": {*units["q"]}, "tau": {"n", *SHARES}}
     return frozenset(units[quantity]) - others.get(quantity, {*units[quantity]})
 
 
@@ -128,4 +132,6 @@ def _pattern(unit: str) -> re.Pattern[str]:
     number_and_marks = r"[\W_]*(?P<number>[0-9]*)[\W_]*$"
     number_and_marks = "(?![0-9])" * (len(unit) == 1) + number_and_marks
     begin = f"(?:{behind_a_mark}|{at_a_capital})"
+    if unit == "in":  # a word where no bracket says a unit
+        begin = r"(?<=[\[(])"
     return re.compile(f"{begin}(?i:{re.escape(unit)}){number_and_marks}")

@@ -1,0 +1,98 @@
+"""Numbers a joint above a table, a rail's units, and several runs of one file."""
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.data.hypotheses.recognition import recognise
+from sdp_vs_penalty.data.log import log_of_arrays
+from sdp_vs_penalty.data.reading import run_of
+from sdp_vs_penalty.data.words.names import facts_of_heading
+
+FACTS = [
+    ("# rated torque [Nm]: 60 110", {"rated": [60.0, 110.0]}),
+    ("# Nennmomente in Nm: 60,5; 110,0", {"rated": [60.5, 110.0]}),
+    ("# Rated motor torque (Nm)\t60\t110", {"rated": [60.0, 110.0]}),
+    ("# Rated torque (0x6076) [Nm]: A1=60 A2=110", {"rated": [60.0, 110.0]}),
+    ("# torque constants incl. gear [Nm/A]: 14.2, 15.1", {"constant": [14.2, 15.1]}),
+    ("Kt 110 mNm/A, gear ratio 101", {"constant": [0.11] * 2, "ratio": [101.0] * 2}),
+    ("# gear_ratios = [101:1, 120:1]", {"ratio": [101.0, 120.0]}),
+    ("# gear ratio 1:100", {"ratio": [100.0, 100.0]}),
+    ("# max torque [Nm]: 60, 110", {}),
+    ("# gear ratios: 101, 120, 101", {}),
+    ("# gear ratios: see sheet 3 of 7", {}),
+]
+
+
+@pytest.mark.parametrize(("line", "said"), FACTS)
+def test_numbers_a_joint_are_read_off_a_heading(line, said):
+    found = {x: numbers for x, (numbers, _) in facts_of_heading([line], 2).items()}
+    assert found == {x: pytest.approx(y) for x, y in said.items()}
+
+
+RATIO, RATED, KT = "# gear ratios: 100, 50", "# rated torque [Nm]: 60, 30", "# kt: 2, 3"
+#: Names of positions and torques, lines above the table, and factors of both.
+USED = [
+    ("q_{}", "torque_{} [%]", [RATED], {"tau1": 0.6, "tau2": 0.3}),
+    ("q_{}", "torque_{} [%]", [RATIO], {}),
+    ("q_{}", "torque_{} [Nm]", [RATED, RATIO], {}),
+    ("q_{}", "current_{}", [KT], {"tau1": 2.0, "tau2": 3.0}),
+    ("q_{}", "current_{} [mA]", [KT, RATIO], {"tau1": 0.2, "tau2": 0.15}),
+    ("q_{}", "current_{}", ["# kt at the joint: 2, 3", RATIO], {"tau1": 2, "tau2": 3}),
+    ("q_{}", "motor_torque_{}", [RATIO], {"tau1": 100.0, "tau2": 50.0}),
+    (
+        "motor_pos_{}",
+        "motor_torque_{}",
+        [RATIO],
+        {"q1": 0.01, "q2": 0.02, "tau1": 100.0, "tau2": 50.0},
+    ),
+]
+
+
+@pytest.mark.parametrize(("q", "tau", "heading", "scale"), USED)
+def test_numbers_a_joint_make_torques_of_what_was_logged(q, tau, heading, scale):
+    names = ["time", *(x.format(k) for x in (q, tau) for k in (1, 2))]
+    found = recognise(names, heading=heading)
+    assert found.scale == {x: pytest.approx(y) for x, y in scale.items()}
+    assert bool(found.torque_unit) is ("[%]" in tau and not scale)
+
+
+@pytest.mark.parametrize("rail", [1, 3])
+def test_a_rail_stands_among_turning_joints(rail):
+    of = ["ft-lb", "lbf"], ["deg", "in"], ["Torque", "Force"]
+    names = ["time"]
+    for what in ("Position", ""):
+        for k in (1, 2, 3):
+            torque, angle, word = (x[k == rail] for x in of)
+            unit = angle if what else torque
+            names.append(f"J{k} {what or word} ({unit})")
+    found = recognise(names, ["a", "b", "c"])
+    assert [*found.rename.values()] == names
+    assert found.scale[f"q{rail}"] == 0.0254
+    assert found.scale[f"tau{rail}"] == pytest.approx(4.448222)
+
+
+@pytest.mark.parametrize(
+    "head", ["data/demo_{}/", "runs[{}].", "episodes/{}/", "run{}_"]
+)
+def test_runs_of_one_file_stand_one_after_the_other(head, tmp_path):
+    t, arrays = 0.01 * np.arange(50.0), {}
+    for k, shift in ((9, 0.0), (10, 1.0)):
+        inner = {"time": t, "joint_pos": np.sin(t)[:, None] + [shift, 0.0]}
+        inner["joint_torques"] = np.cos(t)[:, None] + [shift, 1.0]
+        arrays |= {head.format(k) + x: y for x, y in inner.items()}
+    run = run_of(log_of_arrays(tmp_path / "runs.h5", arrays))
+    assert run.t[[0, 49, 50, 99]] == pytest.approx([0.0, 0.49, 1.49, 1.98])
+    assert run.q[[0, 50], 0] == pytest.approx([0.0, 1.0])
+
+
+def test_joints_and_arms_are_no_runs(tmp_path):
+    arrays = {f"{x}{k}/pos": np.zeros(9) for x in ("joint", "arm") for k in (1, 2)}
+    assert [*log_of_arrays(tmp_path / "a.h5", arrays).columns] == [*arrays]
+
+
+def test_few_numbers_beside_columns_are_facts_too(tmp_path):
+    blocks = {x: np.ones((60, 2)) for x in ("q", "motor_torque")}
+    facts = {"gear_ratios": np.array([100.0, 50.0]), "dt": np.array([0.004])}
+    run = run_of(log_of_arrays(tmp_path / "log.npz", {**blocks, **facts}))
+    assert run.tau[0].tolist() == [100.0, 50.0]
+    assert run.t[1] == pytest.approx(0.004)
