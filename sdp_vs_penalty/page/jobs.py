@@ -284,7 +284,7 @@ def read(job: JobRequest) -> Answer:
                     part = _load_run(how, state.problem, path)
             each_once = {str(w.message): w.message for w in heard}.values()
             said = [remark for remark in each_once if isinstance(remark, Remark)]
-            remarks += [str(x) for x in said if not _maps_nothing(x)]
+            remarks += filter(None, map(_news_of, said))
             name = file["name"]
             if "scale" in how:
                 remarks.append(f"{name}: read by {how['scale']}, as runs like it.")
@@ -328,12 +328,15 @@ def read(job: JobRequest) -> Answer:
     return answer | {"read": read_so} | _judged(job, state, kept)
 
 
-def _maps_nothing(remark: Remark) -> bool:
-    """Return whether a reader says only that columns have our names."""
-    has_our_names = isinstance(remark, ColumnsRemark) and all(
-        ours == theirs for ours, theirs in remark.rename.items()
-    )
-    return has_our_names and "; " not in str(remark)
+def _news_of(remark: Remark) -> str:
+    """Return what a reader says, but that columns with our names are those."""
+    text = str(remark)
+    if not isinstance(remark, ColumnsRemark):
+        return text
+    file, _, said = text.partition(": ")
+    news = said.partition("; ")[2]
+    is_named_by_us = all(ours == theirs for ours, theirs in remark.rename.items())
+    return (f"{file}: {news}" if news else "") if is_named_by_us else text
 
 
 def _columns_tried(rename: str, columns: Sequence[str]) -> dict[str, str]:

@@ -252,13 +252,12 @@ def _of_model(view: View) -> NextStep:
         known["more"] = f"{spoken(diagnosis.cause)} {more}"
         known["number"] = f"{of_model.text} Measured {measured_on(session)}"
         text = f"{of_model.word}. {_without_remedy(session, diagnosis)}"
-        if level == "bad":
-            label = "Choose other measurements"
-            return NextStep(text, label, "measure", opens="drop-runs", **known)
         if level != "good":
             step = _curve_to_add(session, diagnosis) or _motion_to_record(view)
             known["more"] = f"{known['more']} {step.text}"
-            known["other"] = _report(view)
+            label = "Choose other measurements"
+            others = NextStep("", label, "measure", opens="drop-runs")
+            known["other"] = others if level == "bad" else _report(view)
             return replace(step, text=text, **known)
     test = NextStep(text, "Test it on a new run", "measure", opens="drop-runs")
     if "report.html" in session.taken:

@@ -11,6 +11,7 @@ from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.model_step import level_of
 from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.spoken import with_whole_amounts
 from sdp_vs_penalty.page.view import Stage, View, identified, requires_model
 from sdp_vs_penalty.results.table import Table
 
@@ -110,7 +111,7 @@ def _lacking(session: Session, name: str, record: dict[str, Any], worse: str) ->
     count = formatting.count(record["n_lost"], "effect")
     worst = record["worst"].rstrip(".")
     text = f"Without {count}: {worst[:1].lower()}{worst[1:]}."
-    draw.tag("p", f"{text} {worse}".rstrip(), "worst")
+    draw.tag("p", with_whole_amounts(f"{text} {worse}".rstrip()), "worst")
     with draw.details("What it cannot hold", f"lacks-{name}"):
         draw.note(f"{formatting.sentence(record['lost'])}.")
     if "again" in record:
