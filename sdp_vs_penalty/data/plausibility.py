@@ -35,8 +35,7 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
     """Refuse positions that cannot be this robot's, or are not in radians and metres.
 
     Each run is checked for a torque that is zero, velocities that are not the
-    derivative of the positions, positions far outside of the ranges, and joints that
-    swing over many turns.
+    derivative of the positions, and positions far outside of the ranges.
 
     Raises
     ------
@@ -47,14 +46,8 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
         _check_derivative(robot, run)
     for run in measurements.runs():
         check_torque(run)
-        far = far_outside(robot, run.q)
-        smallest, largest = column_range(run.q)
-        travels = largest - smallest
-        for j in range(robot.n):
-            if j in far:
-                raise _outside_its_range(robot, run, j)
-            if _swings_too_far(robot.joints[j], run.q[:, j], float(travels[j])):
-                raise _many_turns(run, j, float(travels[j]))
+        for j in far_outside(robot, run.q):
+            raise _outside_its_range(robot, run, j)
 
 
 def _outside_its_range(robot: Robot, run: Measurements, j: int) -> InputError:
@@ -87,29 +80,6 @@ def _beyond_range(joint: Joint, q: np.ndarray) -> np.ndarray:
     """Return by how much positions q (N,) are outside a joint's range [rad, m]; negative
     inside."""
     return np.maximum(joint.lower - q, q - joint.upper)
-
-
-def _swings_too_far(joint: Joint, q: Array, travel: float) -> bool:
-    """Tell whether a revolute joint without limits swings over more than eight turns
-    and back.
-
-    That looks like degrees. A shaft that goes on turning ends far from where it began.
-    """
-    is_free = joint.kind == "revolute" and not np.isfinite(joint.upper - joint.lower)
-    if not is_free or travel <= 8.0 * math.tau:
-        return False
-    return bool(abs(q[-1] - q[0]) < 0.5 * travel)
-
-
-def _many_turns(run: Measurements, j: int, travel: float) -> InputError:
-    """Return the error of joint j (from 0), which swings over ``travel`` [rad], many
-    turns."""
-    row = int(np.argmax(np.abs(run.q[:, j])))
-    where = f"{_place(run, row)}, column q{j + 1}"
-    what = f"joint {j + 1} swings through {travel / math.tau:.0f} turns"
-    return RepairableError(
-        f"{what}: positions look like degrees", f"convert to radians{_MOTORS}", where
-    )
 
 
 def find_idle_joints(robot: Robot, measurements: Measurements) -> dict[str, float]:

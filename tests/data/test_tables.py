@@ -109,7 +109,6 @@ epoch=/js/header/stamp/sec; ns=/js/header/stamp/nanosec; q=q_{}; tau=tau_{}
 @2024-05-01T12:00:{} CEST=datum; q=q_{}; tau=tau_{}
 @2024-05-01 12:00:{} GMT=datetime; q=q_{}; tau=tau_{}
 @2024-05-01T12:00:{}+02:00[Europe/Berlin]=; q=q_{}; tau=tau_{}
-@20240501T1200{}=recorded; q=q_{}; tau=tau_{}
 @01-May-2024 12:00:{}=; q=q_{}; tau=tau_{}
 @Wed May 01 12:00:{} 2024=recorded; q=q_{}; tau=tau_{}
 @2024/05/01/12:00:{}=datum; q=q_{}; tau=tau_{}

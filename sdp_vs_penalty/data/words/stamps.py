@@ -22,13 +22,10 @@ _DATE = (
 )
 #: Hours, minutes and seconds; minutes and seconds with a fraction, as spreadsheets show.
 _CLOCK = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,:;]\d+)?)?|\d{1,3}:\d{2}[.,]\d+"
-#: Dates and times without marks, 20240501T120000.5: they need the T between them.
-_PLAIN = r"\d{8}T\d{6}(?:[.,]\d+)?"
 #: A zone's letters other than UTC's are those of the place: its offset is not known.
 _ZONE = r"Z|UTC|GMT|[+-]\d{2}(?::?\d{2})?|[A-Z]{3,4}"
 _STAMP = re.compile(
-    rf"(?:(?:(?P<date>{_DATE})(?:[T/_]|,? +)|(?P<days>\d+) days?,? +)?(?P<clock>{_CLOCK})"
-    rf"|(?P<plain>{_PLAIN}))"
+    rf"(?:(?P<date>{_DATE})(?:[T/_]|,? +)|(?P<days>\d+) days?,? +)?(?P<clock>{_CLOCK})"
     rf"(?: ?(?P<half>[AaPp]\.?[Mm]\.?))?(?: ?(?P<zone>{_ZONE}))?(?:\[[\w/+-]+\])?(?: \d{{4}})?"
 )
 
@@ -42,7 +39,7 @@ def is_stamp(text: str) -> bool:
 def has_fraction(text: str) -> bool:
     """Return whether a stamp says more than whole seconds: 12:00:00.005."""
     match = _STAMP.fullmatch(text.strip())
-    clock = "" if match is None else match["clock"] or match["plain"]
+    clock = "" if match is None else match["clock"]
     return bool(re.search(r"[.,;]\d+$|:\d+:\d+:\d+$", clock))
 
 
@@ -138,10 +135,7 @@ def _parse(text: str) -> tuple[datetime.date | None, float]:
     match = _STAMP.fullmatch(text)
     if match is None:
         raise wrong
-    date, clock, plain = match["date"] or "", match["clock"], match["plain"]
-    if plain:  # without marks: 20250501T120000.005
-        date = f"{plain[:4]}-{plain[4:6]}-{plain[6:8]}"
-        clock = f"{plain[9:11]}:{plain[11:13]}:{plain[13:]}"
+    date, clock = match["date"] or "", match["clock"]
     parts = re.split(r"[:;.,]", clock)
     if re.fullmatch(r"\d+:\d+[.,]\d+", clock):
         parts = ["0", *parts]  # minutes and seconds
