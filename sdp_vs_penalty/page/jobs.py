@@ -534,37 +534,43 @@ def _columns_of(
         if len(report.rows) < len(q) + len(tau):
             return None  # no choice gives every joint a column
         guessed = _guessed(report, ["t", *q, *tau], dq)
+        sketches = _sketches(path, report)
         return {
             "columns": [row.name for row in report.rows],
             "cells": [", ".join(row.first_cells[:3]) for row in report.rows],
             "units": [row.unit for row in report.rows],
-            "sketches": _sketches(path, report),
+            "sketches": sketches,
             "chosen": {"rate": "", **{x: guessed[x] for x in ("t", *q, *dq, *tau)}},
-            "torques": taken.torques if taken else _blocks(report, guessed, tau),
+            "torques": taken.torques
+            if taken
+            else _blocks(sketches, report, guessed, tau),
         }
     return None
 
 
 def _blocks(
-    report: ColumnReport, guessed: Mapping[str, str], tau: Sequence[str]
+    sketches: Sequence[Answer],
+    report: ColumnReport,
+    guessed: Mapping[str, str],
+    tau: Sequence[str],
 ) -> dict[str, dict[str, str]]:
     """Return the blocks of columns without a name that may be the torques, the guessed one
-    first, each by its place with the columns by our names; none where there is one only."""
+    first, each by its place and its largest number, with the columns by our names; none
+    where there is one only."""
     names = [row.name for row in report.rows]
     taken = [column for ours, column in guessed.items() if column and ours not in tau]
     free = [x for x in names if x not in taken]
     n = len(tau)
-    if len(free) % n or not all(name[:1] == "#" for name in names):
+    if len(free) % n or len(free) == n or not all(name[:1] == "#" for name in names):
         return {}
-    blocks = [free[k : k + n] for k in range(0, len(free), n)]
-    return {
-        f"columns {block[0]} to {block[-1]}": {
-            **guessed,
-            **dict(zip(tau, block, strict=True)),
-        }
-        for block in blocks
-        if len(blocks) > 1
-    }
+    blocks = {}
+    for block in (free[k : k + n] for k in range(0, len(free), n)):
+        found = [sketches[names.index(name)] for name in block]
+        sizes = [abs(one[end]) for one in found if one for end in ("low", "high")]
+        largest = formatting.number(max(sizes, default=0.0))
+        name = f"columns {block[0]} to {block[-1]}, up to {largest}"
+        blocks[name] = {**guessed, **dict(zip(tau, block, strict=True))}
+    return blocks
 
 
 #: Points of a column's sketch, and its height.

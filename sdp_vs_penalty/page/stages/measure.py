@@ -248,10 +248,9 @@ def _mapping(session: Session, mapping: dict[str, Any]) -> None:
     if not mapping["run"] and mapping["torques"]:
         draw.tag("p", "Which of these blocks is the torque? Read with it:")
         with draw.tag("div", style="row"):
-            for name, block in mapping["torques"].items():
+            for name in mapping["torques"]:
                 take = partial(session.start, session.read_mapped, columns, name)
-                text = f"{formatting.sentence(name)}: {_range_of(mapping, block)}"
-                draw.button(text, take, f"block-{k}-{name}")
+                draw.button(formatting.sentence(name), take, f"block-{k}-{name}")
     begin = "Nothing was recognised."
     if any(mapping["chosen"].values()):
         begin = "Filled in with what is recognised, or by their order: look at it."
@@ -301,18 +300,6 @@ _GROUPS = {
     "dq": "Velocities, if logged",
     "tau": "Torques [N m, N or A]",
 }
-
-
-def _range_of(mapping: dict[str, Any], block: dict[str, str]) -> str:
-    """Say how large the numbers are that a block of columns has for torques."""
-    places = [
-        mapping["columns"].index(theirs)
-        for ours, theirs in block.items()
-        if group_of(ours) == "tau"
-    ]
-    found = [mapping["sketches"][place] for place in places]
-    sizes = [abs(one[end]) for one in found if one for end in ("low", "high")]
-    return f"up to {formatting.number(max(sizes, default=0.0))}"
 
 
 def _column(mapping: dict[str, Any], place: int) -> str:
