@@ -32,6 +32,8 @@ def test_numbers_a_joint_are_read_off_a_heading(line, said):
 RATIO, RATED, KT = "# gear ratios: 100, 50", "# rated torque [Nm]: 60, 30", "# kt: 2, 3"
 #: Names of positions and torques, lines above the table, and factors of both.
 USED = [
+    ("q_{}", "torque_{} [% of 50 Nm]", [], {"tau1": 0.5, "tau2": 0.5}),
+    ("q_{}", "torque_{} (‰ of 2 mNm)", [], {"tau1": 2e-6, "tau2": 2e-6}),
     ("q_{}", "torque_{} [%]", [RATED], {"tau1": 0.6, "tau2": 0.3}),
     ("q_{}", "torque_{} [%]", [RATIO], {}),
     ("q_{}", "torque_{} [Nm]", [RATED, RATIO], {}),

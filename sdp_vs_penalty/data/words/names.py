@@ -83,6 +83,12 @@ def read_name(name: str) -> Meaning | None:
     A unit at the name's end is split off first; it counts where it is a unit of the
     quantity that the remaining words say.
     """
+    if match := _SHARE_OF.search(name):  # "torque_2 [% of 60 Nm]"
+        said = _read_words(split_tokens(name[: match.start()]))
+        rated = unit_of(match[3], "tau")
+        if said is not None and said.quantity == "tau" and rated is not None:
+            factor = SHARES[match[1].lower()] * float(match[2]) * rated[1]
+            return replace(said, unit=match[0], factor=factor)
     for unit in units_of_name(name):
         said = _read_words(split_tokens(unit.remainder))
         if said is not None and said.quantity == unit.quantity:
@@ -91,6 +97,13 @@ def read_name(name: str) -> Meaning | None:
         if by_unit is not None:
             return by_unit
     return _read_words(split_tokens(name))
+
+
+#: A share of a torque that its unit says.
+_SHARE_OF = re.compile(
+    r"(?i)(%|percent|pct|permil|permille|promille|‰)[ _](?:of|von)[ _]"
+    r"([0-9]*\.?[0-9]+) ?([^\W\d][\w·*]*)"
+)
 
 
 def quantity_of(name: str) -> str | None:
