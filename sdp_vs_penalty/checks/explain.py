@@ -277,6 +277,9 @@ def issue_of_difference(
             effect = _RIVALS.get(hypothesis.kind, effect)
         if effect:
             rivals.append(effect)
+    if h.kind == "encoder offset" and h.joints == (log.n - 1,):
+        # A load is put on anew from run to run, and a zero is not set.
+        rivals.insert(0, "what that joint carries, turned as much about its axis")
     return _of_claim(
         claim,
         rivals,

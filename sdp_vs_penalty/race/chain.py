@@ -72,8 +72,6 @@ class LogTransform:
     gravity: tuple[float, ...]
     #: Share of the arm's weight that each torque lacks [-].
     lacks: Numbers
-    #: How much farther a joint is from the one before than the problem says [m].
-    longer: Numbers
     #: Largest torque over an amplifier's limit [-].
     bend: Numbers
     #: Largest torque of a drive, in the place of commands beyond it [N m, N]; 0: any.
@@ -98,7 +96,7 @@ class LogTransform:
         """Return the repair that changes nothing of n joints under a gravity in the
         base frame [m/s^2]."""
         in_order = tuple(range(n))
-        names = "zero", "lead", "lag", "lacks", "longer", "bend", "limit", "carried"
+        names = "zero", "lead", "lag", "lacks", "bend", "limit", "carried"
         numbers: dict[str, Any] = dict.fromkeys(names, (0.0,) * n)
         numbers |= dict.fromkeys(("scale", "gain", "ratio"), (1.0,) * n)
         numbers |= {"gravity": gravity, "assumed": gravity}
@@ -299,9 +297,9 @@ class LogTransform:
     def apply(self, run: Measurements) -> Measurements:
         """Return the log repaired: order, scale, zero, gain, limit, delay and clock.
 
-        Gravity, missing weight, lengths, bends and events are what a model has to
-        assume: they change nothing of the log. Rows at the ends for which a delay
-        leaves no torque are dropped.
+        Gravity, missing weight, bends and events are what a model has to assume: they
+        change nothing of the log. Rows at the ends for which a delay leaves no torque are
+        dropped.
 
         Returns
         -------
@@ -309,7 +307,7 @@ class LogTransform:
             The run repaired; itself where nothing of the log changes.
         """
         unchanged = self.unchanged(self.n, self.gravity)
-        if self.with_defaults("lacks", "longer", "bend", "events") == unchanged:
+        if self.with_defaults("lacks", "bend", "events") == unchanged:
             return run
         t = run.t
         is_inside = (t + max(self.lead) <= t[-1]) & (t + min(self.lead) >= t[0])

@@ -26,7 +26,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.arm_fit import ArmFit, RepairedRows, orthonormal
-from sdp_vs_penalty.race.chain import LogEvent, LogTransform, Numbers, Order
+from sdp_vs_penalty.race.chain import LogEvent, LogTransform, Order
 from sdp_vs_penalty.race.constants import PARTS
 from sdp_vs_penalty.race.rows import RegressionData, on_robot
 from sdp_vs_penalty.regression.normal_equations import (
@@ -35,7 +35,7 @@ from sdp_vs_penalty.regression.normal_equations import (
     positive,
     solve,
 )
-from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.signals.filtered import joined
 
 #: Up to so many rows the columns of all repairs that a search proposes stay in memory:
@@ -295,23 +295,12 @@ class Likelihood:
         return columns
 
     @recent(12)
-    def _model(self, gravity: tuple[float, ...], longer: Numbers) -> Model | None:
-        """Return the model of the links, with a changed base and changed lengths.
-
-        gravity : of the base frame [m/s^2]; longer (n,) : by how much each joint is
-        farther from the one before it than the problem says [m]. None if the problem's
-        model has no parameters that joints share.
-        """
+    def _model(self, gravity: tuple[float, ...]) -> Model | None:
+        """Return the model of the links under a gravity of the base frame [m/s^2]; None if
+        the problem's model has no parameters that joints share."""
         if self.data.shared is None:
             return None
-        joints = list(self.problem.robot.joints)
-        for j in np.flatnonzero(longer).tolist():
-            placement = joints[j].placement.copy()  # (4, 4)
-            distance = nonzero_or_one(np.linalg.norm(placement[:3, 3]))
-            placement[:3, 3] *= 1.0 + longer[j] / distance
-            joints[j] = replace(joints[j], placement=placement)
-        robot = replace(self.problem.robot, gravity=gravity, joints=tuple(joints))
-        return on_robot(self.data.shared, robot)
+        return on_robot(self.data.shared, replace(self.problem.robot, gravity=gravity))
 
     def columns(self, repair: LogTransform, is_still: bool = False) -> Array:
         """Return the columns (n, M, p) of all p parameters of the links, linearly
@@ -341,10 +330,10 @@ class Likelihood:
         """Make the columns (n, M, p) of the links under each of several repairs, by the
         logged motors.
 
-        The repairs have the same gravity and the same lengths, so that one model makes
-        all columns, from the rows of all repaired motions one after the other.
+        The repairs have the same gravity, so that one model makes all columns, from the
+        rows of all repaired motions one after the other.
         """
-        model = self._model(arms[0].gravity, arms[0].longer)
+        model = self._model(arms[0].gravity)
         if model is None:
             return [np.zeros((self.n, self.data.count, 0)) for _ in arms]
         motions = [self.motion(arm, is_still) for arm in arms]
@@ -358,13 +347,13 @@ class Likelihood:
     def prepare_columns(self, repairs: Sequence[LogTransform]) -> None:
         """Compute and cache the columns of the links under all these repairs that are
         not cached yet, many motions at a time."""
-        missing: dict[tuple[tuple[float, ...], Numbers], list[LogTransform]] = {}
+        missing: dict[tuple[float, ...], list[LogTransform]] = {}
         for arm in dict.fromkeys(repair.arm_part for repair in repairs):
             if (arm, False) not in self._kept:
-                missing.setdefault((arm.gravity, arm.longer), []).append(arm)
+                missing.setdefault(arm.gravity, []).append(arm)
         size = max(1, ROWS_AT_A_TIME // self.data.count)
         for arms in missing.values():
-            model = self._model(arms[0].gravity, arms[0].longer)
+            model = self._model(arms[0].gravity)
             # An effect that remembers needs the rows of one motion by themselves.
             if model is None or any(effect.has_memory for effect in model.effects):
                 continue

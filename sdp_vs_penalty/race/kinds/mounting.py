@@ -10,7 +10,7 @@ from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import Fault, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Hypothesis
+from sdp_vs_penalty.race.records import Hypothesis, LogView
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
@@ -19,13 +19,11 @@ _EARTH = max(map(abs, STANDARD_GRAVITY))
 #: Step of the difference quotient by an angle, standard deviation beforehand, and the
 #: largest angle for which a first-order step is trusted [rad].
 _STEP, _SD, _FIRST_ORDER = 0.02, 0.3, 0.5
-#: Steps from the direction in which the nominal links would weigh.
-_STEPS = 3
+#: Most steps to first order towards the direction that leaves least.
+_STEPS = 5
 #: Shares of its weight that a controller subtracts from an arm that stands as assumed: all
 #: of it, or that of links as light as the nominal ones.
 _SUBTRACTED = (1.0, 0.8)
-#: Natural logarithm of the odds against a tilt beside an axis of the base: two angles.
-_ODDS_AGAINST_TILT = 3.0
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
@@ -52,20 +50,14 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         return
     # A direction that is claimed already is not another mistake.
     is_claimed = now.gravity != evidence.log.as_logged.gravity
-    odds = (0.0 if is_claimed else prior) - _ODDS_AGAINST_TILT
+    odds = 0.0 if is_claimed else prior
     yield _tilted(evidence, fit, odds)
     if not (fit.shares > c.BADLY).any():
         return
     nominal = _of_nominal_links(evidence, fit)
-    if gravity @ nominal > size * _EARTH * np.cos(_FIRST_ORDER):
-        return
-    far = fit
-    for _ in range(_STEPS):
-        view = replace(fit.view, chain=_with_gravity(now, nominal))
-        far = evidence.fit(view, fit.v)
-        skew = _tilted(evidence, far, odds)
-        nominal = np.array(skew.chain.gravity)
-    yield skew
+    if gravity @ nominal < size * _EARTH * np.cos(_FIRST_ORDER):
+        far = evidence.fit(_with_direction(fit.view, nominal), fit.v)
+        yield _tilted(evidence, far, odds)
 
 
 def _of_nominal_links(evidence: Evidence, fit: ViewFit) -> Array:
@@ -88,8 +80,27 @@ def _of_nominal_links(evidence: Evidence, fit: ViewFit) -> Array:
 
 
 def _tilted(evidence: Evidence, fit: ViewFit, odds: float) -> Hypothesis:
-    """Return Earth's gravity turned about the two axes across it, by the angles of a
-    first-order step; odds : prior log-odds."""
+    """Return Earth's gravity turned from that of a fit by steps to first order, until one
+    is shorter than bases are calibrated to; odds : prior log-odds, without the freedom of
+    two angles."""
+    for _ in range(_STEPS):
+        angles, occam, turned = _step(evidence, fit)
+        if np.linalg.norm(angles) < c.CALIBRATED:
+            break
+        fit = evidence.fit(_with_direction(fit.view, turned), fit.v)
+    away = np.linalg.norm(turned - np.array(evidence.log.as_logged.gravity))
+    return Hypothesis(
+        kind="gravity direction",
+        joints=(),
+        log_prior=odds + occam,
+        chain=_with_gravity(fit.chain, turned),
+        is_usual=bool(away < 2.0 * c.CALIBRATED * _EARTH),
+    )
+
+
+def _step(evidence: Evidence, fit: ViewFit) -> tuple[Array, float, Array]:
+    """Return the two angles (2,) [rad] across the gravity of a fit by which the arm leaves
+    least to first order, what their freedom costs, and gravity (3,) turned by them."""
     log, now = evidence.log, fit.chain
     gravity = np.array(now.gravity)
     size = float(np.linalg.norm(gravity))
@@ -99,18 +110,11 @@ def _tilted(evidence: Evidence, fit: ViewFit, odds: float) -> Hypothesis:
     left_tilted = [log.unexplained(chain, fit.links) for chain in chains]
     left = log.unexplained(now, fit.links)
     slopes = (left[:, :, None] - np.stack(left_tilted, axis=2)) / _STEP
-    angles, _ = evidence.score_test(fit, slopes, np.full(2, _SD))
+    angles, information = evidence.score_test(fit, slopes, np.full(2, _SD))
+    occam = -0.5 * float(np.sum(np.log1p(_SD**2 * information)))
     angles = np.clip(angles, -_FIRST_ORDER, _FIRST_ORDER)
     turned = gravity + size * angles @ across
-    turned *= size / np.linalg.norm(turned)
-    assumed = np.array(log.as_logged.gravity)
-    return Hypothesis(
-        kind="gravity direction",
-        joints=(),
-        log_prior=odds,
-        chain=_with_gravity(now, turned),
-        is_usual=bool(np.linalg.norm(turned - assumed) < 2.0 * c.CALIBRATED * size),
-    )
+    return angles, occam, turned * (size / np.linalg.norm(turned))
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
@@ -171,3 +175,8 @@ def _is_earths_gravity(size: float) -> bool:
 def _with_gravity(chain: LogTransform, g: Array) -> LogTransform:
     """Return the transform under another gravity g (3,) [m/s^2] in the base frame."""
     return replace(chain, gravity=tuple(g.tolist()))
+
+
+def _with_direction(view: LogView, g: Array) -> LogView:
+    """Return the view under another gravity g (3,) [m/s^2] of all rows."""
+    return replace(view, chain=_with_gravity(view.chain, g))

@@ -1,5 +1,5 @@
 """Joints that are elsewhere than the robot's kinematics say: encoders that count from another
-zero, and joints farther apart or nearer, along the line between them."""
+zero."""
 
 import operator
 from collections.abc import Callable, Iterator
@@ -25,37 +25,25 @@ from sdp_vs_penalty.race.records import Hypothesis, Number
 _LENGTH_OVER_ANGLE = 0.25
 #: Turns of joints that are set a quarter of a turn off, or more [rad].
 _QUARTERS = -np.pi / 2, np.pi / 2, np.pi
-#: Standard deviation beforehand of a zero and of a length, in radians or lengths that
-#: matter as much; of a joint that was set anew [rad].
-_SD, _SD_OF_LENGTH, _SD_OF_TURN = 0.3, 0.1, 1.5
+#: Standard deviation beforehand of a zero, in radians or lengths that matter as much; of a
+#: joint that was set anew [rad].
+_SD, _SD_OF_TURN = 0.3, 1.5
 
 
 def zero_number(log: Likelihood, j: int, sd: float = _SD) -> Number:
     """Return what is added to joint j's position [rad or m]."""
     if j not in log.revolute:
-        return _length(log, j, "zero", sd)
+        unit = length_like_a_radian(log)
+        usual = _LENGTH_OVER_ANGLE * c.CALIBRATED * unit
+        return Number("zero", (j,), sd * unit, usual, step=0.01 * unit)
     turns = (*_QUARTERS, -np.pi)
     return Number("zero", (j,), sd, c.CALIBRATED, widest=c.WIDEST, round_sizes=turns)
 
 
-def _length(log: Likelihood, j: int, field: str, sd: float = _SD_OF_LENGTH) -> Number:
-    """Return a length of joint j [m]: how much farther it is from the joint before
-    ("longer"), or its zero."""
-    unit = length_like_a_radian(log)
-    usual = _LENGTH_OVER_ANGLE * c.CALIBRATED * unit
-    return Number(field, (j,), sd * unit, usual, step=0.01 * unit)
-
-
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield each joint's distance from the joint before, and its encoder's zero, also
-    by turns of a quarter.
-    """
+    """Yield the zero of each joint's encoder, also by turns of a quarter."""
     log, now = evidence.log, fit.chain
     prior = prior_of_one_of(log.n)
-    for j, joint in enumerate(log.problem.robot.joints):
-        if j and joint.placement[:3, 3].any():
-            number = _length(log, j, "longer")
-            yield Hypothesis("link length", (j,), prior, now, number)
     for j in log.joints:
         number = zero_number(log, j)
         yield Hypothesis("encoder offset", (j,), prior, now, number)
@@ -84,22 +72,7 @@ def _turned(chain: LogTransform, j: int, turn: float) -> LogTransform:
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
-    """Yield a fault for each link length and each encoder's zero that is changed."""
-    for j in np.flatnonzero(chain.longer).tolist():
-        longer = chain.longer[j]  # [m]
-        where = "farther from" if longer > 0.0 else "nearer to"
-        yield Fault(
-            kind="link length",
-            joints=(j,),
-            what=f"joint {j + 1} is {_metres(abs(longer))} {where} joint {j} than in the"
-            " robot's kinematics.",
-            remedy="correct the kinematics, or choose the problem of the robot that was"
-            " logged",
-            without=chain.with_entries("longer", (j,), 0.0),
-            number=_length(log, j, "longer"),
-            in_words=_metres,
-            is_repairable=False,
-        )
+    """Yield a fault for each encoder's zero that is changed."""
     _, of_unit = position_unit.undone_unit(log, chain)
     middles = np.array([of_unit.get(j, (1.0, 0.0))[1] for j in range(log.n)])
     offsets = np.array(chain.zero) - middles  # [rad, m]; the zero is away by minus that
