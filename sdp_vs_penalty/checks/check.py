@@ -15,11 +15,10 @@ from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.checks import residual
 from sdp_vs_penalty.checks.certainty import READ, stated
 from sdp_vs_penalty.checks.constants import NO_DYNAMICS, NO_ROWS, RUN
-from sdp_vs_penalty.checks.dynamics import judge_dynamics, with_issues
+from sdp_vs_penalty.checks.dynamics import judge_dynamics
 from sdp_vs_penalty.checks.explain import NOT_REPAIRED
 from sdp_vs_penalty.checks.facts import channels, magnitude, mended, standing, stuck
 from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion
-from sdp_vs_penalty.checks.facts.repetition import find_overlaps
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import (
     FACT,
@@ -31,7 +30,7 @@ from sdp_vs_penalty.checks.issue import (
     no_surer,
 )
 from sdp_vs_penalty.checks.long_runs import issues_of_run, windows_of
-from sdp_vs_penalty.checks.position_units import degrees_or_motors, unit_as_fact
+from sdp_vs_penalty.checks.position_units import units_as_facts
 from sdp_vs_penalty.checks.report import Report
 from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
@@ -133,8 +132,6 @@ def check_runs(
     # A report for each window of each run; a run that is not long is one window.
     by_run = [_facts_of_windows(problem, run) for run in runs]
     windows = [*chain.from_iterable(by_run)]
-    for k, issue in find_overlaps([w.as_logged for w in windows]):
-        windows[k] = with_issues(windows[k], [issue])
     windows = judge_dynamics(problem, windows, races or HeldRaces())
     windows = [judge_ranges(problem, report, are_plausible) for report in windows]
     if thorough:
@@ -244,8 +241,6 @@ def judge_ranges(
     """
     issues = [*report.issues]
     explained = "encoder offset", *KINDS_OF_UNITS
-    if report.unexplained is not None:
-        issues = degrees_or_motors(issues)
     has_rows = len(report.repaired_all.t) >= RUN
     if has_rows and not any(f.kind in explained for f in issues):
         glance = RunSummary(report.repaired_all, problem)
@@ -272,13 +267,7 @@ def _with_range_error(
         impossible = error
     if any(f.kind in KINDS_OF_UNITS for f in issues):
         percent = radians_per_percent(problem.robot, run.q)
-        return [
-            unit_as_fact(f, impossible is not None, percent)
-            if f.kind in KINDS_OF_UNITS
-            else f
-            for f in issues
-            if f.kind != "quantisation"  # of the unit's steps
-        ]
+        return units_as_facts(issues, impossible is not None, percent)
     if impossible is None:
         return [*issues]
     far = far_outside(problem.robot, run.q)

@@ -8,27 +8,22 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks.certainty import likely, possible, told_by
-from sdp_vs_penalty.checks.constants import GAP, MOST_REPEATED, RUN, TIME_BACKWARDS
+from sdp_vs_penalty.checks.certainty import likely, told_by
+from sdp_vs_penalty.checks.constants import GAP, MOST_REPEATED, RUN
 from sdp_vs_penalty.checks.glance import CONTINUE, Rows, RunSummary, with_time_steps
 from sdp_vs_penalty.checks.issue import Issue, make_issue, rows_text
 from sdp_vs_penalty.checks.velocity import velocity_ratio
 from sdp_vs_penalty.data.files import is_last_row_first
 from sdp_vs_penalty.data.hypotheses.weighing import unit_of_dates
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.store import column_range
 from sdp_vs_penalty.data.stretches.gaps import is_set_back, order_of_time, spaced_evenly
 from sdp_vs_penalty.data.words.units import UNITS
-from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
-from sdp_vs_penalty.signals.runs import spans
 
 #: Time steps [s] of a log that somebody would identify from.
 _STEPS = (2e-5, 0.5)
 
 
-#: Fewest long steps in a row that are another rate, and not gaps.
-_SHORTEST_CHANGE_OF_RATE = 5
 #: Units of time that loggers write; spreadsheets and MATLAB's datenum count days.
 _UNITS = {
     "milliseconds": "ms",
@@ -39,34 +34,19 @@ _UNITS = {
     "hours": "h",
     "days": "day",
 }
-#: Rows from which the speed of a long run is taken.
-_ROWS_OF_SPEED = 100_000
-#: Positions are averaged over so much time before their travel is taken [s]: by a clock in
-#: minutes it is 0.6 s, in which most motions of an arm still go one way.
-_AVERAGED = 0.01
-#: Fewest rows of an average.
-_AVERAGED_ROWS = 5
-#: Averages in a stretch over which speed is taken: a tenth of a second.
-_AVERAGES = 10
+#: The usual time step of logs [s]: between that of 8 rows a second and of 8000 (logarithm).
+_USUAL = 4e-3
 #: Logged velocities confirm a factor of the clock that they match to this share: 60 and
 #: 180 / pi differ by more than twice as much.
 _CONFIRMED = 0.02
-#: Speed that the median joint of no arm reaches in a tenth of its time: three turns a
-#: second [rad/s].
-_FASTEST = 20.0
 
 
 def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
-    """Yield an error where the clock counts another unit than seconds, or a warning
-    where it may.
+    """Yield an error where the clock counts another unit than seconds.
 
     Time steps outside those of any log in seconds are an error. Of the units that bring
     the steps inside, the one is named in which the stamps are dates of today, or else
-    that makes the arm's speed nearest to 1 rad/s.
-
-    Usual time steps at which the arm would be faster than any are a warning without a
-    repair: minutes raise its speed 60 times, and positions in degrees 57 times. Where
-    logged velocities tell the two apart, minutes are an error as well.
+    that makes the steps nearest to usual ones.
 
     Parameters
     ----------
@@ -95,36 +75,19 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
         return
     is_usual_step = shortest <= glance.usual_step <= longest
     is_usual_on_the_whole = shortest <= (t[-1] - t[0]) / len(t) <= longest
-    if is_usual_on_the_whole and not is_usual_step:
-        # Stamps come in bursts, or were written with too few digits: on the whole the
-        # clock counts seconds.
+    # Stamps come in bursts, or were written with too few digits, where on the whole the
+    # clock counts seconds.
+    if is_usual_step or is_usual_on_the_whole:
         return
-    speed = _usual_speed(glance)
-    is_too_fast = speed > _FASTEST and _may_be_in_radians(glance)
-    if is_usual_step and not is_too_fast:
-        return
-    speeds = {name: _usual_speed(glance, factor) for name, factor in fits.items()}
-    expected = {
-        name: x or 1.0 / fits[name] for name, x in speeds.items() if x <= _FASTEST
-    }
-    if not expected:
-        return  # no arm is as fast in any other unit
-    unit = min(expected, key=lambda name: abs(np.log(expected[name])))
+    unit = min(fits, key=lambda x: abs(np.log(glance.usual_step * fits[x] / _USUAL)))
     factor = fits[unit]
     ratio = velocity_ratio(glance)
     if ratio is not None and abs(ratio - 1.0) < _CONFIRMED:
         return  # in seconds they are the derivative of the positions
     # The unit of the clock by the logged velocities, over that of the best name.
     share = None if ratio is None else 1.0 / (ratio * factor)
-    is_confirmed = share is not None and abs(share - 1.0) < _CONFIRMED
-    if is_usual_step and not is_confirmed:
-        yield _speed_warning(unit, factor, speed)
-        return
-    certainty = likely(
-        f"in seconds it were one row in {glance.usual_step:.3g} s of a motion at"
-        f" {speed:.2g} rad/s"
-    )
-    if share is not None and is_confirmed:
+    certainty = likely(f"in seconds it were one row in {glance.usual_step:.3g} s")
+    if share is not None and abs(share - 1.0) < _CONFIRMED:
         step = share * factor * glance.usual_step
         of_velocities = f"the logged velocities give {step:.5g} s from row to row"
         certainty = told_by(certainty.why, of_velocities)
@@ -140,72 +103,6 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
         apply=f"time:{_UNITS[unit]}",
         factor=factor,
     )
-
-
-def _speed_warning(unit: str, factor: float, speed: float) -> Issue:
-    """Return the warning that the arm would be faster than any.
-
-    unit : of the clock, if positions are in radians; factor : that unit [s];
-    speed : of the arm, if the clock counts seconds as well [rad/s].
-    """
-    return make_issue(
-        kind="time unit",
-        where="columns t and q",
-        what=f"time is in {unit}, or positions are in another unit than radians, such as"
-        f" degrees: in seconds and radians the arm would move at {speed:.2g} rad/s.",
-        certainty=possible("speed alone does not tell which of the two it is"),
-        remedy="find out which of the two it is",
-        changes=(
-            Change("read", f"read t in {unit}", {"scale": {"t": _UNITS[unit]}}),
-            Change("read", "read q in degrees", {"scale": {"q": "deg"}}),
-        ),
-        factor=factor,
-        speed=speed,
-    )
-
-
-def _usual_speed(glance: RunSummary, unit: float = 1.0) -> float:
-    """Return the speed of the faster tenth of the motion, of the median joint
-    [rad/s, m/s]; 0 of an arm that stands still, or of a run of few rows.
-
-    The speed in a stretch is the travel of averaged positions over the time it takes:
-    averages hold little of the encoder's noise, whose travel from row to row may be
-    far longer than the arm's. Of a long run evenly spaced stretches are taken.
-
-    unit : what the clock counts [s].
-    """
-    t = glance.run.t
-    if glance.usual_step == 0.0 or not glance.moving.any():
-        return 0.0
-    rows_averaged = max(_AVERAGED_ROWS, round(_AVERAGED / (glance.usual_step * unit)))
-    n_averages = min(_AVERAGES, len(t) // rows_averaged)
-    if n_averages < 2:
-        return 0.0
-    length = n_averages * rows_averaged  # rows of a stretch
-    count = max(1, min(len(t), _ROWS_OF_SPEED) // length)
-    first = np.linspace(0, len(t) - length, count).astype(int)
-    rows = first[:, None] + np.arange(length)  # (stretches, rows)
-    # A wrapped angle jumps by a turn, which is no travel.
-    q = np.unwrap(glance.run.q[rows][..., glance.moving], axis=1)
-    smooth = q.reshape(count, n_averages, rows_averaged, -1).mean(axis=2)
-    travel = np.abs(np.diff(smooth, axis=1)).sum(axis=1)  # (stretches, joints)
-    # From the middle of the first average to that of the last.
-    share = (n_averages - 1) * rows_averaged / (length - 1)
-    took = share * unit * np.abs(np.diff(t[rows], axis=1)).sum(axis=1)
-    speeds = travel[took > 0.0] / took[took > 0.0, None]
-    if speeds.size == 0:
-        return 0.0
-    return float(np.median(np.quantile(speeds, 0.9, axis=0)))
-
-
-def _may_be_in_radians(glance: RunSummary) -> bool:
-    """Return whether each moving joint stays within a turn of its zero, and swings
-    through less than a turn: else its angles may well be in degrees."""
-    smallest, largest = column_range(glance.run.q)
-    swing = largest - smallest
-    farthest = np.maximum(largest, -smallest)
-    is_within = np.maximum(swing, farthest) < 2.0 * np.pi
-    return bool(np.all(is_within[glance.moving]))
 
 
 def _goes_on(glance: RunSummary, rows: Indices) -> Rows:
@@ -236,9 +133,11 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
     bad = np.flatnonzero(glance.steps < 0.0)
     if not len(bad):
         return
-    severity = "error"
+    severity, how = "error", ""
     repair: Callable[[Measurements], Measurements]
     order = order_of_time(glance.run.t, glance.run.q)
+    seconds = float(-glance.steps[bad].min())
+    what = f"time goes back {formatting.times(len(bad))}, by up to {seconds:.3g} s."
     if is_last_row_first(glance.steps):
         how = "the last row comes first"
         remedy = "turn the order of the rows round"
@@ -255,20 +154,20 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
         repair = _without_rows_before
     else:
         severity = "warning"
-        how = "the clock was set back, for the motion continues without a break"
+        seen = "The motion continues without a break: the clock was set back."
         otherwise, step = CONTINUE, glance.usual_step
         if not _goes_on(glance, bad).all():
-            how = "several runs are in the file"
+            seen = "The motion breaks there: several runs are in the file."
             otherwise = "let each begin a second after the end of the one before"
             step = max(1.0, 50.0 * step)
+        what = f"{what} {seen}"
         remedy = f"no action needed: a run begins there (or {otherwise})"
         repair = partial(with_time_steps, where=glance.steps < 0.0, steps=step)
-    seconds = float(-glance.steps[bad].min())
     yield make_issue(
-        kind=TIME_BACKWARDS,
+        kind="time runs backwards",
         severity=severity,
         where=rows_text(glance.run, bad + 1),
-        what=f"time goes back {formatting.times(len(bad))}, by up to {seconds:.3g} s.",
+        what=what,
         cause=how,
         remedy=remedy,
         repair=repair,
@@ -354,52 +253,6 @@ def find_repeated_time(glance: RunSummary) -> Iterator[Issue]:
     )
 
 
-#: A slower rate is one whose steps are more than so many usual ones: shorter steps are rows
-#: that were lost here and there.
-_SLOWER_RATE = 3.0
-
-
-def find_changes_of_rate(glance: RunSummary) -> Iterator[Issue]:
-    """Yield a warning for each stretch in which the rows are a whole number of times
-    farther apart, steadily: the logger wrote every second or third row only.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
-    """
-    usual = glance.usual_step
-    for a, b, times in _slower_stretches(glance):
-        first, last = glance.run.rows_of_file([a, b]).tolist()
-        yield make_issue(
-            kind="change of rate",
-            where=f"rows {first} to {last}",
-            what=f"rows {first} to {last} are {times:.3g} times as far apart as the"
-            f" others ({times * usual:.3g} s instead of {usual:.3g} s).",
-            cause="the logger changed its rate",
-            remedy="log at one rate; the run is split there",
-            rows=[first, last],
-            times=times,
-        )
-
-
-def _slower_stretches(glance: RunSummary) -> Iterator[tuple[int, int, float]]:
-    """Yield the first step of each stretch at a slower rate, the one behind its last, and
-    how many times as long as usual its steps are."""
-    ratios = glance.steps / (glance.usual_step or np.inf)
-    is_whole = np.abs(ratios - np.round(ratios)) < 0.05 * ratios
-    for a, b in spans((ratios > _SLOWER_RATE) & is_whole):
-        times = float(np.median(ratios[a:b]))
-        is_steady = np.all(np.abs(ratios[a:b] - times) < 0.1 * times)
-        if b - a >= _SHORTEST_CHANGE_OF_RATE and is_steady:
-            yield a, b, times
-
-
 #: Stamps jitter where positions are so many times rougher over them than over the row
 #: numbers: noise makes them equally rough over both.
 _ROUGHER_OVER_TIME = 3.0
@@ -478,8 +331,6 @@ def find_time_jumps(glance: RunSummary) -> Iterator[Issue]:
     """
     shortest_pause = 0.02  # s
     is_long = glance.steps > max(GAP * glance.usual_step, shortest_pause)
-    for first, end, _ in _slower_stretches(glance):
-        is_long[first:end] = False
     long = np.flatnonzero(is_long)
     moves = glance.movement.moves
     in_motion = [bool(moves[max(k - 10, 0) : k + 11].all()) for k in long]

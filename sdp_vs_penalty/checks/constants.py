@@ -61,8 +61,6 @@ SAMPLES_A_PERIOD = 30.0
 EFFORT = (0.2, 3.0)
 
 # -- what a fact leaves to be judged
-#: Fact about the clock, a warning where it was set back: rules read rising stamps alone.
-TIME_BACKWARDS = "time runs backwards"
 #: Facts after which nothing is left to be judged.
 NO_ROWS = "no rows", "channel without numbers", "static poses"
 #: Facts after which no dynamics are judged: what they would say of the torques is theirs.
@@ -72,7 +70,6 @@ NO_DYNAMICS = (
     "too little data",
     "unusable rows",
     "torque magnitude",
-    "change of rate",
     "clock against velocity",
     "units of the problem",
 )

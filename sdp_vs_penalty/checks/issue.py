@@ -12,7 +12,6 @@ from sdp_vs_penalty.checks.certainty import (
     Certainty,
     told_by,
 )
-from sdp_vs_penalty.checks.constants import TIME_BACKWARDS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.race.fault import joints_text
@@ -39,6 +38,8 @@ class Issue(WritesJson):
     where: str
     #: What is wrong, in one sentence.
     what: str
+    #: What most likely made it so, in words: likely at most.
+    cause: str = ""
     #: How sure it is, "certain", "likely" or "possible", and why.
     certainty: Certainty = READ
     #: What to do, in one sentence.
@@ -79,10 +80,9 @@ class Issue(WritesJson):
     @property
     def is_stood_on(self) -> bool:
         """Whether other facts are as sure as they are on its repaired log: it is certain,
-        its cause included, or it is an error or a time that goes back, without whose
-        repair nothing can be read."""
-        is_sure = self.certainty.grade == CERTAIN and "cause" not in self.figures
-        return is_sure or self.severity == "error" or self.kind == TIME_BACKWARDS
+        its cause included, or it is an error, without whose repair nothing can be read."""
+        is_sure = self.certainty.grade == CERTAIN and not self.cause
+        return is_sure or self.severity == "error"
 
     @property
     def remedies(self) -> tuple[Remedy, ...]:
@@ -142,12 +142,13 @@ def make_issue(
     where = where or joints_text(joints)
     numbers = {} if joints is None else {"joints": [int(j) + 1 for j in joints]}
     if cause:
-        what, figures = f"{what} Likely cause: {cause}.", {**figures, "cause": cause}
+        what = f"{what} Likely cause: {cause}."
     return Issue(
         kind=kind,
         severity=severity,
         where=where,
         what=what.replace("{where}", where),
+        cause=cause,
         certainty=certainty,
         remedy=remedy,
         repair=repair,

@@ -3,73 +3,93 @@ question where neither does and no name says it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.checks.certainty import likely, possible, stated, told_by
-from sdp_vs_penalty.checks.facts.channels import IN_RANGE_AS_DEGREES
 from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue, make_issue
 from sdp_vs_penalty.data.plausibility import far_outside
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
-from sdp_vs_penalty.race.kinds.position_unit import as_likely_as_radians
+from sdp_vs_penalty.race.kinds.position_unit import KINDS_OF_UNITS, as_likely_as_radians
 from sdp_vs_penalty.results.remedy import Change
 
-
-def degrees_or_motors(issues: Sequence[Issue]) -> list[Issue]:
-    """Return the issues of a run whose torques were judged, in which degrees that the
-    ranges tell are certain; where the torques show a factor beside them, they may be the
-    angles of motors behind gears, and their ratios are asked for instead."""
-    of_gears = "position scale", "gear ratio"
-    ranges = "outside the joints' ranges, inside them as degrees"
-    sure = told_by(ranges, "the torques confirm it")
-    settled: dict[str, Any] = {"certainty": sure, "apply": ""}
-    kept = [*issues]
-    if any(f.kind in of_gears for f in issues):
-        settled = {
-            "kind": "position unit not said",
-            "what": "the positions are in degrees, or the motors' behind gears: read in"
-            " degrees, they leave the torques a factor that gears have.",
-            "certainty": possible("inside the joints' ranges by any such factor"),
-            "remedy": "give each joint's gear ratio, or the unit of its positions",
-            "repair": None,
-            "apply": "",
-            "changes": (Change("read", "read q in its unit", {"scale": {"q": ""}}),),
-        }
-        kept = [f for f in issues if f.kind not in of_gears]
-    is_open = [f.certainty is IN_RANGE_AS_DEGREES for f in kept]
-    if not any(is_open):
-        return [*issues]
-    return [
-        replace(f, **settled) if x else f for f, x in zip(kept, is_open, strict=True)
-    ]
+#: What confirms that positions which no joint reaches are in a unit, by the kind of issue.
+_INSIDE_AS = {
+    "positions in degrees": "degrees",
+    "position unit": "degrees",
+    "positions in per cent": "per cent",
+    "positions in mm": "millimetres",
+}
+#: Factors that gears have.
+_OF_GEARS = "position scale", "gear ratio"
 
 
-def unit_as_fact(
-    issue: Issue, is_impossible: bool, percent: Mapping[int, tuple[float, float]] | None
-) -> Issue:
-    """Return the issue in which unit positions are as an error: the joints' ranges
+def units_as_facts(
+    issues: Sequence[Issue],
+    is_impossible: bool,
+    percent: Mapping[int, tuple[float, float]] | None,
+) -> list[Issue]:
+    """Return the issues of a run in which units of positions are errors: the joints' ranges
     confirm what the torques suggest, or the torques alone tell it.
+
+    Where the torques show a factor of gears beside a unit, impossible positions may be the
+    angles of motors: their ratios are asked for instead.
 
     is_impossible : whether the positions are as logged; percent : radians per cent of each
     joint's range and its middle, where they may be that; then degrees are not certain,
     and both commands are named.
     """
+    has_gears = is_impossible and any(f.kind in _OF_GEARS for f in issues)
+    settled = list[Issue]()
+    for issue in issues:
+        if issue.kind not in KINDS_OF_UNITS:
+            # Quantisation is that of the unit's steps.
+            if issue.kind != "quantisation" and not (
+                has_gears and issue.kind in _OF_GEARS
+            ):
+                settled.append(issue)
+        elif has_gears:
+            settled.append(_of_motors(issue))
+        else:
+            settled.append(_as_fact(issue, is_impossible, percent))
+    return settled
+
+
+def _of_motors(issue: Issue) -> Issue:
+    """Return that positions beyond the joints' ranges may be those of motors."""
+    return replace(
+        issue,
+        nature=FACT,
+        severity="error",
+        kind="position unit not said",
+        what="the positions are in degrees, or the motors' behind gears: read in"
+        " degrees, they leave the torques a factor that gears have.",
+        certainty=possible("inside the joints' ranges by any such factor"),
+        remedy="give each joint's gear ratio, or the unit of its positions",
+        repair=None,
+        apply="",
+        changes=(Change("read", "read q in its unit", {"scale": {"q": ""}}),),
+    )
+
+
+def _as_fact(
+    issue: Issue, is_impossible: bool, percent: Mapping[int, tuple[float, float]] | None
+) -> Issue:
+    """Return one issue about a unit as an error; see :func:`units_as_facts`."""
     if not is_impossible:
         is_sure = issue.certainty.grade != "possible"
         nature, severity = (FACT, "error") if is_sure else (EXPLANATION, "warning")
         return replace(issue, nature=nature, severity=severity)
     fact = replace(issue, nature=FACT, severity="error")
-    is_percent = issue.kind == "positions in per cent"
-    if not is_percent and issue.kind not in ("positions in degrees", "position unit"):
+    unit = _INSIDE_AS.get(issue.kind)
+    if unit is None:
         return fact
-    unit, other = "degrees", "per cent of each joint's range"
-    if is_percent:
-        unit, other = "per cent", "degrees"
     why = f"outside what the joints can reach, and inside it as {unit}"
-    if percent is None:
+    if percent is None or unit == "millimetres":
         return replace(fact, certainty=told_by(why, "the torques confirm it"))
     factors = ":".join(f"{scale:.6g}" for scale, _ in percent.values())
+    is_percent = unit == "per cent"
+    other = "degrees" if is_percent else "per cent of each joint's range"
     reading = {"scale": {"q": "deg" if is_percent else factors}}
     told = likely(f"{why}; as {other} the torques are explained worse")
     if issue.equivalents:

@@ -20,8 +20,9 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: Ratios of joints that are one: they differ by no more than this share.
 _SAME = 0.05
-#: A ratio of all joints that is nearer to one (natural logarithm) is that of filters.
-_CLOCK = 0.1
+#: A ratio of all joints differs from one (natural logarithm) by so much at least, and by so
+#: many times as much as joints differ from it: filters weaken each joint by another share.
+_CLOCK, _OVER_SCATTER = 0.02, 3.0
 #: The same of one joint alone.
 _OF_ONE_JOINT = 0.3
 #: Units that positions and velocities are logged in, in radians and in rad/s.
@@ -39,7 +40,7 @@ _OF_CLOCKS = (0.5, 2.0, *(10.0**k for k in (-6, -3, -2, -1, 1, 2, 3, 6)))
 _EXACT = 0.02
 #: A velocity whose correlation with the derivative is lower is of something else.
 _PROPORTIONAL = 0.8
-#: Lags that are tried, to either side [samples]; of one sample nothing is said.
+#: Lags that are tried, to either side [samples].
 _LARGEST_LAG = 50
 #: So many rows tell a lag.
 _ROWS_OF_LAG = 16384
@@ -56,8 +57,7 @@ def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
     """Yield issues where the logged velocity is not the derivative of the position.
 
     A factor that all joints share is that of the clock, or of the unit of velocity. A
-    joint whose factor is another one has a wrong velocity. A lag of two samples or more
-    is noted.
+    joint whose factor is another one has a wrong velocity.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
             factor=ratio,
         )
         return
-    if is_common and abs(np.log(ratio)) > _CLOCK:
+    if is_common and abs(np.log(ratio)) > _scatter_allowed(ratios[known] / ratio):
         largest = np.abs(glance.run.q).max()
         is_unit_said = not glance.run.unit_command and largest < _TWO_TURNS
         by_unit = _in_another_unit(ratio, is_unit_said)
@@ -102,11 +102,15 @@ def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
         return
     for j in known.tolist():
         yield from _of_one_joint(j, float(ratios[j]))
-    # Of a source that is slower than the logger a shift within one sample is none.
-    is_new = np.any(np.diff(glance.run.q, axis=0) != 0.0, axis=1)
-    rows_a_sample = 1.0 / max(float(is_new.mean()), 1.0 / len(is_new))
-    if lag is not None and abs(lag) >= 2.0 * rows_a_sample:
-        yield _late(glance, lag)
+
+
+def _scatter_allowed(ratios: Array) -> float:
+    """Return by how much (natural logarithm) the ratio of all joints may differ from one
+    where filters make it; ratios (k,) : of each joint over it."""
+    of_joints = np.abs(ratios - 1.0)
+    # A single joint has none to differ from.
+    scatter = float(of_joints[of_joints < _SAME].max()) if len(ratios) > 1 else _SAME
+    return max(_CLOCK, _OVER_SCATTER * scatter)
 
 
 def velocity_units(ratio: float) -> tuple[str, str] | None:
@@ -177,25 +181,6 @@ def _of_one_joint(j: int, ratio: float) -> Iterator[Issue]:
         what=f"dq{j + 1} is {ratio:.3g} times the derivative of q{j + 1}.",
         where=f"dq{j + 1}",
         factor=ratio,
-    )
-
-
-def _late(glance: RunSummary, lag: float) -> Issue:
-    """Return the note that velocities lag behind the positions' derivative, as a filter
-    makes them.
-
-    lag : by how many samples; negative where they come before.
-    """
-    later = "later" if lag > 0.0 else "earlier"
-    return _note(
-        kind="velocity lag",
-        where="columns dq",
-        what=f"the logged velocities come {abs(lag):.0f} samples"
-        f" ({1e3 * abs(lag) * glance.usual_step:.3g} ms) {later} than the derivative of the"
-        " positions.",
-        cause="they are filtered, or from another source",
-        samples=lag,
-        seconds=lag * glance.usual_step,
     )
 
 

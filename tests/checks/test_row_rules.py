@@ -213,15 +213,6 @@ def test_behind_a_clock_that_was_set_back_another_motion_is_another_run(back):
     assert np.diff(fixed.t).max() == pytest.approx(1.0)
 
 
-def small_swing(rate, noise, middle=0.0, swing=0.05):
-    """Two joints that swing at 2 Hz and 2.7 Hz for ten seconds, under the noise of an
-    encoder [rad]."""
-    t = np.arange(0.0, 10.0, 1.0 / rate)
-    q = middle + swing * np.sin(2.0 * np.pi * np.outer(t, [2.0, 2.7]))
-    q += noise * np.random.default_rng(3).normal(size=q.shape)
-    return Measurements(t, q, np.cos(q))
-
-
 def test_stamps_that_repeat_say_nothing_about_the_order_of_the_rows():
     """The reader counted them as steps backwards, the check as steps forwards."""
     clean = motion()
@@ -405,15 +396,6 @@ def from_pose_to_pose():
     return Measurements(np.arange(len(q)) / 200.0, q, stepped(tau.T, 1.0).T)
 
 
-def turning_wheel():
-    """A wheel turns once a second, and its angle wraps."""
-    run = small_swing(250.0, 1e-5)
-    angle = 2.0 * np.pi * np.outer(run.t, [1.0, -1.0])
-    return replace(run, q=np.angle(np.exp(1j * angle)))
-
-
-#: 40 degrees: no joint is 40 rad off.
-FAR = small_swing(500.0, 1e-5, middle=0.7)
 STAYS = replace(
     motion(), dq=None, q=np.repeat(motion().q[:3000], [*2999 * [1], 3001], axis=0)
 )
@@ -442,17 +424,7 @@ IN_ORDER = {
     "from pose to pose": ("doubled rows", from_pose_to_pose()),
     "steps of a command, packets": ("frozen packets", waiting()),
     "steps of a command, copies": ("repeated run", waiting()),
-    **{
-        f"noise of an encoder at {x:g} Hz": (
-            "time unit",
-            small_swing(x, 0.05, 0.0, 0.5),
-        )
-        for x in (100.0, 1000.0, 4000.0, 10000.0)
-    },
-    "an angle that wraps": ("time unit", turning_wheel()),
-    "a far swing in degrees": ("time unit", replace(FAR, q=np.degrees(FAR.q))),
     "a position that stays until the end": ("frozen position", STAYS),
-    "degrees": ("time unit", replace(motion(), q=np.degrees(motion().q))),
     "no motion": ("time unit", replace(motion(), q=np.zeros_like(motion().q))),
 }
 
@@ -484,7 +456,6 @@ def doubled(share):
 SMOOTH = replace(motion(), dq=None)
 DERIVED = replace(motion(), dq=np.gradient(motion().q, motion().t, axis=0))
 BACKWARDS = SMOOTH.rows(np.arange(len(SMOOTH.t))[::-1])
-NEAR = small_swing(500.0, 1e-5)
 HALF = slice(len(SMOOTH.t) // 2, None)
 #: A log, the kind of fact that it is, and what is said of it: words of a sentence, or
 #: figures.
@@ -498,32 +469,10 @@ TOLD = {
         f"a clock in {unit}": (
             replace(SMOOTH, t=SMOOTH.t / seconds),
             "time unit",
-            {"what": f"time is in {unit}", "factor": seconds, "severity": severity},
+            {"what": f"time is in {unit}", "factor": seconds, "severity": "error"},
         )
-        # The steps of a clock in minutes are those of a fast log in seconds.
-        for unit, seconds, severity in (
-            ("minutes", 60.0, "warning"),
-            ("hours", 3600.0, "error"),
-            ("milliseconds", 1e-3, "error"),
-        )
+        for unit, seconds in (("hours", 3600.0), ("milliseconds", 1e-3))
     },
-    "minutes, by velocities": (
-        replace(DERIVED, t=DERIVED.t / 60.0),
-        "time unit",
-        {"severity": "error", "apply": "time:min"},
-    ),
-    # 180 / pi instead of 60.
-    "degrees, by velocities": (
-        replace(DERIVED, t=DERIVED.t * np.pi / 180.0),
-        "time unit",
-        {"severity": "warning"},
-    ),
-    # Degrees and minutes raise speed alike: both are named, and none is repaired.
-    "a swing in degrees or minutes": (
-        replace(NEAR, q=np.degrees(NEAR.q)),
-        "time unit",
-        {"severity": "warning", "repair": None, "what": "degrees"},
-    ),
     # A tenth of the rows refuse a log: less is a warning, which `--fix` repairs.
     **{
         f"{count} rows held": (

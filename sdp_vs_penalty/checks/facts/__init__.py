@@ -9,7 +9,6 @@ from dataclasses import replace
 from functools import partial
 
 from sdp_vs_penalty.checks.clock import (
-    find_changes_of_rate,
     find_coarse_stamps,
     find_repeated_time,
     find_time_backwards,
@@ -20,7 +19,6 @@ from sdp_vs_penalty.checks.clock import (
 from sdp_vs_penalty.checks.constants import NO_ROWS, RUN
 from sdp_vs_penalty.checks.facts.channels import (
     find_channels_without_numbers,
-    find_degrees,
     find_wrapped_angles,
 )
 from sdp_vs_penalty.checks.facts.repetition import find_held_rows, find_repeated_run
@@ -52,11 +50,9 @@ RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
     find_time_backwards,
     find_coarse_stamps,
     find_repeated_time,
-    find_changes_of_rate,
     find_uneven_stamps,
     find_time_jumps,
     find_wrapped_angles,
-    find_degrees,
     find_held_rows,
     find_repeated_run,
     find_end_stops,

@@ -11,12 +11,7 @@ from sdp_vs_penalty.checks.certainty import likely, told_by
 from sdp_vs_penalty.checks.glance import Rows, RunSummary
 from sdp_vs_penalty.checks.issue import Issue, make_issue
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.plausibility import (
-    beside_range,
-    far_outside,
-    is_in_ranges,
-    radians_per_percent,
-)
+from sdp_vs_penalty.data.plausibility import beside_range
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -24,11 +19,6 @@ from sdp_vs_penalty.signals.encoder import lattice_step, lattice_step_bound
 from sdp_vs_penalty.signals.filtered import joined
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
-#: How sure degrees are that only the joints' ranges tell.
-IN_RANGE_AS_DEGREES = likely(
-    "outside what the joints can reach, and inside it as degrees; motors' angles behind"
-    " gears may be so too"
-)
 #: Velocities so many times the derivative of their position [rad/s] are in degrees a
 #: second: 57 times, or nearly 1; the geometric mean of the two.
 _IN_DEGREES_A_SECOND = 8.0
@@ -60,7 +50,7 @@ def find_wrapped_angles(glance: RunSummary) -> Iterator[Issue]:
     is_revolute = _revolute_joints(glance.robot)
     in_degrees = is_revolute & _jumps_by(steps, 360.0)
     if in_degrees.any():
-        yield _degrees(glance, " and wrapped at 360", unwrap=True)
+        yield _degrees(glance)
         return
     jumping = is_revolute & _jumps_by(steps, 2.0 * np.pi)
     if jumping.any():
@@ -93,40 +83,32 @@ def _revolute_joints(robot: Robot) -> Rows:
     return np.array([joint.kind == "revolute" for joint in robot.joints])
 
 
-def _degrees(glance: RunSummary, how: str, unwrap: bool) -> Issue:
-    """Return the error that all revolute positions are in degrees.
-
-    how : words behind "in degrees"; unwrap : whether the repair also undoes jumps by a
-    turn.
-    """
-    is_revolute = _revolute_joints(glance.robot)
-    joints = np.flatnonzero(is_revolute)
+def _degrees(glance: RunSummary) -> Issue:
+    """Return the error that all revolute positions are in degrees, and wrapped."""
+    joints = np.flatnonzero(_revolute_joints(glance.robot))
     largest = float(np.abs(glance.run.q[:, joints]).max())
-    remedy = "multiply q (and dq) by pi / 180"
-    if unwrap:
-        remedy = "unwrap q and multiply it by pi / 180"
     return make_issue(
         kind="positions in degrees",
         severity="error",
         joints=joints,
-        what=f"the positions of {{where}} are in degrees{how}: they reach {largest:.4g}.",
-        remedy=remedy,
-        repair=partial(_in_radians, robot=glance.robot, unwrap=unwrap),
+        what="the positions of {where} are in degrees and wrapped at 360: they reach"
+        f" {largest:.4g}.",
+        remedy="unwrap q and multiply it by pi / 180",
+        repair=partial(_in_radians, robot=glance.robot),
     )
 
 
-def _in_radians(run: Measurements, robot: Robot, unwrap: bool) -> Measurements:
-    """Return the run with revolute positions converted from degrees to radians.
+def _in_radians(run: Measurements, robot: Robot) -> Measurements:
+    """Return the run with jumps of revolute positions by 360 degrees undone, converted to
+    radians.
 
-    unwrap : also undo jumps by 360 degrees. Logged velocities are converted where they
-    are in degrees a second: far larger than the derivative of the converted position.
+    Logged velocities are converted where they are in degrees a second: far larger than the
+    derivative of the converted position.
     """
     is_revolute = _revolute_joints(robot)
     radians_per_degree = float(np.radians(1.0))
-    q = run.q * radians_per_degree
-    if unwrap:
-        unwrapped = np.unwrap(run.q, period=360.0, axis=0)
-        q = _into_range(robot, unwrapped * radians_per_degree)
+    unwrapped = np.unwrap(run.q, period=360.0, axis=0)
+    q = _into_range(robot, unwrapped * radians_per_degree)
     q = np.where(is_revolute, q, run.q)
     if run.dq is None:
         return replace(run, q=q)
@@ -146,29 +128,6 @@ def _into_range(robot: Robot, q: Array) -> Array:
     middle = 0.5 * (np.where(has_range, low, 0.0) + np.where(has_range, high, 0.0))
     turns = np.round((np.median(q, axis=0) - middle) / (2.0 * np.pi))
     return q - 2.0 * np.pi * turns
-
-
-def find_degrees(glance: RunSummary) -> Iterator[Issue]:
-    """Yield an error where most revolute positions are far outside their ranges, and
-    all are inside if they are in degrees, and in nothing else: angles within 100 may be
-    per cent of the ranges, and whole numbers counts, which the torques tell.
-    """
-    is_revolute = _revolute_joints(glance.robot)
-    far = far_outside(glance.robot, glance.run.q)
-    if not far or not is_revolute[list(far)].all():
-        return
-    if radians_per_percent(glance.robot, glance.run.q) is not None:
-        return
-    if glance.run.torque_logged and np.all(glance.run.q == np.round(glance.run.q)):
-        return
-    q = np.where(is_revolute, np.radians(glance.run.q), glance.run.q)
-    is_explained = is_in_ranges(glance.robot, q)
-    if is_explained and 2 * len(far) > is_revolute.sum():
-        yield replace(
-            _degrees(glance, "", unwrap=False),
-            certainty=IN_RANGE_AS_DEGREES,
-            apply="degrees:q",
-        )
 
 
 def find_positions_outside_range(glance: RunSummary) -> Iterator[Issue]:

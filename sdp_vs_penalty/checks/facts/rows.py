@@ -42,6 +42,8 @@ def find_end_stops(glance: RunSummary) -> Iterator[Issue]:
     No model has the torque of a stop. Where the joint follows the command, the stop is
     not at the end of the range.
     """
+    if not glance.run.torque_logged:
+        return
     low = np.array([joint.lower for joint in glance.robot.joints])
     high = np.array([joint.upper for joint in glance.robot.joints])
     command = glance.run.commanded.get("qcmd", glance.run.q)

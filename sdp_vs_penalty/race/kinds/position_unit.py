@@ -160,16 +160,17 @@ def counts_a_turn(log: Likelihood) -> Number:
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield millimetres of prismatic joints, units of all revolute joints, degrees of each
-    single joint that moves beyond a turn, and these units beside a sign where positions
-    are far beyond their ranges."""
+    """Yield millimetres of prismatic joints that are far beyond their ranges, beside which
+    angles may have a unit as well: of all revolute joints, degrees of each single joint that
+    moves beyond a turn, and these beside a sign where positions are far beyond their
+    ranges."""
     log, now = evidence.log, fit.chain
     largest = np.abs(now.positions(log.data.motion.q)).max(axis=0)  # (n,)
     beyond_range = [j for j in range(log.n) if largest[j] > _farthest(log, j)]
     long = tuple(j for j in _prismatic(log) if j in beyond_range)
     if long:
-        chain = now.with_multiplied("scale", long, 1e-3)
-        yield Hypothesis(_MILLIMETRES, long, prior_of_one_of(1), chain)
+        now = now.with_multiplied("scale", long, NAMED["mm"])
+        yield Hypothesis(_MILLIMETRES, long, prior_of_one_of(1), now)
     beyond_turn = [j for j in log.revolute if largest[j] > _TURN]
     if not beyond_turn and not fit.is_poorly_explained.any():
         return
