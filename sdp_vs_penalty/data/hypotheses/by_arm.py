@@ -18,6 +18,7 @@ from sdp_vs_penalty.data.hypotheses.arm import (
 )
 from sdp_vs_penalty.data.hypotheses.channels import Recognition
 from sdp_vs_penalty.data.hypotheses.recognition import is_current, with_torque
+from sdp_vs_penalty.data.hypotheses.renaming import factors_and_zeros
 from sdp_vs_penalty.data.hypotheses.weighing import (
     DEGREES_OR_PERCENT,
     EXPLAINS_NONE,
@@ -497,6 +498,10 @@ def confirmed(found: Recognition, blocks: Mapping[str, Array], fit: Fit) -> Reco
     if found.unless_confirmed is None:
         return found
     q, tau = blocks["q"] * found.factors("q", blocks["q"].shape[1]), blocks["tau"]
+    if "q" in found.possible_scale:
+        word = found.possible_scale["q"]
+        factors, zeros = factors_and_zeros("q", word, q.shape[1])
+        q = factors * (q - zeros)
     has_velocities = "dq" not in blocks or rate_from_velocities(q, blocks["dq"])
     of_torques = fit(q, tau) if has_velocities else None
     is_velocity = rate_from_velocities(q, tau) is not None
