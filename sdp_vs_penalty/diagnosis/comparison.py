@@ -316,7 +316,7 @@ class Comparison(Record):
         elif not times:
             measures, limit = share, f"good or not is open, since {NOISE_UNKNOWN}"
         elif self.is_within_noise:
-            return f"No joint errs by more than {times.replace('its', 'the')}."
+            return f"{errors.within_noise_in_words(joint)}."
         else:
             measures, limit = times, f"good is up to {ABOVE_NOISE:g} times"
         most = " most" if len(self.rmse) > 1 else ""
