@@ -261,6 +261,7 @@ def test_a_column_is_dragged_to_what_it_is(context, server, tmp_path):
     page.locator(key("columns-0")).wait_for()
     idle(page)
     page.locator(key("columns-0")).click()  # the arm has told them: the form is folded
+    page.locator(key("all-columns-0")).click()
     field = page.locator(key("map-0-q1"))
     column = page.locator(".of-file", has_text="#3")
     field.scroll_into_view_if_needed()
