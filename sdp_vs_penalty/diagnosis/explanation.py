@@ -12,9 +12,13 @@ import numpy as np
 
 from sdp_vs_penalty.diagnosis.constants import MINOR, SURE_HELP
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, HeldOutData
-from sdp_vs_penalty.diagnosis.late_torque import beside_model, delays_torque, refer_once
+from sdp_vs_penalty.diagnosis.late_torque import (
+    beside_constants,
+    delays_torque,
+    refer_once,
+)
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
-from sdp_vs_penalty.diagnosis.own_constants import changed_constants, with_constants
+from sdp_vs_penalty.diagnosis.own_constants import changed_constants
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.estimation.certificate import NOT_CERTIFIED
@@ -74,15 +78,14 @@ def explain(
     Explanation
         The model with all of them.
     """
-    model = with_constants(first, constants)
     refitted = copy(search)
     refitted.terms = [*findings]
-    if any(t.form.replaces_own_constant for t in search.terms):
-        refitted = beside_model(refitted, model)
+    if search.constants or any(t.form.replaces_own_constant for t in search.terms):
+        refitted = beside_constants(refitted, first, constants)
     refers_to_model = any(depends(t.form.effect) for t in refitted.terms)
     if constants or refers_to_model or delays_torque(refitted):
         refitted = refer_once(refitted)
-    return Explanation(first, tuple(constants), refitted.without_refuted())
+    return Explanation(first, refitted.constants, refitted.without_refuted())
 
 
 def explain_in_order(search: Search, first: Estimate) -> Explanation:
@@ -94,8 +97,8 @@ def explain_in_order(search: Search, first: Estimate) -> Explanation:
     first
         The model before any constant was re-estimated.
     """
-    constants = [t for t in search.terms if t.form.replaces_own_constant]
     findings = [t for t in search.terms if not t.form.replaces_own_constant]
+    constants = [t for t in search.all_constants if changed_constants([t], first.model)]
     out = explain(search, first, constants, findings)
     in_order = copy(out.search)
     in_order.terms = sorted(out.search.terms, key=lambda t: -t.evidence)

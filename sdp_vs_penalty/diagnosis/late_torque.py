@@ -5,20 +5,27 @@ computed from the torque of the model and of the effects found.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_ADD
 from sdp_vs_penalty.diagnosis.library import Key
+from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
+from sdp_vs_penalty.diagnosis.own_constants import with_constants
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import whiten_with_noise, with_estimate
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.certificate import NOT_CERTIFIED
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.sensitivity import moved, prior_deviation
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
+
+#: Steps by which the model's constants follow the findings.
+_STEPS = 3
 
 
 def refer_columns_to_current_model(
@@ -29,8 +36,10 @@ def refer_columns_to_current_model(
 
     A delay or a filter acts on all torque, also on that of the findings. Its columns
     are therefore computed from the torque of the model, refitted beside the findings,
-    plus the findings' torque. Search and columns alternate (a Gauss-Newton iteration)
-    until a set of findings comes back.
+    plus the findings' torque. And friction turns round over the velocity that the
+    model's constants say, which have to be free before a second law of it is a finding.
+    Search and columns alternate (a Gauss-Newton iteration) until a set of findings comes
+    back.
 
     Parameters
     ----------
@@ -41,24 +50,27 @@ def refer_columns_to_current_model(
     -------
     Search
         The continued search; the given one if neither a finding nor the model delays
-        torque.
+        torque, and no law waits.
     """
     known_sets = list[set[Key]]()  # (effect, joint) of the findings of each round
     best = None  # the round with the lowest criterion
     lowest = np.inf
     first_library = search.library
+    data = search.data
     if search.terms and not delays_torque(search):
         search = look_for_delays(search, progress)
-    while delays_torque(search):
+    while delays_torque(search) or search.has_waiting:
         keys = {t.key for t in search.terms}
         if keys in known_sets:
             break
         known_sets.append(keys)
         # New columns of the findings and, once, of all candidates: these are screened
         # on a grid of constants, and the torque changes little from round to round.
+        if search.has_waiting:
+            search = beside_constants(search, data.estimate, search.all_constants)
         search = refer_once(search)
         if search.library is first_library:
-            search.library = first_library.with_current_columns(search.data)
+            search.library = first_library.with_current_columns(search.data, data)
         # In new columns findings may lose their evidence, and other effects gain some.
         all_joints = frozenset(range(search.data.n))
         search.terms = search.drop_weak(search.terms, on=all_joints)
@@ -94,7 +106,7 @@ def look_for_delays(search: Search, progress: Progress = no_progress) -> Search:
     )
     if referred.best_addition() is None:
         return search
-    referred.library = search.library.with_current_columns(referred.data)
+    referred.library = search.library.with_current_columns(referred.data, search.data)
     referred.run(progress)
     return referred
 
@@ -141,6 +153,52 @@ def refer_once(search: Search) -> Search:
     return beside_model(search, estimate, thetas=thetas)
 
 
+def beside_constants(
+    search: Search, first: Estimate, constants: Sequence[ScoredEffect]
+) -> Search:
+    """Return the search beside a model with re-estimated constants.
+
+    Signs of velocities in the findings turn round as the model's friction does: its
+    constants are estimated beside these, by steps of Gauss and Newton.
+    """
+    out = copy(search)
+    out.constants = tuple(constants)
+    out.terms = [t for t in search.terms if not t.form.replaces_own_constant]
+    out.is_referred = True
+    out.has_waiting = False
+    for number in range(_STEPS + 1):
+        out = beside_model(out, with_constants(first, out.constants))
+        moving = [own for own in out.constants if out.is_refined(own.form)]
+        if number == _STEPS or not moving:
+            break
+        out = refer_once(out)
+        effects = [t.form.effect for t in out.terms]
+        betas = [t.beta for t in out.terms]
+        errors = {
+            (e.effect.name, *e.effect.joints): columns
+            for e, columns in out.data.constant_error_columns(effects, betas)
+        }
+        out.constants = tuple(
+            _settled(out.fit, own, errors[own.key]) if own in moving else own
+            for own in out.constants
+        )
+    return out
+
+
+def _settled(
+    fit: WhiteFit, own: ScoredEffect, columns: dict[int, Array]
+) -> ScoredEffect:
+    """Return one of the model's effects with its constant a step of Gauss and Newton
+    further; ``columns`` are the white torque of an error of it, by joint."""
+    effect = own.form.effect
+    (name,) = effect.estimated
+    left = fit.residual_of(fit.scaled(columns))[:, :, 0]
+    step = float(np.sum(left * fit.residual) / (np.sum(left**2) + 1.0))
+    value = moved(effect, name, step * prior_deviation(effect, name)).shape[name]
+    inside = np.clip(value, *(own.form.bounds(name) or (0.0, np.inf)))
+    return replace(own, form=own.form.with_shape(**{name: float(f"{inside:.6g}")}))
+
+
 def beside_model(
     search: Search, estimate: Estimate, thetas: Sequence[Array] = ()
 ) -> Search:
@@ -171,6 +229,8 @@ def beside_model(
     data = whiten_with_noise(rows, data.noise, estimate, data.frozen, like=data)
     out = Search(data, search.library, like=search)
     out.barred = {*search.barred}
+    out.constants = search.constants
+    out.is_referred = search.is_referred
     out.terms = [replace(t, columns=out.columns(t.form)) for t in search.terms]
     out.fit = out.score.fit(out.terms)
     return out

@@ -217,15 +217,26 @@ class Library:
     #: evidence.
     laws: Mapping[Key, int] = field(default_factory=dict)
 
-    def with_current_columns(self, data: WhiteData) -> Library:
+    def with_current_columns(self, data: WhiteData, before: WhiteData) -> Library:
         """Recompute on ``data`` the columns that depend on the current model.
 
         These are columns of effects that need the model's torque or links (a gain, load
-        friction). All other columns follow from the motion alone and stay. A batch is
-        recomputed whole.
+        friction), and those with the sign of a velocity that turns round over another
+        width than ``before``. All other columns follow from the motion alone and stay. A
+        batch is recomputed whole.
         """
+        both = (x.estimate.model.sign_width for x in (data, before))
+        turned = {
+            j for j, (now, was) in enumerate(zip(*both, strict=True)) if now != was
+        }
+
+        def follows(effect: Effect) -> bool:
+            """Return whether an effect's columns have changed with the model."""
+            has_turned = not (effect.signless or turned.isdisjoint(effect.joints))
+            return has_turned or depends(effect)
+
         batches = [
-            b.with_columns_on(data) if any(depends(f.effect) for f in b.forms) else b
+            b.with_columns_on(data) if any(follows(f.effect) for f in b.forms) else b
             for b in self.batches
         ]
         return replace(self, batches=tuple(batches))

@@ -93,6 +93,11 @@ class Search:
         if like is not None and like._has_columns_of_motion(data):
             self._columns_of_motion = like._columns_of_motion
         self.terms: list[ScoredEffect] = []
+        #: The model's own effects with other constants, which these rows' model has.
+        self.constants: tuple[ScoredEffect, ...] = ()
+        #: Whether columns follow the findings; a second law of one cause waits for that.
+        self.is_referred = False
+        self.has_waiting = False
         #: Candidates that were added once and did not keep enough evidence.
         self.refused = set[Key]()
         #: Effects that were found with a size that contradicts their constants: they
@@ -109,7 +114,8 @@ class Search:
         It is the deviance plus log N for each of their coefficients, with the N rows of
         all joints.
         """
-        n_coefficients = sum(t.form.n_coefficients for t in self.terms)
+        findings = [t for t in self.terms if not t.form.replaces_own_constant]
+        n_coefficients = sum(t.form.n_coefficients for t in findings)
         price = np.log(self.data.y.size)
         return float(self.fit.own_deviance + n_coefficients * price)
 
@@ -352,21 +358,16 @@ class Search:
         are added to a fit with the effects chosen so far and with small tolerated
         errors of these effects' laws. A law that generalises one of the model's effects
         waits for a constant of that effect that explains half as much: both are laws of
-        one cause, and others' constants are refined beside it.
+        one cause, and others' constants are refined beside it. A second law of that cause
+        waits until the constant is free beside the first, in columns that follow it.
         """
         self.fit = self.score.fit(self.nuisances.with_law_misfits(self.terms), self.fit)
         candidates = self.top_candidates(self.fit, self.terms)
 
-        def is_of_a_finding(own: Candidate) -> bool:
-            """Return whether a finding is a finer form of the model's own effect."""
-            return own.replaces_own_constant and any(
-                t.form.refines(own) for t in self.terms
-            )
-
         strong = [
             t
             for t in candidates
-            if t.evidence > (0.0 if is_of_a_finding(t.form) else EVIDENCE_TO_ADD)
+            if t.evidence > (0.0 if self.is_refined(t.form) else EVIDENCE_TO_ADD)
         ]
         constants = [t for t in strong if t.form.replaces_own_constant]
 
@@ -379,7 +380,31 @@ class Search:
                 for own in constants
             )
 
-        return self.simplest([t for t in strong if not waits(t)])
+        first = [t for t in strong if self.is_referred or not self._is_second(t.form)]
+        self.has_waiting = len(first) < len(strong)
+        return self.simplest([t for t in first if not waits(t)])
+
+    @property
+    def all_constants(self) -> list[ScoredEffect]:
+        """The model's own effects with the constants that were found last."""
+        found = [t for t in self.terms if t.form.replaces_own_constant]
+        return [*{t.key: t for t in (*self.constants, *found)}.values()]
+
+    def is_refined(self, own: Candidate) -> bool:
+        """Return whether a finding is a finer form of one of the model's own effects."""
+        return own.replaces_own_constant and any(
+            t.form.refines(own) for t in self.terms
+        )
+
+    def _is_second(self, form: Candidate) -> bool:
+        """Return whether a finding refines the same own effect of the model as a
+        candidate, one with a constant to estimate anew."""
+        joint = form.key[1]
+        return any(
+            t.key[1] == joint and (name, joint) in self.data.own_effects
+            for t in self.terms
+            for name in {*form.effect.refines} & {*t.form.effect.refines}
+        )
 
     def drop_weak(
         self, terms: Sequence[ScoredEffect], on: Set[int] = frozenset()
