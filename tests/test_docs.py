@@ -29,7 +29,6 @@ from sdp_vs_penalty.cli.options import Parser
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.findings import (
     Diagnosis,
     Finding,
@@ -217,7 +216,7 @@ def test_every_kind_of_issue_has_a_row_in_troubleshooting():
     assert not [kind for kind in kinds if kind not in rows]
 
 
-RECORDS = (Diagnosis, Finding, Retune, Curve, PassingCause, Span, Event, Notice)
+RECORDS = (Diagnosis, Finding, Retune, Curve, PassingCause, Span, Notice)
 
 
 @pytest.mark.parametrize("record", [*RECORDS, Invisible, Remaining, Doubt])

@@ -114,9 +114,6 @@ def claims_of_diagnosis(found: Diagnosis) -> Iterator[Claim]:
     for curve in found.curves:
         text = f"curve of {', '.join(curve.of)} on joint {curve.joint}"
         yield Claim("diagnose", text, (curve.joint,), True)
-    for event in found.events_without_cause:
-        text = f"event at {event.t_start:.1f} s on joint {event.joint}"
-        yield Claim("diagnose", text, (event.joint,), False)
 
 
 def names(claim: Claim, truth: dict) -> bool:

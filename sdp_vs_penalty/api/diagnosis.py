@@ -228,7 +228,7 @@ def _states(diagnosis: Diagnosis, issue: Mapping[str, Any]) -> bool:
         for f in diagnosis.effects
         if f.torque_is_certain
     ) or (
-        any(span.covers(at, at) for span in diagnosis.left_out)
+        any(span.covers(at) for span in diagnosis.left_out)
         if at is not None
         else bool(diagnosis.passing) and issue["kind"] == "another load"
     )

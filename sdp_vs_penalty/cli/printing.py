@@ -259,11 +259,8 @@ def diagnosis(
     for curve in words.curves:
         paragraph(f"curve: {curve}")
     say(words.left)
-    # Disturbances at single instants.
-    events = words.all_events if verbose else words.events
-    hint = "" if len(events) == len(words.all_events) else "; --verbose lists them"
-    for event in events:
-        say(f"{event}{hint}")
+    for event in words.events:
+        say(event)
     if words.invisible:
         paragraph(
             "not identifiable from these runs (absorbed by existing parameters):"

@@ -6,11 +6,10 @@ from sdp_vs_penalty.plugins import lazy_exports
 __getattr__ = lazy_exports(
     __name__,
     candidates="list_candidates",
-    causes="CauseShares held_out_share",
+    causes="CauseShares held_out_share spectral_lines",
     comparison="compare predicted upper_relative_error",
     conclude="Conclusion",
     confidence="Judged reasons_for_doubt",
-    events="Event find_events find_hums_above spectral_lines",
     evidence="EvidenceScorer",
     explanation="Explanation",
     findings="Diagnosis Finding Invisible load_diagnosis Retune",

@@ -1,5 +1,5 @@
 """Makes the diagnosis of what explains the torque: findings with sizes and doubts, the
-verdict, unexplained torque and events.
+verdict, and unexplained torque.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from sdp_vs_penalty.diagnosis.constants import MINOR, SURE_HELP
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.events import Event, find_events
 from sdp_vs_penalty.diagnosis.explanation import Explanation, Ladder
 from sdp_vs_penalty.diagnosis.findings import (
     Diagnosis,
@@ -62,8 +61,6 @@ class Conclusion:
     new_motion_share: float | None
     #: Seed of the random draws of a curve's band.
     seed: int
-    #: Hums of the logged torque above the band.
-    hums: Sequence[Event] = ()
 
     @property
     def search(self) -> Search:
@@ -171,7 +168,7 @@ class Conclusion:
         return told, errors[-1]
 
     def diagnosis(self) -> Diagnosis:
-        """Return the diagnosis: findings, verdict, events, and what is left.
+        """Return the diagnosis: findings, verdict, and what is left.
 
         The verdict is "unknown_effect" if a joint has unexplained torque or a measured
         curve, else "effect_missing" if there are findings, else "nothing_missing". A
@@ -197,12 +194,6 @@ class Conclusion:
         verdict = "effect_missing" if told else "nothing_missing"
         if joints_without_name:
             verdict = "unknown_effect"
-        happened = find_events(
-            self.data,
-            remaining.outlier_rows,
-            remaining.residual,
-            sorted(joints_without_name),
-        )
         certain = [
             term
             for term, finding in zip(self.search.terms, self.findings, strict=True)
@@ -213,7 +204,6 @@ class Conclusion:
             effects=tuple(told),
             noise_floor=noise.floor,
             invisible=invisible_effects(self.search),
-            events=tuple(sorted([*happened, *self.hums], key=Event.order)),
             passing=passing_causes(self.search, certain),
             notices=find_notices(self.search, self.explanation.estimate),
             noise_source=noise.source,

@@ -12,7 +12,6 @@ from sdp_vs_penalty.diagnosis.comparison import noise_floor
 from sdp_vs_penalty.diagnosis.conclude import Conclusion
 from sdp_vs_penalty.diagnosis.curves.measure import accept_curves, measure_curves
 from sdp_vs_penalty.diagnosis.equivalence import with_equivalence_sets
-from sdp_vs_penalty.diagnosis.events import find_hums_above
 from sdp_vs_penalty.diagnosis.explanation import (
     Ladder,
     drop_harmful,
@@ -225,7 +224,6 @@ def diagnose_runs(
         curves=accept_curves(explanation.search, measured, judge),
         new_motion_share=runs.new_motion_share,
         seed=seed,
-        hums=find_hums_above(runs.searched, searched.data.rows.cutoff),
     )
     diagnosis = conclusion.diagnosis()
     if runs.subsample_remark:

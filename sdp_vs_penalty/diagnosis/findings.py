@@ -13,7 +13,6 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.doubts import NAME_IS_OPEN, SIZE_IS_OPEN, Doubt
-from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.diagnosis.notices import Notice
 from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, Span, spans_in_words
 from sdp_vs_penalty.effects import (
@@ -594,8 +593,6 @@ class Diagnosis(Record, JsonRecord):
     noise_floor: Array
     #: Effects that no such recording shows.
     invisible: tuple[Invisible, ...]
-    #: What happened once.
-    events: tuple[Event, ...]
     #: "repetition"; else "spectrum" or "residual", and abstention is weaker.
     noise_source: str
     #: (n,) repeatable error that is left, as a share of the noise's variance.
@@ -999,7 +996,6 @@ class Diagnosis(Record, JsonRecord):
             what = "These runs leave values of the model open"
             why = "the model explains the runs that it is from"
             remedies.append(Remedy(what, "certain", why, change))
-        remedies += [e.remedy for e in self.events_without_cause if e.frequency is None]
         return tuple(remedies)
 
     @property
@@ -1043,8 +1039,7 @@ class Diagnosis(Record, JsonRecord):
     @property
     def headline(self) -> str:
         """A few sentences: what is missing, what acts for a part of the time, what the
-        model has taken in, hums, how well the noise is known, and the number of isolated
-        disturbances.
+        model has taken in, and how well the noise is known.
 
         What acts for a part of the time comes first if it has more evidence than any
         finding.
@@ -1062,23 +1057,14 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def besides(self) -> tuple[str, ...]:
-        """What is said besides the cause, a sentence each: what the model has taken in,
-        hums, how well the noise is known, and the number of isolated disturbances.
-        """
+        """What is said besides the cause, a sentence each: what the model has taken in, and
+        how well the noise is known."""
         sentences = []
         if self.notices:
             noticed = "; ".join(notice.sentence for notice in self.notices)
             sentences.append(f"Taken in by the model: {noticed}.")
-        if self.hums:
-            hums = formatting.words([_hum_in_words(self, hum) for hum in self.hums])
-            sentences.append(f"The torque hums: {hums}.")
         if self.noise_source == SPECTRUM:
             sentences.append(f"The noise is {SPECTRUM_KNOWN}: no motion repeats.")
-        disturbances = [e for e in self.events_without_cause if e.what != "hum"]
-        if disturbances:
-            where = formatting.joints(sorted({e.joint for e in disturbances}))
-            count = formatting.count(len(disturbances), "isolated disturbance")
-            sentences.append(f"Also {count} on {where}.")
         return tuple(sentences)
 
     @property
@@ -1193,32 +1179,6 @@ class Diagnosis(Record, JsonRecord):
             findings = "finding" if len(self.effects) == 1 else "findings"
             return f"Nothing is sure: {rating_counts(self.effects)} {findings}."
         return self._missing
-
-    @property
-    def events_without_cause(self) -> list[Event]:
-        """The events that no cause explains which acts for a part of the time."""
-        return [
-            e
-            for e in self.events
-            if e.what == "hum"
-            or not any(span.covers(e.t_start, e.t_end) for span in self.left_out)
-        ]
-
-    @property
-    def hums(self) -> list[Event]:
-        """The hums, one for each joint and frequency (to two digits).
-
-        Of the runs in which a joint hums the largest amplitude counts.
-        """
-        hums = dict[tuple[int, str], Event]()
-        for event in self.events:
-            if event.frequency is None:
-                continue
-            place = event.joint, f"{event.frequency:.2g}"
-            known = hums.setdefault(place, event)
-            if (event.amplitude or 0.0) > (known.amplitude or 0.0):
-                hums[place] = event
-        return list(hums.values())
 
     @property
     def _missing(self) -> str:
@@ -1490,14 +1450,6 @@ def _ratio(after: Array, before: Array) -> Array:
     return np.divide(after, before, out=np.ones(len(after)), where=before > 0.0)
 
 
-def _hum_in_words(diagnosis: Diagnosis, hum: Event) -> str:
-    """Write a hum as "23.7 Hz (0.28 N m) on joint 3"."""
-    amount = ""
-    if hum.amplitude is not None:
-        amount = f" ({hum.amplitude:.2g} {diagnosis.torque_unit(hum.joint)})"
-    return f"{hum.frequency:.3g} Hz{amount} on joint {hum.joint}"
-
-
 def rating_counts(findings: Sequence[Finding | Retune]) -> str:
     """Count findings by rating in words: "2 confident, 1 near-tie and 1 weak"."""
     ratings = [f.rating for f in findings]
@@ -1587,42 +1539,3 @@ class Retune(ShapeEstimate, Rated):
         which :func:`~sdp_vs_penalty.add` takes.
         """
         return f"{self.effect}:{self.joint}@{self.shape}={self.after:.6g}"
-
-
-def event_lines(
-    diagnosis: Diagnosis, show_all: bool = False, most_lines: int = 3
-) -> list[str]:
-    """Describe the events of a diagnosis in words, one line each.
-
-    First come the causes that act for a part of the time; events within their spans are
-    not listed again. More than ``most_lines`` events are summed up in one line, unless ``show_all``.
-
-    Parameters
-    ----------
-    diagnosis
-        The diagnosis whose events are described.
-    show_all
-        Whether every event has its line.
-    most_lines
-        The most lines without ``show_all``.
-    """
-    causes = [*diagnosis.acting_for_a_time]
-    events = diagnosis.events_without_cause
-    if len(events) > most_lines and not show_all:
-        where = formatting.joints(sorted({e.joint for e in events}))
-        n_hums = sum(e.frequency is not None for e in events)
-        hums = f", {n_hums} of them a hum" if n_hums else ""
-        first = min(e.t_start for e in events)
-        last = max(e.t_end for e in events)
-        summary = (
-            f"{len(events)} events on {where}, {first:.2f} s to {last:.2f} s{hums}"
-        )
-        return [*causes, summary]
-    lines = causes
-    for e in events:
-        if e.frequency is None:
-            lines.append(e.sentence)
-        else:
-            hum = f"a hum of {_hum_in_words(diagnosis, e)}"
-            lines.append(f"{hum}: {e.t_start:.2f} s to {e.t_end:.2f} s")
-    return lines

@@ -14,7 +14,7 @@ the one whose error is the most times its noise.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -48,7 +48,6 @@ from sdp_vs_penalty.diagnosis.causes import (
     other_joint_quantity,
 )
 from sdp_vs_penalty.diagnosis.constants import FOLDS, SPECTRUM_NOISE_FACTOR
-from sdp_vs_penalty.diagnosis.events import find_hums_above
 from sdp_vs_penalty.diagnosis.white_rows import diagnosis_rows, folds_of, model_columns
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.constants import CHANGES
@@ -125,16 +124,6 @@ class TurnWave:
 
 
 @dataclass(frozen=True)
-class Hum:
-    """A hum of a joint's torque."""
-
-    #: Frequency [Hz].
-    frequency: float
-    #: Amplitude [N m or N].
-    amplitude: float
-
-
-@dataclass(frozen=True)
 class FailingStretch:
     """A stretch of a run in which an error is large."""
 
@@ -154,7 +143,7 @@ class JointFailure(JsonRecord):
 
     #: Number of the joint, from 1.
     joint: int
-    #: RMS of the residual [N m or N], without the hums.
+    #: RMS of the residual [N m or N].
     rmse: float
     #: Noise floor [N m or N], None if it is not known.
     noise_floor: float | None
@@ -176,9 +165,6 @@ class JointFailure(JsonRecord):
     shares_of_error: dict[str, float] = field(default_factory=dict)
     #: Share of the residual's variance that other parameters of the model would remove.
     refit_share: float = 0.0
-    #: The largest hum above the cut-off of the filters, if there is one. ``rmse`` is
-    #: without it, the shares are with it.
-    hums: tuple[Hum, ...] = ()
     #: RMS of the measured torque [N m or N], None in older files.
     torque: float | None = None
     #: What of another joint explains most, such as "velocity of joint 2".
@@ -231,11 +217,6 @@ class JointFailure(JsonRecord):
             f"{name} [%]": None if share is None else 100.0 * share
             for name, share in shares.items()
         }
-
-
-def _energy_of(hums: Iterable[Hum]) -> float:
-    """Return the mean square of the torque of hums [(N m)^2 or N^2]."""
-    return 0.5 * sum(hum.amplitude**2 for hum in hums)
 
 
 def dependences(failure: JointFailure, most_named: int = 3) -> list[tuple[str, float]]:
@@ -338,26 +319,15 @@ def _cause_sentences(
 
 
 def _wave_sentences(failure: JointFailure, unit: str) -> list[str]:
-    """Say at which frequencies a joint hums, and which waves per turn its error has."""
-    out = []
-    if failure.hums:
-        hums = words(
-            [
-                f"{h.frequency:.3g} Hz ({h.amplitude:.2g} {unit})"
-                for h in failure.hums[:3]
-            ]
-        )
-        out.append(f"It hums at {hums}, which the filters take out.")
-    if failure.orders:
-        waves = ", ".join(
-            f"{wave.per_revolution} ({wave.amplitude:.2g} {unit},"
-            f" {wave.over_surroundings:.0f}x)"
-            for wave in failure.orders
-        )
-        out.append(
-            f"Waves per revolution (amplitude, that over its surroundings): {waves}."
-        )
-    return out
+    """Say which waves per turn a joint's error has."""
+    if not failure.orders:
+        return []
+    waves = ", ".join(
+        f"{wave.per_revolution} ({wave.amplitude:.2g} {unit},"
+        f" {wave.over_surroundings:.0f}x)"
+        for wave in failure.orders
+    )
+    return [f"Waves per revolution (amplitude, that over its surroundings): {waves}."]
 
 
 @dataclass(frozen=True, repr=False)
@@ -404,9 +374,7 @@ class Failures(Record, JsonRecord):
         units = [f.torque for f in self]
         if all(f.noise_floor for f in self):
             units = [f.noise_floor for f in self]
-        # Hums that the filters take out are a part of the error.
-        errors = np.sqrt([f.rmse**2 + _energy_of(f.hums) for f in self])
-        return errors / [unit or 1.0 for unit in units]
+        return np.array([f.rmse for f in self]) / [unit or 1.0 for unit in units]
 
     @property
     def worst_first(self) -> list[JointFailure]:
@@ -564,9 +532,7 @@ class _Judge:
         series = _full_rate(self.runs, self.rows, j)
         orders = self.orders(j, series)
         waves_per_turn = [wave.per_revolution for wave in orders]
-        hums = self.hums_by_joint.get(j, ())
         shares = self.shares(JointError(j, error, waves_per_turn))
-        shares = shares.with_fast_hum(_energy_of(hums) / max(rmse**2, 1e-300))
         velocity = self.states.dq[:, j]
         still = self.rows.still[:, j]
         return JointFailure(
@@ -580,7 +546,6 @@ class _Judge:
             other_joint=shares.other_joint,
             reversal_lift=_reversal_lift(velocity, error, self.rows, keep),
             orders=orders,
-            hums=hums,
             torque=float(np.sqrt(np.mean(self.states.torque[keep, j] ** 2))),
             stretches=failing_stretches(
                 error, floor, velocity, still, self.rows, shares
@@ -640,20 +605,6 @@ class _Judge:
     def runs(self) -> Sequence[Measurements]:
         """The recordings, one by one."""
         return self.searched.runs()
-
-    @cached_property
-    def hums_by_joint(self) -> dict[int, tuple[Hum, ...]]:
-        """The hums above the cut-off of the filters, by joint (from 0).
-
-        Of the runs in which a joint hums the largest amplitude counts.
-        """
-        out = dict[int, tuple[Hum, ...]]()
-        for event in find_hums_above(self.searched, self.rows.cutoff):
-            hum = Hum(float(event.frequency or 0.0), float(event.amplitude or 0.0))
-            known = out.get(event.joint - 1, ())
-            largest = max([hum, *known], key=lambda h: h.amplitude)
-            out[event.joint - 1] = (largest,)
-        return out
 
     @cached_property
     def refit(self) -> Refit:

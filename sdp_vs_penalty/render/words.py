@@ -35,7 +35,6 @@ from sdp_vs_penalty.diagnosis.findings import (
     Diagnosis,
     Finding,
     Retune,
-    event_lines,
     named_on_joints,
 )
 from sdp_vs_penalty.diagnosis.where_it_fails import (
@@ -372,10 +371,8 @@ class DiagnosisWords:
     curves: tuple[str, ...]
     #: Error that is left, in a sentence.
     left: str
-    #: A line for each event that is shown.
+    #: What acts for a part of the time, a line each.
     events: tuple[str, ...]
-    #: A line for every event.
-    all_events: tuple[str, ...]
     #: Effects that these runs cannot show, each with its joints.
     invisible: tuple[str, ...]
     #: Remarks, a sentence each.
@@ -406,8 +403,7 @@ def describe_diagnosis(
         constants=tuple(map(describe_constant, diagnosis.retuned)),
         curves=tuple(curve.sentence(units) for curve in diagnosis.curves),
         left=diagnosis.left_sentence,
-        events=tuple(event_lines(diagnosis)),
-        all_events=tuple(event_lines(diagnosis, show_all=True)),
+        events=diagnosis.acting_for_a_time,
         invisible=tuple(
             f"{effect_name(effect)} on {formatting.joints(sorted(joints))}"
             if joints

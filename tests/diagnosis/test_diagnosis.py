@@ -103,7 +103,6 @@ def test_what_the_links_absorb_is_reported_as_invisible(found):
 def test_clean_measurements_stay_clean(name, seed):
     result = diagnosed(thinned(hidden_runs(load_problem(name), [], 0.0, seed=seed)))
     assert result.verdict == "nothing_missing"
-    assert result.events == ()
 
 
 @pytest.mark.slow

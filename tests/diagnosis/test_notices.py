@@ -1,5 +1,4 @@
-"""What the model takes in is said: a load beyond its file, an offset, a hum of the
-torque above its band.
+"""What the model takes in is said: a load beyond its file, an offset.
 
 The logs are of an arm that shares no code with the library (point_mass_arm).
 """
@@ -10,8 +9,8 @@ import numpy as np
 import pytest
 from point_mass_arm import MASSES, PointMassArm
 
-from sdp_vs_penalty import Measurements, identify
-from sdp_vs_penalty.diagnosis import Library, Search, find_hums_above, find_notices
+from sdp_vs_penalty import identify
+from sdp_vs_penalty.diagnosis import Library, Search, find_notices
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
 from sdp_vs_penalty.diagnosis.notices import ScaledRows, fit_with_priors
 
@@ -94,37 +93,3 @@ def test_an_offset_large_beside_friction_is_noticed(problem):
 
 def test_an_offset_small_beside_friction_is_not(problem):
     assert not notices(problem, with_offset(0.1))
-
-
-t = np.arange(4000) / 200.0
-angle = 2.0 * np.sin(2.0 * np.pi * 0.3 * t)
-
-
-def logged(torque):
-    """The hums above 10 Hz of a joint whose torque has noise of 0.1 N m."""
-    noise = 0.1 * np.random.default_rng(0).normal(size=len(t))
-    slow = 5.0 * np.cos(angle) + np.tanh(np.gradient(angle, t) / 0.05)
-    columns = [x[:, None] for x in (angle, torque + slow + noise)]
-    return find_hums_above(Measurements(t, *columns), 10.0)
-
-
-def test_a_hum_has_its_frequency_and_amplitude():
-    (hum,) = logged(0.3 * np.sin(2.0 * np.pi * 31.4 * t + 1.0))
-    assert hum.frequency == pytest.approx(31.4, abs=0.01)
-    assert hum.amplitude == pytest.approx(0.3, rel=0.1)
-
-
-@pytest.mark.parametrize(
-    "torque",
-    [
-        pytest.param(lambda: 0.3 * np.sin(40.0 * angle), id="a ripple over the angle"),
-        pytest.param(lambda: np.where(t < 3.0, np.sin(200.0 * t), 0.0), id="a burst"),
-        pytest.param(
-            lambda: 3.0 * np.sign(np.sin(5.0 * t)), id="friction at reversals"
-        ),
-        pytest.param(lambda: 0.0 * t, id="noise"),
-        pytest.param(lambda: 0.02 * np.sin(200.0 * t), id="a twentieth of the noise"),
-    ],
-)
-def test_what_keeps_no_phase_or_is_small_is_no_hum(torque):
-    assert not logged(torque())

@@ -15,8 +15,7 @@ from point_mass_arm import MASSES, Kinematics, PointMassArm
 from sdp_vs_penalty import Measurements, add, compare, diagnose, identify
 from sdp_vs_penalty.api.diagnosis import _spans_named
 from sdp_vs_penalty.data.measurements import concatenate
-from sdp_vs_penalty.diagnosis import Candidate, Diagnosis, Event
-from sdp_vs_penalty.diagnosis.findings import event_lines
+from sdp_vs_penalty.diagnosis import Candidate, Diagnosis
 from sdp_vs_penalty.diagnosis.passing.cause import (
     PassingCause,
     Span,
@@ -96,9 +95,8 @@ def test_a_load_that_is_carried_for_a_time_is_weighed(problem, spans):
     assert cause.share > 0.8
     # All else is judged without these spans, so that no other effect stands for it.
     assert not [f for f in result.effects if f.torque_is_certain]
-    assert not result.events_without_cause
     assert any("without the spans" in remark for remark in result.remarks)
-    assert cause.sentence in event_lines(result)[0]
+    assert result.acting_for_a_time == (cause.sentence,)
     assert "a load of" in result.headline.split(". ")[0]
 
 
@@ -240,13 +238,6 @@ def test_rivals_and_runs_are_named():
     text = cause(*spans, rivals=("torque:2",)).sentence
     assert "from 1.0 s to 2.0 s of a and from 3.0 s to 4.0 s of b" in text
     assert text.endswith("; a constant torque on joint 2 would explain as much")
-
-
-@pytest.mark.parametrize(("t", "covered"), [(14.0, True), (20.0, False)])
-def test_events_in_a_span_are_not_told_again(t, covered):
-    event = Event(2, t, t + 0.5)
-    (span,) = cause().spans
-    assert span.covers(event.t_start, event.t_end) == covered
 
 
 def test_spans_are_found_where_a_column_acts():

@@ -56,7 +56,6 @@ def diagnosis(*findings):
         effects=findings,
         noise_floor=np.ones(7),
         invisible=(),
-        events=(),
         noise_source=REPETITION,
         unexplained=np.zeros(7),
         held_out_rmse=np.ones(7),

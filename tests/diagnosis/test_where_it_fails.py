@@ -131,16 +131,6 @@ def friction(q, t):
     return VISCOUS * dq + COULOMB * PointMassArm().direction(q, dq)
 
 
-def test_a_hum_above_the_filters_is_the_cause(problem):
-    humming = on(2, lambda t, q, dq: 0.4 * np.sin(2 * np.pi * 31.34 * t))
-    worst = worst_joint(problem, PointMassArm(extra=humming), 1)
-    assert (worst.joint, dependences(worst)[0][0]) == (2, "hum")
-    (hum,) = worst.hums
-    assert hum.frequency == pytest.approx(31.34, abs=0.01)
-    assert hum.amplitude == pytest.approx(0.4, rel=0.1)
-    assert JointFailure.from_dict(worst.to_dict()).hums == worst.hums
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1, pytest.param(9, marks=pytest.mark.slow)])
 def test_a_tilt_shows_as_a_function_of_positions(problem, seed):

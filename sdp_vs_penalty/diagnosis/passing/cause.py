@@ -40,12 +40,9 @@ class Span(JsonRecord):
     #: End [s] on the run's clock.
     t_end: float
 
-    def covers(self, t_start: float, t_end: float) -> bool:
-        """Return whether an event from ``t_start`` to ``t_end`` [s] is within the span.
-
-        Events do not name their run: any run counts.
-        """
-        return self.t_start <= 0.5 * (t_start + t_end) <= self.t_end
+    def covers(self, t: float) -> bool:
+        """Return whether an instant [s], of any run, is within the span."""
+        return self.t_start <= t <= self.t_end
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,6 @@ from sdp_vs_penalty.page.view import (
     StageVerdict,
     View,
     identified,
-    label_of,
     label_of_motion,
     look_in_words,
     measured_on,
@@ -370,16 +369,6 @@ def _others(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
             )
             make = partial(session.start, session.make_motion, {}, view.download)
             draw.button("Make a motion to repeat", make, "repeat")
-    if words.all_events:
-        with draw.details("When these disturbances were", "events"):
-            with draw.tag("ul"):
-                for line in words.all_events:
-                    draw.tag("li", f"{formatting.sentence(line)}.")
-            cuts = (x.change for x in diagnosis.remedies if x.change.verb == "cut")
-            with draw.tag("div", style="row"):
-                for k, cut in enumerate(cuts):
-                    leave = partial(session.start, session.apply, cut.to_dict())
-                    draw.button(label_of(cut.words), leave, f"cut-{k}")
     if words.invisible:
         with draw.details("What these runs cannot show", "invisible"):
             draw.note("The model's existing parameters absorb the torque of:")
