@@ -41,8 +41,6 @@ PARTS: dict[str, tuple[str, str, str, Callable[..., Any]]] = {
         lambda _, x, __: [*x],
     ),
     "forces": ("passing.search", "", "force_laws", lambda _: []),
-    "wandering": ("passing.search", "PassingSearch", "_wandering", lambda _: []),
-    "repeated outliers": ("events", "", "_repeated_outliers", lambda _, x: x & False),
 }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -19,20 +19,10 @@ from sdp_vs_penalty.diagnosis.explanation import (
     held_out_errors,
 )
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.held_out import (
-    HeldOutData,
-    harm,
-    least_squares_parameters,
-)
+from sdp_vs_penalty.diagnosis.held_out import HeldOutData
 from sdp_vs_penalty.diagnosis.late_torque import refer_columns_to_current_model
 from sdp_vs_penalty.diagnosis.library import Library
-from sdp_vs_penalty.diagnosis.passing.cause import (
-    ENOUGH,
-    Span,
-    windows_without_spans,
-    without_spans,
-)
-from sdp_vs_penalty.diagnosis.passing.search import passing_causes
+from sdp_vs_penalty.diagnosis.passing.cause import ENOUGH, Span, without_spans
 from sdp_vs_penalty.diagnosis.search import Search, search
 from sdp_vs_penalty.diagnosis.unexplained import unexplained_error
 from sdp_vs_penalty.diagnosis.white_rows import (
@@ -45,7 +35,6 @@ from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.memory import give_back_memory
-from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -59,6 +48,10 @@ from sdp_vs_penalty.signals.segments import (
 
 #: The most causes that act for a part of the time.
 _MOST_PASSING = 3
+_SPANS_LEFT_OUT = (
+    "All else was judged without the spans in which something acts for a time; `add"
+    " --from` leaves them out as well."
+)
 
 
 def diagnose(
@@ -93,8 +86,7 @@ def diagnose(
         reported.
     left_out, left_out_of_test
         Spans of the measurements and of the test run in which the check says that
-        something acts; the former stay in where a model without them errs more on the
-        test run.
+        something acts.
 
     Returns
     -------
@@ -112,7 +104,7 @@ def diagnose(
         left_out=left_out,
         left_out_of_test=left_out_of_test,
         progress=progress,
-    ).without_harmful_spans()
+    ).with_enough_rows
     diagnosis = diagnose_beside_passing(
         runs, partial(diagnose_runs, seed=seed, progress=progress)
     )
@@ -154,11 +146,7 @@ def diagnose_beside_passing(
     # What acts in the spans of the first causes may hide further ones.
     while new and len(passing) < _MOST_PASSING:
         spans = tuple(span for cause in passing for span in cause.spans)
-        rest = replace(
-            runs,
-            left_out=(*runs.left_out, *spans),
-            left_out_of_test=(*runs.left_out_of_test, *runs.spans_in_test),
-        )
+        rest = replace(runs, left_out=(*runs.left_out, *spans))
         if rest.searched.samples < ENOUGH * runs.searched.samples:
             break
         judged, diagnosis = rest, diagnose(rest)
@@ -172,20 +160,8 @@ def diagnose_beside_passing(
         passing=passing,
         named_by_check=runs.left_out,
         left_out_of_test=judged.left_out_of_test,
-        remarks=(*diagnosis.remarks, _left_out_remark(runs, judged.left_out)),
+        remarks=(*diagnosis.remarks, _SPANS_LEFT_OUT),
     )
-
-
-def _left_out_remark(runs: DiagnosisRuns, spans: Sequence[Span]) -> str:
-    """Say that spans were left out, and how commands leave them out as well."""
-    remark = (
-        "All else was judged without the spans in which something acts for a time; `add"
-        " --from` leaves them out as well"
-    )
-    windows = windows_without_spans(runs.measurements, spans)
-    if windows:
-        remark += f"; `--window {windows}` leaves them out of `identify` too"
-    return f"{remark}."
 
 
 def diagnose_runs(
@@ -304,23 +280,13 @@ class DiagnosisRuns:
         windows = window_subsample(self._driven[1], self.settings)
         return without_spans(windows, self.left_out) if self.left_out else windows
 
-    def without_harmful_spans(self) -> DiagnosisRuns:
-        """Return the recordings with the spans that are left out, or with all rows if
-        a model without the spans errs more on the test run, or too few rows are left."""
+    @property
+    def with_enough_rows(self) -> DiagnosisRuns:
+        """The recordings without the spans that are left out, or with all rows if too
+        few would be left."""
         whole = replace(self, left_out=())
-        if self.searched.samples < ENOUGH * whole.searched.samples:
-            return whole
-        if not self.left_out or self.test is None:
-            return self
-        with_spans, without = (x.errors_on_test() for x in (whole, self))
-        return whole if harm(with_spans, without) > 0.0 else self
-
-    def errors_on_test(self) -> Array:
-        """Return the RMS errors (n,) of the model on the test run [N m or N], fitted to
-        the searched rows by least squares."""
-        judge = HeldOutData(self.estimate, self.test_rows, self.frozen)
-        held_out = judge.held_out_errors(self.rows, (), self.estimate)
-        return held_out.errors((), fitted=least_squares_parameters)
+        is_enough = self.searched.samples >= ENOUGH * whole.searched.samples
+        return self if is_enough else whole
 
     @property
     def subsample_remark(self) -> str | None:
@@ -376,15 +342,6 @@ class DiagnosisRuns:
         if self._test_windows is None:
             return None
         return diagnosis_rows(self._test_windows, self.estimate, self.settings)
-
-    @cached_property
-    def spans_in_test(self) -> tuple[Span, ...]:
-        """Spans of the test run in which something acts for a part of the time."""
-        if self.test_rows is None:
-            return ()
-        white = whiten_rows(self.test_rows, self.estimate, self.frozen)
-        causes = passing_causes(Search(white, Library()), ())
-        return tuple(span for cause in causes for span in cause.spans)
 
     def _windows(self, runs: Measurements) -> Measurements:
         """Return windows of long recordings, with the torque at the joints."""

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.files import SPAN_MARGIN
 from sdp_vs_penalty.data.files import without_spans as leave_out
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.estimation.constants import NORMAL_95
@@ -14,9 +13,6 @@ from sdp_vs_penalty.records import JsonRecord
 
 #: Share of the samples that has to be left without the spans in which something acts.
 ENOUGH = 1.0 / 3.0
-#: The kind of a torque that wanders slowly with time. It acts all the time, and is only
-#: a rival of causes.
-WANDERING = "wandering"
 #: Of a law of :mod:`~sdp_vs_penalty.diagnosis.passing`: what it is in words, and
 #: whether it acts on a link or on a joint.
 _IN_WORDS = {
@@ -25,7 +21,6 @@ _IN_WORDS = {
     "torque": ("a constant torque", "joint"),
     "friction": ("a change of dry friction", "joint"),
     "gain": ("a change of the torque channel's gain", "joint"),
-    WANDERING: ("a torque that wanders slowly with time", "joint"),
 }
 
 
@@ -49,9 +44,8 @@ class Span(JsonRecord):
 class PassingCause(JsonRecord):
     """What acts for a part of the runs only."""
 
-    #: "load" (carried by the last link), "force" (constant in the world), "torque"
-    #: (constant, on one joint) or "friction" (a change of it, on one joint); "gain" in
-    #: older files.
+    #: "load" (carried by the last link), "force" (constant in the world), or "torque"
+    #: (constant, on one joint); "friction" (a change of it) and "gain" in older files.
     kind: str
     #: Number of the link or joint, from 1.
     place: int
@@ -121,26 +115,6 @@ def _law_in_words(law: str) -> str:
     kind, place = law.split(":")
     what, part = _IN_WORDS[kind]
     return f"{what} on {part} {place}"
-
-
-def windows_without_spans(runs: Measurements, spans: Sequence[Span]) -> str:
-    """Write what is left of a single run without some spans as `--window` takes it.
-
-    Examples: "0:19.7,23.8:27.1", in seconds after the run's first sample; "" for several
-    runs, to each of which `--window` applies.
-    """
-    if len(runs.names) > 1:
-        return ""
-    start, end = float(runs.t[0]), float(runs.t[-1])
-    windows = []
-    begin = start
-    for span in sorted(spans, key=lambda span: span.t_start):
-        if span.t_start - SPAN_MARGIN > begin:
-            windows.append((begin, span.t_start - SPAN_MARGIN))
-        begin = max(begin, span.t_end + SPAN_MARGIN)
-    if begin < end:
-        windows.append((begin, end))
-    return ",".join(f"{a - start:.4g}:{b - start:.4g}" for a, b in windows)
 
 
 def beside_spans(runs: Measurements, spans: Sequence[Span]) -> Measurements:

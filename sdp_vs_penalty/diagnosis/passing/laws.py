@@ -3,11 +3,7 @@
 - a load on the last link: its mass m and first moments m c;
 - a force F that is constant in the world, at a point p of a link. It is the weight of a
   mass of 1 kg at p in a field of gravity F, so its columns are those of the weight;
-- a constant torque on one joint;
-- a change of one joint's dry friction, as of a brake that drags.
-
-A torque that wanders slowly on one joint, as the zero of a drifting channel does, is a
-rival of all these: it acts all the time, so it is no cause of its own here.
+- a constant torque on one joint.
 """
 
 from __future__ import annotations
@@ -21,16 +17,12 @@ import scipy
 
 from sdp_vs_penalty.diagnosis.library import Candidate
 from sdp_vs_penalty.diagnosis.linear_fit import with_ridge
-from sdp_vs_penalty.diagnosis.passing.cause import WANDERING
 from sdp_vs_penalty.diagnosis.passing.spans import regular
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData, spread_columns
 from sdp_vs_penalty.effects import standard_effect
-from sdp_vs_penalty.effects.effect import Effect, JointEffect, Motion
+from sdp_vs_penalty.effects.effect import Effect, Motion
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-
-#: Cosines of time in a run by which a torque wanders: over half of the run and slower.
-_WANDERING_COSINES = 4
 
 
 class LinkWeight(Effect):
@@ -72,24 +64,11 @@ class LinkWeight(Effect):
         return np.concatenate(columns, axis=2)
 
 
-class ChangedFriction(JointEffect):
-    """A change of dry friction, with the sign of the velocity that the model has."""
-
-    name = "dry_friction"
-    equation = "f sign(dq)"
-    symbol = "f"
-    sought = False
-
-    def column(self, motion: Motion, joint: int) -> Array:
-        """Return the smooth sign (N,) of the velocity."""
-        return motion.sign(joint)
-
-
 @dataclass(frozen=True, eq=False)
 class Law:
     """What a cause may be: its filtered columns, and how many numbers describe it."""
 
-    #: "load", "force", "torque", "friction" or WANDERING.
+    #: "load", "force" or "torque".
     kind: str
     #: Number of the link or joint, from 1.
     place: int
@@ -159,47 +138,13 @@ def load_law(data: WhiteData) -> Law:
     return Law("load", robot.links, effect, columns, 4)
 
 
-#: Laws of one joint, by kind.
-_OF_JOINTS: dict[str, type[Effect]] = {
-    "torque": standard_effect("offset"),
-    "friction": ChangedFriction,
-}
-
-
-def joint_laws(data: WhiteData, *kinds: str) -> list[Law]:
-    """Return the laws of some kinds, one for each joint: a constant "torque", a change
-    of dry "friction"."""
+def torque_laws(data: WhiteData) -> list[Law]:
+    """Return the laws of a constant torque, one for each joint."""
     laws = []
-    for kind in kinds:
-        for j in range(data.n):
-            effect = _OF_JOINTS[kind](data.estimate.robot, [j])
-            laws.append(Law(kind, j + 1, effect, spread_columns(data.rows, effect), 1))
-    return laws
-
-
-def wandering_laws(data: WhiteData) -> list[Law]:
-    """Return the laws of a torque that wanders slowly with time, one for each joint.
-
-    In a run from t_0 to t_1 the torque is sum_k a_k cos(pi k (t - t_0) / (t_1 - t_0)),
-    k = 1 to 4.
-    """
-    rows = data.rows
-    cosines = []
-    for run in np.unique(rows.run):
-        in_run = rows.run == run
-        t = rows.t[in_run]
-        phase = np.pi * (t - t[0]) / max(float(t[-1] - t[0]), 1e-9)
-        of_run = np.zeros((len(rows.t), _WANDERING_COSINES))
-        of_run[in_run] = np.cos(np.outer(phase, np.arange(1, _WANDERING_COSINES + 1)))
-        cosines.append(of_run)
-    course = np.hstack(cosines)
-    out = []
     for j in range(data.n):
-        columns = np.zeros((data.n, *course.shape))
-        columns[j] = course
         effect = standard_effect("offset")(data.estimate.robot, [j])
-        out.append(Law(WANDERING, j + 1, effect, columns, course.shape[1]))
-    return out
+        laws.append(Law("torque", j + 1, effect, spread_columns(data.rows, effect), 1))
+    return laws
 
 
 def force_laws(data: WhiteData) -> list[Law]:

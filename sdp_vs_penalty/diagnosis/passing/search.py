@@ -19,15 +19,14 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.constants import COARSENING_ROWS, EVIDENCE_TO_ADD
 from sdp_vs_penalty.diagnosis.evidence import EvidenceScorer
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit, with_ridge
-from sdp_vs_penalty.diagnosis.passing.cause import WANDERING, PassingCause, Span
+from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, Span
 from sdp_vs_penalty.diagnosis.passing.laws import (
     Law,
     PassingCandidate,
     force_laws,
-    joint_laws,
     load_law,
     point_of_force,
-    wandering_laws,
+    torque_laws,
 )
 from sdp_vs_penalty.diagnosis.passing.spans import (
     CellProducts,
@@ -72,7 +71,7 @@ class PassingSearch:
         """Take a finished search, and the effects in it that are certain."""
         self.data, self.terms = _without_repetition(search, terms)
         robot = self.data.estimate.robot
-        n_laws = 1 + 2 * robot.n + robot.links
+        n_laws = 1 + robot.n + robot.links
         self.score = EvidenceScorer(self.data, n_laws, like=search.score)
         self.base = self.score.fit(self.terms)
         self.cells = Cells.from_labels(self.data.clusters[0], self.data.rows.run)
@@ -82,10 +81,9 @@ class PassingSearch:
 
         All are tried, suspected or not: noise that is measured from repetitions takes
         in what differs between them. Forces take most of the time, and are tried only
-        if another law stands out. A torque that wanders slowly with time is their
-        rival. What belongs to a run, such as a channel's gain, the check tells.
+        if another law stands out. What belongs to a run, such as a channel's gain, the check tells.
         """
-        laws = [load_law(self.data), *joint_laws(self.data, "torque", "friction")]
+        laws = [load_law(self.data), *torque_laws(self.data)]
         trials = self._trials(laws)
         if not any(t.stands_out for t in trials):
             return None
@@ -96,18 +94,11 @@ class PassingSearch:
             for t in trials
             if (t.stands_out or t.errs_apart) and t.term.drop > _WORTH_A_LOOK * most
         ]
-        return best_of([*finer, *self._wandering()]) if finer else None
+        return best_of(finer) if finer else None
 
     def _trials(self, laws: Sequence[Law]) -> list[PassingTrial]:
         """Try laws; return the trials of those with spans."""
         trials = [self.trial(law) for law in laws]
-        return [t for t in trials if t is not None]
-
-    def _wandering(self) -> list[PassingTrial]:
-        """Return the trials of torques that wander slowly, which act all the time."""
-        always = np.ones(len(self.cells.run))
-        laws = wandering_laws(self.data)
-        trials = [self._judged(law, self.cells, always) for law in laws]
         return [t for t in trials if t is not None]
 
     def trial(self, law: Law) -> PassingTrial | None:
@@ -196,9 +187,9 @@ class PassingSearch:
     def _judged(self, law: Law, cells: Cells, x: Array) -> PassingTrial | None:
         """Fit a law in spans x (C,) and compute its evidence; None if it has none.
 
-        What acts all the time is no cause here, but for a torque that wanders.
+        What acts all the time is no cause here.
         """
-        if not x.any() or (x.all() and law.kind != WANDERING):
+        if not x.any() or x.all():
             return None
         acts = x[cells.label]
         point, fitted_law = np.zeros(3), law
@@ -297,7 +288,7 @@ def passing_causes(
     best, rivals = found
     # A law that explains as much is a rival, though its own size is in doubt.
     likely = [t for t in (best, *rivals) if t.is_proven]
-    if best.law.kind == WANDERING or not likely:
+    if not likely:
         return ()
     chosen = likely[0]
     others = [t for t in (best, *rivals) if t is not chosen]
