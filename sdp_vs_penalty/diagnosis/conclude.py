@@ -42,7 +42,6 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import NOISE_UNKNOWN, RESIDUAL, SPECTRUM
-from sdp_vs_penalty.signals.standstill import STILL
 
 
 @dataclass(frozen=True)
@@ -115,49 +114,27 @@ class Conclusion:
         First come the flags of re-estimated shape constants, then those of findings.
         """
         least_help = [least_help_of(finding) for finding in self.findings_alone]
-        return self.ladder.help_together(least_help, self.known_floor)
+        is_doubted = [bool(finding.doubts) for finding in self.findings_alone]
+        return self.ladder.help_together(least_help, is_doubted, self.known_floor)
 
     @cached_property
     def findings(self) -> list[Finding]:
-        """The findings, and which of them help; one that does not is weak. A weak one
-        that lowers no joint's error by 1 %, alone or beside the others, is not added."""
-        # Flags and numbers of re-estimated constants come first.
-        n_own = self.ladder.n_own
-        offered = zip(self.ladder.offered, self.help_together, strict=True)
-        helpful = [number for number, helps in offered if helps]
+        """The findings, and which of them help; one that does not is weak."""
         findings = []
-        for finding, helps, number in zip(
-            self.findings_alone,
-            self.help_together[n_own:],
-            self.ladder.offered[n_own:],
-            strict=True,
-        ):
-            doubts = finding.doubts
-            if not helps:
-                doubts = (*doubts, Doubt("alone"))
-            elif finding.rating == "weak" and not self._lowers(number, helpful):
-                doubts = (*doubts, Doubt("no_gain"))
+        helpful = self.help_together[self.ladder.n_own :]  # behind own constants
+        for finding, helps in zip(self.findings_alone, helpful, strict=True):
+            doubts = finding.doubts if helps else (*finding.doubts, Doubt("alone"))
             confidence = "weak" if doubts else finding.confidence
             findings.append(
                 replace(finding, helps=helps, confidence=confidence, doubts=doubts)
             )
         return findings
 
-    def _lowers(self, number: int, helpful: Sequence[int]) -> bool:
-        """Whether an effect lowers a joint's error on data left out by MINOR, alone or
-        beside the others that are ``helpful``; effects are named by their numbers."""
-        errors = self.ladder.held_out.errors
-        others = [k for k in helpful if k != number]
-        return any(
-            np.any(errors([*without, number]) < (1.0 - MINOR) * errors(without))
-            for without in ((), others)
-        )
-
     @property
     def _told(self) -> tuple[list[Finding], Array]:
         """The findings that are told, each with the errors (n,) before and after it joins
         those before it; and the errors with all of them [N m or N]."""
-        places = [k for k, f in enumerate(self.findings) if not f.is_not_told]
+        places = [k for k, f in enumerate(self.findings) if f.helps]
         errors = [self.ladder.errors_with(places[:k]) for k in range(len(places) + 1)]
         told = [
             replace(
@@ -172,17 +149,15 @@ class Conclusion:
 
         The verdict is "unknown_effect" if a joint has unexplained torque or a measured
         curve, else "effect_missing" if there are findings, else "nothing_missing". A
-        finding becomes weak if it raises the error on data left out when it joins the
-        certain findings alone. One that is doubted and does not help is not told: it
-        stands for errors that the others are judged beside, such as of friction that
-        sticks. A curve that was measured beside it, and not in its place, would not be
-        right without it.
+        finding that does not help is not told: it stands for errors that the others are
+        judged beside, such as of friction that sticks. A curve that was measured beside
+        it, and not in its place, would not be right without it.
         """
         remaining = self.left
         noise = self.data.noise
         held_out = self.ladder.held_out
         told, error_with_all = self._told
-        untold = [finding for finding in self.findings if finding.is_not_told]
+        untold = [finding for finding in self.findings if not finding.helps]
         replaces_untold = all(CURVE in f.indistinguishable_from for f in untold)
         curves = self.described_curves if replaces_untold else ()
         # By joint (from 0): RMS torque beyond the noise [N m or N].
@@ -269,37 +244,30 @@ class Conclusion:
     def remarks(self) -> tuple[str, ...]:
         """Sentences about the diagnosis as a whole, for the user.
 
-        They warn of a noise that no repetition shows, of errors that arise at
-        standstill, of a test run with little new motion, and of a missing test run.
+        They warn of a noise that no repetition shows, of a test run with little new
+        motion, and of a missing test run.
         """
         has_test_run = self.ladder.held_out.source != "folds"
-        units = [*map(formatting.plain_unit, self.explanation.estimate.torque_units)]
         sentences = (
             NOTES_ON_NOISE.get(self.data.noise.source),
-            _standstill(self.data, self.left.residual, units),
             repeatability_warning(self.new_motion_share),
             None if has_test_run else _FOLDS,
         )
         return tuple(text for text in sentences if text)
 
 
-def least_help_of(finding: Finding) -> float | None:
-    """Return by how much a finding has to lower the sum of log errors to be added, on a
-    test run by more than the spread as well; None if it is not doubted.
+def least_help_of(finding: Finding) -> float:
+    """Return by how much a finding has to lower the sum of log errors on data left out
+    to be told and added: one that is doubted on a test run by more than the spread, too.
 
-    A torque that may not be there has to lower it by 5 %, one whose size may be zero by
-    1 %; where both are in doubt it is not added, and this is infinite. Any other one
-    that is doubted may raise it by less than 1 % where no test run has a spread.
+    A torque that may not be there has to lower it by 5 %, any other one by 1 %. One
+    whose size may be zero as well is not added, and this is infinite.
     """
     may_be_zero = Doubt("insignificant") in finding.doubts
     is_forbidden = any(doubt.forbids_adding for doubt in finding.doubts)
     if is_forbidden or (finding.has_open_torque and may_be_zero):
         return np.inf
-    if finding.has_open_torque:
-        return SURE_HELP
-    if may_be_zero:
-        return MINOR
-    return -MINOR if finding.doubts else None
+    return SURE_HELP if finding.has_open_torque else MINOR
 
 
 def describe_finding(judged: Judged, doubts: Sequence[Doubt]) -> Finding:
@@ -381,32 +349,6 @@ _FOLDS = (
     " folds, the choice of effects and constants from all rows. A test run (--test)"
     " judges both."
 )
-
-
-def _standstill(data: WhiteData, residual: Array, units: Sequence[str]) -> str:
-    """Return a remark on joints whose remaining error arises mostly at standstill.
-
-    A joint is named if more than half of its squared residual is from rows in which it
-    stands still. "" if there is no such joint. residual (M, n) [units] : what the
-    model with all findings leaves.
-    """
-    keep = data.rows.keep
-    moves = keep & (data.rows.still <= STILL)
-    squares = np.sum(residual**2 * keep, axis=0)
-    squares_in_motion = np.sum(residual**2 * moves, axis=0)
-    is_mostly_standstill = squares > 2.0 * squares_in_motion
-    joints = [int(j) + 1 for j in np.flatnonzero(is_mostly_standstill)]
-    if not joints:
-        return ""
-    rms_in_motion = np.sqrt(squares_in_motion / np.maximum(moves.sum(axis=0), 1))
-    values = [f"{rms_in_motion[j - 1]:.2g} {units[j - 1]}" for j in joints]
-    return (
-        "In the runs that were searched, most of the error that is left on"
-        f" {formatting.joints(joints)} lies where"
-        f" {'it stands' if len(joints) == 1 else 'they stand'} still: dry friction holds"
-        " any torque up to its own. In the rows of these runs that move it is"
-        f" {formatting.words(values)}."
-    )
 
 
 def physics_of(effect: Effect, size: float) -> str:

@@ -9,26 +9,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
-from sdp_vs_penalty.diagnosis.constants import (
-    ABSORBED,
-    EVIDENCE_TO_ADD,
-    HELD_TRAVEL,
-    SERIES,
-)
+from sdp_vs_penalty.diagnosis.constants import ABSORBED, EVIDENCE_TO_ADD
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.findings import Invisible
-from sdp_vs_penalty.diagnosis.held_out import harm, lowers
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import Size, is_insignificant, is_uncertain, size_of
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.robot.arrays import Array
-
-#: Fall of the error on data left out from which these show a torque by themselves.
-_CLEAR_ELSEWHERE = 0.05
 
 
 @dataclass(frozen=True)
@@ -107,43 +96,6 @@ def _is_small(x: Judged) -> bool:
     return not x.term.evidence > 2.0 * EVIDENCE_TO_ADD  # "not ... >": True for NaN
 
 
-def _is_clear_elsewhere(x: Judged) -> bool:
-    """Return whether a finding lowers a joint's error on data left out by 5 % or more.
-
-    These data have not been searched: where they show the torque, a small evidence on
-    the searched rows leaves open what it is, not whether it is there.
-    """
-    before, after = x.errors[:, x.joints]
-    return bool(np.any(after <= (1.0 - _CLEAR_ELSEWHERE) * before))
-
-
-def _is_held(x: Judged) -> bool:
-    """Return whether all joints of a finding are held still in all runs.
-
-    A joint is held if its travel [rad or m] is less than HELD_TRAVEL. Its friction does
-    not slide then, and takes any torque between minus and plus its size.
-    """
-    rows = x.search.data.rows
-    joints = x.effect.robot.joints
-    return all(rows.coverage(j).travel < HELD_TRAVEL[joints[j].kind] for j in x.joints)
-
-
-def _is_of_a_series(x: Judged) -> bool:
-    """Return whether the same effect was found SERIES times or more on its joint, by
-    the same law.
-
-    Ripples of many orders are the Fourier series of any local torque, such as a bump at
-    one angle. Each is there, but none is what its name says. Several laws of one
-    effect, such as the viscous and the Coulomb friction of a motor, are no series.
-    """
-    alike = [
-        t
-        for t in x.search.terms
-        if t.key == x.term.key and t.form.effect.law_constants == x.effect.law_constants
-    ]
-    return len(alike) >= SERIES
-
-
 #: By the name of a reason for doubt (a key of REASONS): whether it applies to a finding.
 DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     "rivals": lambda x: bool(x.term.rivals or x.effect.resembles),
@@ -154,17 +106,12 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
         *size_of(x.effect, x.size.beta, x.size.covariance)
     ),
     "no_torque": _makes_no_torque,
-    "small": lambda x: _is_small(x) and not _is_clear_elsewhere(x),
-    "small_here": lambda x: _is_small(x) and _is_clear_elsewhere(x),
-    "not_held_out": lambda x: not lowers(*x.errors[:, x.joints]),
-    "raises": lambda x: harm(*x.errors[:, x.joints]) > 0.0,
-    "held": _is_held,
+    "small": _is_small,
     "sticks": lambda x: x.is_contradicted,
     # What looks like a law of how friction turns round is such a law.
     "looks_like": lambda x: bool(x.looks_like) and x.effect.at_rest != "turns",
     "sharp": lambda x: bool(x.looks_like) and x.effect.at_rest == "turns",
     "stand_in": lambda x: x.effect.is_stand_in,
-    "series": _is_of_a_series,
     "curve": lambda x: any(x.term in c.replaced for c in x.curves),
 }
 
@@ -173,11 +120,9 @@ def reasons_for_doubt(x: Judged) -> tuple[Doubt, ...]:
     """List the reasons to doubt a finding; a finding without any is confident.
 
     Reasons about the finding itself: another effect fits as well; its size is
-    uncertain, or not different from zero; its joint is held still; its size is smaller
-    where the joints slide; its evidence is small; it lowers no joint's error on data
-    left out, or raises these errors of its joints more than it lowers them. Reasons
-    about its surroundings: another cause would look like it; a measured curve fits
-    better.
+    uncertain, or not different from zero; its size is smaller where the joints slide; its
+    evidence is small. Reasons about its surroundings: another cause would look like it;
+    a measured curve fits better.
     """
     return tuple(
         Doubt(reason, cause=x.looks_like if reason in ("looks_like", "sharp") else "")

@@ -89,15 +89,5 @@ UNCERTAIN = 0.2
 #: Standard deviation over size from which that is not told from zero ("two sigma"); with
 #: the error of all shape constants, which may be as large as the size of a known torque.
 SIGNIFICANT = 0.5
-#: Standard deviations from which a constant is another one ("three sigma").
-IMPLAUSIBLE_SIGMAS = 3.0
 #: Share by which findings together may raise a joint's error on data left out.
 MAX_JOINT_HARM = 0.05
-
-#: A joint that moves by less in all runs is held: friction yields before it slides, over
-#: up to some milliradians [rad], and on a slide over tenths of a millimetre [m].
-HELD_TRAVEL = {"revolute": 0.02, "prismatic": 0.002}
-
-#: Findings of one effect on one joint from which they are a series of a torque without a
-#: name: a gear has a ripple or two.
-SERIES = 3

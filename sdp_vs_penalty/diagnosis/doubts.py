@@ -8,32 +8,32 @@ from dataclasses import dataclass
 from sdp_vs_penalty.records import JsonRecord
 
 #: What is said of a weak finding, by the name of the reason; a finding with none is
-#: confident. The last three stand in files of 0.1 alone.
+#: confident. Those from "small_here" on stand in older files alone.
 REASONS: Mapping[str, str] = {
     "rivals": "another effect fits as well",
     "uncertain": "its size is uncertain by > 20 %",
     "insignificant": "its size is not told from zero",
     "small": "its gain is small",
-    "small_here": "its gain is small here, though it lowers the error on data left out",
     "not_held_out": "adding it lowers no joint's error on data left out by 1 %",
     "raises": "on data left out its joints' errors rise more than they fall with it",
     "alone": "beside what is added it does not clearly lower the error on data left out, or"
     " raises a joint's",
-    "no_gain": "alone or beside the others it lowers no joint's error on data left out by"
-    " 1 %",
-    "held": "its joint hardly moves: dry friction that does not slide holds any torque",
     "sticks": "where the joints slide it has another size, or is not evident: friction"
     " that sticks at reversals looks so",
     "looks_like": "another cause makes a similar torque",
     "sharp": "any sharp friction makes a similar torque",
     "no_torque": "its torque is not told from zero",
     "stand_in": "its law may stand in for another one, which other motion follows",
-    "series": "three or more of its kind on one joint may be one curve without a name",
     "few_splits": "fewer than two thirds of this run's splits show it",
     "curve": "a measured curve explains the joint better",
     "explained": "the check explains its torque as well",
     "log": "the log itself is likely wrong, which explains more: mend it first",
     "at_end": "it lies at the end of the range in which it was looked for",
+    "small_here": "its gain is small here, though it lowers the error on data left out",
+    "no_gain": "alone or beside the others it lowers no joint's error on data left out by"
+    " 1 %",
+    "held": "its joint hardly moves: dry friction that does not slide holds any torque",
+    "series": "three or more of its kind on one joint may be one curve without a name",
     "more_left": "more error is left on its joints than it explains",
     "shared": "other findings share most of its torque: only their sum is known",
     "implausible": "its size is not plausible",

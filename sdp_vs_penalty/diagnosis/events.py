@@ -80,7 +80,7 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
         if is_outlier.sum() < RARE * rows.keep[:, j].sum():
             out[:, j] = is_outlier
         out[:, j] |= suspect
-    return out & ~_repeated_outliers(data, out)
+    return out
 
 
 def _lone_rows(data: WhiteData, series: Array, joint: int, slow: Mask) -> Mask:
@@ -142,22 +142,6 @@ def _sums_near_in_time(series: Array, rate: float) -> Array:
     """
     width = np.ones(2 * max(1, round(SAME_PHASE * rate)) + 1)
     return np.array([np.convolve(x, width, mode="same") for x in series.T]).T
-
-
-def _repeated_outliers(data: WhiteData, is_outlier: Mask) -> Mask:
-    """Flag the outlier rows (M, n) at whose phase another repetition has an outlier,
-    too.
-
-    The phases may differ by SAME_PHASE seconds.
-    """
-    near = _near_in_time(is_outlier, data.rows.rate)
-    out = np.zeros_like(is_outlier)
-    for repeat in data.noise.repeats:
-        # Numbers of the rows of one repetition, and of another at the same phases.
-        in_both = near[repeat.rows] & near[repeat.there]
-        out[repeat.rows] |= in_both
-        np.logical_or.at(out, repeat.there, in_both)  # rows may come twice
-    return out
 
 
 def _unrepeated_rows(data: WhiteData, residual: Array) -> Mask:

@@ -212,7 +212,7 @@ class Ladder:
         return self.held_out.errors(others)
 
     def help_together(
-        self, least_help: Sequence[float | None], floor: Array
+        self, least_help: Sequence[float], is_doubted: Sequence[bool], floor: Array
     ) -> list[bool]:
         """Return for each constant and each finding whether it helps together with all
         others that help. `add` takes those that do.
@@ -224,9 +224,10 @@ class Ladder:
         Parameters
         ----------
         least_help
-            By how much each finding has to lower that sum, if it is doubted; infinite
-            for one that cannot help. One that is not, which is None, and re-estimated
-            constants may raise it by 1 %.
+            By how much each finding has to lower that sum; infinite for one that cannot
+            help. Re-estimated constants may raise it by 1 %.
+        is_doubted
+            Which findings are doubted: these have to show it on all data.
         floor
             (n,) noise of the joints [N m or N], zero where it is not known.
 
@@ -236,15 +237,14 @@ class Ladder:
             Constants first, then findings.
         """
         findings = self.offered[self.n_own :]
-        of_findings = {
-            k: x for k, x in zip(findings, least_help, strict=True) if x is not None
-        }
+        of_findings = dict(zip(findings, least_help, strict=True))
+        doubted = {k for k, x in zip(findings, is_doubted, strict=True) if x}
         in_doubt = [k for k, x in of_findings.items() if SURE_HELP <= x < np.inf]
         helpful = [k for k in self.offered if of_findings.get(k, 0.0) < SURE_HELP]
         n_before = len(helpful) + 1
         while len(helpful) < n_before:
             n_before = len(helpful)
-            helpful = self.held_out.drop_harmful(helpful, of_findings, {*of_findings})
+            helpful = self.held_out.drop_harmful(helpful, of_findings, doubted)
             helpful = self.held_out.drop_harmful_to_a_joint(helpful, floor)
         helpful = self.held_out.with_helpful(helpful, in_doubt, floor)
         return [number in helpful for number in self.offered]

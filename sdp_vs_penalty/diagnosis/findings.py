@@ -116,12 +116,6 @@ class Rated(JsonRecord):
         return any(doubt.leaves_torque_open for doubt in self.doubts)
 
     @property
-    def is_not_told(self) -> bool:
-        """Whether it is doubted for itself, and adding it does not help."""
-        reasons = {doubt.reason for doubt in self.doubts}
-        return not self.helps and bool(reasons - {"alone"})
-
-    @property
     def torque_is_certain(self) -> bool:
         """Whether the torque is certainly present, though its name or size may be open:
         `add --helpful` takes it.

@@ -540,14 +540,6 @@ def error_ratios(before: Array, after: Array) -> Array:
     return np.maximum(after, tiny) / np.maximum(before, tiny)
 
 
-def lowers(before: Array, after: Array) -> bool:
-    """Return whether the error of at least one joint falls by MINOR (1 %) or more.
-
-    before, after (n,) : errors of the joints.
-    """
-    return bool(np.any(after <= (1.0 - MINOR) * before))
-
-
 class ErrorChange(NamedTuple):
     """How the sum over joints of their log errors changes."""
 
@@ -730,45 +722,6 @@ class HeldOutData:
             n_stretches=n_stretches,
             make_second=errors_of_folds,
         )
-
-    def outside(
-        self, rows: SegmentedRuns, effect: Effect, by_fold: Sequence[Effect]
-    ) -> float:
-        """Return the share (0 to 1) of the data left out where an effect is not known.
-
-        A measured curve, for example, is known only where the motion went from which it
-        was measured. Its errors elsewhere judge values that nothing has measured.
-
-        Parameters
-        ----------
-        rows
-            The rows that were searched; without a test run each fold of them is left
-            out in turn.
-        effect
-            The effect from all searched rows, for the test run.
-        by_fold
-            For each fold, the effect from the rows outside of it.
-        """
-        if self.test is not None:
-            is_outside = rows_outside(self.test, effect)
-            return float(np.mean(is_outside[self.test.keep.any(axis=1)]))
-        fold = folds_of(rows, THIRDS)
-        is_outside = np.zeros(len(fold), bool)
-        for k, effect_of_fold in enumerate(by_fold):
-            is_left_out = fold == k
-            is_outside[is_left_out] = rows_outside(rows, effect_of_fold)[is_left_out]
-        return float(np.mean(is_outside[rows.keep.any(axis=1)]))
-
-
-def rows_outside(rows: SegmentedRuns, effect: Effect) -> Mask:
-    """Return the flags (M,) of the rows that lie outside of an effect's known range.
-
-    A row is outside if more than half of the instants that were filtered into it are.
-    """
-    share_of_row = [
-        s.low_pass @ effect.outside(s.motion).astype(float) for s in rows.segments
-    ]
-    return np.concatenate(share_of_row) > 0.5
 
 
 def where_joints_slide(rows: SegmentedRuns) -> Mask:

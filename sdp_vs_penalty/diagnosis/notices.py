@@ -1,9 +1,8 @@
 """Notices: facts about the machine that the model's parameters have taken in.
 
-There are two kinds: a load that the robot's file does not know, and a constant offset,
-which may be friction that differs by direction. Neither is a missing effect, since the
-model explains its torque. Both are estimated together with the findings, from the same
-white rows.
+One is a load that the robot's file does not know. It is no missing effect, since the
+model explains its torque. It is estimated together with the findings, from the same white
+rows.
 """
 
 from __future__ import annotations
@@ -14,15 +13,12 @@ from functools import cached_property
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.constants import SERIES
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import largest_sums_of_scores
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
-from sdp_vs_penalty.effects import standard_effect
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
 from sdp_vs_penalty.robot.inertia import gyration_about_joint, inertia_matrix
@@ -43,10 +39,6 @@ _LOAD_REACH = np.array([1.0, *(0.5,) * 3, *(0.25,) * 6])
 _LOAD_SURPRISE = 33.4
 #: Standard deviations from zero from which a load's mass is stated.
 _MASS_IS_KNOWN = 2.0
-#: Standard deviations from zero from which an offset is reported, and its share of the
-#: joint's Coulomb friction.
-_OFFSET_IS_CLEAR = 5.0
-_OFFSET_IS_LARGE = 0.2
 #: Share of a unit column's square that keeps the normal equations regular.
 _RIDGE = 1e-9
 
@@ -55,11 +47,11 @@ _RIDGE = 1e-9
 class Notice(JsonRecord):
     """A fact about the machine that the model's own parameters hold."""
 
-    #: "load" or "offset".
+    #: "load"; "offset" in older files.
     kind: str
     #: Number of the joint, from 1.
     joint: int
-    #: Estimate of the load or offset, in ``unit``.
+    #: Estimate of the load, in ``unit``.
     size: float
     #: Standard deviation of the size, in ``unit``.
     std: float
@@ -89,7 +81,7 @@ class FitWithPriors:
 
 
 def find_notices(search: Search, estimate: Estimate) -> tuple[Notice, ...]:
-    """List what the model has taken in: a load beyond the robot's file, and offsets.
+    """List what the model has taken in: a load beyond the robot's file.
 
     Parameters
     ----------
@@ -103,10 +95,8 @@ def find_notices(search: Search, estimate: Estimate) -> tuple[Notice, ...]:
     """
     if search.data.frozen or not len(estimate.model.rigid_indices):
         return ()
-    rows = ScaledRows.of_search(search)
-    load = load_beyond_file(rows, estimate)
-    offsets = offsets_beside_friction(rows, search, estimate)
-    return tuple(offsets if load is None else [load, *offsets])
+    load = load_beyond_file(ScaledRows.of_search(search), estimate)
+    return () if load is None else (load,)
 
 
 def load_beyond_file(rows: ScaledRows, estimate: Estimate) -> Notice | None:
@@ -242,72 +232,6 @@ def _describes(fit: FitWithPriors, places: Indices) -> bool:
     squares = ((fit.theta[places] - fit.nominal[places]) / deviations) ** 2
     from_data = 1.0 - np.minimum((fit.std[places] / deviations) ** 2, 1.0)
     return bool(squares.sum() < _FILE_DESCRIBES * max(float(from_data.sum()), 1.0))
-
-
-def offsets_beside_friction(
-    rows: ScaledRows, search: Search, estimate: Estimate
-) -> list[Notice]:
-    """List the joints whose constant offset is clear, and large beside Coulomb friction.
-
-    An offset on a joint that moves both ways is the same torque as Coulomb friction
-    that differs by direction. Left out are sliding joints, whose offset holds a weight,
-    and joints with a finding that has a constant part of its own, such as the rest
-    position of a spring.
-
-    Parameters
-    ----------
-    rows
-        The rows of the model and the findings.
-    search
-        The findings beside the model.
-    """
-    p = len(estimate.theta)
-    fit = fit_with_priors(rows, np.zeros(p), np.full(p, np.inf))
-    friction = np.zeros(estimate.robot.n)
-    name_of_friction = standard_effect("friction").name
-    name_of_offset = standard_effect("offset").name
-    for index, parameter in enumerate(estimate.model.parameters):
-        if parameter.effect == name_of_friction:
-            friction[parameter.joint - 1] = fit.theta[index]
-    constant = [t.joints for t in search.terms if _may_be_constant(search, t)]
-    explained = frozenset[int]().union(*constant)
-    out = []
-    for index, parameter in enumerate(estimate.model.parameters):
-        joint = parameter.joint - 1
-        if parameter.effect != name_of_offset or joint in explained:
-            continue
-        offset = float(fit.theta[index])
-        std = float(fit.std[index])
-        is_clear = abs(offset) > _OFFSET_IS_CLEAR * std
-        is_large = abs(offset) > _OFFSET_IS_LARGE * friction[joint] > 0.0
-        turns = estimate.robot.joints[joint].kind != "prismatic"
-        if is_clear and is_large and turns:
-            out.append(_notice_of_offset(joint + 1, offset, std, parameter.unit))
-    return out
-
-
-def _may_be_constant(search: Search, term: ScoredEffect) -> bool:
-    """Return whether a finding has a constant part, or may stand for a slow curve.
-
-    Less than one wave of a ripple, for example, looks like any torque that changes
-    slowly with the angle; and a series of ripples may stand for a curve with a mean.
-    """
-    effect = term.form.effect
-    coverage = search.data.rows.coverage(effect.joints[0])
-    is_slow = bool(effect.looks_like(0.0, coverage))
-    n_alike = sum(other.key == term.key for other in search.terms)
-    return effect.has_constant_part or is_slow or n_alike >= SERIES
-
-
-def _notice_of_offset(joint: int, offset: float, std: float, unit: str) -> Notice:
-    """Say what a constant torque of a joint (from 1) may be."""
-    text = (
-        f"joint {joint} holds a constant torque of"
-        f" {offset:.3g} ± {NORMAL_95 * std:.2g} {plain_unit(unit)}: the zero of its"
-        " channel, Coulomb friction that differs by direction, or a part of an effect"
-        " that the model lacks"
-    )
-    return Notice("offset", joint, offset, std, unit, text)
 
 
 @dataclass(frozen=True)

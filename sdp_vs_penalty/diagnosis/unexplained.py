@@ -50,10 +50,6 @@ class Remainder:
     #: Those of these joints on which the noise is known well enough to call the torque
     #: unexplained.
     joints_unexplained: tuple[int, ...]
-    #: (M, n) torque that is left [N m or N].
-    residual: Array
-    #: (M, n) flags of the rows of events.
-    outlier_rows: Mask
 
 
 def unexplained_error(search: Search) -> Remainder:
@@ -122,8 +118,6 @@ def remainder(
         beyond=np.sqrt(np.maximum(squares - floor**2, 0.0)),
         joints_above_noise=tuple(raised.tolist()),
         joints_unexplained=tuple(sure.tolist()),
-        residual=residual,
-        outlier_rows=outlier_rows,
     )
 
 

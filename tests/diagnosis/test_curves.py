@@ -24,8 +24,6 @@ from sdp_vs_penalty.diagnosis import (
     whiten_rows,
 )
 from sdp_vs_penalty.diagnosis.curves.measure import is_curve_preferred
-from sdp_vs_penalty.diagnosis.held_out import HeldOutData
-from sdp_vs_penalty.diagnosis.white_rows import folds_of
 from sdp_vs_penalty.effects import (
     EffectEntry,
     MeasuredCurve,
@@ -170,23 +168,6 @@ def test_the_added_curve_takes_the_error_to_the_noise(made):
         made.estimate.robot,
     )
     assert written.entry == restored.entry == effect.entry
-
-
-def test_without_a_test_run_each_fold_is_judged_by_what_the_others_measured(made):
-    rows = diagnosis_rows(
-        made.data, made.estimate, made.estimate.preprocessing.resolve(made.data)
-    )
-    robot = made.estimate.robot
-    everywhere, elsewhere = (
-        MeasuredCurve(robot, [JOINT], xlow=low, xhigh=high, xn=2.0, v1=-1.0, v2=1.0)
-        for low, high in [(-50.0, 50.0), (50.0, 51.0)]
-    )
-    folds = HeldOutData(made.estimate, test=None, frozen=False)
-    known_by_fold = [everywhere, elsewhere, everywhere]
-    in_second = folds_of(rows, len(known_by_fold)) == 1
-    expected = np.mean(in_second[rows.keep.any(axis=1)])
-    assert 0.2 < expected < 0.5
-    assert folds.outside(rows, everywhere, known_by_fold) == pytest.approx(expected)
 
 
 @pytest.mark.long

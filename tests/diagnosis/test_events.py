@@ -61,7 +61,6 @@ def fast_corners(white):
     [
         (REPETITION, [300], False, True),
         (SPECTRUM, [300], False, True),
-        (REPETITION, [300, 300 + HALF], False, False),  # it repeats: the model errs
         (SPECTRUM, [], False, False),
         # Late torque errs where it changes fast; one such error is larger than others.
         (SPECTRUM, [], True, False),

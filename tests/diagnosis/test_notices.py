@@ -1,4 +1,4 @@
-"""What the model takes in is said: a load beyond its file, an offset.
+"""What the model takes in is said: a load beyond its file.
 
 The logs are of an arm that shares no code with the library (point_mass_arm).
 """
@@ -78,18 +78,3 @@ def test_a_parameter_that_is_not_seen_is_not_known():
     fit = fit_with_priors(rows, np.zeros(2), np.full(2, np.inf))
     assert fit.theta.sum() == pytest.approx(1.0, rel=0.01)
     assert np.all(fit.std > 100.0 * np.abs(fit.theta))
-
-
-def with_offset(torque):
-    """Joint 2 has Coulomb friction of 1.2 N m, and a constant torque."""
-    return PointMassArm(extra=lambda t, q, dq: 0.0 * q + [0.0, torque, 0.0])
-
-
-def test_an_offset_large_beside_friction_is_noticed(problem):
-    (notice,) = notices(problem, with_offset(0.6))
-    assert (notice.kind, notice.joint) == ("offset", 2)
-    assert abs(notice.size - 0.6) < 1.96 * notice.std
-
-
-def test_an_offset_small_beside_friction_is_not(problem):
-    assert not notices(problem, with_offset(0.1))

@@ -42,7 +42,6 @@ from sdp_vs_penalty.effects.measured_curve import (
     table_effect,
     table_variables,
 )
-from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 
 
@@ -534,9 +533,8 @@ def accept_curves(
     A curve is a torque in doubt, and has to help as such a finding: it lowers the sum of
     the joints' log errors on data left out, in the rows in which they slide, by 5 %
     (SURE_HELP) and beyond the spread of a test run. It acts in all rows, and raises no
-    joint's error over all of them by 5 % (MAX_JOINT_HARM). And most of the data left out
-    lie where the curve was measured (elsewhere, the table is held constant). Each curve is
-    judged together with those accepted before it.
+    joint's error over all of them by 5 % (MAX_JOINT_HARM). Each curve is judged together
+    with those accepted before it.
 
     Parameters
     ----------
@@ -578,10 +576,8 @@ def accept_curves(
         before, errors = map(held_out.errors, (chosen, with_curve))
         if error_ratios(before, errors).max() > 1.0 + MAX_JOINT_HARM:
             continue
-        share_outside = judge.outside(search.data.rows, curve.table, curve.by_fold)
-        if share_outside <= MOSTLY_NEW:
-            accepted[number] = replace(
-                curve, before=float(before[curve.joint]), errors=errors
-            )
-            chosen = with_curve
+        accepted[number] = replace(
+            curve, before=float(before[curve.joint]), errors=errors
+        )
+        chosen = with_curve
     return tuple(accepted.values())
