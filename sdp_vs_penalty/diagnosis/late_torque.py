@@ -16,7 +16,11 @@ from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.own_constants import with_constants
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.white_rows import whiten_with_noise, with_estimate
+from sdp_vs_penalty.diagnosis.white_rows import (
+    ConstantErrors,
+    whiten_with_noise,
+    with_estimate,
+)
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.certificate import NOT_CERTIFIED
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -174,29 +178,35 @@ def beside_constants(
         out = refer_once(out)
         effects = [t.form.effect for t in out.terms]
         betas = [t.beta for t in out.terms]
-        errors = {
-            (e.effect.name, *e.effect.joints): columns
-            for e, columns in out.data.constant_error_columns(effects, betas)
-        }
-        out.constants = tuple(
-            _settled(out.fit, own, errors[own.key]) if own in moving else own
-            for own in out.constants
-        )
+        for error in out.data.constant_error_columns(effects, betas):
+            effect = error[0].effect
+            key = effect.name, *effect.joints
+            out.constants = tuple(
+                _settled(out.fit, own, error)
+                if own in moving and own.key == key
+                else own
+                for own in out.constants
+            )
     return out
 
 
-def _settled(
-    fit: WhiteFit, own: ScoredEffect, columns: dict[int, Array]
-) -> ScoredEffect:
-    """Return one of the model's effects with its constant a step of Gauss and Newton
-    further; ``columns`` are the white torque of an error of it, by joint."""
+def _settled(fit: WhiteFit, own: ScoredEffect, error: ConstantErrors) -> ScoredEffect:
+    """Return one of the model's effects with its constants a step of Gauss and Newton
+    further, up to a factor of two; ``error`` : what errors of them make of torque."""
+    derivatives, columns = error
+    left = fit.residual_of(fit.scaled(columns))  # (n, M, constants)
+    both = ((0, 1), (0, 1))
+    gram = np.tensordot(left, left, both) + np.eye(left.shape[2])
+    steps = np.linalg.solve(gram, np.tensordot(left, fit.residual, both))
     effect = own.form.effect
-    (name,) = effect.estimated
-    left = fit.residual_of(fit.scaled(columns))[:, :, 0]
-    step = float(np.sum(left * fit.residual) / (np.sum(left**2) + 1.0))
-    value = moved(effect, name, step * prior_deviation(effect, name)).shape[name]
-    inside = np.clip(value, *(own.form.bounds(name) or (0.0, np.inf)))
-    return replace(own, form=own.form.with_shape(**{name: float(f"{inside:.6g}")}))
+    shape = {}
+    for name, step in zip(derivatives.keys, steps.tolist(), strict=True):
+        now = effect.shape[name]
+        value = moved(effect, name, step * prior_deviation(effect, name)).shape[name]
+        low, high = own.form.bounds(name) or (0.0, np.inf)
+        inside = np.clip(value, max(low, 0.5 * now), min(high, 2.0 * now))
+        shape[name] = float(f"{inside:.6g}")
+    return replace(own, form=own.form.with_shape(**shape))
 
 
 def beside_model(

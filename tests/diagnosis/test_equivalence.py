@@ -207,7 +207,7 @@ def test_noise_of_any_colour_is_no_unknown_torque(problem, size, verdict):
 
 def test_one_cause_has_one_law(problem, monkeypatch):
     """A model with the general law is not offered its special case, and a finer form of
-    friction waits until the model's own has its best constant."""
+    friction waits until the model's own has its best constant, a second one longer."""
     run = PointMassArm().run(1, periods=2)
     model = identify(problem, run, "ols", effects=[*EFFECTS, "joint_resonance:1"])
     runs = DiagnosisRuns(model, run, None)
@@ -223,6 +223,14 @@ def test_one_cause_has_one_law(problem, monkeypatch):
     ]
     monkeypatch.setattr(empty, "top_candidates", lambda *_: terms)
     assert empty.best_addition() is terms[1]
+    # A second law waits until the columns follow the first and the model's constant.
+    terms.pop()
+    columns = empty.columns(form["stribeck_friction"])
+    empty.terms = [ScoredEffect(form["stribeck_friction"], columns, 50.0)]
+    assert empty.best_addition() is None
+    assert empty.has_waiting
+    empty.is_referred = True
+    assert empty.best_addition() is terms[0]
 
 
 @pytest.mark.long
