@@ -10,6 +10,7 @@ import numpy as np
 
 from sdp_vs_penalty.data.files import Source, as_measurements, training_runs
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.constants import IMPLAUSIBLE_SIGMAS
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.diagnosis.held_out import estimator_beside, task_beside
 from sdp_vs_penalty.diagnosis.library import Candidate, Library
@@ -31,7 +32,11 @@ from sdp_vs_penalty.estimation.identify import (
     on_bounds,
     versions,
 )
-from sdp_vs_penalty.estimation.sensitivity import sensitivities
+from sdp_vs_penalty.estimation.sensitivity import (
+    fit_constants_jointly,
+    free_constants,
+    sensitivities,
+)
 from sdp_vs_penalty.estimation.shapes import (
     ConstantKey,
     ShapeEstimate,
@@ -120,15 +125,10 @@ def add(
     if frozen:
         extended = _add_frozen(estimate, new, filtered, seed, progress)
     else:
-        options = replace(
-            PoseOptions.posing(estimate),
-            effects=[*_own(estimate, retuned), *new],
-            seed=seed,
-            progress=progress,
-        )
-        extended = estimate_parameters(
-            estimate.problem, filtered, estimate.estimator, options
-        )
+        again = _Again(estimate, filtered, seed, progress)
+        to_estimate = [e for e in added if not all_given(e)]
+        all_effects = [*_own(estimate, retuned), *new]
+        extended = again.identified_jointly(all_effects, to_estimate)
     searched = _searched_constants(added, _findings_of(effects))
     of_model = {tuple(key) for key in estimate.details.get("at_ends") or ()}
     searched |= of_model - {change.key for change in retuned}
@@ -238,6 +238,59 @@ def _without_held(estimate: Estimate, added: Sequence[Effect]) -> list[Effect]:
             "identify it again on these runs",
         )
     return new
+
+
+@dataclass(frozen=True)
+class _Again:
+    """Identifies a model again with other effects, by its own method and constraints."""
+
+    #: The model to identify again.
+    estimate: Estimate
+    #: The filtered runs to fit.
+    runs: FilteredRuns
+    #: Seed of the method's random choices.
+    seed: int
+    #: Called with a short text at each step.
+    progress: Progress
+
+    def identified(self, effects: Sequence[Effect]) -> Estimate:
+        """Identify all parameters of the model anew, with these effects as its only
+        effects.
+        """
+        options = replace(
+            PoseOptions.posing(self.estimate),
+            effects=effects,
+            seed=self.seed,
+            progress=self.progress,
+        )
+        return estimate_parameters(
+            self.estimate.problem, self.runs, self.estimate.estimator, options
+        )
+
+    def identified_jointly(
+        self, effects: Sequence[Effect], to_estimate: Sequence[Effect]
+    ) -> Estimate:
+        """Identify the model with these effects, and optimise shape constants jointly.
+
+        Shape constants are non-linear constants of effects, such as a Stribeck
+        velocity. If those of the model change beside the added ones, the model is
+        identified a second time with the joint optimum of all.
+
+        Parameters
+        ----------
+        effects
+            All effects of the extended model.
+        to_estimate
+            Those of them whose shape constants were not given and are estimated.
+        """
+        extended = self.identified(effects)
+        together = joint_optimum_of_constants(extended, to_estimate, self.runs)
+        if together is None:
+            return extended
+        model, shapes = together
+        extended = self.identified(model.effects)
+        details = {**extended.details, "shapes": [s.to_dict() for s in shapes]}
+        return replace(extended, details=details)
 
 
 def _retunes(
@@ -590,3 +643,87 @@ def _shaped(search: Search, effect: Effect, joint: int | None) -> Effect:
     best_by_law = {t.form.discrete_choice: t for t in scored}
     refined = [search.refined(search.fit, t, fixed) for t in best_by_law.values()]
     return max(refined, key=lambda t: t.evidence).form.effect
+
+
+def joint_optimum_of_constants(
+    extended: Estimate, added: Sequence[Effect], runs: FilteredRuns
+) -> tuple[Model, list[ShapeEstimate]] | None:
+    """Estimate the shape constants of added effects and of the model's own, all
+    together.
+
+    Only constants on the same joints influence each other. Parameters and constants are
+    fitted by least squares, and each constant of the model is compared with its present
+    value.
+
+    Parameters
+    ----------
+    extended
+        The model with the added effects.
+    added
+        The added effects; constants that were given are not estimated.
+
+    Returns
+    -------
+    (Model, list of ShapeEstimate) or None
+        The model at the joint optimum, and its own constants as `identify` records
+        them. None where no own constant changes by more than three standard deviations:
+        the model then stays as it is.
+    """
+    shapes = [ShapeEstimate.from_dict(s) for s in extended.details.get("shapes", ())]
+    free_of_added = _free_constants_of(added)
+    joints_of_added = {joint for _, joint, _ in free_of_added}
+    own_constants = {s.key: s for s in shapes if s.index in joints_of_added}
+    joints_of_both = {joint for _, joint, _ in own_constants}
+    keys_to_estimate = {key for key in free_of_added if key[1] in joints_of_both}
+    keys_to_estimate.update(own_constants)
+    if not keys_to_estimate:
+        return None
+    best = fit_constants_jointly(
+        extended.model,
+        keys_to_estimate,
+        lambda model: compress(runs, model),
+        extended.weighting,
+    )
+    values = _constants_of(best.model)
+    std = best.std  # of each constant's logarithm
+    has_changed = [
+        abs(np.log(values[key] / s.after)) > IMPLAUSIBLE_SIGMAS * std[key]
+        for key, s in own_constants.items()
+    ]
+    if not any(has_changed):
+        return None
+    out = list[ShapeEstimate]()
+    for s in shapes:
+        if s.key in own_constants:
+            s = replace(s, after=values[s.key], std=values[s.key] * std[s.key])
+        out.append(s)
+    return best.model, out
+
+
+def _free_constants_of(effects: Sequence[Effect]) -> set[ConstantKey]:
+    """Return the keys (effect, joint from 0, constant) of the constants that may be
+    estimated.
+
+    Left out are constants that were given. So are effects on several joints at once,
+    and those that may come several times on a joint: the key would not identify their
+    constants.
+    """
+    out = set[ConstantKey]()
+    for effect in effects:
+        if effect.whole_robot or effect.joins or effect.several:
+            continue
+        free = set(free_constants(effect)) - effect.given
+        out |= {(effect.name, j, shape) for j in effect.joints for shape in free}
+    return out
+
+
+def _constants_of(model: Model) -> dict[ConstantKey, float]:
+    """Return the values of all shape constants of a model, in SI units, by (effect
+    name, joint from 0, constant).
+    """
+    return {
+        (effect.name, joint, shape): value
+        for effect in model.effects
+        for shape, value in effect.shape.items()
+        for joint in effect.joints
+    }

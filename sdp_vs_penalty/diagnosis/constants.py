@@ -89,5 +89,7 @@ UNCERTAIN = 0.2
 #: Standard deviation over size from which that is not told from zero ("two sigma"); with
 #: the error of all shape constants, which may be as large as the size of a known torque.
 SIGNIFICANT = 0.5
+#: Standard deviations from which a constant is another one ("three sigma").
+IMPLAUSIBLE_SIGMAS = 3.0
 #: Share by which findings together may raise a joint's error on data left out.
 MAX_JOINT_HARM = 0.05
