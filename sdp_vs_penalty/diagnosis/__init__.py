@@ -6,7 +6,7 @@ from sdp_vs_penalty.plugins import lazy_exports
 __getattr__ = lazy_exports(
     __name__,
     candidates="list_candidates",
-    causes="CauseShares held_out_share spectral_lines",
+    causes="CauseShares held_out_share",
     comparison="compare predicted upper_relative_error",
     conclude="Conclusion",
     confidence="Judged reasons_for_doubt",

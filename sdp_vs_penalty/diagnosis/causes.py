@@ -13,16 +13,13 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.regression.linalg import span
 from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
-from sdp_vs_penalty.signals.coloured_noise import FALSE_EVENT
 from sdp_vs_penalty.signals.reversals import since_reversal
 from sdp_vs_penalty.signals.segments import SegmentedRuns
-from sdp_vs_penalty.signals.spectrum import periodograms
 from sdp_vs_penalty.signals.standstill import STILL
 
 REVERSAL = "reversal"
@@ -37,7 +34,6 @@ WAVES = "waves per turn"
 ACCELERATION = "acceleration"
 LOAD = "load"
 TIME = "time"
-HUM = "hum"
 OTHER_JOINTS = "other joints"
 MODELLED_TORQUE = "modelled torque"
 TORQUE_RATE = "late torque"
@@ -65,10 +61,6 @@ _SAME_SHARE = 0.02
 _SINGLE_COLUMNS = (MODELLED_TORQUE, TORQUE_RATE, TORQUE_CURVATURE)
 #: Powers of time: a drift goes on where it was not seen, hat_functions do not.
 _TIME_POWERS = (1, 2, 3)
-#: Frequency [Hz] below which spectral lines are the motion's own harmonics.
-_LOWEST = 0.8
-#: Width [Hz] over which the noise's spectrum is taken as flat.
-_FLAT = 1.0
 
 
 @dataclass(frozen=True)
@@ -255,81 +247,6 @@ def _drifts(x: _Seen) -> Array:
     return np.hstack([x.both_ways(powers), powers * x.dq[:, None]])
 
 
-def _hums(x: _Seen) -> Array:
-    """Return columns (M, 2 L): sine and cosine of 2 pi f t for each of L spectral lines
-    f [Hz] of the error below the filter's cut-off, of the segments of at least half the
-    length of the longest: all are cut to that of the shortest."""
-    rows = x.states.rows
-    pieces = [x.of.error[rows.segment == k] for k in np.unique(rows.segment)]
-    longest = max(map(len, pieces))
-    long_enough = [p for p in pieces if 2 * len(p) > longest]
-    lines = spectral_lines(long_enough, rows.rate, rows.n, highest=rows.cutoff)
-    angle = 2.0 * np.pi * np.outer(x.states.t, lines)
-    return np.hstack([np.sin(angle), np.cos(angle)])
-
-
-def _median_of_neighbours(power: Array, half: int) -> Array:
-    """Return the median of each value of a spectrum (K,) and ``half`` values on each
-    side of it.
-
-    The first value stands for those before it. The last ones are mirrored: a line there
-    is no neighbour of its own.
-    """
-    if len(power) <= half:
-        return scipy.ndimage.median_filter(power, size=2 * half + 1, mode="nearest")
-    padded = np.pad(power, (half, 0), mode="edge")
-    padded = np.pad(padded, (0, half), mode="reflect")
-    median = scipy.ndimage.median_filter(padded, size=2 * half + 1)
-    return median[half : half + len(power)]
-
-
-def spectral_lines(
-    series: Sequence[Array], rate: float, tests: int, highest: float = np.inf
-) -> list[float]:
-    """Find frequencies [Hz] at which a periodogram, of a sampling rate [Hz], stands out
-    of its surroundings.
-
-    Parameters
-    ----------
-    series
-        Records of one channel, each at least 2 s long; their periodograms are summed.
-    tests
-        Number of channels tested, for the chance of a false line.
-    highest
-        Frequency [Hz] above which a filter has made the spectrum fall: a line below it
-        is compared with its neighbours below it.
-    """
-    length = min((len(s) for s in series), default=0)
-    if length < 2.0 * rate:
-        return []
-    pieces = list[Array]()
-    for values in series:
-        starts = range(0, len(values) - length + 1, length)
-        pieces += [values[start : start + length] for start in starts]
-    power = periodograms(np.stack(pieces, axis=1), length)[0].sum(axis=1)
-    pooled = len(pieces)
-    frequency = np.fft.rfftfreq(length, 1.0 / rate)
-    # At least 8 neighbours on each side, and no more than there are, whatever the clock.
-    half = max(8, min(int(_FLAT / frequency[1]), length))
-    in_band = frequency <= highest
-    power = power[in_band]
-    frequency = frequency[in_band]
-    median = _median_of_neighbours(power, half)
-    # The sum of ``pooled`` exponentials has a gamma distribution: its mean from its
-    # median, and 2 pooled times power over mean is chi-squared.
-    level = median / float(scipy.special.gammaincinv(pooled, 0.5)) * pooled
-    with np.errstate(divide="ignore", invalid="ignore"):
-        excess = np.where(level > 0.0, power / level, 0.0) * 2 * pooled
-    false_chance = FALSE_EVENT / (len(power) * tests)
-    limit = float(scipy.special.chdtri(2 * pooled, false_chance))
-    # The median of 2 half + 1 values is itself uncertain by about 1 / sqrt(half).
-    limit *= 1.0 + 4.0 / np.sqrt(2.0 * half * pooled)
-    is_line = (excess > limit) & (frequency > _LOWEST)
-    # One line spreads over some bins: the largest of 7 counts.
-    peaks = is_line & (excess >= scipy.ndimage.maximum_filter1d(excess, 7))
-    return [float(f) for f in frequency[peaks]]
-
-
 #: What of another joint an error may depend on: hat functions, and what extrapolates.
 _QUANTITIES: Mapping[str, Callable[[States, int], Array]] = {
     "velocity": lambda x, i: np.column_stack(
@@ -385,7 +302,6 @@ CAUSE_COLUMNS: Mapping[str, Callable[[_Seen], Array | list[Array]]] = {
         x.torque,
     ),
     TIME: _drifts,
-    HUM: _hums,
     OTHER_JOINTS: lambda x: [
         columns(x.states, i)
         for i in x.states.others(x.of.joint)

@@ -3,8 +3,8 @@ large, and which waves it has.
 
 No physical effect is named here (`diagnose` does that); the error is shown joint by
 joint, beside the noise. Causes are what a person sees in a log: a reversal, a
-standstill, high speed, a position, a wave per turn, time, a hum, another joint; and
-the model's torque, its rate and its curvature, which a wrong gain, a late channel and a
+standstill, high speed, a position, a wave per turn, time, another joint; and the
+model's torque, its rate and its curvature, which a wrong gain, a late channel and a
 gear that yields follow. Shares are on data left out: a smooth function of the quantity
 is fitted to some stretches of the motion and judged on others, so that chance explains
 nothing. They are shares of what other parameters of the model would leave, fitted to

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import scipy
 from small_runs import small_run
 
 from sdp_vs_penalty import identify
@@ -23,7 +22,6 @@ from sdp_vs_penalty.diagnosis import (
     diagnosis_rows,
     list_candidates,
     sizes_with_intervals,
-    spectral_lines,
     white_candidate,
     whiten_rows,
 )
@@ -409,40 +407,6 @@ def test_screening_is_the_drop_of_the_squared_error():
     assert score.screened(fit, forbidden)[0] == pytest.approx(
         -np.log(fit.degrees[0]), rel=1e-2
     )
-
-
-def test_a_hum_is_a_line_and_noise_is_not():
-    rng = np.random.default_rng(10)
-    t = np.arange(330) / 16.5
-    runs = [
-        rng.normal(size=330) + 0.8 * np.sin(2 * np.pi * 3.1 * (t + 7 * k))
-        for k in range(3)
-    ]
-    assert [round(f, 1) for f in spectral_lines(runs, 16.5, 7)] == [3.1]
-    false = sum(
-        bool(spectral_lines(list(rng.normal(size=(3, 330))), 16.5, 7))
-        for _ in range(200)
-    )
-    assert false <= 3
-
-
-def test_noise_below_a_sharp_filter_has_no_line_at_its_edge():
-    """The spectrum above the edge says nothing of the noise below it."""
-    kernel = scipy.signal.firwin(301, 8.0, fs=40.0)
-    rng = np.random.default_rng(11)
-    false = 0
-    for _ in range(100):
-        noise = np.convolve(rng.normal(size=800), kernel, "same")
-        false += bool(spectral_lines([noise], 40.0, 5, highest=8.0))
-    assert false <= 2
-
-
-def test_a_hum_near_the_edge_of_a_filter_is_found():
-    t = np.arange(800) / 40.0
-    series = np.random.default_rng(12).normal(size=800)
-    series += 0.8 * np.sin(2.0 * np.pi * 7.6 * t)
-    lines = spectral_lines([series], 40.0, 5, highest=8.0)
-    assert [round(f, 1) for f in lines] == [7.6]
 
 
 def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes_near():

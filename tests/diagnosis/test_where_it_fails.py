@@ -44,7 +44,6 @@ def direction(v):
 KINDS = {
     "drift": (2, lambda t, q, dq: 0.4 * (1 - np.exp(-t / 15)), "time"),
     "drag": (3, lambda t, q, dq: 0.25 * direction(dq[:, 1]), "other joints"),
-    "hum": (2, lambda t, q, dq: 0.1 * np.sin(2 * np.pi * 4.3 * t), "hum"),
     "bent shaft": (
         2,
         lambda t, q, dq: 0.4 * q[:, 1] * direction(dq[:, 1]),
@@ -81,7 +80,7 @@ def worst_of_runs(problem, run, judged):
     "kind",
     [
         "drag",
-        *(pytest.param(x, marks=pytest.mark.long) for x in ("hum", "bent shaft")),
+        pytest.param("bent shaft", marks=pytest.mark.long),
         *(
             pytest.param(x, marks=pytest.mark.slow)
             for x in ("drift", "quadratic friction", "eccentricity")
