@@ -246,7 +246,7 @@ def _diagnosed(
         "verdict": result["verdict"],
         "found": [{name: f[name] for name in _KEPT} for f in result["effects"]],
         "retuned": result.get("retuned", []),
-        "events": result["events"],
+        "events": result["named_by_check"],
         "passing": result["passing"],
         "identify_seconds": spent,
         "seconds": time.process_time() - begin,

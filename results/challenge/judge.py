@@ -88,8 +88,8 @@ def passes(record: Record) -> list[Record]:
 
 
 def found_in_time(record: Record) -> bool:
-    """An event overlaps the disturbance, give or take a second; a hum goes on all the
-    time."""
+    """A span that `check` names, or a passing cause, overlaps the disturbance, give or
+    take a second; a hum goes on all the time."""
     truth = record["truth"][0]
     if truth["details"]["kind"] == "hum":
         return flagged(record)

@@ -30,7 +30,7 @@ HERE = Path(__file__).parent / "html"
 LOOK = read_text(HERE / "pictures.css")
 _COLOURS = (
     "#D55E00 #56B4E9 #E69F00 #CC79A7 #009E73 #0072B2 #8A6FDF #7A5C2E #5B8C5A #A0522D"
-    " #B5651D #7F9F2F #4B6F9E #C25B8A #3C7A89 #9C6B98 #6E6A3E #888888"
+    " #B5651D #7F9F2F #C25B8A #3C7A89 #9C6B98 #6E6A3E #888888"
 )
 #: Of each cause the colour of its stretches; the last is for those without one.
 SHADES = dict(zip((*CAUSES, "no cause seen"), _COLOURS.split(), strict=True))
