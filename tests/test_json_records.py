@@ -161,7 +161,8 @@ def test_a_file_of_version_0_1_loads_and_is_written_as_it_was(name, load):
         ):
             assert again.pop(later) == []
         assert again.pop("judged_rmse_with_helpful") is None
-        for finding in written["effects"]:  # what is no longer judged
+        assert written.pop("events") == []  # what is no longer judged
+        for finding in written["effects"]:
             finding.pop("is_shown_beside_all")
         for finding in again["effects"]:
             assert not finding.pop("helps")

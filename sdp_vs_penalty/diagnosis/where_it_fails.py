@@ -56,6 +56,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.verdict import noise_level
 from sdp_vs_penalty.formatting import plain_unit, words
 from sdp_vs_penalty.records import JsonRecord
+from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.filtered import FilteredRuns
@@ -349,6 +350,19 @@ class Failures(Record, JsonRecord):
     def __getitem__(self, index: int) -> JointFailure:
         """Return the failure of a joint, from 0."""
         return self.joints[index]
+
+    @fact("times", name="error near reversals over elsewhere")
+    def reversal_lift(self) -> Array:
+        """(n,) RMS error within 0.15 s of a joint's reversals over that elsewhere."""
+        return np.array([f.reversal_lift for f in self])
+
+    @fact("")
+    def strongest_cause(self) -> str:
+        """Of the worst joint: the cause that explains most of its error on data left
+        out."""
+        worst = self.worst_first[0]
+        strongest = dependences(worst, 1)
+        return strongest[0][0] if strongest else UNNAMED
 
     @property
     def badness(self) -> Array:

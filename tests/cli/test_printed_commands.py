@@ -228,7 +228,6 @@ def told(problem, texts, frozen=False):
         found,
         np.ones(n),
         (),
-        (),
         "residual",
         np.zeros(n),
         np.ones(n),
