@@ -17,9 +17,9 @@ import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import column_range, iter_chunks
+from sdp_vs_penalty.data.stretches import usual_step
 from sdp_vs_penalty.data.words.units import LARGEST_PERCENT
 from sdp_vs_penalty.errors import InputError, RepairableError
-from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -216,34 +216,17 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
     the positions."""
     if run.dq is None:
         return
-    for j, (way_2, step_2, step_way) in enumerate(_sums_of_steps(run, run.dq)):
-        if robot.joints[j].kind != "revolute" or not 0.0 < way_2 * step_2 < np.inf:
-            continue
-        if step_way * step_way < 0.5 * way_2 * step_2:
+    from sdp_vs_penalty.data.hypotheses.weighing import rate_from_velocities
+
+    step = usual_step(run.t)
+    for j in range(robot.n):
+        rate = rate_from_velocities(run.q[:, [j]], run.dq[:, [j]])
+        if rate is None or robot.joints[j].kind != "revolute" or not step > 0.0:
             continue  # noise, or a coarse encoder: nothing to conclude from
-        ratio = step_way / way_2  # least squares of step = ratio way
+        ratio = 1.0 / (rate * step)
         if 2.0 / 3.0 < math.radians(ratio) < 1.5:  # within a factor of 1.5 of 180 / pi
             what = f"columns q{j + 1} and dq{j + 1} differ by a factor of {ratio:.3g}"
             change = "q from degrees to radians"
             if ratio > _BETWEEN_DEGREES_AND_MINUTES:
                 change = f"t from minutes to seconds, or {change}"
             raise RepairableError(what, f"convert {change}", run.names[0])
-
-
-def _sums_of_steps(run: Measurements, velocities: Array) -> list[list[float]]:
-    """Sum squares and products of logged steps, for each joint.
-
-    With step = q[k+1] - q[k] and way = mean dq times the time between, each joint's
-    list holds the sums of way^2, step^2 and step way [rad^2, m^2].
-    """
-    sums = np.zeros((3, run.n))
-    channels = (iter_chunks(x, overlap=1) for x in (run.t, run.q, velocities))
-    with np.errstate(over="ignore", invalid="ignore"):  # of 1e300 nothing is concluded
-        for (_, t), (_, q), (_, dq) in zip(*channels, strict=True):
-            step = np.diff(q, axis=0)
-            way = 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None]
-            sums[0] += np.sum(way**2, axis=0)
-            sums[1] += np.sum(step**2, axis=0)
-            sums[2] += np.sum(step * way, axis=0)
-    sums_of_joints: list[list[float]] = sums.T.tolist()
-    return sums_of_joints
