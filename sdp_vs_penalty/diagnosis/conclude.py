@@ -134,7 +134,7 @@ class Conclusion:
     def _told(self) -> tuple[list[Finding], Array]:
         """The findings that are told, each with the errors (n,) before and after it joins
         those before it; and the errors with all of them [N m or N]."""
-        places = [k for k, f in enumerate(self.findings) if f.helps]
+        places = [k for k, f in enumerate(self.findings) if is_told(f)]
         errors = [self.ladder.errors_with(places[:k]) for k in range(len(places) + 1)]
         told = [
             replace(
@@ -149,7 +149,7 @@ class Conclusion:
 
         The verdict is "unknown_effect" if a joint has unexplained torque or a measured
         curve, else "effect_missing" if there are findings, else "nothing_missing". A
-        finding that does not help is not told: it stands for errors that the others are
+        finding that is doubted and does not help is not told: it stands for errors that the others are
         judged beside, such as of friction that sticks. A curve that was measured beside
         it, and not in its place, would not be right without it.
         """
@@ -157,7 +157,7 @@ class Conclusion:
         noise = self.data.noise
         held_out = self.ladder.held_out
         told, error_with_all = self._told
-        untold = [finding for finding in self.findings if not finding.helps]
+        untold = [finding for finding in self.findings if not is_told(finding)]
         replaces_untold = all(CURVE in f.indistinguishable_from for f in untold)
         curves = self.described_curves if replaces_untold else ()
         # By joint (from 0): RMS torque beyond the noise [N m or N].
@@ -254,6 +254,11 @@ class Conclusion:
             None if has_test_run else _FOLDS,
         )
         return tuple(text for text in sentences if text)
+
+
+def is_told(finding: Finding) -> bool:
+    """Return whether a finding helps, or nothing but that it does not speaks against it."""
+    return finding.helps or finding.doubts == (Doubt("alone"),)
 
 
 def least_help_of(finding: Finding) -> float:

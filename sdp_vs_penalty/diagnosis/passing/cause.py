@@ -44,8 +44,9 @@ class Span(JsonRecord):
 class PassingCause(JsonRecord):
     """What acts for a part of the runs only."""
 
-    #: "load" (carried by the last link), "force" (constant in the world), or "torque"
-    #: (constant, on one joint); "friction" (a change of it) and "gain" in older files.
+    #: "load" (carried by the last link), "force" (constant in the world), "torque"
+    #: (constant, on one joint) or "friction" (a change of it, on one joint); "gain" in
+    #: older files.
     kind: str
     #: Number of the link or joint, from 1.
     place: int

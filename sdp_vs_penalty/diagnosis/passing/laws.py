@@ -3,7 +3,8 @@
 - a load on the last link: its mass m and first moments m c;
 - a force F that is constant in the world, at a point p of a link. It is the weight of a
   mass of 1 kg at p in a field of gravity F, so its columns are those of the weight;
-- a constant torque on one joint.
+- a constant torque on one joint;
+- a change of one joint's dry friction, as of a brake that drags.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from sdp_vs_penalty.diagnosis.linear_fit import with_ridge
 from sdp_vs_penalty.diagnosis.passing.spans import regular
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData, spread_columns
 from sdp_vs_penalty.effects import standard_effect
-from sdp_vs_penalty.effects.effect import Effect, Motion
+from sdp_vs_penalty.effects.effect import Effect, JointEffect, Motion
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -64,11 +65,24 @@ class LinkWeight(Effect):
         return np.concatenate(columns, axis=2)
 
 
+class ChangedFriction(JointEffect):
+    """A change of dry friction, with the sign of the velocity that the model has."""
+
+    name = "dry_friction"
+    equation = "f sign(dq)"
+    symbol = "f"
+    sought = False
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        """Return the smooth sign (N,) of the velocity."""
+        return motion.sign(joint)
+
+
 @dataclass(frozen=True, eq=False)
 class Law:
     """What a cause may be: its filtered columns, and how many numbers describe it."""
 
-    #: "load", "force" or "torque".
+    #: "load", "force", "torque" or "friction".
     kind: str
     #: Number of the link or joint, from 1.
     place: int
@@ -138,12 +152,21 @@ def load_law(data: WhiteData) -> Law:
     return Law("load", robot.links, effect, columns, 4)
 
 
-def torque_laws(data: WhiteData) -> list[Law]:
-    """Return the laws of a constant torque, one for each joint."""
+#: Laws of one joint, by kind.
+_OF_JOINTS: dict[str, type[Effect]] = {
+    "torque": standard_effect("offset"),
+    "friction": ChangedFriction,
+}
+
+
+def joint_laws(data: WhiteData, *kinds: str) -> list[Law]:
+    """Return the laws of some kinds, one for each joint: a constant "torque", a change
+    of dry "friction"."""
     laws = []
-    for j in range(data.n):
-        effect = standard_effect("offset")(data.estimate.robot, [j])
-        laws.append(Law("torque", j + 1, effect, spread_columns(data.rows, effect), 1))
+    for kind in kinds:
+        for j in range(data.n):
+            effect = _OF_JOINTS[kind](data.estimate.robot, [j])
+            laws.append(Law(kind, j + 1, effect, spread_columns(data.rows, effect), 1))
     return laws
 
 

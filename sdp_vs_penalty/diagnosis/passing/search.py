@@ -24,9 +24,9 @@ from sdp_vs_penalty.diagnosis.passing.laws import (
     Law,
     PassingCandidate,
     force_laws,
+    joint_laws,
     load_law,
     point_of_force,
-    torque_laws,
 )
 from sdp_vs_penalty.diagnosis.passing.spans import (
     CellProducts,
@@ -71,7 +71,7 @@ class PassingSearch:
         """Take a finished search, and the effects in it that are certain."""
         self.data, self.terms = _without_repetition(search, terms)
         robot = self.data.estimate.robot
-        n_laws = 1 + robot.n + robot.links
+        n_laws = 1 + 2 * robot.n + robot.links
         self.score = EvidenceScorer(self.data, n_laws, like=search.score)
         self.base = self.score.fit(self.terms)
         self.cells = Cells.from_labels(self.data.clusters[0], self.data.rows.run)
@@ -83,7 +83,7 @@ class PassingSearch:
         in what differs between them. Forces take most of the time, and are tried only
         if another law stands out. What belongs to a run, such as a channel's gain, the check tells.
         """
-        laws = [load_law(self.data), *torque_laws(self.data)]
+        laws = [load_law(self.data), *joint_laws(self.data, "torque", "friction")]
         trials = self._trials(laws)
         if not any(t.stands_out for t in trials):
             return None
