@@ -15,10 +15,11 @@ from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.checks import residual
 from sdp_vs_penalty.checks.certainty import READ, stated
 from sdp_vs_penalty.checks.constants import NO_DYNAMICS, NO_ROWS, RUN
-from sdp_vs_penalty.checks.dynamics import judge_dynamics
+from sdp_vs_penalty.checks.dynamics import judge_dynamics, with_issues
 from sdp_vs_penalty.checks.explain import NOT_REPAIRED
 from sdp_vs_penalty.checks.facts import channels, magnitude, mended, standing, stuck
 from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion
+from sdp_vs_penalty.checks.facts.repetition import find_overlaps
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import (
     FACT,
@@ -132,6 +133,8 @@ def check_runs(
     # A report for each window of each run; a run that is not long is one window.
     by_run = [_facts_of_windows(problem, run) for run in runs]
     windows = [*chain.from_iterable(by_run)]
+    for k, issue in find_overlaps([w.as_logged for w in windows]):
+        windows[k] = with_issues(windows[k], [issue])
     windows = judge_dynamics(problem, windows, races or HeldRaces())
     windows = [judge_ranges(problem, report, are_plausible) for report in windows]
     if thorough:

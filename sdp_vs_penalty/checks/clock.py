@@ -19,6 +19,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.stretches.gaps import is_set_back, order_of_time, spaced_evenly
 from sdp_vs_penalty.data.words.units import UNITS
 from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
+from sdp_vs_penalty.signals.runs import spans
 
 #: Time steps [s] of a log that somebody would identify from.
 _STEPS = (2e-5, 0.5)
@@ -34,6 +35,8 @@ _UNITS = {
     "hours": "h",
     "days": "day",
 }
+#: Fewest long steps in a row that are another rate, and not gaps.
+_SHORTEST_CHANGE_OF_RATE = 5
 #: The usual time step of logs [s]: between that of 8 rows a second and of 8000 (logarithm).
 _USUAL = 4e-3
 #: Logged velocities confirm a factor of the clock that they match to this share: 60 and
@@ -258,6 +261,52 @@ def find_repeated_time(glance: RunSummary) -> Iterator[Issue]:
 _ROUGHER_OVER_TIME = 3.0
 
 
+#: A slower rate is one whose steps are more than so many usual ones: shorter steps are rows
+#: that were lost here and there.
+_SLOWER_RATE = 3.0
+
+
+def find_changes_of_rate(glance: RunSummary) -> Iterator[Issue]:
+    """Yield a warning for each stretch in which the rows are a whole number of times
+    farther apart, steadily: the logger wrote every second or third row only.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run with its clock and channels, as repaired by earlier rules.
+
+    Returns
+    -------
+    iterator of Issue
+        Issues to report; none if nothing is wrong.
+    """
+    usual = glance.usual_step
+    for a, b, times in _slower_stretches(glance):
+        first, last = glance.run.rows_of_file([a, b]).tolist()
+        yield make_issue(
+            kind="change of rate",
+            where=f"rows {first} to {last}",
+            what=f"rows {first} to {last} are {times:.3g} times as far apart as the"
+            f" others ({times * usual:.3g} s instead of {usual:.3g} s).",
+            cause="the logger changed its rate",
+            remedy="log at one rate; the run is split there",
+            rows=[first, last],
+            times=times,
+        )
+
+
+def _slower_stretches(glance: RunSummary) -> Iterator[tuple[int, int, float]]:
+    """Yield the first step of each stretch at a slower rate, the one behind its last, and
+    how many times as long as usual its steps are."""
+    ratios = glance.steps / (glance.usual_step or np.inf)
+    is_whole = np.abs(ratios - np.round(ratios)) < 0.05 * ratios
+    for a, b in spans((ratios > _SLOWER_RATE) & is_whole):
+        times = float(np.median(ratios[a:b]))
+        is_steady = np.all(np.abs(ratios[a:b] - times) < 0.1 * times)
+        if b - a >= _SHORTEST_CHANGE_OF_RATE and is_steady:
+            yield a, b, times
+
+
 def find_uneven_stamps(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning where stamps jitter, or come in bursts, although the samples were
     taken evenly: positions are smoother over the row number than over time.
@@ -331,6 +380,8 @@ def find_time_jumps(glance: RunSummary) -> Iterator[Issue]:
     """
     shortest_pause = 0.02  # s
     is_long = glance.steps > max(GAP * glance.usual_step, shortest_pause)
+    for first, end, _ in _slower_stretches(glance):
+        is_long[first:end] = False
     long = np.flatnonzero(is_long)
     moves = glance.movement.moves
     in_motion = [bool(moves[max(k - 10, 0) : k + 11].all()) for k in long]

@@ -70,6 +70,7 @@ NO_DYNAMICS = (
     "too little data",
     "unusable rows",
     "torque magnitude",
+    "change of rate",
     "clock against velocity",
     "units of the problem",
 )

@@ -167,6 +167,15 @@ def test_degrees_beside_a_factor_of_gears_are_not_certain(rival, kinds_left, gra
     assert judged[0].certainty.grade == grade
 
 
+@pytest.mark.parametrize("every", [8, 50])
+def test_a_logger_that_changed_its_rate_is_named(every):
+    fast = small_run(PROBLEM, seconds=8.0, rate=500.0)
+    log = fast.rows(np.r_[0:1500, 1500:2500:every, 2500 : len(fast.t)])
+    found = kinds(log)
+    assert "change of rate" in found
+    assert "clock step" not in found
+
+
 def test_joints_in_proportion_are_named_with_the_rank_of_the_motion():
     t = np.arange(0.0, 8.0, 0.004)
     move = np.sin(1.7 * t) + 0.3 * np.cos(4.0 * t)

@@ -8,8 +8,10 @@ import pytest
 from small_runs import small_run
 
 from sdp_vs_penalty import Measurements, load_problem
+from sdp_vs_penalty.api.remedies import State, apply_change
 from sdp_vs_penalty.checks.check import judge_facts
 from sdp_vs_penalty.checks.facts.noise import shows_noise
+from sdp_vs_penalty.checks.facts.repetition import find_overlaps
 
 PROBLEM = load_problem("two_link")
 RUN = replace(small_run(PROBLEM, seconds=8.0), dq=None)
@@ -69,6 +71,32 @@ def test_what_the_rows_are(name):
     run, kinds = LOGS[name]
     report = judge_facts(PROBLEM, run)
     assert [issue.kind for issue in report.errors_and_warnings] == kinds
+
+
+@pytest.mark.parametrize(
+    ("other", "n_rows"),
+    [
+        (RUN.rows(slice(0, 700)), 700),
+        (replace(RUN.rows(slice(100, 700)), t=RUN.t[:600]), 600),
+        (replace(RUN, q=RUN.q + 1e-6 * RNG.normal(size=RUN.q.shape)), 0),
+        (RUN.rows(slice(0, 40)), 0),
+    ],
+)
+def test_runs_that_hold_the_same_rows_overlap(other, n_rows):
+    """A window, one with a clock of its own, the same motion again, a few rows."""
+    said = [(k, x.figures["rows"]) for k, x in find_overlaps([RUN, other])]
+    assert said == [(1, n_rows)] * (n_rows > 0)
+
+
+def test_rows_that_two_runs_hold_are_left_out_of_one():
+    is_new = np.arange(len(RUN.t)) >= 700
+    noise = 1e-6 * RNG.normal(size=RUN.q.shape)
+    other = replace(RUN, q=RUN.q + is_new[:, None] * noise, names=("other.csv",))
+    ((_, issue),) = find_overlaps([RUN, other])
+    (remedy,) = issue.remedies
+    cut = apply_change(remedy.change, State(PROBLEM, (RUN, other)))
+    assert len(RUN.t) - 800 < cut.runs[1].samples < len(RUN.t) - 699
+    assert not [*find_overlaps(cut.runs)]
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0, 10.0])

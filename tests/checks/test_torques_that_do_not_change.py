@@ -83,9 +83,12 @@ def free():
 #: A log, and the kind and severity of each fact about its torque.
 LOGS = {
     "nothing": (free, []),
-    "off at the end": (lambda: without_drive(7.0, 12.0, 0), []),
-    "off for two seconds": (lambda: without_drive(5.0, 7.0, 1), []),
-    "off for half of it": (lambda: without_drive(3.0, 9.0, 2), []),
+    "off at the end": (lambda: without_drive(7.0, 12.0, 0), [("drive off", "note")]),
+    "off for two seconds": (
+        lambda: without_drive(5.0, 7.0, 1),
+        [("drive off", "note")],
+    ),
+    "off for half of it": (lambda: without_drive(3.0, 9.0, 2), [("drive off", "note")]),
     "zeros for two seconds": (lambda: held(free(), 2.0, 0.0), [("drive off", "error")]),
     "zeros for half a second": (lambda: held(free(), 0.5, 0.0), [("zeros", "warning")]),
     "zeros until the end": (lambda: held(free(), 60.0, 0.0), [("drive off", "error")]),

@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 
 from sdp_vs_penalty.checks.clock import (
+    find_changes_of_rate,
     find_coarse_stamps,
     find_repeated_time,
     find_time_backwards,
@@ -50,6 +51,7 @@ RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
     find_time_backwards,
     find_coarse_stamps,
     find_repeated_time,
+    find_changes_of_rate,
     find_uneven_stamps,
     find_time_jumps,
     find_wrapped_angles,

@@ -1,6 +1,6 @@
 """Rows that come twice: in one run, in two, or each behind itself."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -19,6 +19,7 @@ from sdp_vs_penalty.checks.glance import (
 from sdp_vs_penalty.checks.issue import Issue, make_issue, rows_text
 from sdp_vs_penalty.checks.velocity import velocity_ratio
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.runs import spans
 
@@ -75,6 +76,60 @@ def _moving_parts(run: Measurements, is_same: Rows) -> list[tuple[int, int]]:
         for first, end in spans(is_same).tolist()
         if end - first >= RUN and np.ptp(run.q[first:end], axis=0).max() >= least_travel
     ]
+
+
+def find_overlaps(runs: Sequence[Measurements]) -> Iterator[tuple[int, Issue]]:
+    """Yield a warning, with the number of its run, where a run holds RUN rows or more of
+    an earlier one, bit by bit; without noise only those with the same stamps.
+
+    Equal rows of one motion that two files hold would count as its repetition.
+    """
+    if len(runs) < 2:
+        return
+    ends = np.cumsum([len(run.t) for run in runs])
+    samples = np.concatenate([run.q for run in runs])
+    if all(run.torque_logged for run in runs):
+        samples = np.column_stack([samples, np.concatenate([run.tau for run in runs])])
+    # Equal rows have one number; of each row the place of the first that equals it.
+    numbers = numbers_of_rows([samples])
+    firsts = np.unique(numbers, return_index=True)[1][numbers]
+    for k in range(1, len(runs)):
+        run, start = runs[k], int(ends[k - 1])
+        of_run = firsts[start : ends[k]]
+        # A copy of a motion equals one earlier row after the other.
+        is_next = np.diff(of_run, prepend=of_run[:1] - 1) == 1
+        is_earlier = is_next & (of_run < start)
+        parts = _moving_parts(run, is_earlier)
+        if not parts:
+            continue
+        first, _ = max(parts, key=lambda part: part[1] - part[0])
+        # The run that holds the original, and the row there.
+        other = int(np.searchsorted(ends, of_run[first], "right"))
+        row = int(of_run[first] - ends[other] + len(runs[other].t))
+        if not _has_noise(run) and run.t[first] != runs[other].t[row]:
+            continue
+        yield k, _overlap(run, runs[other].names[0], parts)
+
+
+def _overlap(run: Measurements, other: str, parts: Sequence[tuple[int, int]]) -> Issue:
+    """Return the warning that parts of a run, first and end row each, are rows of an
+    ``other`` one as well."""
+    is_copy = mask_of(len(run.t), parts)
+    name = run.names[0]
+    spans_of_time = [run.t[[first, end - 1]].tolist() for first, end in parts]
+    cut = Change(
+        "cut", f"leave these rows out of {name}", {"run": name, "spans": spans_of_time}
+    )
+    return make_issue(
+        kind="overlapping runs",
+        where=rows_text(run, np.flatnonzero(is_copy)),
+        what=f"{is_copy.sum()} rows are rows of {other} as well, bit by bit: the files"
+        " overlap, and what both hold would count as a repetition without noise.",
+        remedy="leave these rows out of one of the two",
+        rows=int(is_copy.sum()),
+        of=other,
+        changes=() if is_copy.all() else (cut,),
+    )
 
 
 def find_held_rows(glance: RunSummary) -> Iterator[Issue]:

@@ -27,7 +27,7 @@ def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
     """Yield an issue about joints that move while their torque is exactly zero: the
     drive was off.
 
-    Nothing is said where the arm explains a torque of zero. Elsewhere something that is
+    It is a note where the arm explains a torque of zero. Elsewhere something that is
     not in the log moved the joint, such as a hand.
     """
     moved = {}
@@ -47,6 +47,20 @@ def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
             continue
         if not glance.holds_torque(j, is_off):
             moved[f"tau{j + 1}"] = is_off
+            continue
+        seconds = sum(glance.run.t[end - 1] - glance.run.t[a] for a, end in parts)
+        yield make_issue(
+            kind="drive off",
+            severity="note",
+            joints=[j],
+            what=f"tau{j + 1} is exactly zero for {seconds:.3g} s, while the joint"
+            " moves: the drive was off, and zero is the torque.",
+            certainty=_AS_ELSEWHERE,
+            remedy="no action needed",
+            where=f"tau{j + 1}",
+            rows=int(is_off.sum()),
+            times=glance.one_arm_is_worse(j, is_off),
+        )
     what = (
         "{named} {are} exactly zero for {seconds:.3g} s, {times}, in motion: the drive"
         " was off, or nothing was logged; what moved the joint is not in the log."
