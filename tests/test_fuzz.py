@@ -322,6 +322,18 @@ def test_what_the_reader_takes_the_check_can_judge(path, two_link):
         assert all(report.meaningless for report in reports)
 
 
+DOCUMENTS = [
+    path for path in sorted(CORPUS.iterdir()) if path.suffix in (".gltf", ".json")
+]
+
+
+@pytest.mark.filterwarnings("ignore:.*this mesh is left out")
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+def test_a_document_that_broke_a_reader_is_read_or_refused(path, tmp_path):
+    copy = Path(shutil.copy(path, tmp_path))
+    outcome(path.name, lambda: read(copy, path))
+
+
 def test_a_model_whose_spread_overflows_is_refused(tmp_path):
     content = json.loads((CORPUS.parent / "written_by_0_1" / "model.json").read_text())
     content["uncertainty"]["spread"][5][1] = 1e300

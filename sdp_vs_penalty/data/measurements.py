@@ -9,7 +9,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.ma import MaskedArray
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
@@ -22,8 +21,7 @@ from sdp_vs_penalty.robot.arrays import Array, wrong_shape
 
 def _is_array_of_numbers(value: Any) -> bool:
     """Return whether a channel is an array of numbers already."""
-    is_array = isinstance(value, np.ndarray) and not isinstance(value, MaskedArray)
-    return is_array and value.dtype.kind in "fiub"
+    return isinstance(value, np.ndarray) and value.dtype.kind in "fiub"
 
 
 def _as_numbers(name: str, value: Any) -> Array:
@@ -37,10 +35,8 @@ def _as_numbers(name: str, value: Any) -> Array:
     Raises
     ------
     InputError
-        For dates, texts, rows of different lengths and masked entries.
+        For dates, texts and rows of different lengths.
     """
-    if np.ma.is_masked(value):
-        raise InputError(f"{name} has masked entries", "leave those rows out")
     try:
         if np.asarray(value).dtype.kind in "fiub":
             return np.asarray(value, float)
@@ -135,6 +131,25 @@ class Measurements(Shown):
         self._check_shapes()
         if self.file_rows is not None and len(self.file_rows) != len(self.t):
             object.__setattr__(self, "file_rows", None)  # of other samples
+        self._leave_out_masked_rows()
+
+    def _leave_out_masked_rows(self) -> None:
+        """Leave out each sample that has a masked channel (``numpy.ma``): its owner
+        says that it is no measurement."""
+        channels = [*(getattr(self, name) for name in _CHANNELS)]
+        masks = [
+            np.ma.getmaskarray(x).reshape(len(self.t), -1).any(axis=1)
+            for x in (*channels, *self.commanded.values())
+            if isinstance(x, np.ma.MaskedArray)
+        ]
+        if not masks:
+            return
+        keep = ~np.any(masks, axis=0)
+        if not keep.any():
+            raise InputError("every row is masked", "leave some of them unmasked")
+        kept = self._mapped(lambda values: np.ma.getdata(values)[keep])
+        for name in (*_PER_SAMPLE, "commanded"):
+            object.__setattr__(self, name, kept[name])
 
     def _mapped(self, change: Callable[[Any], Any]) -> dict[str, Any]:
         """Return every field that has a value a sample, changed alike; fields that are

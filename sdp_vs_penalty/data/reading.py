@@ -642,15 +642,21 @@ def _aligned(
 
 def _stamps(log: Log, clock: Sequence[str], columns: Mapping[str, Array]) -> Array:
     """Return the stamps (N,) of a clock in one column or in parts (seconds and
-    nanoseconds), in its own unit."""
+    nanoseconds; hours, minutes and seconds), in its own unit."""
     is_time_of_day = any(log.columns[x].kind == "stamp" for x in clock)
     if len(clock) == 1 and not is_time_of_day:
         return np.ravel(columns[clock[0]])
     from sdp_vs_penalty.data.words.stamps import past_midnight, units_of_parts
 
+    for name in clock[:2] if len(clock) > 2 else ():
+        values = columns[name][np.isfinite(columns[name])]
+        if np.any(values != np.round(values)):
+            what = f"column {name} holds no whole numbers, as a time of day does"
+            remedy = "name the clock with `convert --rename t=NAME`"
+            raise InputError(what, remedy, log.path)
     parts = zip(units_of_parts(clock), clock, strict=True)
     stamps = np.sum([unit * np.ravel(columns[x]) for unit, x in parts], axis=0)
-    return past_midnight(stamps) if is_time_of_day else stamps
+    return past_midnight(stamps) if is_time_of_day or len(clock) > 2 else stamps
 
 
 # -- 4. SI units ----------------------------------------------------------------------

@@ -32,6 +32,7 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.inertia import why_impossible
 from sdp_vs_penalty.robot.joint import parse_held, parse_mechanism, parse_transmission
+from sdp_vs_penalty.robot.model_files import described_robot
 from sdp_vs_penalty.robot.plausible_units import odd_limits
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
 from sdp_vs_penalty.robot.robot_file import RobotFile, load_robot
@@ -355,8 +356,8 @@ def load_problem(
     Parameters
     ----------
     source : str or Path
-        A built-in name, a folder with a problem.toml, or a URDF, xacro, SDF or MJCF
-        file.
+        A built-in name, a folder with a problem.toml, a URDF, xacro, SDF or MJCF file,
+        or a name of the package robot_descriptions.
     gravity : (3,) sequence of float, optional
         The gravity vector in the base frame [m/s^2], for a robot mounted otherwise.
     held : mapping of str to float, optional
@@ -382,6 +383,8 @@ def load_problem(
         )
     elif os.path.isfile(path):
         problem = _from_robot_file(path, load_robot(path, held=held))
+    elif re.fullmatch(r"[a-z0-9_]+_description", str(source)):
+        return load_problem(described_robot(str(source)), gravity, held)
     else:
         remedy = (
             "name a folder with a problem.toml, a URDF file, or one of"

@@ -1,15 +1,21 @@
 """Triangles of a mesh file, read by assimp in a process of its own.
 
 assimp opens what a mesh names (materials, textures, buffers) wherever it lies. It is
-therefore handed a copy that names nothing: of an OBJ the lines of its geometry. Only
-formats whose suffix alone decides the reader are read.
+therefore handed a copy that names nothing: of an OBJ the lines of its geometry; of a
+glTF its geometry with the buffers inside. Only formats whose suffix alone decides the
+reader are read.
 """
 
+import base64
+import binascii
+import json
+import struct
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +23,9 @@ from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.files import LARGEST_TEXT, read_bytes
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.isolated import ParserEndedError, parse_isolated
+
+#: What a glTF's geometry is made of.
+_GLTF_PARTS = "asset", "scene", "scenes", "nodes", "meshes", "accessors", "bufferViews"
 
 
 @dataclass(frozen=True)
@@ -40,7 +49,7 @@ def read_mesh(path: Path, scale: Array, *, triangles: bool = False) -> Mesh | No
     Parameters
     ----------
     path : Path
-        An .stl, .obj or .dae file, by its suffix.
+        An .stl, .obj, .dae, .gltf or .glb file, by its suffix.
     scale : (3,) array
         Factors of the coordinates x, y and z.
     triangles : bool
@@ -55,15 +64,27 @@ def read_mesh(path: Path, scale: Array, *, triangles: bool = False) -> Mesh | No
     try:
         if suffix not in _COPIES:
             raise ValueError(f"{suffix or 'no suffix'} is not read")
-        content = _COPIES[suffix](read_bytes(path, LARGEST_TEXT))
+        text = _COPIES[suffix](path, read_bytes(path, LARGEST_TEXT))
         with tempfile.TemporaryDirectory() as folder:
-            copy = Path(folder) / f"mesh{suffix}"
-            copy.write_bytes(content)
+            # The copy of a binary glTF is a text one.
+            copy = Path(folder) / f"mesh{'.gltf' if suffix == '.glb' else suffix}"
+            copy.write_bytes(text)
             factors = [float(x) for x in scale]
             (mesh,) = parse_isolated(
                 mesh_of, copy, factors, triangles, prepare=load_coal
             )
-    except (InputError, MemoryError, OSError, ParserEndedError, ValueError) as error:
+    except (
+        ArithmeticError,
+        AttributeError,  # a part of a glTF that is of another type
+        InputError,
+        LookupError,
+        MemoryError,
+        OSError,
+        ParserEndedError,
+        RecursionError,
+        TypeError,
+        ValueError,
+    ) as error:
         reason = error.what if isinstance(error, InputError) else error
         reason = "too much memory" if isinstance(error, MemoryError) else reason
         what = f"{path}: this mesh is left out ({str(reason)[:200]})"
@@ -102,12 +123,12 @@ def mesh_of(
     }
 
 
-def _as_it_is(content: bytes) -> bytes:
+def _as_it_is(_: Path, content: bytes) -> bytes:
     """Return a file's content unchanged."""
     return content
 
 
-def _obj_geometry(content: bytes) -> bytes:
+def _obj_geometry(_: Path, content: bytes) -> bytes:
     """Return the lines of an .obj file with vertices and faces, and their continuation
     lines.
     """
@@ -116,11 +137,68 @@ def _obj_geometry(content: bytes) -> bytes:
     return b"\n".join(x for x in lines if x.lstrip().startswith(geometry))
 
 
+def _gltf_geometry(path: Path, content: bytes) -> bytes:
+    """Return a glTF without materials and textures, with its buffers inside.
+
+    Raises LookupError, TypeError or ValueError for another content, and InputError for
+    a buffer that cannot be read or lies outside of the mesh's folder.
+    """
+    embedded = b""
+    # Binary glTF: a header of 12 bytes; the length and kind (8 bytes) of the JSON and
+    # its text; then length and kind (8 bytes) of the buffer and its bytes.
+    if content[:4] == b"glTF":
+        n_json = struct.unpack_from("<I", content, 12)[0]
+        embedded = content[20 + n_json + 8 :]
+        content = content[20 : 20 + n_json]
+    document = json.loads(content)
+    if not isinstance(document, dict):
+        raise TypeError("no JSON object")
+    geometry = {name: document[name] for name in _GLTF_PARTS if name in document}
+    for mesh in geometry.get("meshes", []):
+        mesh["primitives"] = [
+            {k: x for k, x in part.items() if k in ("attributes", "indices", "mode")}
+            for part in mesh["primitives"]
+        ]
+    buffers = [
+        _buffer(path, buffer.get("uri"), embedded) for buffer in document["buffers"]
+    ]
+    head = "data:application/octet-stream;base64,"
+    geometry["buffers"] = [
+        {"byteLength": len(x), "uri": head + base64.b64encode(x).decode()}
+        for x in buffers
+    ]
+    return json.dumps(geometry).encode()
+
+
+def _buffer(path: Path, uri: Any, inside: bytes) -> bytes:
+    """Return the bytes of a glTF buffer: inside the file, in its URI, or in a file
+    beside it.
+
+    Raises InputError for a file outside of the mesh's folder.
+    """
+    if uri is None:
+        return inside
+    if uri.startswith("data:"):
+        try:
+            return base64.b64decode(uri.partition(",")[2], validate=True)
+        except binascii.Error as error:
+            raise ValueError(f"a buffer: {error}") from error
+    folder = path.resolve().parent
+    place = (folder / uri).resolve()
+    if not place.is_relative_to(folder):
+        raise InputError(
+            f"the buffer {uri!r} lies elsewhere", "keep it in the mesh's folder", path
+        )
+    return read_bytes(place, LARGEST_TEXT)
+
+
 #: What assimp is handed of a file, by its suffix.
-_COPIES: dict[str, Callable[[bytes], bytes]] = {
+_COPIES: dict[str, Callable[[Path, bytes], bytes]] = {
     ".3ds": _as_it_is,
     ".dae": _as_it_is,
     ".fbx": _as_it_is,
+    ".glb": _gltf_geometry,
+    ".gltf": _gltf_geometry,
     ".obj": _obj_geometry,
     ".off": _as_it_is,
     ".ply": _as_it_is,

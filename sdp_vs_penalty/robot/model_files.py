@@ -1,5 +1,7 @@
-"""Which format a robot's file has: URDF, xacro, MJCF or SDF."""
+"""Which format a robot's file has: URDF, xacro, MJCF or SDF; and the names of the
+package robot_descriptions."""
 
+import importlib
 import re
 import shlex
 from importlib.util import find_spec
@@ -43,3 +45,30 @@ def unexpanded(path: Path) -> InputError:
     if find_spec("xacro") is None:
         remedy += f", or {install_command('formats')}"
     return InputError("a xacro file, which is no URDF yet", remedy, path)
+
+
+def described_robot(name: str) -> Path:
+    """Return the file of a robot of the package robot_descriptions, downloaded once.
+
+    Raises
+    ------
+    InputError
+        The package is not installed, or has no such robot.
+    """
+    try:
+        importlib.import_module("robot_descriptions")
+    except ImportError as error:
+        remedy = "pip install robot_descriptions, or name a URDF file"
+        what = f"problem {name!r} is a name of the package robot_descriptions"
+        raise InputError(what, remedy) from error
+    try:
+        found = importlib.import_module(f"robot_descriptions.{name}")
+    except Exception as error:
+        what = (str(error).splitlines() or [type(error).__name__])[0][:200]
+        raise InputError(
+            f"robot_descriptions has no robot {name!r} ({what})", "check its name"
+        ) from error
+    for kind in ("URDF_PATH", "MJCF_PATH", "XACRO_PATH"):
+        if (path := getattr(found, kind, None)) is not None:
+            return Path(path)
+    raise InputError(f"robot_descriptions has no file of {name!r}", "name a URDF file")

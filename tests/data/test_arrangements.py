@@ -231,8 +231,8 @@ def stamped(form):
     frame = pd.DataFrame(dict(zip(names, columns, strict=True)))
     if form == "parquet":
         return (lambda path: frame.to_parquet(path),)
-    lines = {"orient": "records", "lines": True, "double_precision": 12}
-    return (lambda path: frame.to_json(path, **lines),)
+    lines = {"orient": "records", "lines": True} if form == "jsonl" else {}
+    return (lambda path: frame.to_json(path, double_precision=12, **lines),)
 
 
 UNITS = {
@@ -383,6 +383,9 @@ FORMS = {
     "fields": lambda x: saved(np.save, x / "run.npy", RECORDS),
     "rate, array": lambda x: saved(np.save, x / "run.npy", BLOCKS),
     "rate, turned": lambda x: saved(np.save, x / "run.npy", BLOCKS.T),
+    "table and names": lambda x: saved(
+        np.savez, x / "run.npz", data=TABLE, columns=np.array(HEAD)
+    ),
     "texts beside": lambda x: saved(
         np.savez, x / "run.npz", **ARRAYS, robot=np.array("arm")
     ),
@@ -468,7 +471,7 @@ FORMS = {
         f"texts of times in {form}": lambda x, form=form: saved(
             *stamped(form), x / f"run.{form}"
         )
-        for form in ("jsonl", "parquet")
+        for form in ("jsonl", "json", "parquet")
     },
     "an object of units": lambda x: write(x / "run.json", [json.dumps(UNITS)]),
     **{

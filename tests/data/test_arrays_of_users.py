@@ -179,9 +179,18 @@ def test_no_command_is_proposed_for_a_frame(frame):
         assert "convert" not in str(raised.value)
 
 
-def test_masked_rows_are_refused():
+def test_masked_rows_are_left_out():
+    t = np.arange(6.0)
+    q = np.ma.array(np.ones((6, 2)), mask=False)
+    tau = np.ma.array(np.arange(12.0).reshape(6, 2), mask=False)
+    q[1, 0] = tau[4, 1] = np.ma.masked
+    run = Measurements(t, q, tau, commanded={"qcmd": np.ones((6, 2))})
+    assert run.t.tolist() == [0.0, 2.0, 3.0, 5.0]
+    assert run.tau[:, 0].tolist() == [0.0, 4.0, 6.0, 10.0]
+    assert not isinstance(run.tau, np.ma.MaskedArray)
+    assert run.commanded["qcmd"].shape == (4, 2)
     nothing = np.ma.array(np.ones((6, 2)), mask=True)
-    refusal(lambda: Measurements(np.arange(6.0), np.ones((6, 2)), nothing), "masked")
+    refusal(lambda: Measurements(t, q, nothing), "every row is masked")
 
 
 def test_masked_states_are_refused(two_link):

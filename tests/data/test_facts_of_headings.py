@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from recorded import refusal
 
 from sdp_vs_penalty.data.hypotheses.recognition import recognise
 from sdp_vs_penalty.data.log import log_of_arrays
@@ -71,6 +72,21 @@ def test_a_rail_stands_among_turning_joints(rail):
     assert [*found.rename.values()] == names
     assert found.scale[f"q{rail}"] == 0.0254
     assert found.scale[f"tau{rail}"] == pytest.approx(4.448222)
+
+
+def test_a_rail_of_another_word_is_in_the_command_that_is_printed(tmp_path):
+    of_q, of_tau = (
+        [f"rail_{rail}_1", f"arm_{arm}_2", f"arm_{arm}_3"]
+        for rail, arm in (("pos", "pos"), ("force", "torque"))
+    )
+    arrays = {x: np.arange(9.0) for x in ("time", *of_q, *of_tau)}
+    log = log_of_arrays(tmp_path / "run.npz", arrays)
+    pairs = [
+        f"{x}{k}={y}"
+        for x, of in (("q", of_q), ("tau", of_tau))
+        for k, y in enumerate(of, 1)
+    ]
+    refusal(lambda: run_of(log), ",".join(["--rename t=time", *pairs]))
 
 
 @pytest.mark.parametrize(

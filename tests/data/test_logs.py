@@ -200,6 +200,8 @@ def test_joints_called_as_the_robot_s_are_these(in_file, robot):
 #: Words of columns, that of the torque taken, and those of all that compete for it.
 TORQUES = [
     (["Velocity", "TorqueSm", "TorqueCur", "Torque", "Cur"], "Torque", [1, 2, 3, 4]),
+    # T1 is no clock, since it has a number; the arm weighs it against currents.
+    (["T", "current"], "current", [0, 1]),
     # An encoder's velocity was proposed as a torque.
     (["encoder.vel_estimate", "motor.Iq_setpoint", "Iq_measured"], "Iq_measured", []),
 ]

@@ -1,5 +1,5 @@
-"""Whole files of other programs: LabVIEW, TwinCAT, printed ROS messages, JSON,
-Excel, HDF5. The same numbers come out of each."""
+"""Whole files of other programs: LabVIEW, TwinCAT, printed ROS messages, JSON, KUKA's RSI,
+Feather, Excel, HDF5. The same numbers come out of each."""
 
 import json
 import re
@@ -235,11 +235,23 @@ def controller_state(k):
     ]
 
 
+def dynamic_joint_state(k):
+    lines = [*header(k), *listed("joint_names", JOINTS), "interface_values:"]
+    for j in range(3):
+        names = ["position", "velocity", "effort"]
+        first, *others = listed("interface_names", names, "  ")
+        values = [Q[k, j], DQ[k, j], TAU[k, j]]
+        lines += [f"- {first.strip()}", *others, *listed("values", values, "  ")]
+    return lines
+
+
 def printed(message, count=N):
     return [line for k in range(count) for line in (*message(k), "---")]
 
 
-@pytest.mark.parametrize("message", [joint_state, flow_joint_state, controller_state])
+@pytest.mark.parametrize(
+    "message", [joint_state, flow_joint_state, controller_state, dynamic_joint_state]
+)
 @pytest.mark.parametrize("name", ["log.yaml", "log.txt"])
 def test_printed_messages_are_read(message, name, tmp_path):
     run, said = read(write(tmp_path / name, printed(message)))
@@ -252,10 +264,12 @@ def test_printed_messages_are_read(message, name, tmp_path):
 
 
 @pytest.mark.parametrize("n_characters", [3, 30, 90, 200])
-def test_a_message_without_its_end_is_left_out(n_characters, tmp_path):
+@pytest.mark.parametrize("kind", ["joint_state", "dynamic_joint_state"])
+def test_a_message_without_its_end_is_left_out(kind, n_characters, tmp_path):
     """Also where it has as many numbers as the others: the last of them may be cut."""
-    cut = "\n".join(joint_state(5))[:-n_characters]
-    run, said = read(write(tmp_path / "log.yaml", [*printed(joint_state), cut]))
+    message = {x.__name__: x for x in (joint_state, dynamic_joint_state)}[kind]
+    cut = "\n".join(message(5))[:-n_characters]
+    run, said = read(write(tmp_path / "log.yaml", [*printed(message), cut]))
     same(run)
     assert "the last message ends early" in said
 
@@ -266,9 +280,21 @@ def without_effort(k):
 
 NO_MESSAGES = [
     (printed(without_effort), "tau=NAME --out"),
+    (printed(lambda k: dynamic_joint_state(k)[:-1], 3), "line 1 begins no message"),
     (["header:", "  stamp:", "    sec: 1"], "ros2 topic echo"),
     (["a:", "- b", "  - ]: c"], "ros2 topic echo"),
     (["---"], "ros2 topic echo"),
+    (["joint_names:", "- a", "interface_values:", "-"], "ros2 topic echo"),
+    (
+        [
+            "joint_names:",
+            "- a",
+            "interface_values:",
+            "- interface_names:",
+            "  - position",
+        ],
+        "ros2 topic echo",
+    ),
 ]
 
 
@@ -277,7 +303,7 @@ def test_other_yaml_is_refused_in_one_sentence(lines, words, tmp_path):
     refusal(lambda: read(write(tmp_path / "settings.yaml", lines)), words)
 
 
-# -- JSON ------------------------------------------------------------------------------
+# -- JSON, and the XML of KUKA's RSI ---------------------------------------------------
 
 BLOCKS = {"t": T, "q": Q, "dq": DQ, "tau": TAU}
 LISTS = {name: x.tolist() for name, x in BLOCKS.items()}
@@ -287,6 +313,7 @@ RECORD = [
 OWN_NAMES = ["t", *numbered("q{}", "dq{}", "tau{}")]
 TABLE = np.column_stack([T, Q, DQ, TAU])
 NAMED = pd.DataFrame(TABLE, columns=OWN_NAMES)
+PANDAS = json.loads(NAMED.to_json(double_precision=12))
 #: As a message of Kinova's API becomes JSON.
 KORTEX = [
     {
@@ -304,12 +331,50 @@ KORTEX = [
 ]
 
 
+def joints_in_lists(key, names, **more):
+    """A sample's list of joints begins with another one each time. The columns of Q and
+    TAU are those of the second, third and first name."""
+    return [
+        {
+            **more,
+            "t": T[k],
+            "joints": [
+                {key: names[j], "position": Q[k, j - 1], "torque": TAU[k, j - 1]}
+                for j in (k % 3, (k + 1) % 3, (k + 2) % 3)
+            ],
+        }
+        for k in range(N)
+    ]
+
+
+SENSORS = {"sensors": [{"name": name, "gain": 1.0} for name in "xyz"]}
+NAMED_JOINTS = joints_in_lists("name", ("a", "b", "c"))
+CONTACTS = [{**x, "contacts": [{"id": k, "force": 1.0}]} for k, x in enumerate(RECORD)]
+BCA = ("b", "c", "a")
 JSON_TEXTS = {
     "objects": (json.dumps(RECORD, indent=1), JOINTS),
     "lists": (json.dumps({"robot": "arm", "log": LISTS}), JOINTS),
-    "pandas": (NAMED.to_json(orient="records", double_precision=12), JOINTS),
+    "pandas": (json.dumps(PANDAS), JOINTS),
+    "pandas, turned": (
+        json.dumps(PANDAS | {"q1": dict(reversed(PANDAS["q1"].items()))}),
+        JOINTS,
+    ),
+    **{
+        f"pandas, {x}": (NAMED.to_json(orient=x, double_precision=12), JOINTS)
+        for x in ("split", "records")
+    },
     "lines": ("\n".join(map(json.dumps, RECORD)), JOINTS),
     "Kinova Kortex": ("\n".join(map(json.dumps, KORTEX)), JOINTS),
+    "named joints": ("\n".join(map(json.dumps, NAMED_JOINTS)), BCA),
+    "names of others before": (
+        "\n".join(json.dumps({**SENSORS, **x}) for x in NAMED_JOINTS),
+        BCA,
+    ),
+    "names of others behind": (
+        "\n".join(json.dumps({**x, **SENSORS}) for x in NAMED_JOINTS),
+        BCA,
+    ),
+    "a list that changes": ("\n".join(map(json.dumps, CONTACTS)), JOINTS),
 }
 
 
@@ -321,17 +386,54 @@ def test_json(form, tmp_path):
     assert form != "Kinova Kortex" or form in said
 
 
+def test_a_list_of_numbered_joints_is_in_the_order_of_their_numbers(tmp_path):
+    lines = map(json.dumps, joints_in_lists("id", (33, 4, 105)))
+    run, _ = read(write(tmp_path / "run.jsonl", lines))
+    np.testing.assert_allclose(run.q, Q[:, [0, 2, 1]], atol=1e-7)
+
+
+def test_a_sample_with_another_joint_is_left_out(tmp_path):
+    lines = [*map(json.dumps, NAMED_JOINTS)]
+    lines[7] = lines[7].replace('"b"', '"d"')
+    run, said = read(write(tmp_path / "run.jsonl", lines), BCA)
+    np.testing.assert_allclose(run.q, np.delete(Q, 7, axis=0), atol=1e-7)
+    assert "1 row without all channels (line 8 is the first) left out" in said
+
+
+OTHER_ROWS = {**PANDAS, "q1": {str(k + 1): x for k, x in enumerate(LISTS["t"])}}
 NO_JSON = {
     '{"format": 2, "names": ["a", "b"]}': "JSON text",
     '{"columns": 1, "index": 2, "data": 3}': "JSON text",
     '{"a":' * 100_000: "JSON text",
     '{"t": [1, 2': "JSON text",
+    json.dumps({"log": OTHER_ROWS}): "columns t and q1 are of different rows",
 }
 
 
 @pytest.mark.parametrize(("text", "words"), NO_JSON.items(), ids=range(len(NO_JSON)))
 def test_json_without_samples_is_refused(text, words, tmp_path):
     refusal(lambda: read(write(tmp_path / "model.json", [text])), words)
+
+
+def tag(name, values):
+    """A tag with one attribute an axis, as RSI writes it."""
+    attributes = [f'A{j}="{value:.9f}"' for j, value in enumerate(values, start=1)]
+    return f"<{name} {' '.join(attributes)}/>"
+
+
+def cycle(k):
+    """One message of RSI; its clock counts milliseconds."""
+    degrees = np.degrees(Q[k])
+    tags = tag("AIPos", degrees) + tag("ASPos", degrees + 1.0) + tag("MACur", TAU[k])
+    place = '<RIst X="1.0" Y="2.0" Z="3.0"/>'
+    return f'<Rob Type="KUKA">{place}{tags}<IPOC>{4_000_000 + 10 * k}</IPOC></Rob>'
+
+
+@pytest.mark.parametrize("between", ["\n", "", "\n<Sen><IPOC>1</IPOC></Sen>\n"])
+def test_messages_of_kuka_s_rsi(between, tmp_path):
+    run, said = read(write(tmp_path / "rsi.xml", [between.join(map(cycle, range(N)))]))
+    same(run)
+    assert "columns recognised (KUKA RSI)" in said
 
 
 # -- names that say nothing -----------------------------------------------------------
@@ -386,6 +488,11 @@ LAYOUTS = {
         **{"observations/effort": TAU, "observations/images/cam": np.zeros((5, 4, 4))},
     },
     "records": {"log/states": RECORDS},
+    "pandas": {
+        "df/axis0": np.array(OWN_NAMES, "S"),
+        "df/block0_items": np.array(OWN_NAMES, "S"),
+        "df/block0_values": TABLE,
+    },
 }
 
 
@@ -427,8 +534,14 @@ def matlab_7_3(path):
 
 
 FILES = {
+    "run.feather": FRAME.to_feather,
+    "run.arrow": FRAME.to_feather,
+    "lists.feather": pd.DataFrame({"time": STAMPS, **OF_LISTS}).to_feather,
     "dates.xlsx": lambda x: DATED.to_excel(x, index=False),
     "version_7_3.mat": matlab_7_3,
+    "records.npz": lambda x: np.savez(
+        x, log=RECORDS, joints=np.array(JOINTS), rate=RATE
+    ),
     "gains.npz": lambda x: np.savez(x, **BLOCKS, gains=GAINS),
     **{
         f"{k}.h5": lambda x, arrays=arrays: hdf5(x, arrays)
@@ -477,6 +590,26 @@ def test_a_workbook_s_longest_sheet_is_read(heads, tmp_path):
     assert len(read(path)[0].t) < N
 
 
+@pytest.mark.parametrize("layout", ["records", "pandas"])
+def test_of_tables_with_columns_of_the_same_name_the_measured_one_is_read(
+    layout, tmp_path
+):
+    arrays = LAYOUTS[layout]
+    desired = {f"desired/{x}": y for x, y in arrays.items()}
+    hdf5(tmp_path / "run.h5", {**arrays, **desired})
+    run, said = read(tmp_path / "run.h5")
+    same(run)
+    assert "= desired/" not in said
+
+
+@pytest.mark.parametrize("layout", ["records", "pandas"])
+def test_tables_of_two_runs_stand_one_after_the_other(layout, tmp_path):
+    arrays = {f"demo_{k}/{x}": y for k in (0, 1) for x, y in LAYOUTS[layout].items()}
+    hdf5(tmp_path / "run.h5", arrays)
+    run, _ = read(tmp_path / "run.h5")
+    np.testing.assert_allclose(run.q, np.vstack([Q, Q]), atol=1e-7)
+
+
 def test_data_sets_in_other_files_are_not_read(tmp_path):
     h5py = pytest.importorskip("h5py")
     hdf5(tmp_path / "other.h5", {"q": Q})
@@ -502,6 +635,7 @@ def broken(path):
         ("h5py", "run.mat", ["'-v7'", "[formats]"]),
         ("openpyxl", "run.xlsx", ["Excel workbooks need the extra [formats]"]),
         ("", "run.h5", ["not a readable"]),
+        ("", "run.feather", ["not a readable"]),
         ("", "run.xlsx", ["not a readable"]),
     ],
 )

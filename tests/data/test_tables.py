@@ -109,6 +109,7 @@ epoch=/js/header/stamp/sec; ns=/js/header/stamp/nanosec; q=q_{}; tau=tau_{}
 @2024-05-01T12:00:{} CEST=datum; q=q_{}; tau=tau_{}
 @2024-05-01 12:00:{} GMT=datetime; q=q_{}; tau=tau_{}
 @2024-05-01T12:00:{}+02:00[Europe/Berlin]=; q=q_{}; tau=tau_{}
+@20240501T1200{}=recorded; q=q_{}; tau=tau_{}
 @01-May-2024 12:00:{}=; q=q_{}; tau=tau_{}
 @Wed May 01 12:00:{} 2024=recorded; q=q_{}; tau=tau_{}
 @2024/05/01/12:00:{}=datum; q=q_{}; tau=tau_{}
@@ -279,6 +280,10 @@ WRITTEN = {
         {"above": ["# cutoff freq: 40 Hz", "# sampling period [s]: 0.01"]},
     ),
     "a period above": ("q=q{}; tau=tau{}", {"above": ["Sampling time = 10 ms", ""]}),
+    "gbk": ("t=时间; q=关节{}角度; tau=关节{}力矩", {"encoding": "gbk"}),
+    "shift_jis": ("t=時刻; q=関節角度{}; tau=関節トルク{}", {"encoding": "shift_jis"}),
+    "euc_kr": ("t=시간; q=관절{}각도; tau=관절{}토크", {"encoding": "euc_kr"}),
+    "cp1251": ("t=Время; q=Угол{}; tau=Момент{}", {"encoding": "cp1251"}),
     "cp1252": ("t=t; deg=q{} [°]; tau=tau{}", {"encoding": "cp1252"}),
 }
 
@@ -316,9 +321,15 @@ q=q{}; dq=dq{}; tau=tau{} -> t = rows at 100 Hz, at which dq is the derivative o
 q=q{}; dq=dq{}; tau=tau{} -> --rate 100 --out
 t=t; text=mode; q=q{}; tau=tau{}; text=extra -> not used: mode, extra
 t=t; q=q{}; nan=dq{}; tau=tau{} -> dq is left out
-t=__time; q=/c/feedback/positions[{}]; tau=/c/feedback/effort[{}]; 50q=/c/output/positions[{}] -> q1..q3
-t=__time; q=/c/feedback/positions[{}]; tau=/c/feedback/effort[{}]; tau/2=/c/output/effort[{}] -> q1..q3
-t=time; q=feedback/q[{}]; 50q=output/q[{}]; tau=output/effort[{}] -> q1..q3
+hour=hour; minute=min; second=sec; q=pos{}; tau=trq{} -> the date is not read
+day=date; hour=hour; minute=minute; second=second; q=pos{}; dq=vel{}; tau=trq{} -> the date is not read
+0=YYYY; month=MM; day=DD; hour=hh; minute=mm; second=ss; q=pos{}; tau=trq{} -> the date is not read
+0=Month; 0=Day; hour=Hour; minute=Minute; whole=Second; ms of s=Millisecond; q=q{}; tau=tau{} -> date
+hour=stamp_h; minute=stamp_m; whole=stamp_s; us of s=stamp_us; q=pos{}; tau=trq{} -> the date is not read
+hour=hour; minute=minute; whole=second; t=time; q=pos{}; dq=vel{}; tau=trq{} -> t = time
+t=__time; q=/c/feedback/positions[{}]; tau=/c/feedback/effort[{}]; 50q=/c/output/positions[{}] -> puts
+t=__time; q=/c/feedback/positions[{}]; tau=/c/feedback/effort[{}]; tau/2=/c/output/effort[{}] -> puts out
+t=time; q=feedback/q[{}]; 50q=output/q[{}]; tau=output/effort[{}] -> output/q[1] .. output/q[3] is
 """
 
 
@@ -437,6 +448,15 @@ def test_units_of_columns_that_are_chosen_are_those_of_their_names(tmp_path):
 def test_joints_in_brackets_are_no_units(tmp_path):
     path = log(tmp_path / "run.csv", "t=time; q=position[{j}]; tau=effort[{j}]")
     assert "is not known" not in read(path)[1]
+
+
+def test_hours_minutes_and_seconds_that_are_three_clocks_are_no_time_of_day(tmp_path):
+    """The same stamp in three units; the first hours and minutes are rounded to 0."""
+    row = "h=t_hour; min=t_min; t=t_sec; q=q{}; tau=tau{}"
+    path = log(tmp_path / "run.csv", row)
+    assert "t = t_hour+t_min" not in read(path)[1]
+    path = log(tmp_path / "run.csv", row, cell=lambda x: f"{2.5 * x:.1f}")
+    refusal(lambda: read(path), "no whole numbers", "--rename t=NAME")
 
 
 def test_without_a_header_the_robot_tells_the_number_of_joints(tmp_path):

@@ -1,5 +1,6 @@
 """Changes of a file that keep what its format is made of: elements, fields, records."""
 
+import base64
 import io
 import json
 import sqlite3
@@ -316,6 +317,7 @@ _CHANGES = {
     ".csv": _change_csv,
     ".dae": _change_xml,
     ".db3": _change_database,
+    ".gltf": _change_json,
     ".json": _change_json,
     ".mcap": _change_records,
     ".npz": _change_archive,
@@ -332,6 +334,19 @@ _CHANGES = {
 def sound_meshes():
     """One triangle in every format of meshes, by the suffix."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
+    text = base64.b64encode(corners.tobytes()).decode()
+    buffer = {"byteLength": 36, "uri": f"data:application/octet-stream;base64,{text}"}
+    accessor = {"componentType": 5126, "count": 3, "type": "VEC3", "bufferView": 0}
+    gltf = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [accessor],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [buffer],
+    }
     stl = b"\0" * 80 + struct.pack("<I", 1) + np.zeros(3, "<f4").tobytes()
     ply = (
         "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
@@ -343,4 +358,5 @@ def sound_meshes():
         ".stl": stl + corners.tobytes() + b"\0\0",
         ".ply": ply.encode(),
         ".off": b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+        ".gltf": json.dumps(gltf).encode(),
     }

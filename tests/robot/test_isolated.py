@@ -1,6 +1,7 @@
 """Parsers in a process of their own: a crash, a silence or a claim of memory is one
 error there, and nothing here."""
 
+import json
 import os
 import threading
 import time
@@ -149,7 +150,16 @@ def deep(tag, middle):
     return f"<{tag}>" * 30_000 + middle + f"</{tag}>" * 30_000
 
 
+GLTF_LOOP = {
+    "asset": {"version": "2.0"},
+    "scene": 0,
+    "scenes": [{"nodes": [0]}],
+    "nodes": [{"children": [0]}],
+    "buffers": [],
+}
 BROKEN = {
+    "loop.gltf": json.dumps(GLTF_LOOP),
+    "deep.gltf": '{"buffers":' + "[" * 50_000,
     "deep.x3d": f"<X3D><Scene>{deep('Group', '')}</Scene></X3D>",
     "deep.dae": (
         '<COLLADA version="1.4.1"><library_visual_scenes><visual_scene id="s">'
@@ -184,6 +194,46 @@ def test_what_an_obj_names_is_not_opened(line, tmp_path):
     begin = time.monotonic()
     mesh = read_mesh(tmp_path / "cube.obj", np.ones(3))
     assert mesh.volume == pytest.approx(1.0)
+    assert time.monotonic() - begin < 5.0
+
+
+def gltf(uri):
+    """One triangle whose corners are in a buffer."""
+    accessor = {"componentType": 5126, "count": 3, "type": "VEC3", "bufferView": 0}
+    return json.dumps(
+        {
+            "asset": {"version": "2.0"},
+            "scenes": [{"nodes": [0]}],
+            "scene": 0,
+            "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+            "accessors": [accessor],
+            "bufferViews": [{"buffer": 0, "byteLength": 36}],
+            "buffers": [{"byteLength": 36, "uri": uri}],
+            "images": [{"uri": "/dev/zero"}],
+        }
+    )
+
+
+def test_the_buffer_of_a_gltf_is_read(tmp_path):
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
+    (tmp_path / "corners.bin").write_bytes(corners.tobytes())
+    (tmp_path / "part.gltf").write_text(gltf("corners.bin"))
+    mesh = read_mesh(tmp_path / "part.gltf", np.full(3, 2.0), triangles=True)
+    assert mesh.vertices.tolist() == (2.0 * corners).tolist()
+    assert mesh.triangles.shape == (1, 3)
+
+
+@pytest.mark.parametrize("uri", ["pipe.bin", "/dev/zero", "../secret.bin", "gone.bin"])
+def test_a_buffer_that_is_no_file_of_the_folder_is_not_read(uri, tmp_path):
+    home = tmp_path / "home"
+    home.mkdir()
+    os.mkfifo(home / "pipe.bin")
+    (tmp_path / "secret.bin").write_bytes(b"\0" * 36)
+    (home / "part.gltf").write_text(gltf(uri))
+    begin = time.monotonic()
+    with pytest.warns(Remark, match="this mesh is left out"):
+        assert read_mesh(home / "part.gltf", np.ones(3)) is None
     assert time.monotonic() - begin < 5.0
 
 

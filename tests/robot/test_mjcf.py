@@ -2,9 +2,12 @@
 joint, a slide, armature and two trees; names of robot_descriptions."""
 
 import re
+import sys
+from types import ModuleType
 
 import numpy as np
 import pytest
+from arms import ELBOW, SHOULDER, write_urdf
 from commands import run_cli
 from dynamics_files import mujoco_torque
 from numpy.testing import assert_allclose
@@ -210,6 +213,18 @@ def test_mujoco_leaves_no_log_in_the_folder(tmp_path, monkeypatch):
     path.write_text(path.read_text().replace("</mujoco>", key))
     assert load_mjcf(path)[0].n == 2
     assert [x.name for x in tmp_path.iterdir()] == ["slide.xml"]
+
+
+def test_names_of_robot_descriptions(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "robot_descriptions", None)
+    refusal(lambda: load_problem("panda_description"), "pip install robot_descriptions")
+    package = ModuleType("robot_descriptions")
+    one = ModuleType("own_description")
+    one.URDF_PATH = str(write_urdf(tmp_path / "plain.urdf", "arm", (SHOULDER, ELBOW)))
+    monkeypatch.setitem(sys.modules, "robot_descriptions", package)
+    monkeypatch.setitem(sys.modules, "robot_descriptions.own_description", one)
+    assert load_problem("own_description").robot.n == 2
+    refusal(lambda: load_problem("other_description"), "'other_description'")
 
 
 def test_a_parser_that_ends_is_one_sentence(tmp_path, monkeypatch):

@@ -3,7 +3,7 @@ a careful one that names the row and column that is wrong. Read in pieces: memor
 numbers of the chosen columns and for one piece, however long the file.
 
 Texts of other forms are known by their first line: messages that `ros2 topic echo` has
-printed, and JSON.
+printed, JSON, and what KUKA's RSI sends.
 """
 
 import re
@@ -55,13 +55,13 @@ def read(path: Path) -> Log:
     try:
         table = inspect_table(path)
     except MarkupError as error:
-        from sdp_vs_penalty.data.formats import jsonl, ros_echo
+        from sdp_vs_penalty.data.formats import jsonl, ros_echo, rsi_xml
 
         if error.what.startswith("YAML"):
             return ros_echo.read(path)
-        if error.what.startswith("JSON"):
-            return jsonl.read_text(path, error)
-        raise
+        return (jsonl if error.what.startswith("JSON") else rsi_xml).read_text(
+            path, error
+        )
     return log_of_table(table)
 
 

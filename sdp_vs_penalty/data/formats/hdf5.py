@@ -14,26 +14,32 @@ from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES: tuple[str, ...] = (".h5", ".hdf5")
 
-#: Groups of MATLAB's own.
-_INTERNAL = ("#refs#", "#subsystem#")
+#: Groups of MATLAB's and pandas' own.
+_INTERNAL = ("#refs#", "#subsystem#", "_i_table")
+#: Data sets of pandas: the names of a block's columns, and its values.
+_ITEMS, _VALUES = "_items", "_values"
 #: Attributes that say a unit, and more letters than one has.
 _UNITS, _LONGEST_UNIT = ("unit", "units", "Unit", "Units"), 12
+#: What stands between the name of a table and that of its column.
+_WITHIN = "\n"
 
 
 def read(path: Path) -> Log:
     """Read the numeric data sets: (N,) numbers or (N, n) blocks.
 
-    Data sets in groups are called "robot/q", columns of a table "table/q". A process of
-    its own parses the file: one wrong byte can end it. Raises InputError without h5py.
+    Data sets in groups are called "robot/q", columns of a table by their own names, "q";
+    where two have the same, such as those of two runs, "demo_0/q". A process of its own
+    parses the file: one wrong byte can end it. Raises InputError without h5py.
     """
     try:
         import h5py  # noqa: F401
     except ImportError as error:
         raise missing_extra("HDF5 files need", "formats") from error
     remedy = "save its arrays with numpy.savez(path, t=..., q=..., tau=...)"
-    kind = "HDF5 file"
-    arrays = parse_apart(numeric_data_sets, path, load_h5py, kind, remedy)
-    return log_of_arrays(path, arrays)
+    parts = parse_apart(numeric_data_sets, path, load_h5py, "HDF5 file", remedy)
+    own = [name.rpartition(_WITHIN)[2] for name in parts]
+    names = own if len({*own}) == len(own) else [x.replace(_WITHIN, "/") for x in parts]
+    return log_of_arrays(path, dict(zip(names, parts.values(), strict=True)))
 
 
 def load_h5py() -> None:
@@ -44,7 +50,8 @@ def load_h5py() -> None:
 
 def numeric_data_sets(path: str) -> Iterator[dict[str, Array]]:
     """Parse the numeric data sets of a file, one at a time: a name and its numbers (N,)
-    or (N, n); a unit that an attribute says stands behind a name, "q [deg]".
+    or (N, n); the name of a column of a table has the table's before it, in a line of
+    its own, and a unit that an attribute says stands behind a name, "q [deg]".
 
     To be run in a process of its own. Links to other files, and data that lie in them,
     are not followed. Data sets of more than two dimensions, such as pictures, are left
@@ -61,21 +68,28 @@ def numeric_data_sets(path: str) -> Iterator[dict[str, Array]]:
                 data_set.external or data_set.is_virtual
             )
             if is_own and not any(part in name for part in _INTERNAL):
-                for column, values in _columns_of(name, data_set):
+                for column, values in _columns_of(file, name, data_set):
                     yield {column: values}
 
 
-def _columns_of(name: str, data_set: Any) -> Iterator[tuple[str, Array]]:
-    """Iterate over the columns of a data set: the fields of records, or the data set
-    itself."""
+def _columns_of(file: Any, name: str, data_set: Any) -> Iterator[tuple[str, Array]]:
+    """Iterate over the columns of a data set: the fields of records, the named columns
+    of a block of pandas, or the data set itself."""
     if data_set.ndim not in (1, 2):
         return
     for field in data_set.dtype.names or ():
         if data_set.dtype[field].base.kind in "fiu":
-            yield f"{name}/{field}", np.asarray(data_set[field], float)
+            yield f"{name}{_WITHIN}{field}", np.asarray(data_set[field], float)
     if data_set.dtype.kind not in "fiu":
         return
-    stated = next((data_set.attrs[x] for x in _UNITS if x in data_set.attrs), "")
-    unit = stated.decode(errors="replace") if isinstance(stated, bytes) else stated
-    is_said = isinstance(unit, str) and 0 < len(unit) < _LONGEST_UNIT
-    yield f"{name} [{unit}]" if is_said else name, np.asarray(data_set[()], float)
+    items = name.removesuffix(_VALUES) + _ITEMS
+    if not (name.endswith(_VALUES) and items in file):
+        stated = next((data_set.attrs[x] for x in _UNITS if x in data_set.attrs), "")
+        unit = stated.decode(errors="replace") if isinstance(stated, bytes) else stated
+        is_said = isinstance(unit, str) and 0 < len(unit) < _LONGEST_UNIT
+        yield f"{name} [{unit}]" if is_said else name, np.asarray(data_set[()], float)
+        return
+    for place, item in enumerate(file[items][()]):
+        label = item.decode() if isinstance(item, bytes) else str(item)
+        table = name.rpartition("/")[0]
+        yield f"{table}{_WITHIN}{label}", np.asarray(data_set[:, place], float)

@@ -1,8 +1,12 @@
 """JSON: one object a line, {"t": 0.005, "q": [0.1, 0.2], "tau": [3, 4]}; or a text with
-a list of samples, or a list for each channel: lists of objects, or objects of lists.
+a list of samples, or a list for each channel.
+
+Of the latter are lists of objects, objects of lists, and what pandas writes by
+``to_json``: columns of values by their row, or the names beside the rows ("split").
 """
 
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +22,9 @@ from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES: tuple[str, ...] = (".jsonl", ".ndjson")
 SAMPLE = "line"
+
+#: Fields that say which joint an object in a list is of.
+_LABELS = ("name", "joint", "id")
 
 
 def read(path: Path) -> Log:
@@ -44,7 +51,14 @@ def read_text(path: Path, refused: InputError) -> Log:
     if isinstance(content, list) and all(isinstance(x, Mapping) for x in content):
         samples = [dict(leaves(sample)) for sample in content]
         return log_of_samples(path, samples, range(1, len(samples) + 1), "object")
-    lists = dict(_lists(content)) if isinstance(content, Mapping) else {}
+    try:
+        if isinstance(content, Mapping) and {*content} == {"columns", "index", "data"}:
+            rows = zip(*content["data"], strict=True)
+            content = dict(zip(content["columns"], rows, strict=True))
+        lists = dict(_lists(content)) if isinstance(content, Mapping) else {}
+    except (TypeError, ValueError):  # rows of pandas that are none
+        raise refused from None
+    _refuse_columns_of_other_rows(path, content)
     log = log_of_lists(path, lists)
     if all(x.kind == "text" for x in log.columns.values()):
         raise refused
@@ -65,11 +79,14 @@ def _units(content: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _lists(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, list]]:
-    """Iterate over the lists in nested objects, named like "log.q". A list of objects is a
-    list of each of their fields; of runs, the lists of each run."""
+    """Iterate over the lists in nested objects, named like "log.q". An object whose keys
+    are all numbers is a list in the order of these, as pandas writes a column; a list of
+    objects is a list of each of their fields; of runs, the lists of each run."""
     for key, value in content.items():
         name = f"{prefix}{key}"
-        if isinstance(value, Mapping):
+        if _is_keyed_by_rows(value):
+            yield name, [value[row] for row in sorted(value, key=int)]
+        elif isinstance(value, Mapping):
             yield from _lists(value, f"{name}.")
         elif counts_runs(key) and _are(Mapping, value):
             for number, run in enumerate(value):
@@ -80,6 +97,26 @@ def _lists(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
                 (f"{name}.{x}", [item.get(x) for item in value]) for x in fields
             )
             yield from [] if fields else [(name, list(value))]
+
+
+def _is_keyed_by_rows(value: Any) -> bool:
+    """Return whether a JSON value is a column of pandas, {"0": 1.5, "1": 2.5}."""
+    is_object = isinstance(value, Mapping) and bool(value)
+    return is_object and all(key.isascii() and key.isdigit() for key in value)
+
+
+def _refuse_columns_of_other_rows(path: Path, content: Any) -> None:
+    """Raise InputError where two columns of one object have as many rows, but not the
+    same: side by side, their numbers would be of different samples."""
+    first_of_length = dict[int, str]()
+    for name, column in content.items() if isinstance(content, Mapping) else ():
+        if not _is_keyed_by_rows(column):
+            _refuse_columns_of_other_rows(path, column)
+            continue
+        first = first_of_length.setdefault(len(column), name)
+        if column.keys() != content[first].keys():
+            what = f"columns {first} and {name} are of different rows, by their keys"
+            raise InputError(what, "write the same rows in both", path)
 
 
 def log_of_samples(
@@ -96,9 +133,36 @@ def log_of_samples(
     word : str
         What messages call a sample.
     """
-    names = samples[0] if samples else {}
-    lists = {name: [sample.get(name) for sample in samples] for name in names}
+    names = list(samples[0]) if samples else []
+    lists = {
+        column: [sample.get(name) for sample in samples]
+        for name, column in zip(names, _renumbered(names), strict=True)
+    }
     return log_of_lists(path, lists, numbers, word)
+
+
+#: The number of an object in a list, "[33]".
+_NUMBER = re.compile(r"\[([0-9]+)\]")
+
+
+def _renumbered(names: Sequence[str]) -> list[str]:
+    """Number the objects of each list from 0, in the order of their numbers.
+
+    "joints[33].position" becomes "joints[1].position" where the list "joints" has the
+    objects 4, 33 and 105. A list is called by what stands before the bracket.
+    """
+    numbers_by_list = dict[str, set[int]]()
+    for name in names:
+        for number in _NUMBER.finditer(name):
+            of_list = numbers_by_list.setdefault(name[: number.start()], set())
+            of_list.add(int(number[1]))
+
+    def place(number: re.Match[str]) -> str:
+        """Return the place of a number in its list, "[1]" for "[33]"."""
+        of_list = sorted(numbers_by_list[number.string[: number.start()]])
+        return f"[{of_list.index(int(number[1]))}]"
+
+    return [_NUMBER.sub(place, name) for name in names]
 
 
 def log_of_lists(
@@ -152,15 +216,20 @@ def _parse_line(path: Path, number: int, line: str) -> dict[str, Any]:
 
 def leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Iterate over the numbers, and lists of numbers or texts, of nested objects, by
-    names like "header.stamp.sec" or "actuators[0].position". Empty lists are left out.
+    names like "header.stamp.sec" or "actuators[0].position".
+
+    Where the objects of a list have names, these stand in place of the number:
+    "joints[elbow].position". Empty lists are left out.
     """
     for key, value in content.items():
         if isinstance(value, Mapping):
             yield from leaves(value, f"{prefix}{key}.")
         elif isinstance(value, list) and any(isinstance(x, Mapping) for x in value):
-            for number, item in enumerate(value):
+            names = _names_of_items(value)
+            for label, item in zip(names or range(len(value)), value, strict=True):
                 if isinstance(item, Mapping):
-                    yield from leaves(item, f"{prefix}{key}[{number}].")
+                    fields = {x: y for x, y in item.items() if x not in _LABELS}
+                    yield from leaves(fields, f"{prefix}{key}[{label}].")
         elif (
             value is None
             or isinstance(value, str)
@@ -169,6 +238,18 @@ def leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
             or (isinstance(value, list) and value and all(map(_is_number, value)))
         ):
             yield f"{prefix}{key}", value
+
+
+def _names_of_items(items: Sequence[Any]) -> list[str]:
+    """Return the name that each item of a list has as its field "name", "joint" or "id",
+    a text or a whole number; no names where an item has none, or two have the same."""
+    for key in _LABELS:
+        names = [item.get(key) for item in items if isinstance(item, Mapping)]
+        are_texts = all(isinstance(x, str) and x for x in names)
+        are_numbers = all(isinstance(x, int) and _is_number(x) for x in names)
+        if (are_texts or are_numbers) and len(set(names)) == len(items):
+            return list(map(str, names))
+    return []
 
 
 def _are(kind: type, value: Any) -> bool:

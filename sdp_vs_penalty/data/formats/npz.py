@@ -20,20 +20,33 @@ _MOST_DIMENSIONS = 3
 
 
 def read(path: Path) -> Log:
-    """Read the arrays of an archive; an archive with one matrix is a table. What is no
+    """Read the arrays of an archive, and of an array of records its fields.
+
+    An archive with one matrix, alone or beside its columns' names, is a table. What is no
     number is a text: whoever chooses it hears of it.
     """
     numbers, texts = dict[str, Any](), dict[str, Any]()
+    records = list[str]()
     with _archive(path) as file:
         for name in file.files:
             n_dimensions, kind = _layout_of(file, name)
-            if kind is None or kind.kind not in "fiuUS":
+            if kind is None or kind.kind not in "fiuUSV" or kind.hasobject:
                 texts[name] = np.array(str(kind))
             elif n_dimensions <= _MOST_DIMENSIONS:
                 (texts if kind.kind in "US" else numbers)[name] = file[name]
-    if len(numbers) == 1 and not texts:
-        return log_of_arrays(path, columns_of_array(path, *numbers.values()))
-    arrays = {name: real_numbers(path, name, x) for name, x in numbers.items()}
+                records += [name] if kind.names else []
+    if len(records) == 1:
+        numbers |= columns_of_array(path, numbers.pop(records[0]))
+    elif len(numbers) == 1 and len(texts) < 2:
+        table = columns_of_array(path, next(iter(numbers.values())))
+        names = np.ravel(next(iter(texts.values()), [*table])).astype(str).tolist()
+        if len({*names}) == len(table):
+            return log_of_arrays(path, dict(zip(names, table.values(), strict=True)))
+    arrays = {
+        name: real_numbers(path, name, x)
+        for name, x in numbers.items()
+        if not x.dtype.names
+    }
     # A text a sample may be its time; other texts are one row, such as the joints' names.
     count = max(map(len, arrays.values()), default=0)
     cells = {name: np.ravel(x).astype(str).tolist() for name, x in texts.items()}

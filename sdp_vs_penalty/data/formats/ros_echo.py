@@ -1,14 +1,14 @@
 """What `ros2 topic echo` and `rostopic echo` print: one YAML document a message, with
 "---" between two.
 
-Read are JointState, the state of a trajectory controller, and other messages whose
-fields hold a list a sample. Of YAML only the part is known that these
+Read are JointState, the state of a trajectory controller, DynamicJointState, and other
+messages whose fields hold a list a sample. Of YAML only the part is known that these
 programs write: maps and lists by indentation, numbers, texts, and lists in brackets.
 """
 
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,7 @@ def read(path: Path) -> Log:
             warnings.warn(said, Remark, stacklevel=2)
             continue
         try:
-            content, _ = _map(lines, 0, lines[0][0])
+            content = _with_interfaces(_map(lines, 0, lines[0][0])[0])
         except (ValueError, IndexError, RecursionError) as error:
             what = f"line {number} begins no message that `ros2 topic echo` prints"
             raise InputError(what, _REMEDY, path) from error
@@ -102,11 +102,20 @@ def _map(
 
 
 def _list(lines: Sequence[_Line], k: int, indentation: int) -> tuple[list[Any], int]:
-    """Parse the list that begins in line k; return it, and the line behind it."""
+    """Parse the list that begins in line k; return it, and the line behind it. An item
+    can be a map, whose first entry stands behind the dash."""
     items = list[Any]()
     while k < len(lines) and lines[k][0] == indentation and _is_item(lines[k][1]):
-        items.append(_scalar(lines[k][1][1:].strip()))
-        k += 1
+        text = lines[k][1][1:].strip()
+        if _ENTRY.fullmatch(text) is None:
+            items.append(_scalar(text))
+            k += 1
+            continue
+        n_before = len(lines[k][1]) - len(text)
+        inner = [(indentation + n_before, text), *lines[k + 1 :]]
+        item, n_read = _map(inner, 0, indentation + n_before)
+        items.append(item)
+        k += n_read
     return items, k
 
 
@@ -124,3 +133,25 @@ def _scalar(text: str) -> Any:
         return float(_NUMBERS.get(text, text))
     except ValueError:
         return text.strip("'\"")
+
+
+def _with_interfaces(message: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a DynamicJointState message with a field for each joint and interface,
+    "elbow/position"; other messages as they are.
+
+    Raises ValueError where a joint has no interfaces, or no values of them.
+    """
+    joints = message.get("joint_names")
+    states = message.get("interface_values")
+    if not isinstance(joints, list) or not isinstance(states, list):
+        return dict(message)
+    fields = dict[str, Any]()
+    for joint, state in zip(joints, states, strict=True):
+        if not isinstance(state, Mapping):
+            raise ValueError(state)
+        names, values = state.get("interface_names"), state.get("values")
+        if not isinstance(names, list) or not isinstance(values, list):
+            raise ValueError(state)
+        for name, value in zip(names, values, strict=True):
+            fields[f"{joint}/{name}"] = value
+    return {"header": message.get("header", {}), **fields}

@@ -42,7 +42,7 @@ _NO_TEXTS: dict[bytes, tuple[str, str]] = {
         "a pickle, which can run a program when it is read",
         "save its arrays with numpy.savez(path, t=..., q=..., tau=...)",
     ),
-    b"ARROW1": ("a Feather file", "write it as Parquet"),
+    b"ARROW1": ("a Feather file", "give it the suffix .feather"),
     b"TDSm": ("a LabVIEW file (TDMS)", "export it as CSV"),
     b"ULog": ("a ULog file", "export it as CSV with `ulog2csv`"),
 }
@@ -56,12 +56,15 @@ _MARKS = {
     codecs.BOM_UTF16_LE: "utf-16",
     codecs.BOM_UTF16_BE: "utf-16",
 }
+#: Letters of other scripts, in the order in which they are tried: Chinese, Korean,
+#: Japanese, Cyrillic. A table is in them where its header has a word that is known.
+_OTHER_LETTERS = ("gb18030", "cp949", "cp932", "cp1251")
 
 
 @contextmanager
 def open_text(path: Path) -> Iterator[IO[str]]:
     """Open a text file, unpacked and decoded: UTF-8, UTF-16, UTF-32 with a byte-order
-    mark, or cp1252 of Windows; packed by gzip, bzip2 or xz. Of an
+    mark, or an encoding of Windows or of East Asia; packed by gzip, bzip2 or xz. Of an
     Excel workbook its longest sheet, with tabs between the cells.
 
     Raises InputError where the file's first bytes show that it is no text (HDF5, a pickle
@@ -121,8 +124,9 @@ def _encoding_of(head: bytes) -> str:
     """Return the encoding of a text by its first bytes.
 
     UTF-16 without a mark has a zero byte beside each letter of ASCII. A text that is no
-    UTF-8 has few letters beyond ASCII and no control characters: it is in cp1252
-    (Windows). A binary file stays UTF-8, whose decoder refuses it.
+    UTF-8 has few letters beyond ASCII and no control characters: it is in the letters of
+    another script where its header has a known word in them, else in cp1252 (Windows). A
+    binary file stays UTF-8, whose decoder refuses it.
     """
     for mark, encoding in _MARKS.items():
         if head.startswith(mark):
@@ -138,8 +142,26 @@ def _encoding_of(head: bytes) -> str:
     except UnicodeDecodeError:
         n_letters = sum(byte >= 0x80 for byte in head)
         is_text = 20 * n_letters < len(head) and not _CONTROL.search(head)
-        return "cp1252" if is_text else "utf-8-sig"
+        return _letters_of(head) if is_text else "utf-8-sig"
     return "utf-8-sig"
+
+
+def _letters_of(head: bytes) -> str:
+    """Return the first encoding of another script in which a word of the first line is
+    known; cp1252 where none is."""
+    from sdp_vs_penalty.data.words.names import WORDS
+    from sdp_vs_penalty.data.words.tokens import split_tokens
+
+    first_line = head.split(b"\n", 1)[0]
+    known = {word for words in WORDS.values() for word in words if not word.isascii()}
+    for encoding in _OTHER_LETTERS:
+        try:
+            words = split_tokens(first_line.decode(encoding))
+        except UnicodeDecodeError:
+            continue
+        if known & set(words):
+            return encoding
+    return "cp1252"
 
 
 def iter_rows(path: Path, size: int = PIECE) -> Iterator[tuple[int, list[str]]]:

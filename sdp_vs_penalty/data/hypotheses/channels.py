@@ -25,7 +25,7 @@ class Recognition:
     """Which column of a log is which channel, in which unit and why."""
 
     #: The file's names by ours (t, q1 ..., or q for a block); that of t is "sec+nanosec"
-    #: where a stamp is in two parts.
+    #: where a stamp is in two parts, "hour+minute+second" for a time of day.
     rename: dict[str, str]
     #: Factors to SI by our names, where they are not 1.
     scale: dict[str, float] = field(default_factory=dict)

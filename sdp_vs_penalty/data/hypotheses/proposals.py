@@ -1,6 +1,7 @@
 """The command that names columns which nothing recognises: by their words as far as they
 go, else by their order."""
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -153,7 +154,8 @@ def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
     their order where exactly as many are left as groups.
     """
     by_pattern = families(log.names).values()
-    alike = [x for x in by_pattern if len(x) > 1]
+    single = [x[0] for x in by_pattern if len(x) == 1]
+    alike = [_with_first(x, single) for x in by_pattern if len(x) > 1]
     alike += [[name] for name, x in log.columns.items() if x.kind == "list"]
     of_group, unknown = dict[str, list[str]](), list[list[str]]()
     for columns in alike:
@@ -196,6 +198,23 @@ def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
             named = columns or list(of_name)
             pairs[group] = named[0] if len(named) == 1 else "NAME"
     return pairs
+
+
+def _with_first(columns: list[str], single: Sequence[str]) -> list[str]:
+    """Return columns that are numbered from 2 with the one numbered 1, which a rail has in
+    another unit, or by another word: a force beside torques."""
+
+    def number(name: str) -> int:
+        return int(re.findall("[0-9]+", name)[-1])
+
+    if number(columns[0]) != 2:
+        return columns
+    firsts = [x for x in single if number(x) == 1]
+    for quantity in (quantity_of(columns[0]), None):
+        of_quantity = [x for x in firsts if quantity_of(x) == quantity]
+        if len(of_quantity) == 1:
+            return [*of_quantity, *columns]
+    return columns
 
 
 def orders_of(

@@ -43,14 +43,17 @@ from sdp_vs_penalty.data.words.names import (
     Meaning,
     counts_runs,
     facts_of_heading,
+    is_counter,
     read_bare_joint,
     read_commanded_torque,
+    read_letter,
     read_name,
     read_time_by_unit,
     unit_of,
     units_of_heading,
 )
 from sdp_vs_penalty.data.words.stamps import (
+    find_time_of_day,
     find_two_parts,
     fraction_column,
     has_fraction,
@@ -125,19 +128,26 @@ def recognise(
         columns = columns_called(columns)
     usable = [name for name, x in columns.items() if x.kind != "text"]
     logger, said = find_logger(usable)
+    outputs = list[str]()
     if logger:
         choice = choose_sets(said, None)
         clock = clock_of(logger, usable) or find_clock(columns)
     else:
         # What a controller puts out counts where it has no feedback beside it.
-        usable = [
+        outputs = [
             x
             for x in usable
-            if not any(_OUTPUT.sub(y, x) in usable for y in _FEEDBACK)
-            or not _OUTPUT.search(x)
+            if _OUTPUT.search(x)
+            and any(_OUTPUT.sub(word, x) in usable for word in _FEEDBACK)
         ]
+        usable = [x for x in usable if x not in outputs]
         chosen = {name: columns[name] for name in usable}
         said, choice = _read_and_choose(chosen, joints)
+        if choice and all(map(is_current, _torques_of(choice))):
+            # Letters may be the joints' torques, which the arm weighs against currents.
+            letters = {x: y for x in usable if (y := read_letter(x))}
+            letters = {x: y for x, y in letters.items() if _says_nothing(said.get(x))}
+            choice = choose_sets(said | letters, len(joints) if joints else None)
         if choice is None:
             read = _read_or_commanded
             said, choice = _read_and_choose(chosen, joints, read)
@@ -169,6 +179,10 @@ def recognise(
     ]
     if any(map(read_commanded_torque, _torques_of(choice))):
         said_of.append("tau is what was commanded, for no other torque is there")
+    if outputs:
+        said_of.append(
+            f"what the controller puts out as {_shortened(outputs)} is not used"
+        )
     if "tau" not in choice.sets:
         said_of.append(
             "no torque is in the file: log it as well, or identify the servos from their"
@@ -214,18 +228,40 @@ def _without_unit(found: Recognition, said: Mapping[str, Meaning]) -> frozenset[
     return frozenset({"q", "tau"} - has_unit)
 
 
+def _shortened(names: Sequence[str]) -> str:
+    """List columns for a message. A group whose names differ only by numbers is shown
+    by its first and its last."""
+    alike = dict[str, list[str]]()
+    for name in names:
+        alike.setdefault(re.sub("[0-9]+", "*", name), []).append(name)
+    shown = (x[0] if len(x) == 1 else f"{x[0]} .. {x[-1]}" for x in alike.values())
+    return ", ".join(shown)
+
+
 def find_clock(columns: Columns | Sequence[str]) -> str | None:
     """Find the column that holds a file's time stamps: "sec+nanosec" for a stamp in two
-    columns; None without a clock.
+    columns, "hour+minute+second" for a time of day; None without a clock.
 
     Among several, the best word wins ("time" before "tick"), then the name with the
     fewest other words. Where no name says it, the only column of stamps is the clock, or
     else an index without a name that rises in fractions, or else the only column of
-    unknown words that ends with a unit of time and rises ("run_minutes").
+    unknown words that ends with a unit of time and rises ("run_minutes"), or a counter
+    that rises by the same in every row, and not by 1 ("tick").
     """
     if not isinstance(columns, Mapping):
         columns = columns_called(columns)
     names = list(columns)
+    time_of_day = find_time_of_day(names)
+    # The first cells of hours and minutes are whole; a clock in minutes rises in fractions.
+    heads = [columns[x].head for x in time_of_day[:2]]
+    if time_of_day and all(np.all(x == np.round(x)) for x in heads):
+        # Another clock goes first, for its stamps may be finer; a date is none.
+        others = {x: c for x, c in columns.items() if x not in time_of_day}
+        other = find_clock(others) or ""
+        is_number = other in others and others[other].kind == "number"
+        head = others[other].head if is_number else np.zeros(0)
+        stands_still = len(head) > 0 and bool(np.all(head == head[0]))
+        return other if other and not stands_still else "+".join(time_of_day)
     if pair := find_two_parts(names):
         return "+".join(pair)
     said = {name: read_name(name) for name in names if columns[name].kind != "list"}
@@ -246,6 +282,11 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
             for x in names
             if not said.get(x) and read_time_by_unit(x) and _rises(columns[x])
         ],
+        [
+            x
+            for x in names
+            if is_counter(x) and _rises(columns[x]) and _is_even(columns[x])
+        ],
     )
     clock = min(clocks)[2] if clocks else None
     clock = clock or next((found[0] for found in weaker if len(found) == 1), None)
@@ -265,6 +306,12 @@ def _rises(column: Column, unit: float = 0.0) -> bool:
     is_whole = unit > 0.0 and not np.any(head % unit)
     rises = len(head) > 2 and bool(np.all(np.diff(head) >= 0.0)) and head[-1] > head[0]
     return bool(rises) and not is_whole
+
+
+def _is_even(column: Column) -> bool:
+    """Return whether the first numbers of a column rise by the same step, other than 1."""
+    steps = {*np.diff(column.head).tolist()}
+    return len(steps) == 1 and steps != {1.0}
 
 
 def _our_name(group: str, key: Hashable, number: int) -> str:
@@ -298,6 +345,11 @@ def _read_and_choose(
         choice = choose_sets(bare, n_joints, single)
         said = said if choice is None else bare
     return said, choice
+
+
+def _says_nothing(said: Meaning | None) -> bool:
+    """Return whether a name says nothing, or a clock with a number, "T1", which is none."""
+    return said is None or (said.quantity == "t" and said.number is not None)
 
 
 def _torques_of(choice: SetChoice) -> list[str]:
@@ -584,9 +636,14 @@ def joints_of_texts(texts: Sequence[str]) -> list[str]:
 
 
 def with_unit_of_clock(found: Recognition, columns: Columns) -> Recognition:
-    """Add the unit of a clock whose stamps are dates in that unit, and mark a unit that
-    nothing says."""
+    """Add the unit of a clock whose stamps are dates in that unit, say of a time of day
+    in several columns that the date is not read, and mark a unit that nothing says."""
     clock = found.rename.get("t", "")
+    if clock not in columns and clock.count("+") > 1:
+        said = (
+            "t is the time of day, of hours, minutes and seconds; the date is not read"
+        )
+        return replace(found, said=(*found.said, said))
     meaning = read_name(clock)
     is_stated = meaning is not None and bool(meaning.unit)
     is_stated |= "t" in {**found.scale, **found.units}

@@ -65,6 +65,12 @@ def is_no_measurement(name: str) -> bool:
     return not _OTHERS.isdisjoint(split_tokens(name))
 
 
+def is_counter(name: str) -> bool:
+    """Return whether a name says nothing but a counter, which may count time: "tick"."""
+    words = {*split_tokens(name)}
+    return bool(words & _COUNTERS) and words <= _COUNTERS | _FILLERS
+
+
 def is_word_for_joint(words: Sequence[str]) -> bool:
     """Return whether words mean a joint: "joint", "arm axis"."""
     return not _JOINTS.isdisjoint(words) and _FILLERS.issuperset(words)
@@ -229,6 +235,17 @@ def unit_of(text: str, quantity: str) -> tuple[str, float] | None:
     units = units_in_names().get(quantity, {})
     known = {unit.casefold(): (unit, factor) for unit, factor in units.items()}
     return known.get(text.casefold())
+
+
+def read_letter(name: str) -> Meaning | None:
+    """Read a name that is a letter of torques and a number, "u_1", or the load of a
+    servo, as a torque that ranks behind all names with a word; None for other names."""
+    letters, tokens = INITIALS["tau"].split(), split_tokens(name)
+    numbers = [x for x in tokens if x.isdigit()]
+    words = [x for x in tokens if x in letters or x not in (*numbers, *_FILLERS)]
+    if len(words) != 1 or words[0] not in letters or len(numbers) != 1:
+        return None
+    return Meaning("tau", len(WORDS["tau"]) + 1, number=int(numbers[0]))
 
 
 def read_commanded_torque(name: str) -> Meaning | None:

@@ -12,6 +12,9 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: Words that the second part of a stamp ends with, by its unit [s].
 _SECOND_PARTS: dict[str, float] = table()["second_parts"]
+#: Words of the columns of a time of day, in this order, and their units [s].
+_TIMES_OF_DAY = [table()["times_of_day"][x] for x in ("hour", "minute", "second")]
+_UNITS_OF_DAY = (3600.0, 60.0, 1.0)
 #: Words that the first part ends with.
 _FIRST_PARTS = ("sec", "secs", "seconds", "s")
 _DAY = 86_400.0
@@ -22,10 +25,13 @@ _DATE = (
 )
 #: Hours, minutes and seconds; minutes and seconds with a fraction, as spreadsheets show.
 _CLOCK = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,:;]\d+)?)?|\d{1,3}:\d{2}[.,]\d+"
+#: Dates and times without marks, 20240501T120000.5: they need the T between them.
+_PLAIN = r"\d{8}T\d{6}(?:[.,]\d+)?"
 #: A zone's letters other than UTC's are those of the place: its offset is not known.
 _ZONE = r"Z|UTC|GMT|[+-]\d{2}(?::?\d{2})?|[A-Z]{3,4}"
 _STAMP = re.compile(
-    rf"(?:(?P<date>{_DATE})(?:[T/_]|,? +)|(?P<days>\d+) days?,? +)?(?P<clock>{_CLOCK})"
+    rf"(?:(?:(?P<date>{_DATE})(?:[T/_]|,? +)|(?P<days>\d+) days?,? +)?(?P<clock>{_CLOCK})"
+    rf"|(?P<plain>{_PLAIN}))"
     rf"(?: ?(?P<half>[AaPp]\.?[Mm]\.?))?(?: ?(?P<zone>{_ZONE}))?(?:\[[\w/+-]+\])?(?: \d{{4}})?"
 )
 
@@ -39,7 +45,7 @@ def is_stamp(text: str) -> bool:
 def has_fraction(text: str) -> bool:
     """Return whether a stamp says more than whole seconds: 12:00:00.005."""
     match = _STAMP.fullmatch(text.strip())
-    clock = "" if match is None else match["clock"]
+    clock = "" if match is None else match["clock"] or match["plain"]
     return bool(re.search(r"[.,;]\d+$|:\d+:\d+:\d+$", clock))
 
 
@@ -63,12 +69,34 @@ def find_two_parts(names: Sequence[str]) -> tuple[str, ...]:
     return ()
 
 
+def find_time_of_day(names: Sequence[str]) -> tuple[str, ...]:
+    """Find the columns of a time of day: hours, minutes and seconds, and perhaps a
+    fraction of a second; empty without them.
+
+    Side by side they tell minutes from months, which are both written "MM".
+    """
+    parts = [_stem_and_word(name) for name in names]
+    for k in range(len(parts) - 2):
+        stems = {stem for stem, _ in parts[k : k + 3]}
+        pairs = zip(parts[k : k + 3], _TIMES_OF_DAY, strict=True)
+        if len(stems) == 1 and all(word in known for (_, word), known in pairs):
+            has_fraction = parts[k + 3 : k + 4] and parts[k + 3][1] in _SECOND_PARTS
+            return tuple(names[k : k + 4 if has_fraction else k + 3])
+    return ()
+
+
 def units_of_parts(names: Sequence[str]) -> tuple[float, ...]:
-    """Return the units [s] of the columns whose sum is a clock: one (unit 1: its name or
-    its values say the true one), or seconds and a fraction, in nanoseconds unless its name
-    says another unit."""
-    fractions = (_SECOND_PARTS.get(_stem_and_word(x)[1], 1e-9) for x in names[1:])
-    return (1.0, *fractions) if names else ()
+    """Return the units [s] of the columns whose sum is a clock.
+
+    The columns are one clock (unit 1: its name or its values say the true one), seconds
+    and a fraction, or a time of day in three or four. A fraction is in nanoseconds
+    unless its name says another unit.
+    """
+    whole = _UNITS_OF_DAY if len(names) > 2 else (1.0,)[: len(names)]
+    fractions = (
+        _SECOND_PARTS.get(_stem_and_word(x)[1], 1e-9) for x in names[len(whole) :]
+    )
+    return (*whole, *fractions)
 
 
 def _stem_and_word(name: str) -> tuple[str, str]:
@@ -135,7 +163,10 @@ def _parse(text: str) -> tuple[datetime.date | None, float]:
     match = _STAMP.fullmatch(text)
     if match is None:
         raise wrong
-    date, clock = match["date"] or "", match["clock"]
+    date, clock, plain = match["date"] or "", match["clock"], match["plain"]
+    if plain:  # without marks: 20250501T120000.005
+        date = f"{plain[:4]}-{plain[4:6]}-{plain[6:8]}"
+        clock = f"{plain[9:11]}:{plain[11:13]}:{plain[13:]}"
     parts = re.split(r"[:;.,]", clock)
     if re.fullmatch(r"\d+:\d+[.,]\d+", clock):
         parts = ["0", *parts]  # minutes and seconds

@@ -37,7 +37,7 @@ def group_of(our_name: str) -> str:
 
 def parts_of(their_name: str, names: Sequence[str]) -> tuple[str, ...]:
     """List the columns that a name of ``--rename`` stands for: one, or those of a stamp,
-    "sec+nanosec"."""
+    "sec+nanosec" or "hour+minute+second"."""
     if their_name in names or "+" not in their_name:
         return (their_name,)
     return tuple(part.strip() for part in their_name.split("+"))
