@@ -188,6 +188,9 @@ def diagnose_runs(
     offered = explain_in_order(searched, runs.estimate)
     held_out = held_out_errors(offered, judge)
     explanation = drop_harmful(offered, held_out, searched)
+    if not {t.text for t in explanation.terms} <= {t.text for t in offered.terms}:
+        # Constants that were fitted again without what was dropped are other effects.
+        offered, held_out = explanation, held_out_errors(explanation, judge)
     explanation = with_equivalence_sets(explanation, judge)
     ladder = Ladder.from_explanation(explanation, held_out, offered.terms)
     give_back_memory(runs.searched.samples)
