@@ -85,7 +85,10 @@ def _as_fact(
     if unit is None:
         return fact
     why = f"outside what the joints can reach, and inside it as {unit}"
-    if percent is None or unit == "millimetres":
+    if unit == "millimetres":
+        # A rail's own columns explain its torque in any unit of its positions.
+        return replace(fact, certainty=likely(f"{why}, the usual unit of a rail"))
+    if percent is None:
         return replace(fact, certainty=told_by(why, "the torques confirm it"))
     factors = ":".join(f"{scale:.6g}" for scale, _ in percent.values())
     is_percent = unit == "per cent"

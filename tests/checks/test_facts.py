@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from arms import SCARA, write_urdf
 from judged import report_of_run
 from small_runs import small_run
 
@@ -503,3 +504,17 @@ def test_a_fact_is_mended_unasked_where_its_repair_is_safe_or_certain():
     of_values = replace(issue, certainty=likely("certain: but for a few"))
     assert of_values.can_fix
     assert not replace(of_values, apply="unit:tau").can_fix
+
+
+def test_a_rail_in_mm_beside_degrees_is_likely(tmp_path):
+    """A rail's own columns explain its torque in any unit of its positions."""
+    problem = load_problem(write_urdf(tmp_path / "scara.urdf", "scara", SCARA))
+    wide = [replace(x, lower=-0.6, upper=0.6) for x in problem.robot.joints]
+    problem = replace(problem, robot=replace(problem.robot, joints=tuple(wide)))
+    run = small_run(problem, seconds=8.0)
+    log = Measurements(
+        run.t, run.q * [*2 * [180.0 / np.pi], 1e3, 180.0 / np.pi], run.tau
+    )
+    grades = {f.kind: f.certainty.grade for f in report_of_run(problem, log).issues}
+    assert grades["positions in mm"] == "likely"
+    assert "positions in degrees" in grades

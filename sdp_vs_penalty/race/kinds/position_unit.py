@@ -5,10 +5,11 @@ which look like radians of a small motion, and degrees of a smaller one, where t
 the torques poorly.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.plausibility import ENCODER_ZERO, radians_per_percent
 from sdp_vs_penalty.data.words.units import ENCODER_BITS, LARGEST_PERCENT
@@ -132,14 +133,18 @@ UNITS = (
         is_share=True,
     ),
 )
-#: Kind of positions of prismatic joints that are millimetres.
-_MILLIMETRES = "positions in mm"
+#: What positions of prismatic joints may have been multiplied by, by the kind of issue: what
+#: undoes it, both in words. A program that makes degrees of all columns changes rails, too.
+_OF_RAILS = {
+    "positions in mm": (NAMED["mm"], "0.001", "in millimetres"),
+    "position unit": (
+        _DEGREES.scale,
+        _DEGREES.factor,
+        "57.3 times too large, as if degrees were made of radians",
+    ),
+}
 #: Kinds of issue that say in which unit positions are.
-KINDS_OF_UNITS = (
-    *dict.fromkeys(unit.kind for unit in UNITS),
-    "position unit",
-    _MILLIMETRES,
-)
+KINDS_OF_UNITS = (*dict.fromkeys(unit.kind for unit in UNITS), *_OF_RAILS)
 
 
 def counts_a_turn(log: Likelihood) -> Number:
@@ -160,17 +165,33 @@ def counts_a_turn(log: Likelihood) -> Number:
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield millimetres of prismatic joints that are far beyond their ranges, beside which
-    angles may have a unit as well: of all revolute joints, degrees of each single joint that
-    moves beyond a turn, and these beside a sign where positions are far beyond their
-    ranges."""
-    log, now = evidence.log, fit.chain
-    largest = np.abs(now.positions(log.data.motion.q)).max(axis=0)  # (n,)
+    """Yield what prismatic joints that are far beyond their ranges may have been multiplied
+    by, beside which angles may have a unit as well."""
+    log = evidence.log
+    largest = np.abs(fit.chain.positions(log.data.motion.q)).max(axis=0)  # (n,)
     beyond_range = [j for j in range(log.n) if largest[j] > _farthest(log, j)]
     long = tuple(j for j in _prismatic(log) if j in beyond_range)
-    if long:
-        now = now.with_multiplied("scale", long, NAMED["mm"])
-        yield Hypothesis(_MILLIMETRES, long, prior_of_one_of(1), now)
+    if not long:
+        yield from _of_angles(log, fit, fit.chain, largest, beyond_range)
+    for kind, (scale, _, _) in _OF_RAILS.items() if long else ():
+        now = fit.chain.with_multiplied("scale", long, scale)
+        yield Hypothesis(kind, long, prior_of_one_of(1), now)
+        yield from _of_angles(log, fit, now, largest, beyond_range)
+
+
+def _of_angles(
+    log: Likelihood,
+    fit: ViewFit,
+    now: LogTransform,
+    largest: NDArray[np.float64],
+    beyond_range: Sequence[int],
+) -> Iterator[Hypothesis]:
+    """Yield units of angles: of all revolute joints, degrees of each single joint that moves
+    beyond a turn, and these beside a sign where positions are far beyond their ranges.
+
+    largest : (n,) largest position of each joint [rad, m]; beyond_range : the joints (from
+    0) that reach far beyond their ranges.
+    """
     beyond_turn = [j for j in log.revolute if largest[j] > _TURN]
     if not beyond_turn and not fit.is_poorly_explained.any():
         return
@@ -279,17 +300,19 @@ def undone_unit(
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     """Yield one fault about all revolute joints, or those in degrees, and one about
-    prismatic joints in millimetres."""
-    long = [j for j in _prismatic(log) if abs(chain.scale[j]) != 1.0]
-    if long:
+    prismatic joints."""
+    for kind, (scale, factor, are) in _OF_RAILS.items():
+        long = [j for j in _prismatic(log) if np.isclose(abs(chain.scale[j]), scale)]
+        if not long:
+            continue
         lengths = ", ".join(f"q{j + 1}" for j in long)
         yield Fault(
-            kind=_MILLIMETRES,
+            kind=kind,
             joints=tuple(long),
-            what=f"the positions of {joints_text(long)} are in millimetres: they reach"
+            what=f"the positions of {joints_text(long)} are {are}: they reach"
             f" {np.abs(log.data.motion.q[:, long]).max():.4g}.",
-            remedy=f"multiply {lengths} (and their dq) by 0.001",
-            without=chain.with_multiplied("scale", long, 1e3),
+            remedy=f"multiply {lengths} (and their dq) by {factor}",
+            without=chain.with_multiplied("scale", long, 1.0 / scale),
             place=lengths,
         )
     unit, numbers = undone_unit(log, chain)
