@@ -142,8 +142,12 @@ def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recogn
     if choice.rate is None and "t" not in found.rename and log.rate is not None:
         _remark(log, f"{log.rate:g} rows a second, as the file's header says")
         choice = replace(choice, rate=log.rate)
-    for group in {*(choice.scale or {})} & {"t", *GROUPS}:
-        found = found.without_unit(group)  # which the user says
+    for name, word in (choice.scale or {}).items():
+        said = found.units.get(group_of(name))
+        if said is not None and not re.search("(?i)(?<![0-9.])[a-z]", word):
+            what = f"--scale {name}={word} makes SI of the numbers as written"
+            _remark(log, f"{what}, not of {said.answer}, {said.why}")
+    found = _without_given_units(found, choice)
     if choice.as_written and found.unless_confirmed is not None:
         raise found.unless_confirmed
     if found.others:
@@ -156,6 +160,14 @@ def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recogn
     if found.unless_confirmed is not None:
         raise found.unless_confirmed
     return log, run, found
+
+
+def _without_given_units(found: Recognition, choice: Choice) -> Recognition:
+    """Leave the units of what ``--scale`` names to it."""
+    for name in choice.scale or {}:
+        if group_of(name) in ("t", *GROUPS):
+            found = found.without_unit(name)
+    return found
 
 
 def _confirmed_order(log: Log, found: Recognition, choice: Choice) -> Recognition:
@@ -240,6 +252,7 @@ def _run_of_columns(
         from sdp_vs_penalty.data.words.units import UNITS
 
         in_degrees = {group_of(x) for x, y in found.scale.items() if y == UNITS["deg"]}
+        in_degrees -= {*map(group_of, choice.scale or {})}
         run = unwrapped(run, log.path, [x for x in POSITIONS if x in in_degrees])
     return replace(run, file_rows=rows), found
 
@@ -717,8 +730,9 @@ def _in_si(
     if len(t) > 1 and "tau" in blocks:
         found, blocks = _as_the_arm_says(found, t, blocks, choice)
     blocks = {group: x for group, x in blocks.items() if group in GROUPS}
+    found = _without_given_units(found, choice)
     own = found.factors("q", blocks["q"].shape[1])
-    given = {*(choice.scale or {})}
+    given = {*map(group_of, choice.scale or {})}
     if "qcmd" in blocks and not {*map(group_of, found.scale), *given} & {"qcmd"}:
         from sdp_vs_penalty.data.hypotheses.weighing import is_in_one_unit
 
@@ -851,7 +865,7 @@ def _as_the_arm_says(
 
     if robot is not None:
         found = by_arm.with_lengths(found, robot)
-    if robot is not None and "q" not in (choice.scale or {}):
+    if robot is not None and "q" not in map(group_of, choice.scale or {}):
         links = getattr(choice.joints, "links", None)
         each = bool(found.torque_unit)
         of_links, apart = (
@@ -973,7 +987,9 @@ def repeating_command(log: Log, found: Recognition, choice: Choice) -> str:
             return ""
     else:
         words += ["--rename", rename_words(found.rename, log.names)]
-        factors = [scale_words(found.scale, found.rename)] if found.scale else []
+        said = {group: x.answer for group, x in found.units.items()}
+        scale = {x: y for x, y in found.scale.items() if x not in given}
+        factors = [scale_words(scale, found.rename, said)] if scale else []
         factors += [f"{name}={factor}" for name, factor in given.items()]
         words += ["--scale", ",".join(factors)] if factors else []
         words += ["--joints", ",".join(found.joints)] if found.order else []

@@ -432,6 +432,77 @@ def test_every_verb_that_trains_leaves_a_folders_test_run_out(
         assert add(model, "joint_spring:1", runs).provenance["runs"] == ["run1.csv"]
 
 
+#: Names of a column of three joints, with the unit of each; the numbers are the same.
+IN_UNITS = {
+    "turning": ("j{} pos [{}]", ("deg", "deg", "deg"), np.radians([1, 1, 1])),
+    "of a motor": ("j{}_pos_{}", ("mrad", "mrad", "mrad"), [1e-3] * 3),
+    "rails": ("j{}_pos_{}", ("mm", "mm", "mm"), [1e-3] * 3),
+    "a rail": ("j{} pos [{}]", ("deg", "mm", "deg"), [np.pi / 180, 1e-3, np.pi / 180]),
+    "a long rail": ("pos_{} ({})", ("rad", "cm", "mdeg"), [1, 1e-2, np.pi / 180e3]),
+    "a rail in SI": ("j{}_pos_{}", ("m", "deg", "deg"), [1, *np.radians([1, 1])]),
+}
+
+
+def in_units(path, form, moves=60.0):
+    """A table with units in its names, with commands, in which degrees are cut at a full
+    turn; its positions in SI."""
+    pattern, units, factors = IN_UNITS[form]
+    t = np.arange(300)[:, None] / 100.0
+    phase = 2.0 * t + [0.0, 1.0, 2.0]
+    size = [1e-3 * moves if x == "m" else moves for x in units]
+    q, dq = size * np.sin(phase), 2.0 * np.multiply(size, np.cos(phase))
+    is_cut = [x == "deg" for x in units]
+    cut = np.where(is_cut, (q + 180.0) % 360.0 - 180.0, q)
+    places = [*enumerate(units, 1)]
+    names = ["time [ms]", *(pattern.format(*x) for x in places)]
+    names += [pattern.replace("pos", "vel").format(k, f"{x}/s") for k, x in places]
+    names += [pattern.replace("pos", "cmd_pos").format(*x) for x in places]
+    names += [f"j{k}_torque_mNm" for k in (1, 2, 3)]
+    rows = np.hstack([t * 1e3, cut, dq, cut, np.sin(1.5 * phase)])
+    text = "\n".join(",".join(f"{x:.12g}" for x in row) for row in rows)
+    path.write_text(",".join(names) + f"\n{text}\n")
+    return q * factors
+
+
+@pytest.mark.parametrize("moves", [60.0, 400.0])
+@pytest.mark.parametrize("form", IN_UNITS)
+def test_the_printed_command_of_a_log_with_units_makes_the_same_arrays(
+    form, moves, tmp_path, monkeypatch, capsys
+):
+    """Its units of single columns were applied on top of the header's, and a rail's mm were
+    called mrad. Also of angles that are cut."""
+    monkeypatch.chdir(tmp_path)
+    q = in_units(tmp_path / "log.csv", form, moves)
+    assert run_cli("convert", "log.csv", "--out", "first.csv") == 0
+    command = re.findall(r"the same by `(.*?)`", capsys.readouterr().err)[0]
+    assert ("mrad" in command) == ("mrad" in IN_UNITS[form][1])
+    assert run_cli(*shlex.split(command)[1:]) == 0
+    first, again = map(read_run, ("first.csv", "run.csv"))
+    turns = np.round((first.q - q)[0] / (2.0 * np.pi))
+    np.testing.assert_allclose(first.q - 2.0 * np.pi * turns, q, rtol=1e-6, atol=1e-9)
+    for group, block in {"t": first.t[:, None], **first.groups}.items():
+        same_block = again.t[:, None] if group == "t" else again.groups[group]
+        np.testing.assert_allclose(same_block, block, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("word", "factor"), [("deg", np.pi / 180), ("mm", 1e-3), ("-0.5", -0.5)]
+)
+def test_the_unit_of_one_column_stands_in_place_of_the_header_s(word, factor, tmp_path):
+    q = in_units(tmp_path / "log.csv", "turning")
+    said = "of the numbers as written, not of deg" if word == "-0.5" else "the same by"
+    with pytest.warns(Remark, match=said):
+        run = convert(tmp_path / "log.csv", scale={"q2": word})
+    q[:, 1] *= 180.0 / np.pi * factor
+    np.testing.assert_allclose(run.q, q, rtol=1e-6, atol=1e-9)
+    # In a file with our names a column's unit goes before its group's.
+    save(Measurements(run.t, np.ones((300, 3)), run.tau), tmp_path / "ours.csv")
+    run = convert(tmp_path / "ours.csv", scale={"q2": word, "q": "rev"})
+    np.testing.assert_allclose(
+        run.q[0], 2.0 * np.pi * np.array([1.0, factor / (2.0 * np.pi), 1.0])
+    )
+
+
 @pytest.mark.parametrize(
     "options",
     [

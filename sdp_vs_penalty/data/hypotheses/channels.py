@@ -103,8 +103,15 @@ class Recognition:
         scale |= {k: x for k, x in zip(names, factors, strict=True) if x != 1.0}
         return replace(self, scale=scale)
 
-    def without_unit(self, group: str) -> Recognition:
-        """Return the recognition that says nothing of a channel group's unit."""
+    def without_unit(self, name: str) -> Recognition:
+        """Return the recognition that says nothing of the unit of a channel group, or of
+        one of its joints, "q2"."""
+        group = group_of(name)
+        if name != group:
+            alone = {**self.scale, name: 1.0}
+            names = {k for k in (*self.rename, *alone) if group_of(k) == group}
+            if any(alone.get(k) != 1.0 for k in names):
+                return replace(self, scale=alone)
         scale = {k: x for k, x in self.scale.items() if group_of(k) != group}
         units = {k: x for k, x in self.units.items() if k != group}
         inferred = {k: x for k, x in self.inferred.items() if k != group}

@@ -130,7 +130,7 @@ def _rename_remedy(
     if is_timeless:
         del pairs["t"]
     words = ["--rename", rename_words(pairs, log.names)]
-    words += ["--scale", scale_words(scale, pairs)] if scale else []
+    words += ["--scale", scale_words(scale, pairs, {})] if scale else []
     words += ["--rate", "HZ"] if is_timeless else []
     how = f"name them with `{formatting.convert_command(log.path, *words)}`"
     if is_timeless:

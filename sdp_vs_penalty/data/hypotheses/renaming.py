@@ -65,12 +65,15 @@ def _writable(name: str, names: Sequence[str]) -> str:
     return name if is_plain else f"#{list(names).index(name) + 1}"
 
 
-def scale_words(scale: Mapping[str, float], rename: Mapping[str, str]) -> str:
+def scale_words(
+    scale: Mapping[str, float], rename: Mapping[str, str], said: Mapping[str, str]
+) -> str:
     """Format factors to SI, by our names, as the value of ``--scale``:
     "q=deg,tau1=0.5".
 
-    A factor that is a unit is written by its name. A group is written once if all of
-    its columns, which ``rename`` lists, have one factor.
+    A factor that is a unit is written by its name, as ``said`` of its group, "deg and
+    mm". A group is written once if all of its columns, which ``rename`` lists, have one
+    factor.
     """
     words = list[str]()
     n_columns = {group: len(pairs) for group, pairs in by_group(rename).items()}
@@ -78,7 +81,7 @@ def scale_words(scale: Mapping[str, float], rename: Mapping[str, str]) -> str:
         if len({*factors.values()}) == 1 and n_columns.get(group, 0) == len(factors):
             factors = {group: next(iter(factors.values()))}
         words += [
-            f"{ours}={unit_of_factor(factor, group) or f'{factor:.12g}'}"
+            f"{ours}={unit_of_factor(factor, group, said.get(group, '')) or f'{factor:.12g}'}"
             for ours, factor in factors.items()
         ]
     return ",".join(words)
@@ -123,34 +126,37 @@ def scaled(run: Measurements, factors: Mapping[str, str]) -> Measurements:
     """
     groups = {"t": run.t[:, None], **run.groups}
     given = {*map(group_of, factors)}
-    has_commands = "q" in factors and "qcmd" in {*groups} - given
+    has_commands = "q" in given and "qcmd" in {*groups} - given
     if has_commands and is_in_one_unit(groups["q"], groups["qcmd"]):
-        factors = {**factors, "qcmd": factors["q"]}
-    own = np.ones(run.n)
-    for our_name, word in factors.items():
+        of_q = {x: y for x, y in factors.items() if group_of(x) == "q"}
+        factors = {**factors, **{f"qcmd{x[1:]}": y for x, y in of_q.items()}}
+    to_si = dict[str, np.ndarray]()
+    for our_name in sorted(factors):  # a group's factors, then those of single joints
         group = group_of(our_name)
         require_known("channel", group, groups, "scale")
-        of_joints, zeros = factors_and_zeros(our_name, word, groups[group].shape[1])
+        n_columns = groups[group].shape[1]
+        of_joints = factors_and_zeros(our_name, factors[our_name], n_columns)
+        number = our_name.removeprefix(group)
+        joints = slice(int(number) - 1, int(number)) if number else slice(None)
+        of_group = to_si.setdefault(group, np.repeat([[1.0], [0.0]], n_columns, axis=1))
+        of_group[:, joints] = of_joints
+    for group, (of_joints, zeros) in to_si.items():
         groups[group] = (groups[group] - zeros) * of_joints
-        own = own * of_joints if group == "q" else own
+    own = to_si["q"][0] if "q" in to_si else np.ones(run.n)
     clock = groups.pop("t")[:, 0]
     if not given & {"dq", "dqcmd"}:
         groups, said = in_one_unit(clock, groups, own.tolist())
         for text in said:
             warnings.warn(f"{run.names[0]}: {text}", Remark, stacklevel=2)
     in_si = run.with_channels(clock, groups)
-    degrees = [
-        x
-        for x in POSITIONS
-        if factors.get(x, "").lower() in ("deg", "degree", "degrees")
-    ]
+    degrees = [x for x in POSITIONS if x in to_si and UNITS["deg"] in to_si[x][0]]
     return unwrapped(in_si, run.names[0], degrees)
 
 
 def factors_and_zeros(our_name: str, word: str, n_columns: int) -> np.ndarray:
     """Return the factors and zeros (2, n) of a group's columns that one entry of
-    ``--scale`` means, or (2, 1) where all joints have the same; for one joint's name,
-    "tau2", the others get 1 and 0."""
+    ``--scale`` means, or (2, 1) where all joints have the same, or of one joint,
+    "tau2"."""
     values = list[tuple[float, float]]()
     for text in word.split(":"):
         unit, _, zero = text.partition("@")
@@ -161,12 +167,12 @@ def factors_and_zeros(our_name: str, word: str, n_columns: int) -> np.ndarray:
     if not 1 <= joint <= n_columns:
         what = f"--scale {our_name}: the run has no such column"
         raise InputError(what, "name t, q, dq or tau")
-    if number:
-        is_named = np.arange(n_columns) == joint - 1
-        return np.where(is_named, np.reshape(values[0], (2, 1)), [[1.0], [0.0]])
-    if len(values) not in (1, n_columns):
+    n_named = 1 if number else n_columns
+    if len(values) not in (1, n_named):
         what = f"--scale {our_name}={word}: {len(values)} factors"
-        raise InputError(what, f"give one, or {n_columns}")
+        raise InputError(
+            what, f"give one, or {n_columns}" if n_named > 1 else "give one"
+        )
     return np.transpose(values)
 
 

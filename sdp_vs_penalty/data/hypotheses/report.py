@@ -123,7 +123,9 @@ def describe_columns(
     for name, column in log.columns.items():
         meaning = meanings.get(name, "")
         factor = scale.get(meaning, 1.0)
-        unit = unit_of_factor(factor, group_of(meaning)) or f"{factor:.6g}"
+        group = group_of(meaning)
+        said = found.units[group].answer if found and group in found.units else ""
+        unit = unit_of_factor(factor, group, said) or f"{factor:.6g}"
         unit = unit if factor != 1.0 else ""
         cells = tuple(column.cells[:_N_CELLS])
         rows.append(ColumnRow(name, meaning, column.kind, unit, cells))

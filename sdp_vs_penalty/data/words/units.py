@@ -67,12 +67,14 @@ def telling_units(quantity: str) -> frozenset[str]:
     return frozenset(units[quantity]) - others.get(quantity, {*units[quantity]})
 
 
-def unit_of_factor(factor: float, quantity: str) -> str | None:
-    """Return the unit of UNITS with this factor to SI, one of the quantity ("t", "q",
-    "tau" ...) before others; None where none has it."""
-    units = [unit for unit, value in UNITS.items() if value == factor]
+def unit_of_factor(factor: float, quantity: str, said: str = "") -> str | None:
+    """Return the unit of a quantity ("t", "q", "tau" ...) in UNITS with this factor to SI,
+    one of those that are ``said`` of it, "deg/s and mm/s", before others; None where none
+    has it."""
     known = units_in_names().get(quantity, ())
-    return next(iter(sorted(units, key=lambda unit: unit not in known)), None)
+    units = [x for x, value in UNITS.items() if value == factor and x in known]
+    words = re.split("[^a-z]+", said.lower())
+    return min(units, key=lambda unit: unit not in words, default=None)
 
 
 @dataclass(frozen=True)
