@@ -958,6 +958,11 @@ def sentence_and_command(
     units = (f"{group} in {x.answer}, {x.why}" for group, x in found.units.items())
     said = [f"columns recognised ({found.logger or 'as chosen'}): {', '.join(shown)}"]
     said += [*units, *found.said]
+    if found.logger and "tau" not in map(group_of, found.rename):
+        said.append(
+            "no torque is in the file: log it as well, or identify the servos from their"
+            " commands with --known, such as a mass"
+        )
     heard = {x.split(" ")[0] for x in (*found.units, *found.said)}
     if unsaid := sorted(found.unsaid - heard):
         said.append(f"no name says the unit of {formatting.words(unsaid)}: taken as SI")

@@ -312,7 +312,7 @@ t=t; q=q{}; tau=torque_{} [%] -> whose size the file does not say
 t=t; q=q{}; tau=torque_{} percent -> whose size the file does not say
 t=t; q=q{}; tau=torque_{} [0.1%] -> whose size the file does not say
 t=t; q=pos_{} [counts]; tau=torque_{} -> q is in counts, whose size
-t=t; q=q{}; tau=torque_{} [st-furlong] -> the unit 'st-furlong' of tau is not known
+t=t; q=q{}; tau=torque_{} [st-furlong] -> tau is in 'st-furlong', a unit that is not known
 t=time; deg=j{}; tau=trq{} -> q in deg, it reaches
 t=time; q=j{}; tau=trq{} -> q in rad, it reaches
 t=time; deg=AxisAct_A{}; tau=TorqueAct_A{} -> q in deg, it reaches

@@ -60,7 +60,8 @@ def read_text(path: Path, refused: InputError) -> Log:
         raise refused from None
     _refuse_columns_of_other_rows(path, content)
     log = log_of_lists(path, lists)
-    if all(x.kind == "text" for x in log.columns.values()):
+    is_empty = all(len(x) < 2 for x in lists.values())
+    if is_empty or all(x.kind == "text" for x in log.columns.values()):
         raise refused
     said = _units(content) if isinstance(content, Mapping) else {}
     in_units = [f"{name} in {unit}" for name, unit in said.items()]
@@ -97,6 +98,8 @@ def _lists(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
                 (f"{name}.{x}", [item.get(x) for item in value]) for x in fields
             )
             yield from [] if fields else [(name, list(value))]
+        elif _is_number(value):  # a rate, beside the columns
+            yield name, [value]
 
 
 def _is_keyed_by_rows(value: Any) -> bool:

@@ -183,11 +183,6 @@ def recognise(
         said_of.append(
             f"what the controller puts out as {_shortened(outputs)} is not used"
         )
-    if "tau" not in choice.sets:
-        said_of.append(
-            "no torque is in the file: log it as well, or identify the servos from their"
-            " commands with --known, such as a mass"
-        )
     found = Recognition(
         pairs,
         logger=str(logger["name"]) if logger else BY_WORDS,
@@ -456,8 +451,8 @@ def with_units(
             why, factors = "the lines above the table", dict.fromkeys(pairs, factor)
         elif bracket := _unknown_unit(pairs.values(), said):
             remarks.append(
-                f"the unit {bracket!r} of {group} is not known: --scale {group}=... makes"
-                " SI units of it"
+                f"{group} is in {bracket!r}, a unit that is not known: --scale"
+                f" {group}=... makes SI units of it"
             )
         is_open = unit in SHARES and {*factors.values()} <= {1.0}
         if group == "tau" and (is_open or (not named and unit.lower() in AMPERES)):

@@ -275,8 +275,9 @@ def _read_by_unit(unit: NamedUnit) -> Meaning | None:
             *INITIALS.get(unit.quantity, "").split()
         }
         is_read |= bool(words) and is_symbol and unit.text not in SHARES
-        # A letter alone names a joint, or is a symbol.
-        is_read &= all(len(x) == 1 for x in words) or _quantity(list(words)) is None
+        # A letter alone names a joint, or is a symbol; no clock is in this unit.
+        is_letter = all(len(x) == 1 for x in words)
+        is_read &= is_letter or _quantity([*(words - {"t"})]) is None
     if not is_read or words & _OTHERS:
         return None
     letters = {*INITIALS.get(unit.quantity, "").split()} if numbers else set()
