@@ -1,9 +1,12 @@
 """Numbers a joint above a table, a rail's units, and several runs of one file."""
 
+import json
+
 import numpy as np
 import pytest
 from recorded import refusal
 
+from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.hypotheses.recognition import recognise
 from sdp_vs_penalty.data.log import log_of_arrays
 from sdp_vs_penalty.data.reading import run_of
@@ -114,3 +117,22 @@ def test_few_numbers_beside_columns_are_facts_too(tmp_path):
     run = run_of(log_of_arrays(tmp_path / "log.npz", {**blocks, **facts}))
     assert run.tau[0].tolist() == [100.0, 50.0]
     assert run.t[1] == pytest.approx(0.004)
+
+
+def test_an_axis_called_t_is_no_clock():
+    """Yaskawa's axes are S, L, U, R, B and T."""
+    axes = [f"{axis}_{x}" for axis in "SLURBT" for x in ("FBPOS[deg]", "TRQ[Nm]")]
+    found = recognise(["Time", *axes])
+    assert found.rename["t"] == "Time"
+    assert found.rename["q6"] == "T_FBPOS[deg]"
+    assert found.rename["tau6"] == "T_TRQ[Nm]"
+
+
+def test_a_rate_beside_the_arrays_of_json_stands_for_the_clock(tmp_path):
+    joints = {
+        f"j{k}": {"position": [0.1 * k, 0.2, 0.4], "torque": [1.0, 2.0, float(k)]}
+        for k in (1, 2)
+    }
+    path = tmp_path / "run.json"
+    path.write_text(json.dumps({"sample_rate_hz": 50, "joints": joints}))
+    np.testing.assert_allclose(load_measurements(path).t, [0.0, 0.02, 0.04])
