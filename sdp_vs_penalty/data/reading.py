@@ -59,6 +59,8 @@ _AT_REST = 1e-3
 _OF_OURS = "ours"
 #: Usual steps of such a clock [s].
 _USUAL_STEPS = (2e-5, 0.1)
+#: Desired positions are at most so far from the measured ones, over their motion.
+_FOLLOWS = 0.1
 #: Rows that are shown of columns that were guessed, and orders of columns that are tried.
 _ROWS_SHOWN, _MOST_ORDERS = 5, 12
 
@@ -159,7 +161,18 @@ def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recogn
         raise refusal or error from None
     if found.unless_confirmed is not None:
         raise found.unless_confirmed
+    if not (found.has_our_names or choice.rename) and _follows_positions(run):
+        _remark(log, "what is called velocity follows the positions: left out")
+        run = replace(run, dq=None)
     return log, run, found
+
+
+def _follows_positions(run: Measurements) -> bool:
+    """Whether what a name calls velocities are positions, as desired ones are ("qd")."""
+    if run.dq is None or len(run.t) < 2:
+        return False
+    apart = np.sqrt(np.mean((run.dq - run.q) ** 2, axis=0))
+    return bool(np.all(apart < _FOLLOWS * np.std(run.q, axis=0)))
 
 
 def _without_given_units(found: Recognition, choice: Choice) -> Recognition:
@@ -299,7 +312,7 @@ def channels_of(log: Log, choice: Choice) -> tuple[Log, Recognition]:
 
         log = widened(log)
         ours = our_columns(log.names)
-    if has_our_names(log.names):
+    if has_our_names(log.names) and not _has_other_velocities(log, ours):
         episode = None
         if len(ours) < len(log.columns):
             from sdp_vs_penalty.data.hypotheses.recognition import episode_of
@@ -335,6 +348,14 @@ def channels_of(log: Log, choice: Choice) -> tuple[Log, Recognition]:
 
         return log, proposed(log, missing, joints, ours)
     return log, Recognition(ours)
+
+
+def _has_other_velocities(log: Log, ours: Mapping[str, str]) -> bool:
+    """Whether a file with our names calls its velocities otherwise, "qd": a stranger's."""
+    if len(ours) == len(log.columns) or "dq" in map(group_of, ours):
+        return False
+    found = recognised_in(log, None)
+    return found is not None and "dq" in map(group_of, found.rename)
 
 
 def _of_wide_block(

@@ -136,3 +136,25 @@ def test_a_rate_beside_the_arrays_of_json_stands_for_the_clock(tmp_path):
     path = tmp_path / "run.json"
     path.write_text(json.dumps({"sample_rate_hz": 50, "joints": joints}))
     np.testing.assert_allclose(load_measurements(path).t, [0.0, 0.02, 0.04])
+
+
+@pytest.mark.parametrize("name", ["qd", "qdot", "vel"])
+def test_velocities_by_another_name_are_read_beside_our_names(name, tmp_path):
+    """MATLAB's toolboxes call them qd."""
+    t = 0.01 * np.arange(200)
+    q = np.sin(np.outer(t, [1.0, 2.0]))
+    dq = np.cos(np.outer(t, [1.0, 2.0])) * [1.0, 2.0]
+    arrays = {"t": t, "q": q, name: dq, "tau": q}
+    run = run_of(log_of_arrays(tmp_path / "log.npz", arrays))
+    np.testing.assert_array_equal(run.dq, dq)
+    np.testing.assert_array_equal(run.q, q)
+
+
+@pytest.mark.parametrize("others", ["t q tau", "time q torque"])
+def test_desired_positions_are_no_velocities(others, tmp_path):
+    """They are called qd as well."""
+    t = 0.01 * np.arange(200)
+    q = np.sin(np.outer(t, [1.0, 2.0]))
+    arrays = dict(zip(others.split(), (t, q, q), strict=True)) | {"qd": q + 1e-3}
+    run = run_of(log_of_arrays(tmp_path / "log.npz", arrays))
+    assert run.dq is None
