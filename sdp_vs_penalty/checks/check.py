@@ -270,7 +270,9 @@ def _with_range_error(
         impossible = error
     if any(f.kind in KINDS_OF_UNITS for f in issues):
         percent = radians_per_percent(problem.robot, run.q)
-        return units_as_facts(issues, impossible is not None, percent)
+        joints = enumerate(problem.robot.joints, 1)
+        rails = {j for j, joint in joints if joint.kind == "prismatic"}
+        return units_as_facts(issues, impossible is not None, percent, rails)
     if impossible is None:
         return [*issues]
     far = far_outside(problem.robot, run.q)

@@ -35,8 +35,6 @@ _UNITS = {
     "hours": "h",
     "days": "day",
 }
-#: Fewest long steps in a row that are another rate, and not gaps.
-_SHORTEST_CHANGE_OF_RATE = 5
 #: The usual time step of logs [s]: between that of 8 rows a second and of 8000 (logarithm).
 _USUAL = 4e-3
 #: Logged velocities confirm a factor of the clock that they match to this share: 60 and
@@ -256,11 +254,8 @@ def find_repeated_time(glance: RunSummary) -> Iterator[Issue]:
     )
 
 
-#: Stamps jitter where positions are so many times rougher over them than over the row
-#: numbers: noise makes them equally rough over both.
-_ROUGHER_OVER_TIME = 3.0
-
-
+#: Fewest long steps in a row that are another rate, and not gaps.
+_SHORTEST_CHANGE_OF_RATE = 5
 #: A slower rate is one whose steps are more than so many usual ones: shorter steps are rows
 #: that were lost here and there.
 _SLOWER_RATE = 3.0
@@ -305,6 +300,11 @@ def _slower_stretches(glance: RunSummary) -> Iterator[tuple[int, int, float]]:
         is_steady = np.all(np.abs(ratios[a:b] - times) < 0.1 * times)
         if b - a >= _SHORTEST_CHANGE_OF_RATE and is_steady:
             yield a, b, times
+
+
+#: Stamps jitter where positions are so many times rougher over them than over the row
+#: numbers: noise makes them equally rough over both.
+_ROUGHER_OVER_TIME = 3.0
 
 
 def find_uneven_stamps(glance: RunSummary) -> Iterator[Issue]:

@@ -1,7 +1,7 @@
 """The unit of positions, as the check reports it: a fact where ranges or torques tell it, a
 question where neither does and no name says it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +28,7 @@ def units_as_facts(
     issues: Sequence[Issue],
     is_impossible: bool,
     percent: Mapping[int, tuple[float, float]] | None,
+    rails: Collection[int] = (),
 ) -> list[Issue]:
     """Return the issues of a run in which units of positions are errors: the joints' ranges
     confirm what the torques suggest, or the torques alone tell it.
@@ -37,7 +38,7 @@ def units_as_facts(
 
     is_impossible : whether the positions are as logged; percent : radians per cent of each
     joint's range and its middle, where they may be that; then degrees are not certain,
-    and both commands are named.
+    and both commands are named; rails : the joints (from 1) whose positions are lengths.
     """
     has_gears = is_impossible and any(f.kind in _OF_GEARS for f in issues)
     settled = list[Issue]()
@@ -51,7 +52,8 @@ def units_as_facts(
         elif has_gears:
             settled.append(_of_motors(issue))
         else:
-            settled.append(_as_fact(issue, is_impossible, percent))
+            is_of_rails = {*issue.figures.get("joints", [0])} <= {*rails}
+            settled.append(_as_fact(issue, is_impossible, percent, is_of_rails))
     return settled
 
 
@@ -73,7 +75,10 @@ def _of_motors(issue: Issue) -> Issue:
 
 
 def _as_fact(
-    issue: Issue, is_impossible: bool, percent: Mapping[int, tuple[float, float]] | None
+    issue: Issue,
+    is_impossible: bool,
+    percent: Mapping[int, tuple[float, float]] | None,
+    is_of_rails: bool,
 ) -> Issue:
     """Return one issue about a unit as an error; see :func:`units_as_facts`."""
     if not is_impossible:
@@ -85,9 +90,9 @@ def _as_fact(
     if unit is None:
         return fact
     why = f"outside what the joints can reach, and inside it as {unit}"
-    if unit == "millimetres":
-        # A rail's own columns explain its torque in any unit of its positions.
-        return replace(fact, certainty=likely(f"{why}, the usual unit of a rail"))
+    if is_of_rails:
+        own = "a rail's own columns explain its torque in any unit"
+        return replace(fact, certainty=likely(f"{why}; {own}"))
     if percent is None:
         return replace(fact, certainty=told_by(why, "the torques confirm it"))
     factors = ":".join(f"{scale:.6g}" for scale, _ in percent.values())

@@ -518,3 +518,13 @@ def test_a_rail_in_mm_beside_degrees_is_likely(tmp_path):
     grades = {f.kind: f.certainty.grade for f in report_of_run(problem, log).issues}
     assert grades["positions in mm"] == "likely"
     assert "positions in degrees" in grades
+
+
+def test_a_unit_of_a_rail_is_never_certain():
+    """Degrees of a rail are a factor as millimetres are."""
+    told = make_explanation(
+        "position unit", "q3", remedy="", certainty=likely("fits"), joints=[2]
+    )
+    for rails, grade in (({3}, "likely"), ((), "certain")):
+        (judged,) = units_as_facts([told], True, None, rails)
+        assert judged.certainty.grade == grade
