@@ -21,14 +21,16 @@ from sdp_vs_penalty.signals.runs import spans
 #: Why a torque that does not change is the joint's.
 _AS_ELSEWHERE = likely("the arm that explains the other rows explains it there as well")
 _AT_EFFORT_LIMIT = likely("it is the joint's effort limit")
+#: Why a torque is zero that the arm needs.
+_NOT_MEASURED = "nothing was measured, or the drive was off"
 
 
 def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
     """Yield an issue about joints that move while their torque is exactly zero: the
     drive was off.
 
-    It is a note where the arm explains a torque of zero. Elsewhere something that is
-    not in the log moved the joint, such as a hand.
+    It is a note where the arm explains a torque of zero. Elsewhere the zeros are false,
+    or something that is not in the log moved the joint, such as a hand.
     """
     moved = {}
     for j in np.flatnonzero(glance.moving).tolist():
@@ -62,12 +64,12 @@ def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
             times=glance.one_arm_is_worse(j, is_off),
         )
     what = (
-        "{named} {are} exactly zero for {seconds:.3g} s, {times}, in motion: the drive"
-        " was off, or nothing was logged; what moved the joint is not in the log."
+        "{named} {are} exactly zero for {seconds:.3g} s, {times}, in motion: what moved"
+        " the joint is not in the log."
     )
     at_zero = "it stays at no other value for nearly as long"
     sure = told_by(at_zero, glance.second_witness(moved))
-    yield from glance.delete_rows("drive off", moved, what, sure)
+    yield from glance.delete_rows("zeros", moved, what, sure, cause=_NOT_MEASURED)
 
 
 def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
@@ -96,9 +98,7 @@ def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
     )
     jumps = "the channel jumps to no other value and back"
     sure = told_by(jumps, glance.second_witness(bad, "no joint moves like that"))
-    yield from glance.delete_rows(
-        "zeros", bad, what, sure, cause="nothing was measured, or the drive was off"
-    )
+    yield from glance.delete_rows("zeros", bad, what, sure, cause=_NOT_MEASURED)
 
 
 #: A channel drops to zero where so many times as many of its jumps there and back end at
