@@ -24,7 +24,7 @@ from sdp_vs_penalty.problem.check_command import CheckCommand
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.race import HeldRaces
-from sdp_vs_penalty.results.remedy import Change, Remedy, Verb
+from sdp_vs_penalty.results.remedy import GUESSES, Change, Remedy, Verb
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def next_remedy(remedies: Sequence[Remedy]) -> Remedy | None:
     """
     for remedy in remedies:
         verb = remedy.change.verb
-        is_guess = verb in ("add", "reset") and remedy.certainty == "possible"
+        is_guess = verb in ("add", "reset") and remedy.certainty in GUESSES
         asks_for_unit = not all(
             remedy.change.arguments.get("scale", {"": "1"}).values()
         )

@@ -33,7 +33,7 @@ from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
-from sdp_vs_penalty.results.remedy import Change, Grade, Remedy
+from sdp_vs_penalty.results.remedy import Change, Rating, Remedy
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
@@ -57,8 +57,6 @@ _MOST_NAMED = 2
 _MAY_HIDE = f"small effects may hide, since {NOISE_UNKNOWN}."
 #: Doubts about the size of a torque that is there, and of no other effect.
 _OF_SIZE = {"uncertain", "insignificant"}
-#: How far a finding is to be believed; see :attr:`Rated.rating`.
-Rating = Literal["confident", "near-tie", "weak"]
 
 
 class Rated(JsonRecord):
@@ -100,15 +98,9 @@ class Rated(JsonRecord):
         return "size uncertain" if reasons <= _OF_SIZE else "cause uncertain"
 
     @property
-    def grade_and_why(self) -> tuple[Grade, str]:
-        """How sure it is, in the words of a remedy, and the reasons for doubt."""
-        grades: Mapping[Rating, Grade] = {
-            "confident": "certain",
-            "near-tie": "likely",
-            "weak": "possible",
-        }
-        why = "; ".join(self.remarks) or "shown on data left out"
-        return grades[self.rating], why
+    def rating_and_why(self) -> tuple[Rating, str]:
+        """The rating, and the reasons for doubt."""
+        return self.rating, "; ".join(self.remarks) or "shown on data left out"
 
     @property
     def has_open_torque(self) -> bool:
@@ -431,7 +423,7 @@ class Finding(Rated):
         )
         return Remedy(
             self.title,
-            *self.grade_and_why,
+            *self.rating_and_why,
             Change("add", f"add {named_on_joints(together)}", arguments),
             tuple(before.tolist()),
             tuple(after.tolist()),
@@ -984,12 +976,12 @@ class Diagnosis(Record, JsonRecord):
                     {"separate": finding.undecided.split(",")},
                 )
                 what = f"{finding.title}: these runs do not decide it"
-                remedies.append(Remedy(what, *finding.grade_and_why, change))
+                remedies.append(Remedy(what, *finding.rating_and_why, change))
         if self.is_undetermined:
             change = Change("record", "record a motion that moves all joints more")
             what = "These runs leave values of the model open"
             why = "the model explains the runs that it is from"
-            remedies.append(Remedy(what, "certain", why, change))
+            remedies.append(Remedy(what, "confident", why, change))
         return tuple(remedies)
 
     @property
@@ -1014,9 +1006,9 @@ class Diagnosis(Record, JsonRecord):
             words,
             {"effects": texts, "findings": "all" if takes_all else "helpful"},
         )
-        is_certain = all(f.rating == "confident" for f in self.helpful)
+        is_confident = all(f.rating == "confident" for f in self.helpful)
         return self._judged_remedy(
-            "certain" if is_certain else "likely",
+            "confident" if is_confident else "near-tie",
             change,
             self.held_out_rmse_with_helpful,
         )
@@ -1118,17 +1110,17 @@ class Diagnosis(Record, JsonRecord):
             "findings": [f.number for f in found],
         }
         return self._judged_remedy(
-            "certain", Change("add", words, arguments), self.error_with(found)
+            "confident", Change("add", words, arguments), self.error_with(found)
         )
 
     def _judged_remedy(
-        self, certainty: Grade, change: Change, after: Array | None
+        self, rating: Rating, change: Change, after: Array | None
     ) -> Remedy:
         """Return the remedy of what is missing by a change that leaves these errors (n,)
         on data left out [N m or N]."""
         return Remedy(
             self._missing,
-            certainty,
+            rating,
             "judged on data left out",
             change,
             tuple(self.held_out_rmse_before.tolist()),
@@ -1525,7 +1517,7 @@ class Retune(ShapeEstimate, Rated):
         """What would mend the model: this constant at its new value."""
         arguments = {"effects": [self.text]}
         change = Change("reset", f"re-estimate {self.title}", arguments)
-        return Remedy(self.explanation, *self.grade_and_why, change)
+        return Remedy(self.explanation, *self.rating_and_why, change)
 
     @property
     def text(self) -> str:

@@ -194,9 +194,9 @@ _RISES: Mapping[str, Callable[[Array], Array]] = {
 }
 
 
-#: How much wider than the sign itself turns round a rise has to be: the difference of
-#: two that are alike is nothing, and its size eight times that of the friction (off by
-#: 22 deviations; by 1 with 2 or 4).
+#: How much wider than the sign itself, which is tanh, a rise by tanh has to be: the
+#: difference of two that are alike is nothing, and its size eight times that of the
+#: friction (off by 22 deviations; by 1 with 2 or 4).
 WIDER_THAN_SIGN = 2.0
 
 
@@ -235,13 +235,15 @@ class SigmoidFriction(JointEffect):
         """Return s(dq / v0) - sign(dq) (N,), the deviation of a slow rise from
         Coulomb's jump.
 
-        Zeros where v0 is less than twice the sign's own width: the difference of two
-        equal curves would determine nothing.
+        Zeros for a tanh whose v0 is less than twice the sign's own width: the difference
+        of two equal curves would determine nothing. The other rises differ from the
+        sign at any v0, and one of them is the whole law where f_sg = f_c.
         """
-        sigmoid = _RISES[self.shapes["law"].written(self.shape["law"])]
+        law = self.shapes["law"].written(self.shape["law"])
         v0 = self.shape["v0"]
-        deviation = sigmoid(motion.dq[:, joint] / v0) - motion.sign(joint)
-        return deviation * (v0 >= WIDER_THAN_SIGN * motion.width(joint))
+        deviation = _RISES[law](motion.dq[:, joint] / v0) - motion.sign(joint)
+        is_another = law != "tanh" or v0 >= WIDER_THAN_SIGN * motion.width(joint)
+        return deviation * is_another
 
 
 class StribeckFriction(JointEffect):

@@ -351,7 +351,7 @@ def _in_one_line(diagnosis: Diagnosis, finding: Finding) -> str:
     if finding.size_may_be_zero and not together:
         text = named_on_joints((finding,))
     is_sure = finding.effect_is_certain or bool(together)
-    return graded(text, "certain" if is_sure else finding.grade_and_why[0])
+    return graded(text, "confident" if is_sure else finding.rating)
 
 
 def _taken(session: Session) -> str:

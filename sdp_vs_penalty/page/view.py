@@ -18,6 +18,7 @@ from sdp_vs_penalty.page.model_step import level_of
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import heading_of, spoken
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
+from sdp_vs_penalty.results.remedy import SURE
 from sdp_vs_penalty.signals.noise import said_before
 
 #: Options of the command line by the step that offers them.
@@ -187,10 +188,10 @@ def set_aside_in_words(run: Mapping[str, Any]) -> str:
 
 
 def graded(text: str, grade: str) -> str:
-    """Return what the check says as a sentence, with how sure it is unless it is
-    certain."""
+    """Return what check or diagnosis says as a sentence, with how sure that is unless it
+    is certain or confident."""
     text = spoken(text)
-    return formatting.sentence(text if grade == "certain" else f"{grade}: {text}")
+    return formatting.sentence(text if grade in SURE else f"{grade}: {text}")
 
 
 def checked(session: Session) -> StageVerdict:

@@ -17,8 +17,13 @@ from sdp_vs_penalty.records import JsonRecord
 
 #: What a change does.
 Verb = Literal["transform", "cut", "read", "hold", "mount", "add", "reset", "record"]
-#: How sure a remedy is.
+#: How sure a check is of an issue.
 Grade = Literal["certain", "likely", "possible"]
+#: How sure a diagnosis is of a finding; see :attr:`Rated.rating`.
+Rating = Literal["confident", "near-tie", "weak"]
+#: Those that need no word, and those by which nothing is advised as a next step.
+SURE = {"certain", "confident"}
+GUESSES = {"possible", "weak"}
 #: Arguments of each verb.
 ARGUMENTS: Mapping[Verb, frozenset[str]] = {
     # Words of `check --fix --apply` ("sign:tau3"); none: what is certain by a fact.
@@ -71,8 +76,8 @@ class Remedy(JsonRecord):
 
     #: What is wrong and where, in one sentence.
     problem: str
-    #: How sure that is.
-    certainty: Grade
+    #: How sure that is, in the word of the check or of the diagnosis.
+    certainty: Grade | Rating
     #: Why it is that sure, in words.
     why: str
     #: What would mend it.
