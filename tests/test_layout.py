@@ -1,5 +1,6 @@
 """The house: rooms in the order of the data, no import runs back, no circle, a small
-hall; and no other room knows an effect by its name.
+hall; no other room knows an effect by its name; a name means one thing, and each field of a
+record says what it is.
 
 Read from the imports themselves, lazy ones and those for types included: what a reader
 has to follow.
@@ -8,6 +9,7 @@ has to follow.
 import ast
 import importlib
 import re
+from collections import Counter, defaultdict
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -67,28 +69,70 @@ DOOR = PACKAGE
 
 @cache
 def source(path):
-    """What tests ask of a file, which is parsed once for all: its imports; how many errors it
-    makes, and in which lines without a remedy or a text's encoding; effects that it names."""
+    """What tests ask of a file, which is parsed once for all: its imports; names of its
+    classes, functions and variables; how many errors it makes, and in which lines without a
+    remedy or a text's encoding; effects that it names; fields that say nothing."""
     text = path.read_text("utf-8")
-    nodes = [*ast.walk(ast.parse(text))]
-    calls = [node for node in nodes if isinstance(node, ast.Call)]
+    nodes, rows, kinds = (
+        [*ast.walk(ast.parse(text))],
+        text.splitlines(),
+        defaultdict(list),
+    )
+    for node in nodes:
+        kinds[type(node)].append(node)
     errors = [
         call
-        for call in calls
+        for call in kinds[ast.Call]
         if getattr(call.func, "id", "") in ("InputError", "Infeasible")
     ]
+    bodies = [x for record in kinds[ast.ClassDef] for x in record.body]
+    fields = {x.target for x in bodies if isinstance(x, ast.AnnAssign)}
+    stored = [x for x in kinds[ast.Name] if isinstance(x.ctx, ast.Store)]
+    variables = {x.id for x in stored if x not in fields}
     return SimpleNamespace(
-        imports=[n for n in nodes if isinstance(n, ast.Import | ast.ImportFrom)],
+        imports=kinds[ast.Import] + kinds[ast.ImportFrom],
         n_errors=len(errors),
         without_remedy=[e.lineno for e in errors if not has_remedy(e)],
         without_encoding=[
             call.lineno
-            for call in calls
+            for call in kinds[ast.Call]
             if getattr(call.func, "attr", "") == "read_text"
             and not (call.args or call.keywords)
         ],
         effects=names_of_effects(nodes) if ANY.search(text) else set(),
+        classes=[x.name for x in kinds[ast.ClassDef]],
+        functions={x.name for x in kinds[ast.FunctionDef]},
+        variables=variables | {x.arg for x in kinds[ast.arg]},
+        bare_fields=[
+            x.lineno
+            for record in kinds[ast.ClassDef]
+            for x in bare_fields(record, rows)
+        ],
     )
+
+
+#: A smaller record says its fields in its docstring's sentence.
+SMALL = 4
+
+
+def bare_fields(record, lines):
+    """Fields of a record without a comment of their own or an entry under Parameters."""
+    fields = [
+        x
+        for x in record.body
+        if isinstance(x, ast.AnnAssign) and "ClassVar" not in ast.unparse(x.annotation)
+    ]
+    marks = ast.unparse(ast.List(record.decorator_list + record.bases))
+    if len(fields) <= SMALL or not re.search("dataclass|NamedTuple", marks):
+        return []
+    entries = re.findall(r"^(\w+) : ", ast.get_docstring(record) or "", re.MULTILINE)
+    return [
+        field
+        for field in fields
+        if ast.unparse(field.target) not in entries
+        and not any("#:" in x for x in lines[field.lineno - 1 : field.end_lineno])
+        and not lines[field.lineno - 2].strip().startswith("#:")
+    ]
 
 
 def has_remedy(error):
@@ -162,6 +206,51 @@ def test_nothing_inside_goes_through_the_front_door(graph):
     assert not [
         name for name, others in graph.items() if DOOR in others and name != DOOR
     ]
+
+
+def names_of_modules(path):
+    """Modules by the names that a file gives them; "c" is the constants of any folder."""
+    named = {}
+    for node in source(path).imports:
+        for alias in node.names:
+            whole = alias.name
+            if isinstance(node, ast.ImportFrom):
+                whole = f"{node.module}.{alias.name}"
+            if isinstance(node, ast.Import) or whole in KNOWN:
+                home = f"{PACKAGE}.{path.relative_to(ROOT).parts[0]}"
+                named[alias.asname or alias.name] = whole.removeprefix(
+                    f"{home}.constants"
+                )
+    return named
+
+
+def test_a_name_of_a_module_means_one():
+    meanings = defaultdict(set)
+    for path in KNOWN.values():
+        for name, module in names_of_modules(path).items():
+            meanings[name].add(module)
+    assert not {name: found for name, found in meanings.items() if len(found) > 1}
+
+
+def test_no_variable_hides_a_module():
+    assert not {
+        (str(path), name)
+        for path in KNOWN.values()
+        for name in source(path).variables & names_of_modules(path).keys()
+    }
+
+
+def test_no_two_classes_have_one_name():
+    classes = Counter(name for path in KNOWN.values() for name in source(path).classes)
+    assert not {name for name, count in classes.items() if count > 1}
+
+
+def test_no_method_is_named_by_a_preposition():
+    assert not [path for path in KNOWN.values() if "of" in source(path).functions]
+
+
+def test_each_field_of_a_record_says_what_it_is():
+    assert lines("bare_fields") == []
 
 
 BENCHMARKS = sorted((Path(__file__).parents[1] / "results").rglob("*.py"))

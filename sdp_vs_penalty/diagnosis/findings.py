@@ -611,9 +611,9 @@ class Diagnosis(Record, JsonRecord):
     notices: tuple[Notice, ...] = ()
     #: What acts for a part of the runs only, such as a load that is carried.
     passing: tuple[PassingCause, ...] = ()
-    #: Spans of the runs in which the check says that something acts, and of the test run
-    #: in which something does.
+    #: Spans of the runs in which the check says that something acts.
     named_by_check: tuple[Span, ...] = ()
+    #: Spans of the test run in which something does.
     left_out_of_test: tuple[Span, ...] = ()
     #: How long the arm stands still in the runs of the errors [s]; these rows are left
     #: out.

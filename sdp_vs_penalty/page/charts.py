@@ -13,7 +13,7 @@ from sdp_vs_penalty.diagnosis.findings import Finding, Retune
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.render import charts as plots
+from sdp_vs_penalty.render import charts
 from sdp_vs_penalty.render.charts import Curves, Figure
 from sdp_vs_penalty.render.pieces import shades
 from sdp_vs_penalty.render.words import shown_cause, shown_waves
@@ -56,7 +56,7 @@ def torque_chart(
     part = Curves(
         t[cut], run.torque[cut], {name: m[cut] for name, m in run.modelled.items()}
     )
-    plot = plots.torque_figure([part], joint, units[joint], side_by_side=False)
+    plot = charts.torque_figure([part], joint, units[joint], side_by_side=False)
     plot.update_layout(shapes=shades(stretches))
     if span is not None:
         plot.update_axes("x", range=list(span))
@@ -170,7 +170,7 @@ def missing_chart(
     """
     motion = Motion(read["t"], read["q"], read["dq"], read["ddq"], read["modelled"])
     warm = any(v.startswith("temp") for v in curve.of)  # a recording holds none
-    return ready(plots.missing_figure(curve, units, [] if warm else [motion]), 260)
+    return ready(charts.missing_figure(curve, units, [] if warm else [motion]), 260)
 
 
 def failing_stretches(
@@ -253,7 +253,7 @@ def cause_chart(
         Signals(*(read[x] for x in names)) for read in (reads[0], reads[-1])
     )
     units = session.robot["units"]
-    plot = plots.cause_figure(
+    plot = charts.cause_figure(
         before,
         after if len(reads) > 1 else None,
         joint=j + 1,
@@ -283,7 +283,7 @@ def ready(plot: Figure, height: int) -> dict[str, Any]:
 
     It can be zoomed in time only.
     """
-    plots.styled(plot, height).update_layout(
+    charts.styled(plot, height).update_layout(
         margin={"l": 66, "r": 8, "t": 34, "b": 42}, dragmode="zoom"
     )
     plot.update_layout(template={"layout": {"yaxis": {"fixedrange": True}}})

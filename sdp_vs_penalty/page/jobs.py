@@ -123,18 +123,18 @@ class JobRequest(dict[str, Any]):
     """
 
     def __init__(
-        self, words: Mapping[str, Any], progress: Progress = no_progress
+        self, fields: Mapping[str, Any], progress: Progress = no_progress
     ) -> None:
         """Hold the request's fields and note when the work begins.
 
         Parameters
         ----------
-        words : mapping
+        fields : mapping
             The request as JSON: "folder", "robot", "runs", "model", "options", ...
         progress : callable
             Called with a short text whenever the work reaches a new step.
         """
-        super().__init__(words)
+        super().__init__(fields)
         self.progress = progress
         self.begin = time.perf_counter()
 

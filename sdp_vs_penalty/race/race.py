@@ -372,8 +372,8 @@ class Race:
             return []
         screened = zip(*self.few.screen(few_fit, groups), strict=True)
         return [
-            _FirstLook(rows_over_few * gain + h.log_prior, h, float(step))
-            for h, (gain, step) in zip([*numbers, *with_columns], screened, strict=True)
+            _FirstLook(rows_over_few * won + h.log_prior, h, float(step))
+            for h, (won, step) in zip([*numbers, *with_columns], screened, strict=True)
         ]
 
     def _exact(self, look: _FirstLook, fit: ViewFit, few_fit: ViewFit) -> Claim | None:
@@ -414,8 +414,8 @@ class Race:
         size = start + float(np.clip(look.step, -farthest, farthest))
         size, _ = self._refined(self.few, few_fit, h, size, _STEPS)
         with_size = self.few.fit(h.applied_to(few_fit.view, size), 1.0)
-        gain = _rows_over_few(fit) * (with_size.value - few_fit.value)
-        if gain + h.log_prior < c.WORTH_A_LOOK:
+        won = _rows_over_few(fit) * (with_size.value - few_fit.value)
+        if won + h.log_prior < c.WORTH_A_LOOK:
             return None
         size, spread = self._refined(self.all, fit, h, size, 1)
         away = size - (0.0 if h.part else number.size_in(fit.chain))

@@ -15,7 +15,7 @@ from sdp_vs_penalty import check, load_problem
 from sdp_vs_penalty.race import Hypothesis, Likelihood, Number, Part, Race
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence
-from sdp_vs_penalty.race.kinds import KINDS, effects, mounting
+from sdp_vs_penalty.race.kinds import KINDS, mounting, several_joints
 from sdp_vs_penalty.race.race import HeldRaces
 from sdp_vs_penalty.race.records import Further, LogView
 from sdp_vs_penalty.race.rows import RegressionData
@@ -264,7 +264,7 @@ def test_a_coupling_is_of_the_channels_of_another_order(evidence):
     before, after = (
         next(
             h
-            for h in effects.propose(evidence, evidence.fit(LogView(chain), 1.0))
+            for h in several_joints.propose(evidence, evidence.fit(LogView(chain), 1.0))
             if h.kind == "coupling"
         )
         for chain in (NONE, swapped)

@@ -188,7 +188,7 @@ def _say_sizes(
     """
     from sdp_vs_penalty.diagnosis.sizes_in_model import size_in_model
     from sdp_vs_penalty.effects import effect_types
-    from sdp_vs_penalty.estimation import carried
+    from sdp_vs_penalty.estimation.carried import doubts_of_payload, payload_in_words
 
     for finding in () if diagnosis is None else diagnosis.beside_curves:
         if effect_types()[finding.effect].simulator_field != "payload":
@@ -196,8 +196,8 @@ def _say_sizes(
             console.say(f"{finding.title}: {size}")
     for effect, indices in model.model.parts:
         if effect in added and effect.simulator_field == "payload":
-            console.paragraph(carried.payload_in_words(model))
-            for doubt in carried.doubts_of_payload(model):
+            console.paragraph(payload_in_words(model))
+            for doubt in doubts_of_payload(model):
                 console.warn(doubt)
         elif effect in added and diagnosis is None:
             for k in indices:

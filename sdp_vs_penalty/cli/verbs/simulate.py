@@ -74,7 +74,7 @@ def _follow(
     """
     from sdp_vs_penalty.cli.next_step import say_what_follows
     from sdp_vs_penalty.cli.runs import NamedRuns
-    from sdp_vs_penalty.data.formats import csv
+    from sdp_vs_penalty.data.formats.csv import write as write_csv
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.simulation.follow import follow
 
@@ -100,6 +100,6 @@ def _follow(
         )
     console.save_json(json_file, following.to_dict())
     if out is not None:
-        csv.write(following.free[0].simulated, out)
+        write_csv(following.free[0].simulated, out)
         console.written(out)
     say_what_follows(model, estimate, estimate.verdict, NamedRuns(runs))

@@ -67,11 +67,15 @@ Fit = Callable[[Array, Array], ChannelFit | None]
 
 @dataclass(frozen=True)
 class _Unit:
-    """A unit of positions: in SI they are scale (n,) times them, plus middle (n,)."""
+    """A unit of positions: in SI they are scale times them, plus middle."""
 
+    #: What the positions are in, in words.
     words: str
+    #: How often positions are in it.
     prior: float
+    #: (n,) SI units of one.
     scale: Array
+    #: (n,) SI units of its zero.
     middle: Array
     #: Whether there are units of nearly that size, as of encoders: no arm tells them apart.
     is_of_any_size: bool = False

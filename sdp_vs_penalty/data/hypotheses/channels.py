@@ -66,8 +66,9 @@ class Recognition:
     unless_confirmed: InputError | None = None
     #: Other orders of columns that the values allow, the likeliest first.
     others: tuple[Recognition, ...] = ()
-    #: Odds of an order by its values, and share of the torques that the arm leaves in it.
+    #: Odds of an order by its values.
     weight: float = 1.0
+    #: Share of the torques that the arm leaves in it.
     share: float = 1.0
 
     @property

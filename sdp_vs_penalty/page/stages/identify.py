@@ -13,9 +13,18 @@ from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES, SHARES, Failures
 from sdp_vs_penalty.effects import DEFAULT_EFFECTS, effect_types, standard_effect
 from sdp_vs_penalty.estimation.verdict import LOG, Line
 from sdp_vs_penalty.estimators import estimator_types
-from sdp_vs_penalty.page import charts
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import chart_and_arm
+from sdp_vs_penalty.page.charts import (
+    asked_span,
+    cause_chart,
+    error_scale,
+    failing_stretches,
+    ready,
+    rows_of_span,
+    torque_chart,
+    torque_errors,
+)
 from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import (
@@ -202,7 +211,7 @@ class _Fit:
             draw.choice("Run", self.model.runs, view.run, choose, "shown-run")
         label = "Measured and modelled torque, and the error"
         caption = "a link's colour: the torque error of its joint"
-        scale = charts.error_scale(self.model)
+        scale = error_scale(self.model)
         self.chart, self.move = chart_and_arm(
             view, label, self.model.about, caption, scale=scale
         )
@@ -229,7 +238,7 @@ class _Fit:
 
         ``asked_span`` returns False for an event that is about no span.
         """
-        span = charts.asked_span(event.args)
+        span = asked_span(event.args)
         if not isinstance(span, bool) and span != self.view.span:
             self.view.select(span=span)
 
@@ -246,14 +255,14 @@ class _Fit:
         recordings = [session.recording(step, view.run) for step in steps]
         self._draw_bars(j, units)
         self._draw_torques(j, units, recordings)
-        reads = [charts.rows_of_span(read, view.span) for read in recordings]
-        drawn = charts.cause_chart(session, model, reads, j, view.cause)
+        reads = [rows_of_span(read, view.span) for read in recordings]
+        drawn = cause_chart(session, model, reads, j, view.cause)
         self.against.update_figure(drawn)
         self.cause.props["value"] = view.cause
         finding = shown_finding(session.findings_of_current, formatting.joint_number(j))
         self.words.text = _words(model, j, units[j], finding)
         last = recordings[-1]
-        self.move(view.run, last, charts.torque_errors(model, last))
+        self.move(view.run, last, torque_errors(model, last))
 
     def _draw_bars(self, j: int, units: Sequence[str]) -> None:
         """Draw the error of each joint as bars; joint j (from 0) is highlighted."""
@@ -294,9 +303,9 @@ class _Fit:
             step.label: recording["modelled"]
             for step, recording in zip(steps, recordings, strict=True)
         }
-        failing = charts.failing_stretches(self.model, view.run, j)
+        failing = failing_stretches(self.model, view.run, j)
         run = Curves(last["t"], last["torque"], modelled)
-        drawn = charts.torque_chart(run, j, units, view.span, failing)
+        drawn = torque_chart(run, j, units, view.span, failing)
         self.chart.update_figure(drawn)
         causes = {cause for *_, cause in failing}
         shown = [cause for cause in pieces.SHADES if cause in causes]
@@ -414,7 +423,7 @@ def _tables(view: View) -> None:
             plot = friction_figure(
                 **about["friction"][j], joint=j, unit=robot["units"][j]
             )
-            return charts.ready(plot, 300)
+            return ready(plot, 300)
 
         drawn = draw.chart(
             options(), "Friction torque over velocity with its 95 % band"

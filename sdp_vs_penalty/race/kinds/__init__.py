@@ -12,7 +12,6 @@ from sdp_vs_penalty.race.kinds import (
     carried,
     clock_rate,
     delay,
-    effects,
     effort,
     events,
     friction,
@@ -24,6 +23,7 @@ from sdp_vs_penalty.race.kinds import (
     position_scale,
     position_unit,
     saturation,
+    several_joints,
     sign,
     weight,
     zero,
@@ -48,11 +48,11 @@ KINDS: tuple[ModuleType, ...] = (
     saturation,
     effort,
     of_one_part,
-    effects,
+    several_joints,
     friction,
 )
 #: Whose changes belong to all rows, or have parts of their own: not tried in one run.
-NOT_OF_ONE_RUN = carried, saturation, effort, of_one_part, effects, friction
+NOT_OF_ONE_RUN = (carried, saturation, effort, of_one_part, several_joints, friction)
 #: What a motion shows whose directions are half as many as its joints.
 SHOWN_BY_A_POOR_MOTION = position_unit, sign, mounting, events
 

@@ -45,10 +45,11 @@ class PositionUnit:
     words: str
     #: What they are multiplied by, in words.
     factor: str
-    #: Radians of a unit and of its zero; of shares of a joint's range in per cent of it,
-    #: -100 to 100, and of half of it.
+    #: Radians of a unit; of a share of a joint's range, per cent of it, -100 to 100.
     scale: float
+    #: Radians of the unit's zero; of a share, of half the range.
     middle: float = 0.0
+    #: Whether it is a share of a joint's range.
     is_share: bool = False
     #: Its name where a command says the unit; "" of one that is said by its factors.
     name: str = ""
