@@ -9,5 +9,4 @@ FILE = "robot.drake.urdf"
 ABOUT = "for Drake, with rotor inertias"
 EDITS = urdf.EDITS
 HOLDS = urdf.HOLDS | {"armature"}
-RESTS = True
 write = partial(urdf.write, drake=True)

@@ -113,7 +113,7 @@ def friction_at_rest(estimate: Estimate, out: str | Path) -> str:
         if effect.simulator_field == "friction"
         for joint in effect.joints
     }
-    if not joints or not getattr(format_of(out), "RESTS", False):
+    if not joints or "friction" not in getattr(format_of(out), "HOLDS", ()):
         return ""
     width = max(estimate.model.sign_width[joint] for joint in joints)
     return (

@@ -12,12 +12,11 @@ Written = tuple[bytes, tuple[str, ...]]
 class ExportFormat(Protocol):
     """A format of export: a module with these names, found by its ``ENDING``.
 
-    Four more names are optional. ``HOLDS`` is of formats that hold a model of the torque:
+    Three more names are optional. ``HOLDS`` is of formats that hold a model of the torque:
     the fields that they have, a collection of SimulatorField.
     ``EDITS = "URDF"`` or "MJCF" is of formats that can edit the user's own file of that
     kind, ``options.own_file``.
-    ``BODIES = False`` is of formats that hold neither links nor a payload, ``RESTS =
-    True`` of formats whose simulators hold a joint at rest by dry friction.
+    ``BODIES = False`` is of formats that hold neither links nor a payload.
     """
 
     #: How the names of such files end, ".sdf"; the longest that fits a name decides.

@@ -40,7 +40,6 @@ FILE = "robot.xml"
 ABOUT = "MuJoCo's MJCF: links, armature, damping, dry friction, springs, offsets, gears"
 EDITS = "MJCF"
 HOLDS: frozenset[SimulatorField] = FIELDS | {*JOINT_FIELDS, "mjcf"}
-RESTS = True
 
 
 def write(estimate: Estimate, options: Options) -> Written:

@@ -24,7 +24,6 @@ ENDING = ".sdf"
 FILE = "robot.sdf"
 ABOUT = "SDFormat, for Gazebo"
 HOLDS = FIELDS
-RESTS = True
 
 
 def write(estimate: Estimate, options: Options) -> Written:

@@ -37,7 +37,6 @@ FILE = "robot.urdf"
 ABOUT = "for ROS and simulators"
 EDITS = "URDF"
 HOLDS = FIELDS
-RESTS = True
 
 
 def write(estimate: Estimate, options: Options, drake: bool = False) -> Written:

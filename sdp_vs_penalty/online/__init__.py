@@ -6,7 +6,7 @@ __getattr__ = lazy_exports(
     __name__,
     arm="ArmModel",
     change="ChangeDetector",
-    information="Information PayloadPrior",
+    information="PayloadPrior",
     noise="ResidualNoise",
     payload="PayloadChange PayloadEstimator PayloadNow",
     projection="ConeProjection",

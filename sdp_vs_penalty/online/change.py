@@ -1,9 +1,9 @@
 """When a payload was picked up or put down: a Bayesian search of the last seconds.
 
-The stretch since the last change is kept as one :class:`Information`, and so are its
-first parts up to instants ``CHANGE_STEP`` apart. What came after an instant is their
-difference. With the evidence K of :mod:`~sdp_vs_penalty.online.information` a change at
-that instant is judged by
+The stretch since the last change is kept as its matrix G and its seconds T
+(:mod:`~sdp_vs_penalty.online.information`), and so are its first parts up to instants
+``CHANGE_STEP`` apart. What came after an instant is their difference. With the evidence
+K of a payload a change at that instant is judged by
 
     bare before:       ln K(after),
     a payload before:  max(0, ln K(after)) - (ln K(both) - ln K(before)),
@@ -25,7 +25,6 @@ from sdp_vs_penalty.online import constants as c
 from sdp_vs_penalty.online.information import (
     SIZE,
     WIDTH,
-    Information,
     PayloadPrior,
     Posterior,
     weight_of,
@@ -72,8 +71,10 @@ class ChangeDetector:
         [s]. Data count exp(-1) after FORGETTING [s].
         """
         self.is_carrying = False
-        #: Information of the current stretch, fading: (11 + d, 11 + d), its seconds.
-        self.total = Information(n_drifts)
+        width = WIDTH + n_drifts
+        # The stretch since the last change: G, fading, and T [s].
+        self._total = np.zeros((width, width))
+        self._total_seconds = 0.0
         self._correlation = correlation  # s for which a residual agrees with itself
         # A ring of snapshots of the total: instants at which a change may have
         # happened.
@@ -83,7 +84,6 @@ class ChangeDetector:
         self._steps_to_fade = c.CHANGE_STEPS_PER_FADE
         self._half_step = 0.5 * step
         self._n_slots = max(4, round(c.CHANGE_REACH / step))
-        width = WIDTH + n_drifts
         self._matrices = np.zeros((self._n_slots, width, width))
         self._seconds = np.zeros(self._n_slots)
         self._times = np.zeros(self._n_slots)
@@ -104,12 +104,12 @@ class ChangeDetector:
         self._waited = 0
         # Work space, so that a call allocates nothing.
         self._outer = np.zeros((WIDTH, WIDTH))
-        self._scratch = Information(n_drifts)
+        self._scratch = np.zeros((width, width))
         self._posterior = Posterior(prior, n_drifts)
 
     def add(self, rows: Array, weighted: Array, period: float, time: float) -> None:
-        """Add the rows A (n, 11 + d) of one call of the loop to ``total``: A' S^-1 A dt,
-        and its period dt.
+        """Add the rows A (n, 11 + d) of one call of the loop to the stretch: A' S^-1 A
+        dt, and its period dt.
 
         Every ``_stride`` calls a snapshot of what was gathered before is kept.
 
@@ -128,11 +128,11 @@ class ChangeDetector:
             self._keep(time)
             self._calls_to_snapshot = self._stride
         self._calls_to_snapshot -= 1
-        added = self._scratch.matrix  # overwritten: a call allocates nothing
+        added = self._scratch  # overwritten: a call allocates nothing
         np.dot(rows.T, weighted, out=added)
         added *= period
-        self.total.matrix += added
-        self.total.seconds += period
+        self._total += added
+        self._total_seconds += period
 
     def _keep(self, time: float) -> None:
         """Store a snapshot of the data up to ``time`` [s], a candidate for a change's
@@ -145,12 +145,13 @@ class ChangeDetector:
         self._steps_to_fade -= 1
         if self._steps_to_fade == 0:
             self._steps_to_fade = c.CHANGE_STEPS_PER_FADE
-            self.total.fade(self._fade)
+            self._total *= self._fade
+            self._total_seconds *= self._fade
             self._matrices *= self._fade
             self._seconds *= self._fade
         place = self._next_slot
-        np.copyto(self._matrices[place], self.total.matrix)
-        self._seconds[place] = self.total.seconds
+        np.copyto(self._matrices[place], self._total)
+        self._seconds[place] = self._total_seconds
         self._times[place] = time
         self._next_slot = (place + 1) % self._n_slots
         self._count = min(self._count + 1, self._n_slots)
@@ -207,7 +208,7 @@ class ChangeDetector:
 
         -inf if less than CHANGE_SHORTEST seconds came after it.
         """
-        if self.total.seconds - self._seconds[place] < c.CHANGE_SHORTEST:
+        if self._total_seconds - self._seconds[place] < c.CHANGE_SHORTEST:
             return -np.inf
         if not self.is_carrying:
             return self._after(place)
@@ -278,8 +279,7 @@ class ChangeDetector:
         ``_posterior.mean`` (10,) holds the payload.
         """
         self._posterior.clear()
-        weight = weight_of(self._seconds[place], self._correlation)
-        self._posterior.add(self._matrices[place], weight)
+        self._add(self._matrices[place], self._seconds[place], self._posterior)
         return self._posterior.solve()
 
     def _after(self, place: int) -> float:
@@ -295,10 +295,12 @@ class ChangeDetector:
     def _add_after(self, place: int, out: Posterior) -> None:
         """Add the data after the snapshot in slot ``place`` to ``out``, unsolved: all
         data less those up to the snapshot."""
-        after = self._scratch
-        np.subtract(self.total.matrix, self._matrices[place], out=after.matrix)
-        after.seconds = self.total.seconds - self._seconds[place]
-        out.add(after.matrix, after.weight(self._correlation))
+        np.subtract(self._total, self._matrices[place], out=self._scratch)
+        self._add(self._scratch, self._total_seconds - self._seconds[place], out)
+
+    def _add(self, matrix: Array, seconds: float, out: Posterior) -> None:
+        """Add the data of a stretch of so many seconds to ``out``, unsolved."""
+        out.add(matrix, weight_of(seconds, self._correlation))
 
     def posterior_after(self, change: DetectedChange, out: Posterior) -> None:
         """Solve for the payload after a change.
@@ -334,13 +336,13 @@ class ChangeDetector:
         Returns
         -------
         None
-            ``total`` and the snapshots hold the data after the change alone.
+            The stretch and the snapshots hold the data after the change alone.
         """
         place = self._place(change)
         matrix = self._matrices[place].copy()
         seconds = float(self._seconds[place])
-        self.total.matrix -= matrix
-        self.total.seconds -= seconds
+        self._total -= matrix
+        self._total_seconds -= seconds
         self._matrices -= matrix
         self._seconds -= seconds
         # Snapshots that are newer than ``place``; older ones lie before the change.
@@ -358,5 +360,5 @@ class ChangeDetector:
             ``out.mean`` (10,) holds the payload's scaled parameters.
         """
         out.clear()
-        out.add(self.total.matrix, self.total.weight(self._correlation))
+        self._add(self._total, self._total_seconds, out)
         out.solve()

@@ -69,41 +69,6 @@ def weight_of(seconds: float, correlation: float) -> float:
     return 1.0 / max(seconds, 1e-9) + 1.0 / correlation
 
 
-class Information:
-    """A stretch's matrix G (11 + d, 11 + d) and its length T [s], or those of several."""
-
-    def __init__(self, n_drifts: int) -> None:
-        """Start with no data: G = 0 and T = 0 s.
-
-        ``matrix`` is G (11 + d, 11 + d) = integral of [Y, e, N]^T S^-1 [Y, e, N] dt
-        over a stretch of time: Y (n, 10) are the regressor columns of a payload, e (n,)
-        the residual torque, N (n, d) the columns of the ``n_drifts`` drifts, and S the
-        diagonal matrix of noise variances. ``seconds`` is the stretch's length T.
-        """
-        self.matrix = np.zeros((WIDTH + n_drifts, WIDTH + n_drifts))
-        self.seconds = 0.0
-
-    def clear(self) -> None:
-        """Remove all data: ``matrix`` and ``seconds`` become zero."""
-        self.matrix[:] = 0.0
-        self.seconds = 0.0
-
-    def fade(self, factor: float) -> None:
-        """Let the data count less, as they grow old.
-
-        Returns
-        -------
-        None
-            ``matrix`` and ``seconds`` are multiplied by it.
-        """
-        self.matrix *= factor
-        self.seconds *= factor
-
-    def weight(self, correlation: float) -> float:
-        """Return the weight of the stretch (:func:`weight_of`)."""
-        return weight_of(self.seconds, correlation)
-
-
 class Posterior:
     """Estimate and evidence of a payload from information, in preallocated arrays.
 
