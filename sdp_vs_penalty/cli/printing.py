@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.console import out, paragraph, say
@@ -200,16 +202,21 @@ def comparison(
         console.table(tables.model_table(rows))
 
 
-def where_it_fails(failures: Failures, model: str) -> None:
-    """Print where a model's error is large: a line for each joint with a known
-    cause.
+def where_it_fails(failures: Failures, judged: Comparison) -> None:
+    """Print where a model's error is large, and what it depends on there: a joint whose
+    error is its noise has nothing to explain.
     """
     from sdp_vs_penalty.render.words import describe_failures
 
     shares = "shares of the error on data left out; causes overlap"
-    say(f"Where {model} fails ({shares})", style="italic")
-    for line in describe_failures(failures):
+    say(f"Where {judged.name} fails ({shares})", style="italic")
+    errs = judged.errors.exceeds_noise
+    failing = tuple(f for f in failures if errs[f.joint - 1])
+    for line in describe_failures(replace(failures, joints=failing)):
         paragraph(line)
+    if not errs.all():
+        others = formatting.joints((np.flatnonzero(~errs) + 1).tolist())
+        paragraph(f"{others}: less than twice the noise, nothing to explain.")
 
 
 def all_figures(failures: Failures, judged: Comparison) -> None:

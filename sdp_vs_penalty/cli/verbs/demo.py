@@ -1,4 +1,3 @@
-from dataclasses import replace
 from pathlib import Path
 
 from sdp_vs_penalty.cli import console
@@ -12,7 +11,6 @@ def verb(out: Path = Path("demo")) -> None:
     --out DIR: Folder for runs, models and report.
     """
     from sdp_vs_penalty.cli import printing
-    from sdp_vs_penalty.formatting import joints
     from sdp_vs_penalty.render.tables import model_table
     from sdp_vs_penalty.reports.demo import ARM, RUNS, demo
 
@@ -28,11 +26,7 @@ def verb(out: Path = Path("demo")) -> None:
     title = "On motion that was not used for fitting"
     console.table(model_table(rows, "method", title))
     console.say("2. Compare: where the physically consistent model fails", style="bold")
-    failures, errs = demonstration.failures, before.errors_sliding.exceeds_noise
-    failing = tuple(f for f in failures if errs[f.joint - 1])
-    printing.where_it_fails(replace(failures, joints=failing), before.name)
-    others = joints([f.joint for f in failures if f not in failing])
-    console.paragraph(f"{others}: less than twice the noise, nothing to explain.")
+    printing.where_it_fails(demonstration.failures, before)
     console.say("3. Diagnose", style="bold")
     console.paragraph(demonstration.diagnosis.headline)
     console.say("4. Add it", style="bold")
