@@ -109,11 +109,24 @@ def effect_candidates(data: WhiteData) -> Iterator[Candidate]:
             if key in taken or (kind.at_rest == "holds" and not stands[joint]):
                 continue
             forms = kind.candidates(model.robot, joint, start)
+            if kind.width_shape and joint is not None:
+                forms += _at_own_width(kind, model, joint)
             shown = [effect for effect in forms if is_shown(effect)]
             if kind.starts_stand_out:
                 shown = forms_that_stand_out(data, shown)
             for effect in shown:
                 yield Candidate(key, effect)
+
+
+def _at_own_width(kind: type[Effect], model: Model, joint: int) -> list[Effect]:
+    """Return the forms of an effect that begin at the width over which the model's
+    friction turns round: of another law of it only widths within a sixth of the true one
+    explain much."""
+    width = {kind.width_shape: model.sign_width[joint]}
+    if kind.shapes[kind.width_shape].complaint(model.sign_width[joint]):
+        return []
+    forms = kind.candidates(model.robot, joint, **width)
+    return [*{form.text: form for form in forms}.values()]
 
 
 def _keys_of(model: Model) -> set[Key]:

@@ -202,7 +202,7 @@ class Conclusion:
     ) -> tuple[ErrorWith, ...]:
         """Return the errors on data left out with each of several additions alone."""
         texts = [*(r.text for r in self.retunes), *(f.text for f in self.findings)]
-        numbers = dict(zip(texts, self.ladder.offered, strict=True))
+        numbers = {text: number for number, text in enumerate(texts)}
         errors = {}
         for added in additions:
             chosen = tuple(found.text for found in added)

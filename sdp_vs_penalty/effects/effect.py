@@ -274,6 +274,8 @@ class Effect(ABC):
     #: The shape constant that is as large as the effect itself, and follows it (a
     #: delay's).
     sized_shape: ClassVar[str] = ""
+    #: The shape constant over which it turns round as the model's dry friction does.
+    width_shape: ClassVar[str] = ""
     #: Kinds of fault of a log, in the words of `check`, that make the same torque.
     faults: ClassVar[tuple[str, ...]] = ()
     #: True where no column holds the sign of a velocity: nothing of it is particular to

@@ -224,6 +224,7 @@ class SigmoidFriction(JointEffect):
     refines = ("coulomb_friction",)
     #: Of f_sg = f_c and the first law it is that friction with another width.
     generalises = ("coulomb_friction",)
+    width_shape = "v0"
     shapes = {
         "v0": ShapeConstant(
             0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 2.0)

@@ -34,8 +34,6 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 _DEGREE = 3
 #: The variable that is the sign of a velocity.
 _SIGN = "sign(dq)"
-#: Variables that no motion brings back.
-_CLOCKS = {"t", "temp"}
 #: A variable that changes by less has no range [in its unit].
 _NO_CHANGE = 1e-6
 #: Splines along one variable, and along each of a pair.
@@ -296,8 +294,6 @@ class Variables:
         self._splines = lru_cache(
             lambda axis: axis.columns(self.on_rows(axis.variable))
         )
-        # The range that is known of a variable.
-        self._range = lru_cache(self._known_range)
 
     def _filtered(self, dense: Callable[[Motion], Array]) -> Array:
         """Return a quantity on the M filtered rows of all segments, (M,) or (M, k):
@@ -310,8 +306,8 @@ class Variables:
         )
 
     def basis(self, of: tuple[Variable, ...]) -> Basis | None:
-        """Return splines over the ranges in which the log shows these one or two
-        variables (:meth:`_known_range`).
+        """Return splines over the ranges that these one or two variables have in the
+        log.
 
         None if one of them does not change.
         """
@@ -322,43 +318,14 @@ class Variables:
             if variable.word == _SIGN:
                 axes.append(Axis(variable, low=-1.0, high=1.0, count=2))
                 continue
-            low, high = self._range(variable)
+            x = self.on_rows(variable)[self.keep]
+            # As many digits as a written effect has.
+            low = float(f"{x.min():.6g}")
+            high = float(f"{x.max():.6g}")
             if not high - low > _NO_CHANGE:
                 return None
             axes.append(Axis(variable, low, high, count))
         return Basis(tuple(axes))
-
-    def _known_range(self, variable: Variable) -> tuple[float, float]:
-        """Return the range to which the motion has brought a variable twice or more.
-
-        What is seen once, where the motion comes once, may be an event, such as a
-        contact. Of a clock all is known.
-        """
-        x = self.on_rows(variable)
-        kept = x[self.keep]
-        grid = np.linspace(kept.min(), kept.max(), _SPLINES_ALONE)
-        if variable.word not in _CLOCKS:
-            is_near = np.abs(x[:, None] - grid) <= 1.001 * (grid[1] - grid[0])
-            is_near &= self.keep[:, None]
-            comes = is_near.copy()
-            comes[1:] &= ~is_near[:-1] | (np.diff(self.rows.segment) > 0)[:, None]
-            grid = grid[comes.sum(axis=0) > 1]
-        if not grid.size:
-            return 0.0, 0.0
-        # As many digits as a written effect has.
-        low, high = (float(f"{x:.6g}") for x in (grid.min(), grid.max()))
-        return low, high
-
-    def _on_known_rows(self, basis: Basis, columns: Array) -> Array:
-        """Return columns (M, k) of a curve that makes no torque outside of its range."""
-        is_known = np.ones(len(columns), bool)
-        for axis in basis.axes:
-            if not axis.is_sign:
-                x = self.on_rows(axis.variable)
-                # The range is rounded.
-                reach = 1e-5 * max(abs(axis.low), abs(axis.high))
-                is_known &= (x > axis.low - reach) & (x < axis.high + reach)
-        return columns * is_known[:, None]
 
     def approximate_splines(self, basis: Basis) -> Array:
         """Return the basis functions (M, K) of the filtered variables, f(filtered x).
@@ -366,8 +333,7 @@ class Variables:
         They approximate :meth:`filtered_splines`, filtered f(x), and are faster: for a
         first comparison of bases.
         """
-        columns = _products([self._splines(a) for a in basis.axes])
-        return self._on_known_rows(basis, columns)
+        return _products([self._splines(a) for a in basis.axes])
 
     def filtered_splines(self, basis: Basis) -> Array:
         """Return the basis functions (M, K) along the motion, low-passed as the torque
@@ -390,7 +356,7 @@ class Variables:
             values = [axis.variable.along(motion) for axis in basis.axes]
             return law(np.column_stack(values))
 
-        return self._on_known_rows(basis, self._filtered(along))
+        return self._filtered(along)
 
     def points_near_motion(self, basis: Basis) -> Array:
         """Return those points (P, number of variables) of a basis's grid that the

@@ -32,7 +32,7 @@ from sdp_vs_penalty.diagnosis.curves.laws import (
     law_in_words,
     recognise_law,
 )
-from sdp_vs_penalty.diagnosis.held_out import HeldOutData, error_ratios
+from sdp_vs_penalty.diagnosis.held_out import HeldOutData, error_ratios, rows_by_stretch
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, margin
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import folds_of
@@ -363,7 +363,9 @@ class _Measuring:
         exact = []
         for basis in self._most_promising():
             splines = self.variables.filtered_splines(basis)
-            exact.append(self._fit_spline(basis, splines, robust=True))
+            curve = self._fit_spline(basis, splines, robust=True)
+            if not self._is_an_event(curve):
+                exact.append(curve)
         highest = max((fit.evidence for fit in exact), default=0.0)
         threshold = max(highest - margin(highest), EVIDENCE_TO_ADD)
         return min(
@@ -371,6 +373,17 @@ class _Measuring:
             key=lambda fit: (len(fit.basis.axes), -fit.evidence),
             default=None,
         )
+
+    def _is_an_event(self, curve: SplineFit) -> bool:
+        """Return whether most of what a curve explains lies in one stretch of time (of
+        PARTS or more): a contact, say, at a place where the motion comes once."""
+        left = self.fit.residual_of({self.joint: curve.columns.scaled})
+        before = self.fit.residual
+        after = before - left @ curve.solution
+        explained = np.sum(before**2 - after**2, axis=0)
+        stretches, _ = rows_by_stretch(self.data.rows)
+        by_stretch = [explained[rows.any(axis=1)].sum() for rows in stretches]
+        return bool(max(by_stretch) > 0.5 * sum(by_stretch))
 
     def _most_promising(self) -> list[Basis]:
         """List the bases whose curves have most evidence, by a fast approximate fit.
