@@ -7,8 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.console import out, paragraph, say
@@ -203,20 +201,13 @@ def comparison(
 
 
 def where_it_fails(failures: Failures, judged: Comparison) -> None:
-    """Print where a model's error is large, and what it depends on there: a joint whose
-    error is its noise has nothing to explain.
-    """
+    """Print where a model's error is large, and what it depends on there."""
     from sdp_vs_penalty.render.words import describe_failures
 
     shares = "shares of the error on data left out; causes overlap"
     say(f"Where {judged.name} fails ({shares})", style="italic")
-    errs = judged.errors.exceeds_noise
-    failing = tuple(f for f in failures if errs[f.joint - 1])
-    for line in describe_failures(replace(failures, joints=failing)):
+    for line in describe_failures(failures, judged.errors.exceeds_noise):
         paragraph(line)
-    if not errs.all():
-        others = formatting.joints((np.flatnonzero(~errs) + 1).tolist())
-        paragraph(f"{others}: less than twice the noise, nothing to explain.")
 
 
 def all_figures(failures: Failures, judged: Comparison) -> None:

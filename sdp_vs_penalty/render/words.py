@@ -54,7 +54,7 @@ from sdp_vs_penalty.formatting import number, plain_unit
 from sdp_vs_penalty.render.tables import SOURCES
 from sdp_vs_penalty.results.remedy import Remedy
 from sdp_vs_penalty.results.table import Table
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 from sdp_vs_penalty.signals.noise import NOISE_UNKNOWN
 
 
@@ -478,23 +478,28 @@ def errors_that_rise(findings: Sequence[Finding]) -> str:
     )
 
 
-def describe_failures(failures: Failures) -> list[str]:
+def describe_failures(failures: Failures, exceeds_noise: Mask) -> list[str]:
     """Say where a model's error is large, in a line for each joint with something to
     say, such as a cause.
 
-    All other joints share one line.
+    Joints whose error is their noise (``exceeds_noise`` (n,) is False) share one
+    line, and so do those without a cause.
     """
+    failing = [f for f in failures if exceeds_noise[f.joint - 1]]
     explained = [
-        f for f in failures if dependences(f) or f.orders or f.goes_with_a_refit
+        f for f in failing if dependences(f) or f.orders or f.goes_with_a_refit
     ]
     lines = [
         f"joint {f.joint}: {' '.join(sentences(f, failures.units[f.joint - 1]))}"
         for f in explained
     ]
-    others = [f for f in failures if f not in explained]
+    others = [f for f in failing if f not in explained]
     if others:
         where = formatting.joints([f.joint for f in others])
         lines.append(f"{where}: {sentences(others[0], '')[0]}")
+    if quiet := [f.joint for f in failures if f not in failing]:
+        where = formatting.joints(quiet)
+        lines.append(f"{where}: less than twice the noise, nothing to explain.")
     return lines
 
 

@@ -219,7 +219,7 @@ def test_an_error_that_other_parameters_would_remove_is_said_to_be(share, is_sai
     """More motion may help such a model before any effect does."""
     none = {"load": 0.0}
     one = replace(failure(1, 5.0), refit_share=share, held_out_shares=none)
-    text = " ".join(describe_failures(Failures([one], ["N m"])))
+    text = " ".join(describe_failures(Failures([one], ["N m"]), np.ones(1, bool)))
     said = "Other values of the model's parameters would remove 73 % of the error"
     assert (said in text) == is_said
 
@@ -249,7 +249,7 @@ def test_words_map_and_table_show_the_same_share(beyond):
     )
     shown = one.shares["position in a turn"]
     assert shown == (0.25 if beyond < 0.05 else 0.2)
-    (line,) = describe_failures(Failures([one], ["N m"]))
+    (line,) = describe_failures(Failures([one], ["N m"]), np.ones(1, bool))
     assert f"position in a turn ({100.0 * shown:.0f} %)" in line
     assert heat_rows([one], {}) == [("position in a turn", [shown])]
     assert one.numbers()["position in a turn [%]"] == 100.0 * shown
