@@ -23,7 +23,7 @@ from sdp_vs_penalty.diagnosis import (
     measure_curves,
     whiten_rows,
 )
-from sdp_vs_penalty.diagnosis.curves.measure import is_curve_preferred
+from sdp_vs_penalty.diagnosis.curves.measure import is_an_event, is_curve_preferred
 from sdp_vs_penalty.effects import (
     EffectEntry,
     MeasuredCurve,
@@ -168,6 +168,12 @@ def test_the_added_curve_takes_the_error_to_the_noise(made):
         made.estimate.robot,
     )
     assert written.entry == restored.entry == effect.entry
+
+
+def test_what_one_stretch_of_time_shows_is_no_curve():
+    rows = SimpleNamespace(run=np.zeros(800), keep=np.ones((800, 1), bool))
+    assert is_an_event(np.arange(800) < 100, rows)
+    assert not is_an_event(np.arange(800) % 100 < 10, rows)
 
 
 @pytest.mark.long

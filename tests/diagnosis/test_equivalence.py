@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
-from point_mass_arm import MASSES, PointMassArm, causal_filter, delayed
+from point_mass_arm import COULOMB, MASSES, PointMassArm, causal_filter, delayed
 
 from sdp_vs_penalty import diagnose, identify
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
@@ -231,6 +231,24 @@ def test_one_cause_has_one_law(problem, monkeypatch):
     assert empty.has_waiting
     empty.is_referred = True
     assert empty.best_addition() is terms[0]
+
+
+def test_another_form_of_dry_friction_is_named_as_one_law(problem):
+    """Its width is near that of the tanh that identify fits to it."""
+
+    def turns(t, q, dq):
+        return COULOMB * (dq / np.hypot(dq, 0.05) - np.tanh(dq / 0.01))
+
+    found = diagnosed(problem, PointMassArm(extra=turns))
+    assert {f.effect for f in found.effects} == {"sigmoid_friction"}
+    first = found.effects[0]
+    assert first.rating == "confident"
+    assert first.constants.endswith("law = algebraic")
+    assert first.shape["v0"] == pytest.approx(0.05, rel=0.02)
+    assert first.size == pytest.approx(COULOMB[first.joints[0] - 1], rel=0.1)
+    assert [r.certainty for r in found.remedies_by_finding] == [
+        f.rating for f in found.effects
+    ]
 
 
 @pytest.mark.long

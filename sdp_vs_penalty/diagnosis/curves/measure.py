@@ -43,6 +43,7 @@ from sdp_vs_penalty.effects.measured_curve import (
     table_variables,
 )
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
+from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 
 class _RatedCurve(NamedTuple):
@@ -364,7 +365,7 @@ class _Measuring:
         for basis in self._most_promising():
             splines = self.variables.filtered_splines(basis)
             curve = self._fit_spline(basis, splines, robust=True)
-            if not self._is_an_event(curve):
+            if not is_an_event(self._explained(curve), self.data.rows):
                 exact.append(curve)
         highest = max((fit.evidence for fit in exact), default=0.0)
         threshold = max(highest - margin(highest), EVIDENCE_TO_ADD)
@@ -374,16 +375,12 @@ class _Measuring:
             default=None,
         )
 
-    def _is_an_event(self, curve: SplineFit) -> bool:
-        """Return whether most of what a curve explains lies in one stretch of time (of
-        PARTS or more): a contact, say, at a place where the motion comes once."""
+    def _explained(self, curve: SplineFit) -> Array:
+        """Return the weighted squares (M,) that a curve explains in each row."""
         left = self.fit.residual_of({self.joint: curve.columns.scaled})
         before = self.fit.residual
         after = before - left @ curve.solution
-        explained = np.sum(before**2 - after**2, axis=0)
-        stretches, _ = rows_by_stretch(self.data.rows)
-        by_stretch = [explained[rows.any(axis=1)].sum() for rows in stretches]
-        return bool(max(by_stretch) > 0.5 * sum(by_stretch))
+        return np.asarray(np.sum(before**2 - after**2, axis=0))
 
     def _most_promising(self) -> list[Basis]:
         """List the bases whose curves have most evidence, by a fast approximate fit.
@@ -419,6 +416,14 @@ class _Measuring:
             return self._columns(self.gain * raw, robust=False)
 
         return recognise_law(best, on_rows, len(self.bases))
+
+
+def is_an_event(explained: Array, rows: SegmentedRuns) -> bool:
+    """Return whether most of what is explained (M,) lies in one stretch of time (of PARTS
+    or more): a contact, say, at a place where the motion comes once."""
+    stretches, _ = rows_by_stretch(rows)
+    by_stretch = [explained[x.any(axis=1)].sum() for x in stretches]
+    return bool(max(by_stretch) > 0.5 * sum(by_stretch))
 
 
 def _tabulate(
