@@ -734,15 +734,7 @@ def _in_si(
         for group, names in groups.items()
         if group != "t"
     }
-    blocks = {
-        group: x
-        for group, x in blocks.items()
-        if group not in _WHOLE or x.shape == blocks["q"].shape
-    }
-    if len({x.shape[1] for x in blocks.values()}) > 1:
-        shown = ", ".join(f"{group} {x.shape[1]}" for group, x in blocks.items())
-        what = f"the groups have different numbers of joints: {shown}"
-        raise InputError(what, "give q, dq and tau a column a joint", log.path)
+    found, blocks = _of_the_same_joints(log, found, groups, blocks, choice)
     if found.order is not None and len(t):
         blocks = {group: x[:, found.order] for group, x in blocks.items()}
     found, blocks = _with_open_units(found, blocks)
@@ -783,6 +775,44 @@ def _in_si(
     run = Measurements.from_channels(t, blocks, (name,), None, found.torque_unit)
     run = replace(run, joint_names=found.joints)
     return _without_others(log, run, choice), found
+
+
+def _of_the_same_joints(
+    log: Log,
+    found: Recognition,
+    groups: Mapping[str, Sequence[str]],
+    blocks: Mapping[str, Array],
+    choice: Choice,
+) -> tuple[Recognition, dict[str, Array]]:
+    """Leave out of blocks (N, n) the joints that some groups lack, such as a gripper without
+    torque: by the joints' names, else a last one beyond the robot's. Raises InputError where
+    these do not tell."""
+    widths = {x: y.shape[1] for x, y in blocks.items() if x not in _WHOLE}
+    n = min(widths.values())
+    if max(widths.values()) > n:
+        named = {x: log.columns[groups[x][0]].joints for x in widths}
+        shown = ", ".join(f"{group} {width}" for group, width in widths.items())
+        what = f"the groups have different numbers of joints: {shown}"
+        common = set.intersection(*({*x} for x in named.values()))
+        is_last = n == len(choice.joints or ()) == max(widths.values()) - 1
+        if len(common) != n and not is_last:
+            raise InputError(what, "give q, dq and tau a column a joint", log.path)
+        kept = {
+            x: [k for k, joint in enumerate(named[x]) if joint in common] or [*range(n)]
+            for x in widths
+        }
+        used = "those that all have" if common else f"the first {n}"
+        _remark(log, f"{what}: {used} are used")
+        blocks = {x: y[:, kept[x]] if x in kept else y for x, y in blocks.items()}
+        order = found.order and tuple(
+            kept["q"].index(k) for k in found.order if k in kept["q"]
+        )
+        joints = tuple(x for x in found.joints if x in common or not common)
+        found = replace(found, order=order, joints=joints)
+    shape = blocks["q"].shape
+    return found, {
+        x: y for x, y in blocks.items() if x not in _WHOLE or y.shape == shape
+    }
 
 
 def _without_others(log: Log, run: Measurements, choice: Choice) -> Measurements:

@@ -60,6 +60,9 @@ _LONGEST = 40
 _THIN = 5e-4
 #: Shapes are drawn this much too small, of their largest extent.
 _DRAWN = 0.05
+#: A centre at a frame's origin is at the end of shapes whose end is so near, of their
+#: length; numbers below are zeros [m].
+_END, _ZERO = 0.2, 1e-9
 #: Links fill the box around their shapes with 500 kg/m^3, to a factor of 4.
 _BOX_DENSITY = 500.0
 _BOX_DENSITY_SPREAD = float(np.log(4.0))
@@ -135,6 +138,16 @@ class WrittenInertial:
             below = barycentric[1:4] - along.min(axis=0) + slack
             if min(above.min(), below.min()) <= 0.0:
                 return "outside of its shapes: its centre of mass lies outside of them"
+            nearest = np.minimum(above, below) / (above + below)
+            if (
+                np.abs(barycentric[1:4]).max() < _ZERO
+                and nearest[int(np.argmax(extent))] < _END
+            ):
+                return (
+                    "its centre of mass is exactly at the frame's origin, at the end of its"
+                    " shapes: as where the <origin> of its <inertial> (<pose> in SDF) is"
+                    " left out"
+                )
             radii = np.sqrt(np.maximum(np.diagonal(second), 0.0))
             worst = int(np.argmax(radii / np.sqrt(at_least_tiny(above * below))))
             radius = float(np.sqrt(max(second[worst, worst], 0.0)))

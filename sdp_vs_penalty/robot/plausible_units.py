@@ -138,13 +138,16 @@ def odd_limits(joints: Sequence[Joint]) -> str:
     -------
     str
         A sentence with the joints' names and what to do; "" where half or more of the
-        revolute joints have limits that can be in radians. A joint without a limit
-        takes no part.
+        revolute joints have limits that can be in radians, and the others' are no whole
+        numbers. A joint without a limit takes no part.
     """
     turning = [joint for joint in joints if joint.kind == "revolute"]
     ranges = {joint.name: max(-joint.lower, joint.upper) for joint in turning}
     speeds = {joint.name: joint.velocity for joint in turning}
-    positions = _in_degrees(ranges, *_RANGE_IN_DEGREES)
+    # A joint may turn often: its limits in radians are no whole numbers.
+    ends = {x.name: (x.lower, x.upper) for x in turning}
+    whole = [x for x, pair in ends.items() if all(y % 1.0 == 0.0 for y in pair)]
+    positions = _in_degrees(ranges, *_RANGE_IN_DEGREES, whole)
     window = _SPEED_BESIDE_DEGREES if positions else _SPEED_IN_DEGREES
     what = {"positions": positions, "velocities": _in_degrees(speeds, *window)}
     found = [
@@ -170,13 +173,17 @@ def odd_limits(joints: Sequence[Joint]) -> str:
     )
 
 
-def _in_degrees(limits: Mapping[str, float], least: float, most: float) -> list[str]:
-    """Return the names of the joints whose limit lies between ``least`` and ``most``; none
-    if these are not more than half of those with a limit up to ``most``.
+def _in_degrees(
+    limits: Mapping[str, float], least: float, most: float, whole: Sequence[str] = ()
+) -> list[str]:
+    """Return the names of the joints whose limit lies between ``least`` and ``most``; those
+    with ``whole`` numbers if these are not more than half of those with a limit up to
+    ``most``.
     """
     finite = {name: limit for name, limit in limits.items() if limit <= most}
     found = [name for name, limit in finite.items() if limit > least]
-    return found if 2 * len(found) > len(finite) else []
+    is_most = 2 * len(found) > len(finite)
+    return [name for name in found if is_most or name in whole]
 
 
 def _names(links: Sequence[LinkSizes]) -> tuple[str, ...]:

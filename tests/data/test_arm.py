@@ -226,6 +226,20 @@ def test_convert_says_what_the_arm_has_to_decide(run, tmp_path, capsys, monkeypa
     assert "Next: sdp-vs-penalty check two_link --data a.csv --fix a_fixed.csv" in said
 
 
+def test_the_next_step_of_convert_mends_the_file(tmp_path, capsys, monkeypatch):
+    """A unit that the arm finds possible, and an order that it corrects."""
+    monkeypatch.chdir(tmp_path)
+    problem = limited_arm(tmp_path)
+    motion = small_run(problem, seconds=8.0)
+    counts = np.round(131072.0 / (2.0 * np.pi) * motion.q)
+    table(Path("log.csv"), time=motion.t, pos=counts, trq=motion.tau)
+    words = ["convert", "log.csv", "--problem", str(tmp_path / "arm.urdf")]
+    assert run_cli(*words, "--out", "a.csv") == 1
+    (line,) = re.findall("^Next: sdp-vs-penalty (.*)$", capsys.readouterr().out, re.M)
+    assert run_cli(*shlex.split(line)) == 0
+    np.testing.assert_allclose(read_run("a.csv", 3).q, motion.q, atol=1e-4)
+
+
 def test_whole_seconds_are_no_milliseconds(run, tmp_path):
     """Their steps are 1, and most of them 0: the rows are spaced evenly."""
     path = table(tmp_path / "run.csv", time=np.floor(run.t), pos=run.q, trq=run.tau)

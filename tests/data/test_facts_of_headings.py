@@ -9,7 +9,7 @@ from recorded import refusal
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.hypotheses.recognition import recognise
 from sdp_vs_penalty.data.log import log_of_arrays
-from sdp_vs_penalty.data.reading import run_of
+from sdp_vs_penalty.data.reading import Choice, run_of
 from sdp_vs_penalty.data.words.names import facts_of_heading
 
 FACTS = [
@@ -158,3 +158,42 @@ def test_desired_positions_are_no_velocities(others, tmp_path):
     arrays = dict(zip(others.split(), (t, q, q), strict=True)) | {"qd": q + 1e-3}
     run = run_of(log_of_arrays(tmp_path / "log.npz", arrays))
     assert run.dq is None
+
+
+GRIPPERS = {
+    "by names": (("grip", "a", "b"), ("a", "b"), ["a", "b"], [1, 2]),
+    "by names alone": (("grip", "b", "a"), ("b", "a"), None, [1, 2]),
+    "the last one": ((), (), ["a", "b"], [0, 1]),
+}
+
+
+@pytest.mark.parametrize("case", GRIPPERS)
+def test_a_gripper_without_torque_is_left_out(case, tmp_path):
+    """LeRobot's state and action hold it."""
+    of_q, of_tau, joints, places = GRIPPERS[case]
+    t = 0.01 * np.arange(200.0)
+    q = np.sin(np.outer(t, [1.0, 2.0, 3.0]))
+    arrays = {"timestamp": t, "observation.state": q, "observation.effort": q[:, :2]}
+    facts = {
+        "observation.state": {"joints": of_q, "unit": "rad"},
+        "observation.effort": {"joints": of_tau},
+    }
+    run = run_of(log_of_arrays(tmp_path / "a.parquet", arrays, facts=facts), Choice(joints))
+    np.testing.assert_array_equal(run.q, q[:, places])
+    np.testing.assert_array_equal(run.tau, q[:, :2])
+
+
+@pytest.mark.parametrize("n_joints", [None, 3])
+def test_other_columns_without_torque_are_refused(n_joints, tmp_path):
+    joints = n_joints and [f"j{k}" for k in range(n_joints)]
+    blocks = {"t": np.arange(9.0), "pos": np.ones((9, 5)), "torque": np.ones((9, 3))}
+    log = log_of_arrays(tmp_path / "a.npz", blocks)
+    refusal(lambda: run_of(log, Choice(joints)), "different numbers of joints")
+
+
+def test_the_size_of_counts_stands_above_the_table():
+    line = "# encoder: 4096 counts per joint revolution"
+    names = ["t", "enc_counts_1", "enc_counts_2", "torque_1_Nm", "torque_2_Nm"]
+    found = recognise(names, heading=[line])
+    assert found.scale == dict.fromkeys(("q1", "q2"), pytest.approx(np.pi / 2048.0))
+    assert not any("whose size" in x for x in found.said)

@@ -186,6 +186,16 @@ def test_a_link_that_is_fixed_to_another_is_judged_in_its_own_frame(tmp_path):
     assert [c.misfit for c in check_urdf(path)] == ["", "", ""]
 
 
+@pytest.mark.parametrize(("shift", "is_named"), [(0.25, True), (0.0, False)])
+def test_a_centre_that_is_left_out_is_named(shift, is_named, tmp_path):
+    """It is at the frame's origin then, which is the end of an arm's link."""
+    rod = ROD.replace("0 0 0.05", f"0 0 {shift}")
+    path = write(tmp_path, body("1", "0.03", "0", "0", "0.03", "0", "0.0002"), rod)
+    path.write_text(path.read_text().replace('<origin xyz="0 0 0.05"/><mass', "<mass"))
+    (_, check) = check_urdf(path)
+    assert ("exactly at the frame's origin" in check.misfit) is is_named
+
+
 def test_a_negative_mass_is_a_sign(tmp_path, capsys):
     path = write(tmp_path, body("-1.5", "0.01", "0", "0", "0.01", "0", "0.008"))
     _, said, fixed = said_and_fixed(path, capsys)

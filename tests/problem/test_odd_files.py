@@ -75,36 +75,40 @@ def test_a_robot_as_people_build_it_is_not_remarked_on(tmp_path):
     assert np.all(load_problem(file).nominal_links[:, 0] > 0.0)
 
 
-#: What is changed in the text of an arm's file, and what is said of it.
+#: How far joints reach, what is changed in the text of an arm's file, and what is said of it.
+LIMITS = '(<joint name="joint2".*?<limit) lower="[^"]*" upper="[^"]*"'
 CHANGED = {
     "a rail in mm": (
-        [
-            (
-                '<joint name="joint3" type="revolute"',
-                '<joint name="joint3" type="prismatic"',
-            )
-        ],
+        150.0,
+        '(<joint name="joint3" type=)"revolute"',
+        r'\1"prismatic"',
         "limits of joint3 reach 150 m and look like millimetres",
     ),
-    "an axis left out": ([], "joint2 without <axis>"),
+    "an axis left out": (
+        2.5,
+        '(<joint name="joint2".*?)<axis[^>]*>',
+        r"\1",
+        "joint2 without <axis>",
+    ),
+    "one joint in degrees": (
+        2.5,
+        LIMITS,
+        r'\1 lower="-100" upper="100"',
+        "limits of positions (joint2) look like degrees",
+    ),
+    "a joint of many turns": (2.5, LIMITS, r'\1 lower="-47.1" upper="47.1"', ""),
 }
 
 
 @pytest.mark.parametrize("case", CHANGED)
 def test_a_mistake_of_a_joint_is_said(case, tmp_path):
-    changes, words = CHANGED[case]
-    file = arm(tmp_path, limits=(0.2, 150.0 if changes else 2.5, 2.0))
-    text = file.read_text()
-    for a, b in changes:
-        assert a in text
-        text = text.replace(a, b)
-    if not changes:
-        head, behind = text.split('<joint name="joint2"')
-        text = (
-            head + '<joint name="joint2"' + re.sub("<axis[^>]*>", "", behind, count=1)
-        )
+    reach, pattern, new, words = CHANGED[case]
+    file = arm(tmp_path, limits=(0.2, reach, 2.0))
+    text, n_changed = re.subn(pattern, new, file.read_text(), count=1, flags=re.DOTALL)
+    assert n_changed == 1
     file.write_text(text)
-    assert any(words in remark for remark in unit_remarks(file, check_urdf(file)))
+    said = unit_remarks(file, check_urdf(file))
+    assert any(words in remark for remark in said) if words else said == []
 
 
 def test_round_numbers_that_all_links_share_hold_a_place(tmp_path):

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shlex
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -104,8 +105,8 @@ def _what_is_open(
     """Say what the arm decides of units and stamps that the file leaves open, as `check`
     says it.
 
-    Returns the command that settles it, None where there is none, or the reading has named
-    one; and whether the file is free of errors.
+    Returns the command that mends it, None where there is none; and whether the file is
+    free of errors.
     """
     from sdp_vs_penalty.api.remedies import Files, next_command
     from sdp_vs_penalty.checks import check_runs
@@ -114,6 +115,8 @@ def _what_is_open(
     from sdp_vs_penalty.data.files import read_run
     from sdp_vs_penalty.problem.load import as_problem
 
+    if run.unit_command and "UNIT" not in run.unit_command:  # the reading has said why
+        return [*shlex.split(run.unit_command)[1:-1], str(command.runs[0])], False
     with suppress(InputError):
         known = as_problem(robot)
         # As `check` reads it, which may tell more of what has our names.
@@ -122,13 +125,12 @@ def _what_is_open(
         with catch_warnings(action="ignore"):
             (report,) = check_runs(known, [copy])
         issues = report.errors_and_warnings
-        is_usable = not report.meaningless
-        if run.unit_command and "UNIT" not in run.unit_command:
-            return None, is_usable
-        left = [x for x in issues if x.severity == "error" or x.kind == "torque unit"]
-        if left:
-            report = replace(report, issues=tuple(left))
+        if not report.meaningless:
+            issues = tuple(x for x in issues if x.kind == "torque unit")
+        if issues:
+            report = replace(report, issues=issues)
             printing.checks([report], command)
-            return next_command(list_remedies([report]), Files(command)), is_usable
-        return None, is_usable
+            words = next_command(list_remedies([report]), Files(command))
+            return words, not report.meaningless
+        return None, True
     return None, False

@@ -438,6 +438,8 @@ def with_units(
             if y in columns and (told := unit_of(columns[y].unit, group))
         }
         unit, why, factors = "", "", dict[str, float]()
+        if group in in_heading and not any(SHARES.get(x, 1.0) for x, _ in named.values()):
+            named = {}  # steps of an encoder, whose size the lines above say
         if stated:
             unit, factors = _joined(stated)
             why = "as the file's metadata say"
