@@ -202,6 +202,20 @@ def test_no_room_imports_a_higher_one(graph):
     assert not back
 
 
+def test_an_adapter_of_files_knows_nothing_of_robots(graph):
+    """Nor what a column is: it makes named columns of bytes, in a process of its own where
+    one wrong byte can end it."""
+    known = {f"{PACKAGE}.robot.{x}" for x in ("arrays", "isolated")}
+    deciding = f"{PACKAGE}.data.hypotheses", f"{PACKAGE}.data.reading"
+    assert not [
+        f"{name} imports {other}"
+        for name, others in graph.items()
+        if name.startswith(f"{PACKAGE}.data.formats")
+        for other in others - known
+        if room(other) == "robot" or other.startswith(deciding)
+    ]
+
+
 def test_nothing_inside_goes_through_the_front_door(graph):
     assert not [
         name for name, others in graph.items() if DOOR in others and name != DOOR

@@ -89,20 +89,6 @@ def dataset(name: str) -> Dataset:
     return DATASETS[name]
 
 
-def dataset_of_raw_file(path: Path) -> str | None:
-    """Find the public data set that has a raw file of this name.
-
-    Returns
-    -------
-    str | None
-        The data set's name; None where no data set has such a file.
-    """
-    for candidate in DATASETS.values():
-        if path.name in (PurePosixPath(file.path).name for file in candidate.files):
-            return candidate.name
-    return None
-
-
 def fetch_remedy(path: Path) -> str | None:
     """Say how to get the converted run of a public data set's raw file.
 
@@ -111,7 +97,7 @@ def fetch_remedy(path: Path) -> str | None:
     str | None
         The end of an error message; None for a file of no data set.
     """
-    name = dataset_of_raw_file(path)
-    if name is None:
-        return None
-    return f"take what `sdp-vs-penalty fetch {name}` makes of this raw file"
+    for dataset in DATASETS.values():
+        if path.name in (PurePosixPath(file.path).name for file in dataset.files):
+            return f"take what `sdp-vs-penalty fetch {dataset.name}` makes of this raw file"
+    return None

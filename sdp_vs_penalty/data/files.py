@@ -213,12 +213,7 @@ def _one(
             )
         _refuse_transposed(part, log.names, what)
         choice = Choice(as_written=as_written, unit_of_others=unit_of_others)
-        run_read = run_of(log, choice)
-        if not isinstance(part, Mapping):
-            run_read = _without_silent_channels(run_read.names[0], run_read)
-        run_read = without_traces(without_held(run_read, names))
-        if joints is not None and run_read.n != joints:
-            raise other_robot(run_read.n, joints, what, names=names or ())
+        run_read = _of_robot(run_of(log, choice), joints, names or (), what)
     # Each run is checked, unless the caller reports faults by itself.
     for run in run_read.runs() if usable else ():
         label = part if isinstance(part, str | Path) else run.names[0]
@@ -327,7 +322,7 @@ def _is_joined(path: Path, joints: Sequence[str] = ()) -> bool:
     folder with a file for each quantity or joint."""
     if not path.is_dir() and FILE_SEPARATOR not in str(path):
         return False
-    from sdp_vs_penalty.data.formats.joined import files_of_run
+    from sdp_vs_penalty.data.joined import files_of_run
 
     return bool(files_of_run(path, joints))
 
@@ -442,7 +437,7 @@ def read_run(
     )
     path = Path(path)
     if _is_joined(path, names or ()):
-        from sdp_vs_penalty.data.formats.joined import files_of_run, joined_log
+        from sdp_vs_penalty.data.joined import files_of_run, joined_log
 
         run = run_of(joined_log(path, files_of_run(path, names or ())), choice)
     else:
@@ -451,21 +446,29 @@ def read_run(
     if len(run.t) == 0:
         what = "there are no rows, only names"
         raise InputError(what, "record the run, or name another file", path)
+    return _of_robot(run, joints, names or (), path)
+
+
+def _of_robot(
+    run: Measurements, joints: int | None, names: Sequence[str], path: str | Path
+) -> Measurements:
+    """Return the run of a robot's joints, without those that are held, channels without a
+    number, and traces; raise InputError for another number of joints."""
     run = without_held(run, names)
-    if names is not None:
-        _require_joints(run, names, path)
+    n_missing = len(names) - len(run.joint_names)
+    if run.joint_names and 0 < n_missing == len(names) - run.n:
+        raise MissingJoints(_joints_missing(names, run.joint_names), path)
     run = _without_silent_channels(path, run)
     if joints is not None and run.n != joints:
-        raise _of_one_joint(path, names) or other_robot(
-            run.n, joints, path, names=names or ()
-        )
+        one = _of_one_joint(path, names) if isinstance(path, Path) else None
+        raise one or other_robot(run.n, joints, path, names=names)
     return without_traces(run)
 
 
 def _of_one_joint(path: Path, joints: Sequence[str] | None) -> InputError | None:
     """Return the error of a file that holds one joint of the robot, with the command that
     joins it to those of the others beside it; None where they are not all there."""
-    from sdp_vs_penalty.data.formats.joined import files_called_by
+    from sdp_vs_penalty.data.joined import files_called_by
 
     there = path.parent.iterdir() if path.parent.is_dir() else ()
     files = files_called_by(joints or (), [x for x in there if x.suffix == path.suffix])
@@ -485,14 +488,6 @@ def _run_of_file(path: Path, choice: Choice) -> Measurements:
         what = "only ROS bags and MCAP files have topics"
         raise InputError(what, "leave --topic out", path)
     return run_of(open_log(path), choice)
-
-
-def _require_joints(run: Measurements, names: Sequence[str], path: Path) -> None:
-    """Raise MissingJoints where the file names its joints and lacks some of the
-    robot's."""
-    n_missing = len(names) - len(run.joint_names)
-    if run.joint_names and 0 < n_missing == len(names) - run.n:
-        raise MissingJoints(_joints_missing(names, run.joint_names), path)
 
 
 def without_held(run: Measurements, names: Sequence[str] | None) -> Measurements:

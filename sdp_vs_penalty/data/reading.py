@@ -120,7 +120,7 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
     run = replace(
         run, reading=f"{log.path.name}: {sentence}", unit_by_arm=found.unit_by_arm
     )
-    is_asked = "q" in found.unsaid or found.is_possible
+    is_asked = ("q" in found.unsaid and not found.is_of_arm) or found.is_possible
     asked = _asking_command(log, found, choice) if is_asked else ""
     return replace(run, unit_command=asked)
 

@@ -12,10 +12,11 @@ import errno
 import hashlib
 import mmap
 import os
+import pickle
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -155,49 +156,27 @@ class DiskCache:
             self._file = _unnamed_file()
 
     def put(self, value: Any) -> Callable[[], Any]:
-        """Write the arrays of a value to the file, and return a function that reads the
-        value again.
+        """Write a value to the file, its arrays without a copy, and return a function
+        that reads it again."""
+        buffers = list[pickle.PickleBuffer]()
+        head = pickle.dumps(value, protocol=5, buffer_callback=buffers.append)
+        places = [self._put(memoryview(head)), *(self._put(x.raw()) for x in buffers)]
 
-        Lists and dataclasses are taken apart; what is no array stays in memory.
-        """
-        if isinstance(value, list):
-            readers = [self.put(x) for x in value]
-            return lambda: [read() for read in readers]
-        if is_dataclass(value) and not isinstance(value, type):
-            known = {
-                f.name: self.put(getattr(value, f.name))
-                for f in fields(value)
-                if f.init
-            }
-            kind = type(value)
-            return lambda: kind(**{name: read() for name, read in known.items()})
-        return (
-            self._put_array(value) if isinstance(value, np.ndarray) else lambda: value
-        )
-
-    def _put_array(self, array: NDArray[Any]) -> Callable[[], NDArray[Any]]:
-        """Write an array to the file, and return a function that reads it again.
-
-        A column-major array is written by columns, and comes back column-major.
-        """
-        is_by_column = array.flags.f_contiguous and not array.flags.c_contiguous
-        rows = np.ascontiguousarray(array.T if is_by_column else array)
-        with _room():
-            start = self._file.seek(0, os.SEEK_END)
-            self._file.write(rows.data)
-            self._file.flush()
-        # The function keeps these, not the array itself.
-        shape = rows.shape
-        dtype = rows.dtype
-        size = rows.nbytes
-
-        def read() -> NDArray[Any]:
-            """Read the array from its place in the file."""
-            content = os.pread(self._file.fileno(), size, start)
-            stored = np.frombuffer(content, dtype).reshape(shape)
-            return stored.T if is_by_column else stored
+        def read() -> Any:
+            """Read the value from its places in the file."""
+            number = self._file.fileno()
+            head, *arrays = (os.pread(number, size, start) for start, size in places)
+            return pickle.loads(head, buffers=arrays)
 
         return read
+
+    def _put(self, content: memoryview) -> tuple[int, int]:
+        """Write bytes behind all others; return their place and number."""
+        with _room():
+            start = self._file.seek(0, os.SEEK_END)
+            self._file.write(content)
+            self._file.flush()
+        return start, len(content)
 
 
 def _unnamed_file() -> BinaryIO:

@@ -19,7 +19,7 @@ from lxml import etree
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.isolated import ParserEndedError, parse_isolated
-from sdp_vs_penalty.robot.mesh import load_coal, read_mesh
+from sdp_vs_penalty.robot.mesh import read_mesh
 from sdp_vs_penalty.robot.urdf import LARGEST_NUMBER as LARGEST_LENGTH
 from sdp_vs_penalty.robot.urdf import (
     errors_located_in,
@@ -168,7 +168,7 @@ def _collision_model(urdf: Path) -> tuple[Any, Any] | None:
             return None
         try:
             # Pinocchio has read it once where it may end the process.
-            list(parse_isolated(collision_shapes, copy, prepare=load_coal))
+            list(parse_isolated(collision_shapes, copy, library="coal"))
             model = pin.buildModelFromUrdf(str(copy))
             geometry = pin.buildGeomFromUrdf(
                 model, str(copy), pin.GeometryType.COLLISION, package_dirs=[folder]

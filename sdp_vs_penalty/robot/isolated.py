@@ -60,8 +60,8 @@ class _Request:
     parser: tuple[str, str]
     #: Arguments of the parser, first the path of the file.
     arguments: list[Any]
-    #: Module and name of the function that imports what the parser needs.
-    prepare: tuple[str, str]
+    #: Module that the parser needs; "" for none.
+    library: str
     #: Memory that the child may add [bytes].
     room: int
     #: Longest silence [s].
@@ -80,7 +80,7 @@ def parse_isolated(
     parser: Callable[..., Iterator[Arrays]],
     path: str | Path,
     *arguments: Any,
-    prepare: Callable[[], object] = dict,
+    library: str = "",
     seconds: float = _SILENCE,
     n_bytes: int | None = None,
 ) -> Iterator[dict[str, Array]]:
@@ -97,9 +97,8 @@ def parse_isolated(
         File, by whose size memory and time are limited.
     arguments
         Numbers, texts, None, and lists and mappings of these.
-    prepare : callable
-        Function at the level of a module that imports what the parser needs; it runs
-        before the child is forked.
+    library : str
+        Module that the parser needs: it is imported before the child is forked.
     seconds : float
         Longest silence of the parser [s].
     n_bytes : int, optional
@@ -118,7 +117,7 @@ def parse_isolated(
     request = _Request(
         parser=(parser.__module__, parser.__qualname__),
         arguments=[str(path), *arguments],
-        prepare=(prepare.__module__, prepare.__qualname__),
+        library=library,
         room=room,
         seconds=seconds,
         cpu=int(_CPU + _CPU_BY_MIB * size / 2**20),
@@ -180,7 +179,8 @@ def _fork_and_parse(request: _Request) -> _Messages:
 
     The last message may say that it failed. The child is always waited for.
     """
-    _function(*request.prepare)()
+    if request.library:
+        importlib.import_module(request.library)
     function = _function(*request.parser)
     # What is buffered would otherwise be written by both processes.
     sys.stdout.flush()

@@ -70,9 +70,7 @@ def read_mesh(path: Path, scale: Array, *, triangles: bool = False) -> Mesh | No
             copy = Path(folder) / f"mesh{'.gltf' if suffix == '.glb' else suffix}"
             copy.write_bytes(text)
             factors = [float(x) for x in scale]
-            (mesh,) = parse_isolated(
-                mesh_of, copy, factors, triangles, prepare=load_coal
-            )
+            (mesh,) = parse_isolated(mesh_of, copy, factors, triangles, library="coal")
     except (
         ArithmeticError,
         AttributeError,  # a part of a glTF that is of another type
@@ -91,12 +89,6 @@ def read_mesh(path: Path, scale: Array, *, triangles: bool = False) -> Mesh | No
         warnings.warn(what, Remark, stacklevel=2)
         return None
     return Mesh(mesh["vertices"], mesh["triangles"], abs(float(mesh["volume"][0])))
-
-
-def load_coal() -> None:
-    """Import the collision library coal in the parent process, so that each forked
-    child that parses a mesh (:func:`mesh_of`) has it at once."""
-    import coal  # noqa: F401
 
 
 def mesh_of(

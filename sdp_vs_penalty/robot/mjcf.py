@@ -264,7 +264,7 @@ def _compiled(path: Path) -> MujocoModel:
                 model_arrays,
                 path.absolute(),
                 folder,
-                prepare=load_mujoco,
+                library="mujoco",
                 seconds=60.0,  # hulls of large meshes
                 n_bytes=_N_BYTES,
             )
@@ -292,12 +292,6 @@ def _compiled(path: Path) -> MujocoModel:
         tendons=tuple(names["tendons"]),
         arrays=arrays,
     )
-
-
-def load_mujoco() -> None:
-    """Import MuJoCo in the parent process, so that the forked child that parses a model
-    has it at once."""
-    import mujoco  # noqa: F401
 
 
 def model_arrays(path: str, folder: str) -> Iterator[Arrays]:

@@ -136,7 +136,7 @@ def _expanded(path: Path) -> bytes:
     Raises InputError if the package xacro is not installed, or refuses the file.
     """
     try:
-        load_xacro()
+        import xacro  # noqa: F401
     except ImportError as error:
         raise unexpanded(path) from error
     try:
@@ -144,7 +144,7 @@ def _expanded(path: Path) -> bytes:
             expanded_text,
             path.absolute(),
             [str(folder) for folder in package_folders(path)],
-            prepare=load_xacro,
+            library="xacro",
             n_bytes=_N_BYTES,
         )
         return b"".join(part["text"].astype(np.uint8).tobytes() for part in parts)
@@ -153,11 +153,6 @@ def _expanded(path: Path) -> bytes:
         raise InputError(
             f"xacro does not expand it ({what})", "correct it", path
         ) from error
-
-
-def load_xacro() -> None:
-    """Import xacro in the parent process, so that the forked child has it at once."""
-    import xacro  # noqa: F401
 
 
 def expanded_text(path: str, folders: list[str]) -> Iterator[Arrays]:

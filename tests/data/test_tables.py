@@ -329,7 +329,7 @@ hour=stamp_h; minute=stamp_m; whole=stamp_s; us of s=stamp_us; q=pos{}; tau=trq{
 hour=hour; minute=minute; whole=second; t=time; q=pos{}; dq=vel{}; tau=trq{} -> t = time
 t=__time; q=/c/feedback/positions[{}]; tau=/c/feedback/effort[{}]; 50q=/c/output/positions[{}] -> puts
 t=__time; q=/c/feedback/positions[{}]; tau=/c/feedback/effort[{}]; tau/2=/c/output/effort[{}] -> puts out
-t=time; q=feedback/q[{}]; 50q=output/q[{}]; tau=output/effort[{}] -> output/q[1] .. output/q[3] is
+t=time; q=feedback/q[{}]; 50q=output/q[{}]; tau=output/effort[{}] -> output/q[1..3] is
 """
 
 

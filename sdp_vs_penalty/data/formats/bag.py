@@ -47,7 +47,7 @@ def read(path: Path) -> Log:
         raise missing from error
     tables = dict[str, AppendableArray]()
     with understood(path, "ROS bag or MCAP file", "name a bag's folder or .mcap file"):
-        options: Any = {"prepare": message_types, "seconds": 60.0}
+        options: Any = {"library": "rosbags.highlevel", "seconds": 60.0}
         try:
             for part in parse_isolated(streams_in_parts, path, **options):
                 for key, rows in part.items():
@@ -93,7 +93,6 @@ def message_types() -> Any:
     Cached: reading the definitions takes a tenth of a second, making the decoder a
     hundredth.
     """
-    import rosbags.highlevel  # noqa: F401
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)

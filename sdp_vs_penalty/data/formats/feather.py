@@ -15,14 +15,8 @@ SUFFIXES: tuple[str, ...] = (".feather", ".arrow")
 def read(path: Path) -> Log:
     """Read the columns of a Feather file that are no texts."""
     what = "Feather file", "write it anew, or convert it to CSV"
-    columns = parse_apart(numeric_columns, path, load_feather, *what)
+    columns = parse_apart(numeric_columns, path, "pyarrow.feather", *what)
     return log_of_arrays(path, columns, has_gaps=True)
-
-
-def load_feather() -> None:
-    """Import pyarrow in the parent process, so that the forked child that parses a file
-    has it at once."""
-    from pyarrow import feather  # noqa: F401
 
 
 def numeric_columns(path: str) -> Iterator[dict[str, Any]]:

@@ -36,16 +36,10 @@ def read(path: Path) -> Log:
     except ImportError as error:
         raise missing_extra("HDF5 files need", "formats") from error
     remedy = "save its arrays with numpy.savez(path, t=..., q=..., tau=...)"
-    parts = parse_apart(numeric_data_sets, path, load_h5py, "HDF5 file", remedy)
+    parts = parse_apart(numeric_data_sets, path, "h5py", "HDF5 file", remedy)
     own = [name.rpartition(_WITHIN)[2] for name in parts]
     names = own if len({*own}) == len(own) else [x.replace(_WITHIN, "/") for x in parts]
     return log_of_arrays(path, dict(zip(names, parts.values(), strict=True)))
-
-
-def load_h5py() -> None:
-    """Import h5py in the parent process, so that the forked child that parses a file
-    has it at once."""
-    import h5py  # noqa: F401
 
 
 def numeric_data_sets(path: str) -> Iterator[dict[str, Array]]:

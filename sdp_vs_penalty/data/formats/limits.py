@@ -42,14 +42,14 @@ def understood(path: str | Path, kind: str, remedy: str) -> Iterator[None]:
 def parse_apart(
     parse: Callable[[str], Iterator[dict[str, Any]]],
     path: Path,
-    prepare: Callable[[], None],
+    library: str,
     kind: str,
     remedy: str,
 ) -> dict[str, Any]:
-    """Parse a file in a process of its own, which ``prepare`` gives its library, and put
-    the parts together. A broken file is an InputError (:func:`understood`)."""
+    """Parse a file by a library in a process of its own, and put the parts together; a
+    broken file is an InputError (:func:`understood`)."""
     from sdp_vs_penalty.robot.isolated import parse_isolated
 
     with understood(path, kind, remedy):
-        parts = parse_isolated(parse, path, prepare=prepare)
+        parts = parse_isolated(parse, path, library=library)
         return {name: x for part in parts for name, x in part.items()}

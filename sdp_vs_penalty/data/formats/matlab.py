@@ -41,19 +41,13 @@ def read(path: Path) -> Log:
             remedy = f"save it with save(..., '-v7'), or {error.remedy}"
             raise InputError(what, remedy, path) from error
     kind = ".mat file", "save it again, as version 7 or earlier"
-    variables = parse_apart(numeric_variables, path, load_scipy, *kind)
+    variables = parse_apart(numeric_variables, path, "scipy.io", *kind)
     arrays = {name: np.atleast_1d(block) for name, block in variables.items()}
     if len(arrays) == 1:
         (block,) = arrays.values()
         if block.ndim > 1 and min(block.shape) > 1:
             arrays = columns_of_array(path, block)
     return log_of_arrays(path, arrays)
-
-
-def load_scipy() -> None:
-    """Import SciPy's reader of .mat files in the parent process, so that the forked
-    child that parses a file has it at once."""
-    import scipy.io  # noqa: F401
 
 
 def numeric_variables(path: str) -> Iterator[dict[str, Array]]:

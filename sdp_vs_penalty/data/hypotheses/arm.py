@@ -38,18 +38,6 @@ class ChannelFit:
     size: float = 0.0
 
 
-def units_tried(q: Array) -> tuple[float, ...]:
-    """Return the units of positions (N, n) among which the arm chooses.
-
-    They are radians; degrees and their thousandths where positions reach beyond two
-    turns; radians and turns where all positions are below one.
-    """
-    degree, largest = float(np.radians(1.0)), np.abs(q).max(initial=0.0)
-    if largest > 4.0 * np.pi:
-        return degree, 1e-3 * degree
-    return (1.0, 2.0 * np.pi) if largest < 1.0 else (1.0,)
-
-
 def fit_arm(
     robot: Robot,
     t: Array,

@@ -14,7 +14,6 @@ from sdp_vs_penalty.data.hypotheses.arm import (
     ChannelFit,
     fit_arm,
     signed_register,
-    units_tried,
 )
 from sdp_vs_penalty.data.hypotheses.channels import Recognition
 from sdp_vs_penalty.data.hypotheses.recognition import is_current, with_torque
@@ -92,8 +91,9 @@ class _Unit:
         for joint, factor, zero in zip(
             robot.joints, self.scale.tolist(), zeros, strict=True
         ):
-            is_mm = joint.kind == "prismatic" and factor == UNITS["mm"]
-            unit = "mm" if is_mm else unit_of_factor(factor, "q") or f"{factor:.9g}"
+            is_length = joint.kind == "prismatic"
+            said = "m mm" if is_length else "rad"
+            unit = unit_of_factor(factor, "q", said) or f"{factor:.9g}"
             words.append(f"{unit}@{zero:g}" if zero else unit)
         return words[0] if len({*words}) == 1 else ":".join(words)
 
@@ -447,16 +447,12 @@ def with_channel_of_torque(
         return found, blocks
     q = blocks["q"] * found.factors("q", blocks["q"].shape[1])
 
-    def best_fit(tau: Array) -> ChannelFit | None:
-        fits = (fit(unit * q, tau) for unit in units_tried(q))
-        return min((x for x in fits if x), key=lambda x: x.share, default=None)
-
     whole = np.isfinite(np.hstack(list(channels.values()))).all(axis=1)
     first = {x: next(iter(found.torques[x].values())) for x in channels}
     hypotheses = which_torque(
         {x: tau[whole] for x, tau in channels.items()},
         [x for x in channels if not is_current(first[x])],
-        {x: y for x, tau in channels.items() if (y := best_fit(tau)) is not None},
+        {x: y for x, tau in channels.items() if (y := fit(q, tau)) is not None},
     )
     best = weigh(hypotheses)
     others = [

@@ -1,7 +1,6 @@
 """The command that names columns which nothing recognises: by their words as far as they
 go, else by their order."""
 
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -12,13 +11,13 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.catalogue import fetch_remedy
 from sdp_vs_penalty.data.hypotheses.channels import Recognition
 from sdp_vs_penalty.data.hypotheses.orders import Layout, layouts
-from sdp_vs_penalty.data.hypotheses.recognition import find_clock, with_unit_of_clock
-from sdp_vs_penalty.data.hypotheses.renaming import rename_words, scale_words
-from sdp_vs_penalty.data.hypotheses.weighing import (
-    TIME,
-    rate_from_velocities,
-    unit_of_dates,
+from sdp_vs_penalty.data.hypotheses.recognition import (
+    find_clock,
+    units_of_chosen,
+    with_unit_of_clock,
 )
+from sdp_vs_penalty.data.hypotheses.renaming import rename_words, scale_words
+from sdp_vs_penalty.data.hypotheses.weighing import rate_from_velocities
 from sdp_vs_penalty.data.log import Log
 from sdp_vs_penalty.data.words.names import (
     INITIALS,
@@ -32,7 +31,6 @@ from sdp_vs_penalty.data.words.tokens import (
     group_of,
     split_tokens,
 )
-from sdp_vs_penalty.data.words.units import UNITS, units_of_name
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -59,9 +57,9 @@ def lacking(
     """
     how = log.remedy or fetch_remedy(log.path)
     if not how and log.names:
-        pairs, scale = _propose(log, missing, None if joints is None else len(joints))
-        how = _rename_remedy(log, missing, pairs, scale)
-        counts = Counter(map(group_of, pairs))
+        found = _propose(log, missing, None if joints is None else len(joints))
+        how = _rename_remedy(log, missing, found)
+        counts = Counter(map(group_of, found.rename))
         few = [counts[x] for x in ("q", "tau") if 1 < counts[x] < len(joints or ())]
         if few:
             how += f"; it names {min(few)} of the robot's {len(joints or ())} joints"
@@ -81,25 +79,22 @@ def proposed(
     error = lacking(log, f"no column {' or '.join(missing)}", missing, joints)
     if log.remedy or not log.names:
         raise error
-    pairs, scale = _propose(log, missing, None if joints is None else len(joints))
-    if "NAME" in {y for x, y in pairs.items() if x != "t"}:
+    found = _propose(log, missing, None if joints is None else len(joints))
+    if "NAME" in {y for x, y in found.rename.items() if x != "t"}:
         raise error
-    pairs = {**ours, **{x: y for x, y in pairs.items() if y != "NAME"}}
-    return Recognition(
-        pairs,
-        scale,
-        "by letters and order",
-        unsaid=frozenset({"q", "tau"} - {*map(group_of, scale)}),
-        inferred={} if "t" in scale else {"t": TIME},
+    pairs = {x: y for x, y in found.rename.items() if y != "NAME"}
+    return replace(
+        found,
+        rename={**ours, **pairs},
+        logger="by letters and order",
+        unsaid=frozenset({"q", "tau"} - {*found.units, *map(group_of, found.scale)}),
         unless_confirmed=error,
     )
 
 
-def _propose(
-    log: Log, missing: Sequence[str], n_joints: int | None
-) -> tuple[dict[str, str], dict[str, float]]:
+def _propose(log: Log, missing: Sequence[str], n_joints: int | None) -> Recognition:
     """Propose columns for channel groups by our names, "NAME" where none fits, and their
-    factors to SI."""
+    units."""
     names = log.names
     pairs = _by_words(log, missing)
     says_nothing = {*map(quantity_of, names)} <= {None, "t"}
@@ -107,30 +102,24 @@ def _propose(
         clock = pairs.get("t", "NAME")
         known = {} if clock == "NAME" else {"t": clock}
         free = [x for x, y in log.columns.items() if y.kind == "number" and x != clock]
-        found = orders_of(log, free, n_joints, known)
-        pairs = {**known, **found[0].names} if found else pairs
-    scale = dict[str, float]()
-    for ours, name in pairs.items():
-        if name not in log.columns:
-            continue  # a stamp in parts, or none
-        units = [x for x in units_of_name(name) if x.quantity == group_of(ours)]
-        dated = unit_of_dates(log.columns[name].head) if ours == "t" else None
-        factor = units[0].factor if units else UNITS[dated.answer] if dated else 1.0
-        scale |= {ours: factor} if factor != 1.0 else {}
-    return pairs, scale
+        orders = orders_of(log, free, n_joints, known)
+        pairs = {**known, **orders[0].names} if orders else pairs
+    found = units_of_chosen(Recognition(pairs), log.columns, log.heading)
+    return with_unit_of_clock(found, log.columns)
 
 
-def _rename_remedy(
-    log: Log, missing: Sequence[str], pairs: dict[str, str], scale: Mapping[str, float]
-) -> str:
+def _rename_remedy(log: Log, missing: Sequence[str], found: Recognition) -> str:
     """Format the remedy for missing columns: a `convert` command that names them."""
+    pairs = {**found.rename}
     is_timeless = (
         [x for x, name in pairs.items() if name == "NAME"] == ["t"] != [*pairs]
     )
     if is_timeless:
         del pairs["t"]
     words = ["--rename", rename_words(pairs, log.names)]
-    words += ["--scale", scale_words(scale, pairs, {})] if scale else []
+    said = {group: x.answer for group, x in found.units.items()}
+    scale = scale_words(found.scale, pairs, said)
+    words += ["--scale", scale] if scale else []
     words += ["--rate", "HZ"] if is_timeless else []
     how = f"name them with `{formatting.convert_command(log.path, *words)}`"
     if is_timeless:
@@ -150,33 +139,23 @@ def _rename_remedy(
 def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
     """Propose columns by the words in their names, "NAME" where none fits.
 
-    Families and blocks without such words are proposed by their first letter, and by
-    their order where exactly as many are left as groups.
+    Families and blocks without such words are proposed by their letter, and by their
+    order where exactly as many are left as groups.
     """
-    by_pattern = families(log.names).values()
-    single = [x[0] for x in by_pattern if len(x) == 1]
-    alike = [_with_first(x, single) for x in by_pattern if len(x) > 1]
+    alike = [x for x in families(log.names).values() if len(x) > 1]
     alike += [[name] for name, x in log.columns.items() if x.kind == "list"]
-    of_group, unknown = dict[str, list[str]](), list[list[str]]()
-    for columns in alike:
+    of_group = dict[str, list[str]]()
+    for columns in sorted(alike, key=lambda x: quantity_of(x[0]) in (None, "t")):
+        words = {*split_tokens(columns[0])}
         quantity = quantity_of(columns[0])
         if quantity in (None, "t"):
-            unknown.append(columns)
-        else:
-            of_group.setdefault(quantity or "", columns)
-    tokens, left = [{*split_tokens(x[0])} for x in alike], list[list[str]]()
-    for columns in unknown:
-        words = {*split_tokens(columns[0])}
-        letters = (x for x, known in INITIALS.items() if words & {*known.split()})
-        letter = next(letters, "")
-        if is_no_measurement(columns[0]) or any(x < words for x in tokens):
-            continue
-        if letter and letter not in of_group:
-            of_group[letter] = columns
-        else:
-            left.append(columns)
+            letters = (x for x, known in INITIALS.items() if words & {*known.split()})
+            quantity = next(letters, None)
+        if quantity and not is_no_measurement(columns[0]):
+            of_group.setdefault(quantity, columns)
+    left = [x for x in alike if x not in of_group.values()]
     groups = [x for x in missing if x not in ("t", *of_group)]
-    if len(left) == len(groups) and len(alike) > 1 and len({*map(len, alike)}) == 1:
+    if len(left) == len(groups) and len({*map(len, alike)}) == 1:
         of_group |= dict(zip(groups, left, strict=True))
     n_joints = len(of_group.get("tau", ()))
     if "dq" not in of_group and len(of_group.get("q", ())) == 2 * n_joints > 0:
@@ -198,23 +177,6 @@ def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
             named = columns or list(of_name)
             pairs[group] = named[0] if len(named) == 1 else "NAME"
     return pairs
-
-
-def _with_first(columns: list[str], single: Sequence[str]) -> list[str]:
-    """Return columns that are numbered from 2 with the one numbered 1, which a rail has in
-    another unit, or by another word: a force beside torques."""
-
-    def number(name: str) -> int:
-        return int(re.findall("[0-9]+", name)[-1])
-
-    if number(columns[0]) != 2:
-        return columns
-    firsts = [x for x in single if number(x) == 1]
-    for quantity in (quantity_of(columns[0]), None):
-        of_quantity = [x for x in firsts if quantity_of(x) == quantity]
-        if len(of_quantity) == 1:
-            return [*of_quantity, *columns]
-    return columns
 
 
 def orders_of(

@@ -58,7 +58,7 @@ from sdp_vs_penalty.data.words.stamps import (
     fraction_column,
     has_fraction,
 )
-from sdp_vs_penalty.data.words.tokens import group_of
+from sdp_vs_penalty.data.words.tokens import brief_names, group_of
 from sdp_vs_penalty.data.words.units import SHARES, UNITS, units_of_name
 from sdp_vs_penalty.errors import InputError
 
@@ -181,7 +181,7 @@ def recognise(
         said_of.append("tau is what was commanded, for no other torque is there")
     if outputs:
         said_of.append(
-            f"what the controller puts out as {_shortened(outputs)} is not used"
+            f"what the controller puts out as {brief_names(outputs)} is not used"
         )
     found = Recognition(
         pairs,
@@ -221,16 +221,6 @@ def _without_unit(found: Recognition, said: Mapping[str, Meaning]) -> frozenset[
         if name in said and said[name].unit not in ("", *SHARES):
             has_unit.add(group_of(ours))
     return frozenset({"q", "tau"} - has_unit)
-
-
-def _shortened(names: Sequence[str]) -> str:
-    """List columns for a message. A group whose names differ only by numbers is shown
-    by its first and its last."""
-    alike = dict[str, list[str]]()
-    for name in names:
-        alike.setdefault(re.sub("[0-9]+", "*", name), []).append(name)
-    shown = (x[0] if len(x) == 1 else f"{x[0]} .. {x[-1]}" for x in alike.values())
-    return ", ".join(shown)
 
 
 def find_clock(columns: Columns | Sequence[str]) -> str | None:
@@ -438,7 +428,9 @@ def with_units(
             if y in columns and (told := unit_of(columns[y].unit, group))
         }
         unit, why, factors = "", "", dict[str, float]()
-        if group in in_heading and not any(SHARES.get(x, 1.0) for x, _ in named.values()):
+        if group in in_heading and not any(
+            SHARES.get(x, 1.0) for x, _ in named.values()
+        ):
             named = {}  # steps of an encoder, whose size the lines above say
         if stated:
             unit, factors = _joined(stated)
@@ -565,15 +557,18 @@ def _of_motors(groups: Mapping[str, Mapping[str, str]]) -> list[str]:
     return [f"{said} of them"] if tau else []
 
 
-def units_of_chosen(found: Recognition, columns: Columns) -> Recognition:
-    """Add the units that names of chosen columns end with, and that metadata say."""
+def units_of_chosen(
+    found: Recognition, columns: Columns, heading: Sequence[str] = ()
+) -> Recognition:
+    """Add the units that names of chosen columns end with, that metadata say, and the
+    lines above the table."""
     said = dict[str, Meaning]()
     for ours, name in found.rename.items():
         group = group_of(ours)
         unit = next((x for x in units_of_name(name) if x.quantity == group), None)
         if unit is not None and unit.factor != 1.0 and name in columns:
             said[name] = Meaning(group, 0, unit=unit.text, factor=unit.factor)
-    return with_units(found, said, columns)
+    return with_units(found, said, columns, heading=heading)
 
 
 def is_current(name: str) -> bool:

@@ -120,24 +120,25 @@ def _with_rails(
     n_joints: int | None,
 ) -> list[str]:
     """Return numbered columns with those of the numbers that they lack, which a unit or a
-    word for forces tells: those of a rail among turning joints."""
-    numbers = {said[x].number for x in names}
+    word for forces tells, or another word in place of ``others``: those of a rail among
+    turning joints."""
+    numbers, words = {said[x].number for x in names}, {*said[names[0]].words}
     rails = [
         x
         for x, y in said.items()
-        if y.number not in {None, *numbers}
-        and y.other_words == others
-        and _FORCES.issuperset(y.words)
+        if y.number not in {None, *numbers} and {*y.words} <= words | _FORCES
     ]
+    alike = [x for x in rails if said[x].other_words == others]
     is_open = (
         len(names) < n_joints
         if n_joints
         else not _columns_by_joint("number", names, said)
     )
-    together = [*names, *rails]
-    is_whole = n_joints in (None, len(together))
-    is_whole = is_whole and bool(_columns_by_joint("number", together, said))
-    return together if is_open and rails and is_whole else names
+    for together in ([*names, *alike], [*names, *rails]) if is_open else ():
+        is_whole = n_joints in (None, len(together)) and len(together) > len(names)
+        if is_whole and _columns_by_joint("number", together, said):
+            return together
+    return names
 
 
 _SIDES = {*_MOTOR_WORDS, *_LINK_WORDS, *_MOTOR_SYMBOLS}

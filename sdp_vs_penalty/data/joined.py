@@ -217,14 +217,10 @@ def _part(path: Path) -> _Part:
     names = list(columns)
     clock = find_clock(columns) or ""
     if names[0] == "#1":
-        # Without a header the first column is the clock where its values rise, without
-        # a gap or mostly by the same step, or where it is the only column of a file
-        # called like "time.txt".
-        steps = np.diff(values["#1"])
-        has_gap = len(steps) == 0 or steps.max() >= 10.0 * np.median(steps)
-        is_clock = rises(values["#1"]) or (not has_gap and bool(steps.min() > 0.0))
-        if len(names) == 1:
-            is_clock = quantity_of(path.stem) == "t"
+        # Without a header the first column is the clock where its values rise, or where
+        # it is the only column of a file called like "time.txt".
+        is_alone = len(names) == 1
+        is_clock = quantity_of(path.stem) == "t" if is_alone else rises(values["#1"])
         clock = "#1" if is_clock else ""
     of_clock = parts_of(clock, names) if clock else ()
     pairs = {name: (columns[name], values[name]) for name in names}
