@@ -214,10 +214,24 @@ def within_noise(ratio: float, joint: int, error: float, unit: str, kind: str) -
     'no joint errs by more than 1.18 times its noise (joint 6: 0.00651 N m)'
     """
     of_kind = f", {kind}" if kind else ""
-    return (
-        f"no joint errs by more than {number(ratio)} times its noise"
-        f" (joint {joint}: {number(error)} {unit}{of_kind})"
-    )
+    size = f"(joint {joint}: {number(error)} {unit}{of_kind})"
+    if ratio < 1.0:
+        return f"each joint errs by less than its noise, which is a bound then {size}"
+    return f"no joint errs by more than {number(ratio)} times its noise {size}"
+
+
+def amounts(values: Sequence[float], unit: str, between: str = " → ") -> str:
+    """Write amounts of one quantity, in thousandths of its unit where all are small.
+
+    Examples
+    --------
+    >>> amounts([0.000109, 9.4e-05], "N m"), amounts([1.2, 0.8], "N m")
+    ('0.109 → 0.094 mN m', '1.2 → 0.8 N m')
+    """
+    is_small = 0.0 < max(values) < 1e-3
+    texts = [number(1e3 * value if is_small else value) for value in values]
+    milli = "m" if is_small else ""
+    return f"{between.join(texts)} {milli}{unit}"
 
 
 def errors_with_noise(
@@ -239,7 +253,7 @@ def errors_with_noise(
     >>> errors_with_noise([0.0654, 0.00418], [15.61, 0.998], "N m", " to ")
     '0.0654 to 0.00418 N m, 15.6 to 0.998 times the noise'
     """
-    amount = f"{between.join(map(number, errors))} {unit}"
+    amount = amounts(errors, unit, between)
     if ratios is None:
         return amount
     return f"{amount}, {between.join(map(number, ratios))} times the noise"

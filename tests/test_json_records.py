@@ -163,7 +163,8 @@ def test_a_file_of_version_0_1_loads_and_is_written_as_it_was(name, load):
         assert again.pop("judged_rmse_with_helpful") is None
         assert written.pop("events") == []  # what is no longer judged
         for finding in written["effects"]:
-            finding.pop("is_shown_beside_all")
+            for gone in ("is_shown_beside_all", "n_splits", "n_splits_showing"):
+                finding.pop(gone)
         for finding in again["effects"]:
             assert not finding.pop("helps")
         for finding in (*written["effects"], *again["effects"]):  # derived: a sentence

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -117,13 +117,9 @@ def diagnose_and_add(
     noise_from: Source,
     check: bool | Gate,
     judged_recordings: Source,
-    confirmed: Callable[[Diagnosis], Diagnosis] = lambda diagnosis: diagnosis,
 ) -> tuple[Diagnosis, Estimate | None]:
     """Return what :func:`diagnose` does, and the model with all that helps; None if
-    nothing does, or if it cannot be added.
-
-    confirmed : says which findings are sure on other data too, before these are added.
-    """
+    nothing does, or if it cannot be added."""
     model = as_estimate(estimate, "diagnose(estimate=...)")
     recording = as_measurements(
         training_runs(measurements),
@@ -160,9 +156,8 @@ def diagnose_and_add(
         left_out=spans,
         left_out_of_test=spans_of_test,
     )
-    diagnosis = confirmed(_beside_check(diagnosis, issues))
     return add_certain_findings(
-        diagnosis,
+        _beside_check(diagnosis, issues),
         model,
         recording,
         test_run,

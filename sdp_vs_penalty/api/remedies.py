@@ -111,12 +111,12 @@ def next_remedy(remedies: Sequence[Remedy]) -> Remedy | None:
     """Return the first remedy of a result that is a next step; None where none is.
 
     A run that would have to be recorded is none, nor is a span that could be left out,
-    a missing effect that is only possible, or a repair of the log where an effect of the
-    arm explains as much: these are the user's to choose.
+    a missing effect or a repair of the log that is only possible, or one where an effect
+    of the arm explains as much: these are the user's to choose.
     """
     for remedy in remedies:
         verb = remedy.change.verb
-        is_guess = verb in ("add", "reset") and remedy.certainty in GUESSES
+        is_guess = verb != "read" and remedy.certainty in GUESSES
         asks_for_unit = not all(
             remedy.change.arguments.get("scale", {"": "1"}).values()
         )

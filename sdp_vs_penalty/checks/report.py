@@ -35,7 +35,9 @@ def list_remedies(reports: Sequence[Report]) -> tuple[Remedy, ...]:
     by_change = {str(x.change): x for f in reversed(issues) for x in f.remedies[::-1]}
     remedies = list(by_change.values())[::-1]
     repairs = [x for x in remedies if x.change.verb == "transform"]
-    repairs = [x for x in repairs if not x.may_be_the_arm]
+    repairs = [
+        x for x in repairs if not (x.may_be_the_arm or x.certainty == "possible")
+    ]
     if len(repairs) > 1:
         words = [word for x in repairs for word in x.change.arguments["apply"]]
         problems = dict.fromkeys(x.problem.rstrip(".") for x in repairs)

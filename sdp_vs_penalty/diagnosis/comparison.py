@@ -23,8 +23,6 @@ from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.nominal import NOMINAL, as_model
 from sdp_vs_penalty.estimation.verdict import (
     ABOVE_NOISE,
-    FIT,
-    LOG,
     MOSTLY_NEW,
     NO_MODEL,
     ErrorsBesideNoise,
@@ -47,7 +45,7 @@ from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary, cut_to_width
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.filtered import FilteredRuns, Rows
-from sdp_vs_penalty.signals.noise import NOISE_UNKNOWN, REPETITION
+from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import subsample_sentence, window_subsample
 from sdp_vs_penalty.signals.standstill import slides_throughout
@@ -283,45 +281,6 @@ class Comparison(Record):
             f" {joint}). Usable: all between."
         )
 
-    @fact("")
-    def headline(self) -> str:
-        """Which joint errs most, by the measure that it is graded by, and the limit of
-        that; else what else decides the grade."""
-        weakest = self.verdict.lines[0]
-        if weakest.about not in (FIT, LOG):
-            return weakest.text
-        in_doubt = f" {weakest.text}" if weakest.about == LOG else ""
-        return f"{self._largest_error_beside_limit}{in_doubt}"
-
-    @property
-    def _largest_error_beside_limit(self) -> str:
-        """The error of the joint that errs most, by the measure that it is graded by, and
-        what is asked of that measure."""
-        errors = self.errors
-        unusable = errors.unusable
-        joint = errors.worst_of(unusable or range(1, len(self.rmse) + 1))
-        unit = plain_unit(self.estimate.torque_units[joint - 1])
-        error = f"{number(float(self.rmse[joint - 1]))} {unit}"
-        share = f"{number(float(errors.beyond_noise[joint - 1]))} % of its torque"
-        over = errors.over_noise
-        times = ""
-        if over is not None:
-            times = f"{number(float(over[joint - 1]))} times its noise"
-        if unusable:
-            measures = ", ".join(filter(None, (times, share)))
-            limit = f"usable is up to {NO_MODEL:g} %"
-        elif self.is_negligible:
-            known = "the torque of no arm is known better"
-            return f"No joint errs by more than {share}; {known}."
-        elif not times:
-            measures, limit = share, f"good or not is open, since {NOISE_UNKNOWN}"
-        elif self.is_within_noise:
-            return f"{errors.within_noise_in_words(joint)}."
-        else:
-            measures, limit = times, f"good is up to {ABOVE_NOISE:g} times"
-        most = " most" if len(self.rmse) > 1 else ""
-        return f"Joint {joint} errs{most}: {measures} ({error}); {limit}."
-
     @fact("Hz", name="band")
     def band(self) -> float:
         """The low-pass that measured and modelled torque passed."""
@@ -421,17 +380,8 @@ class Comparison(Record):
             highest=self.highest_relative_error,
             determined=(self.estimate.n_base_from_data, self.estimate.n_base),
         )
-        if not self.is_negligible:
-            return verdict
-        said = [
-            replace(line, text=self._largest_error_beside_limit)
-            if line.about == FIT
-            else line
-            for line in verdict.lines
-        ]
-        return replace(
-            verdict, lines=tuple(said), error_over_noise=None, noise_source=""
-        )
+        is_known = not self.is_negligible
+        return verdict if is_known else replace(verdict, error_over_noise=None)
 
     def plot(
         self, joint: int | None = None, against: str = "time", axes: Any = None

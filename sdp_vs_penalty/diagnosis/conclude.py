@@ -341,8 +341,8 @@ NOTES_ON_NOISE = {
     RESIDUAL: (
         f"{formatting.sentence(NOISE_UNKNOWN)}. The log shows no steady noise above the"
         " motion's band either (too slow, smoothed before it was logged, or louder in"
-        " motion), so noise and model error cannot be separated: the noise shown is the"
-        " error itself. Record a run with more than one period."
+        " motion), so noise and model error cannot be separated. Record a run with more"
+        " than one period."
     ),
     SPECTRUM: (
         "No motion repeats: the noise is that of the torque's spectrum above the"

@@ -25,7 +25,7 @@ from sdp_vs_penalty.effects import (
 )
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.constants import NORMAL_95
+from sdp_vs_penalty.estimation.constants import CHANGES, NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
 from sdp_vs_penalty.files import read_json, require_format
@@ -213,10 +213,6 @@ class Finding(Rated):
     helps: bool = False
     #: The shape constants in words, with units.
     constants: str = ""
-    #: Number of splits of one run that were compared.
-    n_splits: int = 0
-    #: Number of these splits that show the finding.
-    n_splits_showing: int = 0
     #: Standard deviation of the size from the scatter over the log alone, all else
     #: being exact, in ``unit``.
     std_of_rows: float = 0.0
@@ -234,17 +230,6 @@ class Finding(Rated):
     torque_unit: str = ""
     #: Number in the diagnosis, from 1, which sets it; 0 for a finding of none.
     number: int = field(default=0, compare=False)
-
-    @property
-    def splits_sentence(self) -> str:
-        """A sentence on how many splits of the run show the finding; "" if none were
-        compared.
-        """
-        if not self.n_splits:
-            return ""
-        return (
-            f"Shown by {self.n_splits_showing} of {self.n_splits} splits of this run."
-        )
 
     @property
     def size_text(self) -> str:
@@ -353,7 +338,9 @@ class Finding(Rated):
             shape=self.shape,
             digits=formatting.digits_beside(self.size, self.half_width_95),
         )
-        return on_the_arm(fitted)
+        said = on_the_arm(fitted)
+        # A gain that is 1 % off makes a mass 1 % off, which its interval leaves out.
+        return said if self.unit != "kg" else f"{said[:-1]}, if the gains are right."
 
     @property
     def seen_against(self) -> str:
@@ -838,10 +825,9 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def additions(self) -> list[tuple[Finding | Retune, ...]]:
-        """What each remedy that adds takes together: each finding, what is confident, and
-        all that helps."""
+        """What each remedy that adds takes together: each finding, and all that helps."""
         groups = [self.only_in_sum(f) or (f,) for f in self.effects]
-        return [*groups, *filter(None, (self._confident, self.helpful))]
+        return [*groups, *filter(None, (self.helpful,))]
 
     def only_in_sum(self, finding: Finding) -> tuple[Finding, ...]:
         """The findings of which these runs show the sum alone, this one among them; none
@@ -1007,10 +993,13 @@ class Diagnosis(Record, JsonRecord):
             {"effects": texts, "findings": "all" if takes_all else "helpful"},
         )
         is_confident = all(f.rating == "confident" for f in self.helpful)
-        return self._judged_remedy(
+        return Remedy(
+            self._missing,
             "confident" if is_confident else "near-tie",
+            "judged on data left out",
             change,
-            self.held_out_rmse_with_helpful,
+            tuple(self.held_out_rmse_before.tolist()),
+            tuple(self.held_out_rmse_with_helpful.tolist()),
         )
 
     @property
@@ -1055,18 +1044,30 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def in_order_of_reading(self) -> list[Finding]:
-        """The findings as they are read: what explains an error above the noise first,
-        then what is confident, then near-ties, then by evidence."""
+        """The findings as they are read: of those whose torque is certain first what
+        lowers the error of the joint that errs most; what explains an error within the
+        noise after that, by rating and evidence."""
         ratings = get_args(Rating)
         return sorted(
             self.effects,
             key=lambda f: (
                 not f.torque_is_certain,
                 self.is_within_noise(f),
+                *(-fall for fall in self._falls(f) if not self.is_within_noise(f)),
                 ratings.index(f.rating),
                 -f.gain,
             ),
         )
+
+    def _falls(self, finding: Finding) -> list[float]:
+        """Return by how much a finding alone lowers the error of each joint, from the one
+        that errs most on, in multiples of its noise where that is known; a change of
+        less than CHANGES is none."""
+        before, after = errors = np.stack(self.errors_of(finding))
+        over = over_noise(errors, self.known_floor)
+        was, now = errors if over is None else over
+        falls = np.where(after < (1.0 - CHANGES) * before, was - now, 0.0)
+        return list(map(float, falls[np.argsort(-was, kind="stable")]))
 
     def is_within_noise(self, finding: Finding) -> bool:
         """Whether no joint of a finding errs by more than ABOVE_NOISE times its noise as
@@ -1084,48 +1085,11 @@ class Diagnosis(Record, JsonRecord):
         return next((f for f in self.in_order_of_reading if f.torque_is_certain), None)
 
     @property
-    def _confident(self) -> tuple[Finding, ...]:
-        """The confident findings, with those that show in their sum alone."""
-        confident = [f for f in self.effects if f.rating == "confident"]
-        groups = [self.only_in_sum(f) or (f,) for f in confident]
-        chosen = {f.number: f for group in groups for f in group}
-        return tuple(chosen[number] for number in sorted(chosen))
-
-    @property
-    def confident_remedy(self) -> Remedy | None:
-        """The remedy that adds what is confident alone; None where that is all that is
-        sure, or nothing."""
-        found = self._confident
-        is_main_among = self.main_finding in found
-        is_all = len(found) == len(self.helpful)
-        if not is_main_among or is_all or self.retuned or self.curves:
-            return None
-        words = f"add the {len(found)} that are confident"
-        if len(found) == 1:
-            words = f"add {named_on_joints(found)}"
-        elif self.only_in_sum(found[0]) == found:
-            words = f"add the {len(found)} on joint {found[0].main_joint}"
-        arguments = {
-            "effects": [f.text for f in found],
-            "findings": [f.number for f in found],
-        }
-        return self._judged_remedy(
-            "confident", Change("add", words, arguments), self.error_with(found)
-        )
-
-    def _judged_remedy(
-        self, rating: Rating, change: Change, after: Array | None
-    ) -> Remedy:
-        """Return the remedy of what is missing by a change that leaves these errors (n,)
-        on data left out [N m or N]."""
-        return Remedy(
-            self._missing,
-            rating,
-            "judged on data left out",
-            change,
-            tuple(self.held_out_rmse_before.tolist()),
-            None if after is None else tuple(after.tolist()),
-        )
+    def main_remedy(self) -> Remedy | None:
+        """The remedy of the main finding; None without one, or where that alone lowers no
+        error."""
+        main = self.main_finding
+        return main.remedy(self) if main and any(self._falls(main)) else None
 
     @property
     def is_open(self) -> bool:

@@ -800,8 +800,8 @@ def failing_stretches(
     """List the stretches in which a joint's error is large, with the cause seen there.
 
     Large: its RMS over 2 NEAR (0.3 s) is more than SPECTRUM_NOISE_FACTOR times the
-    noise floor, or times the error's own RMS without a floor. Stretches shorter than
-    NEAR are left out. ``velocity`` (M,) is the joint's.
+    noise floor, or times the error's own RMS without a floor, and among the largest
+    tenth. Stretches shorter than NEAR are left out. ``velocity`` (M,) is the joint's.
 
     Parameters
     ----------
@@ -821,7 +821,8 @@ def failing_stretches(
     rms_nearby = np.sqrt(np.convolve(error**2, window, mode="same"))
     usual = floor or float(np.sqrt(np.mean(error**2)))
     names = _causes_of_rows(velocity, still, rows, shares)
-    names[rms_nearby <= SPECTRUM_NOISE_FACTOR * usual] = ""  # not large
+    largest_tenth = float(np.quantile(rms_nearby, 0.9))
+    names[rms_nearby <= max(SPECTRUM_NOISE_FACTOR * usual, largest_tenth)] = ""
     # A stretch ends where the name or the segment changes.
     has_new_name = names[1:] != names[:-1]
     is_new_segment = rows.segment[1:] != rows.segment[:-1]

@@ -20,6 +20,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import CHANGES, ROUNDING
 from sdp_vs_penalty.estimators.estimator import make_task
+from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.regression.regression import compress
@@ -418,15 +419,29 @@ class ErrorsBesideNoise:
         return f"{text}, {self.kind}" if self.kind else text
 
     def joint_errs(self, joint: int) -> str:
-        """Say by how much a joint (from 1) errs: in its unit, in multiples of its noise,
-        and as a share of its torque."""
-        share = float(self.beyond_noise[joint - 1])
-        beyond = "" if self.floor is None else " beyond the noise"
-        amount = f"{formatting.number(share)} % of its torque{beyond}"
-        if not np.isfinite(share):
-            amount = "of its torque none was measured"
-        most = " most," if len(self.rmse) > 1 else ""
-        return f"Joint {joint} errs{most} by {self.words(joint)} ({amount})"
+        """Say by how much a joint (from 1) errs: by the measure that it is graded by, with
+        the limit of that, and in its unit."""
+        over = self.over_noise
+        measures = (
+            []
+            if over is None
+            else [f"{number(float(over[joint - 1]))} times its noise"]
+        )
+        limit = f"good is up to {ABOVE_NOISE:g} times"
+        is_unusable = joint in self.unusable
+        if over is None or is_unusable:
+            share = float(self.beyond_noise[joint - 1])
+            is_measured = bool(np.isfinite(share))
+            of_torque = f"{number(share)} % of its torque"
+            measures.append(of_torque if is_measured else "no torque was measured")
+            limit = f"good or not is open, since {NOISE_UNKNOWN}"
+        if is_unusable:
+            limit = f"usable is up to {NO_MODEL:g} %"
+        unit = formatting.plain_unit(self.units[joint - 1])
+        size = f"{number(float(self.rmse[joint - 1]))} {unit}"
+        size = ", ".join(filter(None, (size, self.kind)))
+        most = " most" if len(self.rmse) > 1 else ""
+        return f"Joint {joint} errs{most}: {', '.join(measures)} ({size}); {limit}"
 
     def within_noise_in_words(self, worst: int) -> str:
         """Say that no joint errs by more than joint ``worst`` (from 1), in multiples of
@@ -447,7 +462,7 @@ class ErrorsBesideNoise:
         text = self.joint_errs(worst)
         others = [joint for joint in joints if joint != worst]
         if others:
-            text += f", {formatting.joints(others)} by more than {NO_MODEL:g} %"
+            text += f"; more than that: {formatting.joints(others)}"
         return text
 
 
@@ -475,18 +490,18 @@ def _fit(errors: ErrorsBesideNoise, source: str, is_worse_than_constant: Mask) -
     grade: Grade = "do not use" if unusable else "usable"
     if unusable:
         sentence = errors.share_in_words()
-    elif over is None:
-        sentence = f"The whole arm errs by {errors.relative:.3g} % of its torque"
+        sentence += f"; {NOISE_UNKNOWN}" if over is None else ""
     else:
-        worst = errors.worst_of(range(1, len(over) + 1))
+        worst = errors.worst_of(range(1, len(errors.rmse) + 1))
         sentence = errors.joint_errs(worst)
-        if over[worst - 1] <= ABOVE_NOISE:
-            sentence = errors.within_noise_in_words(worst)
-        if np.all(over <= ABOVE_NOISE):
+        if over is not None and over[worst - 1] <= ABOVE_NOISE:
             grade = "good"
-    if over is None:
-        sentence += f"; {NOISE_UNKNOWN}"
-    elif source == SPECTRUM:
+            sentence = errors.within_noise_in_words(worst)
+        if grade == "good" and not source:  # it is negligible, whatever the noise
+            share = number(float(np.max(100.0 * errors.rmse / errors.torque)))
+            known = "the torque of no arm is known better"
+            sentence = f"No joint errs by more than {share} % of its torque; {known}"
+    if over is not None and source == SPECTRUM:
         sentence += f"; the noise is from the torque's spectrum, {SPECTRUM_KNOWN}"
     # Within the noise, a bad fit of a joint's torque is no fault.
     is_worse_than_constant = is_worse_than_constant & errors.exceeds_noise
@@ -552,7 +567,7 @@ def _prediction_unknown(
     ``how_new`` says how much of the motion is new; the rest as :func:`_prediction`
     takes it.
     """
-    begin = f"{errors.share_in_words()} even on" if errors.unusable else "Scored on"
+    begin = f"{errors.share_in_words()}; scored on" if errors.unusable else "Scored on"
     sentence = (
         f"{begin} motion like that of training ({how_new}); run `compare` on a new"
         " recording"

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +82,7 @@ from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.exporters.export import write_model
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import read_bytes, write_bytes, write_text, writing
-from sdp_vs_penalty.page.splits import confirmed, other_splits, split_run
+from sdp_vs_penalty.page.splits import split_run
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import convert, load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
@@ -287,7 +287,7 @@ def read(job: JobRequest) -> Answer:
             remarks += filter(None, map(_news_of, said))
             name = file["name"]
             if "scale" in how:
-                remarks.append(f"{name}: read by {how['scale']}, as runs like it.")
+                remarks.append(f"{name}: read in the units of runs like it.")
             part = replace(part, names=(name,))
             check_torque(part)
             _refuse_duplicate(part, state.runs, path)
@@ -415,12 +415,14 @@ def change(job: JobRequest) -> Answer:
     kept = [_kept_of(run) for run in job["runs"]]
     chosen = [k for k, run in enumerate(job["runs"]) if run["file"] in job["files"]]
     those = tuple(before.runs[k] for k in chosen)
+    job.progress("checking the log, and changing it")
     after = apply_change(change, replace(before, runs=those))
     changed = dict(zip(chosen, after.runs, strict=True))
     runs = tuple(changed.get(k, run) for k, run in enumerate(before.runs))
     effect = ""
     is_whole = all(r.usable_rows.all() and np.all(np.diff(r.t) > 0.0) for r in runs)
     if change.verb != "read" and is_whole:  # a unit repairs nothing
+        job.progress("judging it on motion left out")
         effect = effect_on_error(before, replace(after, runs=runs))
     if change.verb == "read":
         for k in chosen:
@@ -454,7 +456,8 @@ def motion(job: JobRequest) -> Answer:
     else:
         trajectory = excite(job.problem, **how).trajectory
     save_trajectory(trajectory, job.folder / name)
-    _, dq, _ = trajectory.states(np.arange(0.0, trajectory.duration, 0.01))
+    q, dq, _ = trajectory.states(np.arange(0.0, trajectory.duration, 0.01))
+    begin = ", ".join(formatting.number(float(x)) for x in q[0])
     speeds = np.abs(dq).max(axis=0)
     fastest = int(np.argmax(speeds))
     unit = "m/s" if job.problem.robot.torque_units[fastest] == "N" else "rad/s"
@@ -463,8 +466,9 @@ def motion(job: JobRequest) -> Answer:
         "words": (
             f"{name} is in your downloads: {trajectory.duration:.3g} s of t, q, dq and ddq"
             f" within the limits of the robot's file, at most {formatting.number(speeds[fastest])}"
-            f" {unit} (joint {fastest + 1}). Look at it in a simulator, run it on the arm,"
-            " and bring the log under Measure."
+            f" {unit} (joint {fastest + 1}). It begins at q = {begin}. The limits know"
+            " neither table nor cables: look at it in a simulator and keep its space free;"
+            " then run it, and bring the log under Measure."
         ),
     }
 
@@ -543,7 +547,7 @@ def _columns_of(
             "chosen": {"rate": "", **{x: guessed[x] for x in ("t", *q, *dq, *tau)}},
             "torques": taken.torques
             if taken
-            else _blocks(sketches, report, guessed, tau),
+            else _blocks(sketches, report, guessed, problem.robot),
         }
     return None
 
@@ -552,11 +556,12 @@ def _blocks(
     sketches: Sequence[Answer],
     report: ColumnReport,
     guessed: Mapping[str, str],
-    tau: Sequence[str],
+    robot: Robot,
 ) -> dict[str, dict[str, str]]:
     """Return the blocks of columns without a name that may be the torques, the guessed one
-    first, each by its place and its largest number, with the columns by our names; none
-    where there is one only."""
+    first, each by its place, its largest number and what it would be, with the columns by
+    our names; none where there is one only."""
+    tau = [f"tau{j}" for j in range(1, robot.n + 1)]
     names = [row.name for row in report.rows]
     taken = [column for ours, column in guessed.items() if column and ours not in tau]
     free = [x for x in names if x not in taken]
@@ -566,11 +571,23 @@ def _blocks(
     blocks = {}
     for block in (free[k : k + n] for k in range(0, len(free), n)):
         found = [sketches[names.index(name)] for name in block]
-        sizes = [abs(one[end]) for one in found if one for end in ("low", "high")]
-        largest = formatting.number(max(sizes, default=0.0))
+        sizes = [
+            max(abs(one["low"]), abs(one["high"])) if one else 0.0 for one in found
+        ]
+        largest = formatting.number(max(sizes))
         name = f"columns {block[0]} to {block[-1]}, up to {largest}"
+        efforts = [joint.effort for joint in robot.joints]
+        shares = [x / limit for x, limit in zip(sizes, efforts, strict=True) if limit]
+        if shares and np.isfinite(efforts).all():
+            share = formatting.percent(max(shares), 2)
+            name += f": {share} of what the joints may, were it N m"
+            name += ", so rather A" if max(shares) < _LIKE_CURRENTS else ""
         blocks[name] = {**guessed, **dict(zip(tau, block, strict=True))}
     return blocks
+
+
+#: Largest share of the joints' limits below which numbers are rather motor currents.
+_LIKE_CURRENTS = 0.1
 
 
 #: Points of a column's sketch, and its height.
@@ -1002,7 +1019,6 @@ def find(job: JobRequest) -> Answer:
         noise_from=runs.all_runs,
         check=Gate(no_progress),
         judged_recordings=runs.judged_recordings,
-        confirmed=partial(_confirmed_on_other_splits, job),
         **how,
     )
     save_arrays(job.folder / job["pictures"], _card_arrays(model, better, runs.judge))
@@ -1015,22 +1031,6 @@ def find(job: JobRequest) -> Answer:
             for name, verdict in job["verdicts"].items()
         },
     }
-
-
-def _confirmed_on_other_splits(job: JobRequest, diagnosis: Diagnosis) -> Diagnosis:
-    """Count for each confident finding how many other splits of the run show it too.
-
-    This is done for a single run that is split; otherwise the diagnosis stays as it is.
-    """
-    split_runs = [run for run in job["runs"] if run["use"] == "split"]
-    has_confident = any(f.rating == "confident" for f in diagnosis.effects)
-    if len(split_runs) != 1 or len(job["runs"]) != 1 or not has_confident:
-        return diagnosis
-    recording = load_measurements(job.folder / split_runs[0]["file"])
-    recording = replace(recording, names=(split_runs[0]["name"],))
-    splits = other_splits(job.problem, recording, split_runs[0]["split"])
-    how: dict[str, Any] = {"frozen": job["frozen"], "progress": job.progress}
-    return confirmed(diagnosis, job.model, recording, splits, **how)
 
 
 def _card_arrays(
@@ -1248,7 +1248,10 @@ def _error_of(compared: Comparison) -> Answer:
     if size is None:
         size, unit = compared.relative_error, " % error"
     error = f"{formatting.number(size)}{unit}"
-    return {"size": size, "error": error, "worst": words.describe_worst(compared, "")}
+    worst = words.describe_worst(compared, "")
+    if kind := compared.kind_of_error:  # a model and its files are judged on the same
+        worst = worst.replace(f", {kind}", "")
+    return {"size": size, "error": error, "worst": worst}
 
 
 def _effects_to_estimate_again(estimate: Estimate) -> list[str]:

@@ -20,6 +20,7 @@ from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.render.tables import facts_from_json
 from sdp_vs_penalty.results.facts import Fact
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.noise import said_before
 
 #: Colours of grades that are not called like these.
 _LEVELS = {"do not use": "bad"}
@@ -146,8 +147,12 @@ class ModelStep(JsonRecord):
     @property
     def headline(self) -> str:
         """Which joint errs most, and by how much, in a sentence."""
-        fact = self.facts.get("headline")  # none in projects of older versions
-        return spoken(fact.text if fact else self.verdict.reason)
+        return spoken(said_before(self.verdict.reason))
+
+    @property
+    def worst_joint(self) -> int:
+        """The joint (from 1) that errs most, by the measure that it is graded by."""
+        return int(self.facts["worst_joint"].value)
 
     @property
     def where_it_fails(self) -> Failures:

@@ -16,7 +16,13 @@ from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, named_on_joints
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
-from sdp_vs_penalty.page.session import MOTION, Session, asks_for_unit, is_refused
+from sdp_vs_penalty.page.session import (
+    MOTION,
+    Session,
+    asks_for_unit,
+    is_refused,
+    joints_of,
+)
 from sdp_vs_penalty.page.view import (
     View,
     change_in_words,
@@ -25,6 +31,7 @@ from sdp_vs_penalty.page.view import (
     identified,
     in_brief,
     label_of,
+    label_of_change,
     label_of_motion,
     look_in_words,
     measured_on,
@@ -33,7 +40,7 @@ from sdp_vs_penalty.page.view import (
 )
 from sdp_vs_penalty.records import from_json, to_json
 from sdp_vs_penalty.render.words import describe_unexplained, most_changed_joint
-from sdp_vs_penalty.results.remedy import Change, Remedy
+from sdp_vs_penalty.results.remedy import SURE, Change, Remedy
 
 
 @dataclass(frozen=True)
@@ -127,11 +134,12 @@ def _columns(session: Session) -> NextStep:
     text = f"{formatting.words(same)}: say which column is what."
     label = "Read with these columns"
     chosen = first["chosen"].items()
-    blocks = [name for name, at in first["torques"].items() if at.items() <= chosen]
-    if blocks:
-        n = len(first["torques"])
+    if any(at.items() <= chosen for at in first["torques"].values()):
+        n, block = len(first["torques"]), next(iter(first["torques"]))
         text = f"{formatting.words(same)}: which of {n} blocks is the torque?"
-        label = f"Take {blocks[0]}"
+        field = f"block-{session.mappings.index(first)}-{block}"
+        label = "Choose the block of torques"
+        return NextStep(text, label, "measure", opens=field, level="usable")
     do = partial(session.start, session.read_mapped, first["columns"])
     return NextStep(text, label, "measure", do, level="usable")
 
@@ -147,11 +155,11 @@ def _of_runs(session: Session) -> NextStep:
     if remedy is not None:
         change = remedy.change
         do = partial(session.start, session.apply, change.to_dict())
-        label = label_of(change.words)
+        label = label_of_change(session, change.to_dict())
         level = "bad" if session.meaningless else "usable"
         text = graded(remedy.problem, remedy.certainty)
-        if session.repairs_several(change.to_dict()):
-            text = graded(f"{session.faults_in_words}.", remedy.certainty)
+        if faults := session.faults_in_words(change.to_dict()):
+            text = graded(f"{faults}.", remedy.certainty)
         number = session.outcome_of(change.to_dict())
         return NextStep(
             text,
@@ -219,14 +227,17 @@ def _of_model(view: View) -> NextStep:
     session = view.session
     of_model = identified(session)
     assert of_model is not None  # there is a model
-    level, more = of_model.level, of_model.more
+    level = of_model.level
     text = f"{of_model.word}. {of_model.text}"
     number = _taken(session) or formatting.sentence(f"measured {measured_on(session)}")
     diagnosis = session.findings_of_current
-    known: dict[str, Any] = {"level": level, "number": number, "more": more}
+    known: dict[str, Any] = {"level": level, "number": number}
     if len(session.history) == 1 and diagnosis is None:
         known["figure"] = "identify", "fit"
     is_first = len(session.history) == 1
+    if not is_first and level != "good" and session.current.failures:
+        failures = session.current.where_it_fails
+        text += describe_unexplained(failures, session.current.worst_joint, None)
     is_done = session.current.servo or (level == "good" and not is_first)
     if changed := session.current.change_in_words(session.robot["units"]):
         if found := session.fault_of_changed_run:
@@ -249,7 +260,7 @@ def _of_model(view: View) -> NextStep:
         remedy = next_remedy(diagnosis.remedies)
         if remedy is not None:
             return _to_add(session, diagnosis, remedy, level)
-        known["more"] = f"{spoken(diagnosis.cause)} {more}"
+        known["more"] = spoken(diagnosis.cause)
         known["number"] = f"{of_model.text} Measured {measured_on(session)}"
         text = f"{of_model.word}. {_without_remedy(session, diagnosis)}"
         if level != "good":
@@ -276,10 +287,10 @@ def _without_remedy(session: Session, diagnosis: Diagnosis) -> str:
     it follows."""
     model = session.current
     is_explained = model.verdict.grade == "good" or diagnosis.is_undetermined
-    if is_explained or diagnosis.effects or not model.failures:
+    if is_explained or not model.failures:
         return in_brief(spoken(diagnosis.cause))
-    worst = int(model.facts["worst_joint"].value)
-    return describe_unexplained(model.where_it_fails, worst)
+    found = bool(diagnosis.effects)
+    return describe_unexplained(model.where_it_fails, model.worst_joint, found)
 
 
 def _curve_to_add(session: Session, diagnosis: Diagnosis) -> NextStep | None:
@@ -305,38 +316,38 @@ def _curve_to_add(session: Session, diagnosis: Diagnosis) -> NextStep | None:
 
 
 def _to_add(
-    session: Session, diagnosis: Diagnosis, remedy: Remedy, level: str
+    session: Session, diagnosis: Diagnosis, all_of_it: Remedy, level: str
 ) -> NextStep:
-    """Return the step that adds what helps by the first remedy of a diagnosis: what is
-    confident alone, where more helps, and all of it as a second choice."""
+    """Return the step that adds what the line names, and, as a second choice, all that
+    helps (``all_of_it``); that alone where no finding lowers an error by itself."""
     main = diagnosis.main_finding
+    remedy = diagnosis.main_remedy or all_of_it
     change = remedy.change
+    texts = change.arguments.get("effects", [])
     other = None
-    alone = diagnosis.confident_remedy
-    if alone is not None and change.arguments.get("findings") == "helpful":
-        all_of_it = partial(session.start, session.apply, change.to_dict())
-        other = NextStep("", f"Or {change.words}", "diagnose", all_of_it)
-        remedy, change = alone, alone.change
+    if len(texts) < len(all_of_it.change.arguments.get("effects", [])):
+        add = partial(session.start, session.apply, all_of_it.change.to_dict())
+        other = NextStep("", f"Or {all_of_it.change.words}", "diagnose", add)
     more = spoken(diagnosis.cause)
-    text = in_brief(more)
+    text, rating = in_brief(more), ""
     if main is not None:
-        text = _in_one_line(diagnosis, main)
+        text, rating = _in_one_line(diagnosis, main)
     if level == "good":
-        text = f"Good already; to be won: {text[:1].lower()}{text[1:]}"
+        how_sure = "" if rating in {*SURE, ""} else f", {rating}"
+        text = f"Good already. Still to be won{how_sure}: {text}"
+    elif rating:
+        text = graded(text, rating)
     number = ""
     if remedy.before is not None and remedy.after is not None:
         falls = np.subtract(remedy.before, remedy.after)
         joint = int(falls.argmax()) + 1 if main is None else main.main_joint
         added = change_in_words(session, joint, remedy.before, remedy.after)
-        n_added = len(change.arguments["effects"])
-        number = f"With {f'all {n_added}' if n_added > 1 else 'it'}, {added}"
+        n_added = {1: "it", 2: "both"}.get(len(texts), f"all {len(texts)}")
+        number = f"With {n_added}, {added}"
         over = over_noise(np.array(remedy.after), diagnosis.known_floor)
         if over is not None and over[joint - 1] > ABOVE_NOISE:
             left = formatting.number(float(over[joint - 1]))
             number += f"; {left} times its noise are left"
-        n_sure = sum(found.rating == "confident" for found in diagnosis.helpful)
-        if alone is None and 0 < n_sure < n_added:
-            number = f"{n_sure} confident, {n_added - n_sure} open. {number}"
     do = partial(session.start, session.apply, change.to_dict())
     label = label_of(change.words)
     return NextStep(
@@ -344,24 +355,35 @@ def _to_add(
     )
 
 
-def _in_one_line(diagnosis: Diagnosis, finding: Finding) -> str:
+def _in_one_line(diagnosis: Diagnosis, finding: Finding) -> tuple[str, str]:
     """Say what a finding is on the arm, and how sure that is."""
     together = diagnosis.only_in_sum(finding)
     text = in_brief(diagnosis.on_the_arm_of(finding).removeprefix(ON_THE_ARM))
     if finding.size_may_be_zero and not together:
         text = named_on_joints((finding,))
     is_sure = finding.effect_is_certain or bool(together)
-    return graded(text, "confident" if is_sure else finding.rating)
+    return text, "confident" if is_sure else finding.rating
 
 
 def _taken(session: Session) -> str:
-    """Say what the last step did to the error; "" for a first model."""
+    """Say what the last step added, on the arm, and what that did to the error; "" for a
+    first model."""
     if len(session.history) == 1:
         return ""
+    step = session.current
     before, after = (step.comparison["rmse"] for step in session.history[-2:])
-    floor = session.current.comparison["noise_floor"]
-    joint = most_changed_joint(session.current.added, before, after, floor)
-    return formatting.sentence(change_in_words(session, joint, before, after))
+    floor = step.comparison["noise_floor"]
+    joint = most_changed_joint(step.added, before, after, floor)
+    change = formatting.sentence(change_in_words(session, joint, before, after))
+    diagnosis = session.history[-2].findings
+    order = [] if diagnosis is None else diagnosis.in_order_of_reading
+    found = [finding for finding in order if finding.text in step.added]
+    if diagnosis is None or not found:
+        return change
+    added, rating = _in_one_line(diagnosis, found[0])
+    others = f", and {len(step.added) - 1} more" if len(step.added) > 1 else ""
+    how_sure = "" if rating in SURE else f" ({rating})"
+    return f"Added: {added.rstrip('.')}{how_sure}{others}. {change}"
 
 
 def _motion_to_record(view: View) -> NextStep:
@@ -372,13 +394,25 @@ def _motion_to_record(view: View) -> NextStep:
         text, label = "The motion's log comes next.", "Choose the log"
         return NextStep(text, label, "measure", opens="drop-runs")
     diagnosis = session.findings_of_current
-    of_diagnosis = () if diagnosis is None else to_json(diagnosis.remedies)
+    of_diagnosis = [] if diagnosis is None else to_json(diagnosis.remedies)
+    asked = [
+        remedy
+        for remedy in (*session.remedies, *of_diagnosis)
+        if remedy["change"]["verb"] == "record"
+    ]
+    worst = session.current.worst_joint
+
+    def is_elsewhere(remedy: Mapping[str, Any]) -> bool:
+        """Whether a motion decides what is on another joint than the worst one."""
+        effects = remedy["change"]["arguments"].get("separate", ())
+        return not any(worst in joints_of(text) for text in effects)
+
     text = "Another motion may show what it is."
     label = "Make a motion to record"
     motion: Mapping[str, Any] = {}
-    for remedy in (*session.remedies, *of_diagnosis):
-        if remedy["change"]["verb"] == "record" and not motion:
-            text, motion = graded(remedy["problem"], "certain"), remedy["change"]
-            label = label_of_motion(motion)
+    if asked:
+        first = min(asked, key=is_elsewhere)
+        text, motion = graded(first["problem"], "certain"), first["change"]
+        label = label_of_motion(motion)
     do = partial(session.start, session.make_motion, motion, view.download)
     return NextStep(text, label, "measure", do)

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Collection, Coroutine, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from filecmp import cmp
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
 
@@ -82,8 +83,14 @@ ENDINGS = {
     "runs": (*suffixes(), ".txt", ".tsv", ".dat", ".log"),  # tables as text
     "model": (".json",),
 }
+#: Units of torque to choose from, by the name that `convert` has.
+UNITS = {"mNm": "mN m", "Ncm": "N cm", "kgfm": "kgf m", "lbfin": "lbf in"}
+#: The same of positions.
+ANGLES = {"deg": "degrees", "mrad": "mrad"}
 #: What is said where a job that something waited for was cancelled, or failed.
 _NOT_BEGUN = "What waited for it was not begun."
+#: Letters of a place that is named beside a fault among others.
+_MOST_OF_PLACE = 20
 #: File of a motion to record.
 MOTION = "trajectory.csv"
 #: File of a session's state in its folder.
@@ -121,38 +128,48 @@ class Working:
     since: float = field(default_factory=time.monotonic)
     #: What is counted, the first number and when that was heard [s]; "" for nothing.
     counted: tuple[str, int, float] = ("", 0, 0.0)
+    #: What a search has found first; "" for nothing yet.
+    found: str = ""
 
     def hears(self, text: str) -> Working:
         """Return the work as a job says where it stands, with the time that is left of
         what is counted ("trying effects: 843 of 1503")."""
         status = progress_in_words(text)
+        first = re.match(r"1: (.*?)(?: \(|$)", text)
+        found = first[1] if first else self.found
+        more = f"; found so far: {found}" if found and not first else ""
         count = re.search(r"(\d+) of (\d+)", text)
         if count is None:
-            return replace(self, status=status)
+            return replace(self, status=f"{status}{more}", found=found)
         done, of = map(int, count.groups())
         kind, now = text[: count.start()], time.monotonic()
         begun = self.counted if self.counted[0] == kind else (kind, done, now)
-        _, first, since = begun
-        if done > first:
-            left = (now - since) * (of - done) / (done - first)
+        _, first_number, since = begun
+        if done > first_number:
+            left = (now - since) * (of - done) / (done - first_number)
             status += f", about {max(1.0, left):.0f} s left"
-        return replace(self, status=status, counted=begun)
+        return replace(self, status=f"{status}{more}", counted=begun)
+
+
+def joints_of(text: str) -> set[int]:
+    """Return the joints (from 1) of an effect, as `add` writes it; none: of all."""
+    places = text.partition("@")[0].partition(":")[2]
+    return {int(joint) for joint in places.split("+") if joint}
 
 
 def _acts_as(text: str, effect: str, joints: Collection[int]) -> bool:
     """Whether an effect, as `add` writes it, is a law of another one on these joints."""
-    name, _, at = text.partition("@")[0].partition(":")
-    on_joints = {int(joint) for joint in at.split("+") if joint}
-    return is_law_of(name, effect) and {*joints} <= on_joints
+    name = text.partition("@")[0].partition(":")[0]
+    return is_law_of(name, effect) and {*joints} <= joints_of(text)
 
 
 def is_among(text: str, effects: Iterable[str]) -> bool:
     """Whether a model has an effect, as `add` writes it, whatever its constants."""
-    name, _, joints = text.partition("@")[0].partition(":")
+    name = text.partition("@")[0].partition(":")[0]
     return any(
-        other == name and (not at or {*joints.split("+")} <= {*at.split("+")})
-        for effect in effects
-        for other, _, at in [effect.partition("@")[0].partition(":")]
+        other.partition("@")[0].partition(":")[0] == name
+        and (not joints_of(other) or joints_of(text) <= joints_of(other))
+        for other in effects
     )
 
 
@@ -211,9 +228,12 @@ def _words_of_reading(change: Mapping[str, Any]) -> str:
     for column, unit in change["arguments"].get("scale", {}).items():
         name = {"tau": "the torque", "q": "positions"}.get(column, column)
         gains = str(unit or "").replace(":", ", ")
+        named = {key.lower(): words for key, words in (UNITS | ANGLES).items()}
         is_factor = gains[:1].isdigit() or gains[:1] in ("-", ".")
         texts.append(
-            f"multiply {name} by {gains}" if is_factor else f"read {name} in {gains}"
+            f"multiply {name} by {gains}"
+            if is_factor
+            else f"read {name} in {named.get(gains.lower(), gains)}"
         )
     return formatting.words(texts) if texts else ""
 
@@ -341,8 +361,9 @@ class Session:
     #: The words of the commands that make the runs as they are: simulated, converted,
     #: repaired.
     prepared: list[list[str]] = field(default_factory=list)
-    #: Of each change of runs and robot its words, and what it did to the error.
-    repairs: list[list[str]] = field(default_factory=list)
+    #: Of each change of runs and robot its words, what it did to the error, and the
+    #: change itself.
+    repairs: list[list[Any]] = field(default_factory=list)
     #: The stage and the part where what is new can be seen.
     new: tuple[str, str] | None = None
     #: Names of the files that were downloaded.
@@ -450,10 +471,10 @@ class Session:
         if diagnosis is None or not self.hidden:
             return ""
         # "joint_coupling:2+3" is an effect on joints 2 and 3, "base_tilt" on the arm.
-        effect, _, joint_text = self.hidden.partition(":")
+        effect = self.hidden.partition(":")[0]
         if effect == "none":
             return "Nothing was hidden in these runs."
-        joints = {int(joint) for joint in joint_text.split("+") if joint}
+        joints = joints_of(self.hidden)
         added = [text for step in self.history for text in step.added]
         found = [finding.text for finding in diagnosis.effects]
         absorbed = [x for x in diagnosis.invisible if x.effect == effect]
@@ -807,6 +828,9 @@ class Session:
                 mapping["path"] = here(mapping["path"])
             for run in kept["runs"]:  # an older version knows one name
                 run.setdefault("in_commands", run["name"])
+            # An older version does not know the change.
+            none = {"verb": "", "arguments": {}}
+            kept["repairs"] = [[*repair, none][:3] for repair in kept["repairs"]]
             return {**kept, "history": [steps[k] for k in kept["history"]]}
 
         for name in {*CHOSEN} & content.keys():  # an older version has fewer
@@ -1179,25 +1203,27 @@ class Session:
         torque = one.get("torque_unit") or ("A?" if asks_for_unit(one) else "")
         return position, torque
 
-    @property
-    def faults_in_words(self) -> str:
-        """What can be repaired, in a few words each: "torque sign (joint 4) in run2.csv"."""
+    def faults_in_words(self, change: Mapping[str, Any]) -> str:
+        """What a change repairs that makes several repairs, in a few words each: "torque
+        sign (joint 4) in run2.csv"; "" of one that is a single issue's."""
         faults_by_runs = dict[str, list[str]]()
+        made = set(change["arguments"].get("apply", ()))
         for issue, runs in self.issues:
-            verbs = [remedy["change"]["verb"] for remedy in issue["remedies"]]
+            repairs = [x["change"] for x in issue["remedies"]]
+            if change in repairs or change["verb"] != "transform":
+                return ""
+            words = [
+                x["arguments"]["apply"] for x in repairs if "apply" in x["arguments"]
+            ]
+            if not any(made.issuperset(word) for word in words):
+                continue
             names = formatting.words([run["name"] for run in runs])
             names = "all runs" if len(runs) == len(self.runs) > 1 else names
-            if "transform" in verbs:
-                fault = f"{issue['kind']} ({issue['where']})"
-                faults_by_runs.setdefault(names, []).append(fault)
+            where = issue["where"] if len(issue["where"]) < _MOST_OF_PLACE else ""
+            fault = f"{issue['kind']} ({where})".removesuffix(" ()")
+            faults_by_runs.setdefault(names, []).append(fault)
         found = faults_by_runs.items()
         return "; ".join(f"{formatting.words(x)} in {names}" for names, x in found)
-
-    def repairs_several(self, change: Mapping[str, Any]) -> bool:
-        """Whether a change makes several repairs at once: it is no single issue's."""
-        remedies = [remedy for issue in self.warnings for remedy in issue["remedies"]]
-        is_of_one = any(change == remedy["change"] for remedy in remedies)
-        return change["verb"] == "transform" and not is_of_one
 
     @property
     def kinds_of_issue(self) -> list[str]:
@@ -1273,6 +1299,63 @@ class Session:
         held = {"positions": parse_held(positions)}
         await self.apply(Change("hold", words, held).to_dict())
 
+    def before_repair(self, k: int) -> dict[str, Any] | None:
+        """Return what was there before the k-th repair (from 0); None where more than
+        repairs has changed the runs since, or that was too long ago."""
+        now = {name: getattr(self, name) for name in KEPT}
+        states = [*(kept for _, kept in self.past), now]
+        begins = [n for n, kept in enumerate(states) if len(kept["repairs"]) == k]
+        states = states[begins[-1] :] if begins else []
+        is_kept = all(
+            len(after["repairs"]) == len(before["repairs"]) + 1
+            if after["repairs"] != before["repairs"]
+            else after["runs"] == before["runs"]
+            for before, after in pairwise(states)
+        )
+        is_known = all(change["verb"] for _, _, change in self.repairs)
+        return states[0] if states and is_kept and is_known else None
+
+    async def take_back(
+        self, k: int, instead: Sequence[Mapping[str, Any]] = ()
+    ) -> None:
+        """Take the k-th repair (from 0) back, or make others instead of it; those after
+        it are made again."""
+        before = self.before_repair(k)
+        if before is None:
+            raise InputError("This repair cannot be taken back alone", "press Undo")
+        words, again = (
+            self.repairs[k][0],
+            [*instead, *(x[2] for x in self.repairs[k + 1 :])],
+        )
+        self._step_from_here(f"taken back: {words}")
+        for name, value in before.items():
+            setattr(self, name, value)
+        for change in again:
+            await self.apply(change)
+
+    def _earlier_unit(self, change: Mapping[str, Any]) -> tuple[int, dict[str, Any]]:
+        """Return the repair (from 0) that has set the unit of the channels that a change
+        reads, and what else that repaired; -1 where none has."""
+        channels = {*change["arguments"].get("scale", {})}
+        for k, (_, _, made) in enumerate(self.repairs):
+            arguments = made["arguments"]
+            words = arguments.get("apply", ())
+            others = [word for word in words if word != "unit:tau"]
+            is_same = not channels.isdisjoint(arguments.get("scale", {}))
+            is_same |= "tau" in channels and len(others) < len(words)
+            if is_same and self.before_repair(k) is not None:
+                return k, {**made, "arguments": {"apply": others}} if others else {}
+        return -1, {}
+
+    async def read_in_unit(self, change: Mapping[str, Any]) -> None:
+        """Read runs in the unit that a person names of the log: in place of the unit that
+        an earlier repair has taken it for."""
+        k, others = self._earlier_unit(change)
+        if k < 0:
+            await self.apply(change)
+        else:
+            await self.take_back(k, [x for x in (others, change) if x])
+
     async def apply(self, change: Mapping[str, Any]) -> None:
         """Do what a remedy says: to the runs and the robot, to the model, or a motion to
         record.
@@ -1292,6 +1375,8 @@ class Session:
             await self._change({**change, "arguments": one}, files)
         elif verb != "record":
             await self._change(change)
+        if verb != "record" and not is_leaving_out(change):
+            self.repairs[-1][2] = {**change}
 
     async def _change(
         self, change: Mapping[str, Any], files: Collection[str] | None = None
@@ -1314,13 +1399,13 @@ class Session:
         models = await self._judged_on(answer["runs"], answer["robot"])
         dropped = self._dropped(models)
         done = words
-        if self.repairs_several(change):  # the words count them
-            done = f"repaired: {self.faults_in_words}"
+        if faults := self.faults_in_words(change):  # the words count them
+            done = f"repaired: {faults}"
         elif len(request["files"]) < len(self.runs):
             names = [r["name"] for r in self.runs if r["file"] in request["files"]]
             done = f"{words} in {formatting.words(names)}"
         columns = [x["columns"] for x in self.runs if x["file"] in request["files"]]
-        self._step_from_here(words)
+        self._step_from_here(done)
         scale = change["arguments"].get("scale", {})
         for key in {json.dumps(names) for names in columns if names and scale}:
             texts = ",".join(f"{name}={unit}" for name, unit in scale.items())
@@ -1332,7 +1417,7 @@ class Session:
             self.prepared = [*self.prepared, *commands]
         self.new = ("check", "check")
         self.seen_issues = self.kinds_of_issue
-        self.repairs = [*self.repairs, [done, answer["effect"]]]
+        self.repairs = [*self.repairs, [done, answer["effect"], change]]
         self.say(*dropped, error=False)
 
     def _commands_of(
@@ -1679,8 +1764,13 @@ class Session:
     async def identify_for(self, file: str) -> None:
         """Identify without the effects that a file cannot hold, for this file alone: the
         model stays as it is."""
+        effects = self.current.exported[file]["effects"]
+        known = (
+            effect_types()
+        )  # what was found with the model fixed is in its last link
+        effects = [x for x in effects if not known[x.partition(":")[0]].frozen_only]
         request = {
-            "effects": ",".join(self.current.exported[file]["effects"]),
+            "effects": ",".join(effects),
             "method": self.method,
             "anyway": self.anyway,
             "runs": self.runs,

@@ -19,7 +19,6 @@ from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import heading_of, spoken
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
 from sdp_vs_penalty.results.remedy import SURE
-from sdp_vs_penalty.signals.noise import said_before
 
 #: Options of the command line by the step that offers them.
 Forms = Mapping[str, Sequence[Action]]
@@ -99,9 +98,8 @@ class View:
         if self.joint is None or self.judged != model.file:
             self.judged = model.file
             self.run = next(iter(model.changed_runs), self.run)
-            worst = model.comparison["facts"]["worst_joint"]["value"]
-            self.joint = int(worst) - 1
-            self.cause = self.session.cause_of(int(worst))
+            self.joint = model.worst_joint - 1
+            self.cause = self.session.cause_of(model.worst_joint)
 
     def select_joint(self, number: Any, cause: str) -> None:
         """Select a joint by its number from 1, as the browser sends it, and the cause
@@ -153,14 +151,14 @@ class StageVerdict:
     text: str
     #: Word with which the sentence begins.
     word: str = ""
-    #: All that is known, where the sentence is the shorter for it.
-    more: str = ""
 
 
 def label_of(words: str) -> str:
     """Return the words of a change as the label of its button."""
     columns = r"rename the columns of (\w+(?: and \w+)?)"
     words = re.sub(columns, r"put \1 into the joints' order", spoken(words))
+    several = r"\b(q|tau)\d+(?:, \1\d+)+(?: and \1\d+)?"
+    words = re.sub(several, _on_joints, words)
     words = re.sub(r"\btau\b", "the torque", words)
     words = re.sub(r"\bq\b", "the positions", words)
     words = re.sub(r"\btau(\d+)\b", r"joint \1's torque", words)
@@ -170,10 +168,23 @@ def label_of(words: str) -> str:
     return formatting.sentence(words).rstrip(".")
 
 
+def _on_joints(columns: re.Match[str]) -> str:
+    """Name several columns by the joints of one channel: "q of joints 1 to 7"."""
+    numbers = [int(number) for number in re.findall(r"\d+", columns[0])]
+    return f"{columns[1]} of {formatting.joints(numbers)}"
+
+
+def label_of_change(session: Session, change: Mapping[str, Any]) -> str:
+    """Return what the button of a change says: of several repairs which."""
+    faults = session.faults_in_words(change)
+    return f"Repair {faults}" if faults else label_of(change["words"])
+
+
 def label_of_motion(change: Mapping[str, Any]) -> str:
-    """Return the label of the button that makes a motion to record."""
-    decides = " that decides it" if change["arguments"].get("separate") else ""
-    return f"Make a motion{decides}"
+    """Return the label of the button that makes a motion to record; a card's, whose
+    change has no words, decides what the card is about."""
+    words = str(change.get("words", "record a motion that decides it"))
+    return label_of(words.replace("record", "make", 1))
 
 
 def look_in_words(session: Session) -> str:
@@ -222,9 +233,8 @@ def identified(session: Session) -> StageVerdict | None:
     if session.model is None:
         return None
     verdict = session.model.verdict
-    text = spoken(said_before(verdict.reason))
     level, word = level_of(verdict.grade), verdict.grade.capitalize()
-    return StageVerdict(level, session.model.headline, word, text)
+    return StageVerdict(level, session.model.headline, word)
 
 
 def in_brief(text: str) -> str:
@@ -255,9 +265,13 @@ def change_in_words(
     and what it is measured on."""
     was, now = before[joint - 1], after[joint - 1]
     unit = formatting.plain_unit(session.robot["units"][joint - 1])
-    amounts = f"{formatting.number(was)} → {formatting.number(now)} {unit}"
-    change = formatting.change_of(was, now)
-    return f"joint {joint}'s error: {amounts} ({change}), {measured_on(session)}"
+    change = (
+        f"{formatting.amounts([was, now], unit)} ({formatting.change_of(was, now)})"
+    )
+    floor = session.current.comparison["noise_floor"]
+    is_below = floor is not None and max(was, now) < floor[joint - 1]
+    bound = "; both are below the noise, which is a bound" if is_below else ""
+    return f"joint {joint}'s error: {change}, {measured_on(session)}{bound}"
 
 
 @dataclass(frozen=True)

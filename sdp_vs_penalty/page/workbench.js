@@ -120,6 +120,7 @@ document.addEventListener("click", async (event) => {
 });
 const startAgain = () => `Start it in a terminal by ${workbench.start}, then press the button. Your work is on disk.`;
 const lost = (is) => {
+  for (const button of document.querySelectorAll("button[data-key]:not([data-again])")) button.disabled = is;
   let box = document.querySelector(".lost");
   if (!is) return box?.remove();
   if (box) return;

@@ -19,7 +19,7 @@ from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.verdict import over_noise
 from sdp_vs_penalty.files import read_text
-from sdp_vs_penalty.formatting import change_of, number, plain_unit
+from sdp_vs_penalty.formatting import amounts, change_of, number, plain_unit
 from sdp_vs_penalty.render.charts import Figure, styled
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.results.templates import render
@@ -128,18 +128,21 @@ def bars(
             is_known=is_known,
         )
         of_models = (old_errors, new_errors) if after is not None else (new_errors,)
-        times = f"{' → '.join(number(x[j]) for x in of_models)}{unit}"
+        sizes = [
+            "below 1" if is_known and x[j] < 1.0 else number(x[j]) for x in of_models
+        ]
+        times = f"{' → '.join(dict.fromkeys(sizes))}{unit}"
         row["times"] = "" if ratios is None else times
         row |= {"name": f"joint {j + 1}", "number": j + 1}
         row |= {"is_chosen": j == chosen}
         errors = [before[j]] if after is None else [before[j], after[j]]
-        size, milli = (1e3, "m") if max(errors) < 1e-3 else (1.0, "")
-        amounts = " → ".join(number(size * error) for error in errors)
-        row["amount"] = f"{amounts} {milli}{plain_unit(units[j])}"
+        row["amount"] = amounts(errors, plain_unit(units[j]))
         rows.append(row)
     return piece(
         "bars.html",
-        caption=_caption_of_bars(scope, is_known, bool(unit), after is not None),
+        caption=_caption_of_bars(
+            scope, new_errors if is_known else None, bool(unit), after is not None
+        ),
         rows=rows,
         has_buttons=chosen is not None,
         has_change=after is not None,
@@ -166,7 +169,8 @@ def _bar(
     if is_known:
         sizes["noise"] = 1.0
     shapes = {kind: scale.place(size) for kind, size in sizes.items()}
-    if not has_change:
+    is_told = not (is_known and max(old, new) < 1.0)  # below the noise nothing is
+    if not (has_change and is_told):
         return {"shapes": shapes, "change": "", "kind": ""}
     return {
         "shapes": shapes,
@@ -176,16 +180,18 @@ def _bar(
 
 
 def _caption_of_bars(
-    scope: str, is_known: bool, is_share: bool, has_change: bool
+    scope: str, over_noise: Array | None, is_share: bool, has_change: bool
 ) -> str:
     """Return the caption of bars: what the errors are of, their scale, and the colours
-    where two models are drawn. Errors are multiples of the noise where that
-    ``is_known``, or shares of the torque."""
+    where two models are drawn. Errors are multiples of the noise (``over_noise``, None
+    where that is not known), or shares of the torque."""
     what = f"Error of each joint {scope}".rstrip()
     unit = "% of its torque (RMS)" if is_share else "RMS"
     caption = f"{what}, {unit} (noise unknown; logarithmic)"
-    if is_known:
-        caption = f"{what}, in multiples of its noise (shaded; logarithmic)"
+    if over_noise is not None:
+        is_bound = float(over_noise.min()) < 1.0
+        bound = "an upper bound, since an error is below it; " if is_bound else ""
+        caption = f"{what}, in multiples of its noise ({bound}shaded; logarithmic)"
     if has_change:
         caption += "; before (grey), after (blue)"
     return caption

@@ -85,8 +85,6 @@ class FindingWords:
     brief_gain: str = ""
     #: Other effects that fit as well.
     rivals: str = ""
-    #: How many splits of one run show the effect.
-    splits: str = ""
     #: Run that decides whether the effect is there.
     test: str = ""
     #: Why it is that sure: what was asked of the runs, a sentence each, and whether the
@@ -114,14 +112,7 @@ class FindingWords:
         """Everything that is said of the finding, without its title, as one
         paragraph.
         """
-        parts = (
-            self.on_the_arm,
-            self.gain,
-            self.physics,
-            self.rivals,
-            self.splits,
-            self.doubt,
-        )
+        parts = (self.on_the_arm, self.gain, self.physics, self.rivals, self.doubt)
         return " ".join(filter(None, parts))
 
 
@@ -183,7 +174,6 @@ def describe_finding(
         brief_gain=_brief_gain(finding, diagnosis),
         physics=physics,
         rivals=f"Fits as well: {rivals}." if rivals else "",
-        splits=finding.splits_sentence,
         doubt=doubt,
         test=finding.telling_run(model),
         evidence=(*_evidence_for(finding, diagnosis, size), *_against(doubt)),
@@ -195,7 +185,7 @@ def _brief_gain(finding: Finding, diagnosis: Diagnosis) -> str:
     the change: "joint 3's error: 0.0979 → 0.00376 N m, -96 %"."""
     joint = finding.main_joint
     before, after = (float(rmse[joint - 1]) for rmse in diagnosis.errors_of(finding))
-    amounts = f"{number(before)} → {number(after)} {diagnosis.torque_unit(joint)}"
+    amounts = formatting.amounts([before, after], diagnosis.torque_unit(joint))
     change = formatting.change_of(before, after)
     if after > (1.0 - MINOR) * before and finding in diagnosis.helpful:
         change = "it helps beside the others"
@@ -216,7 +206,6 @@ def _evidence_for(
 ) -> tuple[tuple[str, bool], ...]:
     """Say what each question to the runs has answered, and whether that speaks for a
     finding; ``size``: as it is said, "" where it is not known."""
-    reasons = {doubt.reason for doubt in finding.doubts}
     before, after = diagnosis.errors_of(finding)
     falls = bool(after[finding.main_joint - 1] < before[finding.main_joint - 1])
     evidence = [(finding.gain_sentence(diagnosis), falls)]
@@ -239,8 +228,6 @@ def _evidence_for(
         least = number(np.exp(EVIDENCE_TO_DISTINGUISH / 2.0), 2)
         nothing = f"That it is this effect and no other: {least} to 1, or more."
         evidence.append((nothing, True))
-    if splits := finding.splits_sentence:
-        evidence.append((splits, "few_splits" not in reasons))
     return tuple(evidence)
 
 
@@ -298,8 +285,6 @@ def doubt_of(rated: Finding | Retune, shared: Collection[Doubt] = ()) -> str:
     """
     is_named = isinstance(rated, Finding) and bool(rated.rivals_in_words)
     left_out = {*shared, *([Doubt("rivals")] if is_named else [])}
-    if isinstance(rated, Finding) and rated.splits_sentence:
-        left_out.add(Doubt("few_splits"))  # their number is said
     if rated.badge == "size uncertain":
         left_out |= {Doubt("uncertain"), Doubt("insignificant")}
     return _in_words([doubt for doubt in rated.doubts if doubt not in left_out])
@@ -531,12 +516,21 @@ _WHEN = {
 }
 
 
-def describe_unexplained(failures: Failures, joint: int) -> str:
-    """Say what the error of a joint (from 1) follows, which no effect explains."""
+def describe_unexplained(
+    failures: Failures, joint: int, is_found: bool | None = False
+) -> str:
+    """Say what the error of a joint (from 1) follows, and that nothing sure explains it.
+
+    is_found : whether something was found that may explain it; None before anything was
+    sought, which is not said then.
+    """
     when = _WHEN.get(shown_cause(None, failures, joint))
-    if when is None:
-        return f"No effect of the library explains what joint {joint} errs."
-    return f"Joint {joint} errs {when}; no effect of the library explains it."
+    if is_found is None:
+        return f" It errs {when}." if when else ""
+    why = "no effect of the library explains it"
+    if is_found:
+        why = "what was found does not surely explain it"
+    return f"Joint {joint} errs {when or 'most'}; {why}."
 
 
 def noise_unknown(compared: Comparison) -> str:

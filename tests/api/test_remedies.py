@@ -98,9 +98,10 @@ def test_the_first_remedy_of_a_check_repairs_its_runs(spoiled):
 
 def test_a_repair_that_an_effect_of_the_arm_makes_needless_is_no_next_step():
     change = Change("transform", "", {"apply": ["clock:t"]})
-    remedy = Remedy("", "possible", "its size", change, may_be_the_arm=True)
-    assert next_remedy([remedy]) is None
-    assert next_remedy([remedy, replace(remedy, may_be_the_arm=False)]) is not None
+    remedy = Remedy("", "likely", "its size", change, may_be_the_arm=True)
+    alone = replace(remedy, may_be_the_arm=False)
+    assert next_remedy([remedy, replace(alone, certainty="possible")]) is None
+    assert next_remedy([remedy, alone]) is alone
     older = {k: v for k, v in remedy.to_dict().items() if k != "may_be_the_arm"}
     assert not Remedy.from_dict(older).may_be_the_arm
 

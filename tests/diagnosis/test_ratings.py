@@ -148,11 +148,30 @@ def test_what_is_confident_is_read_first_and_what_is_within_the_noise_last():
     said = diagnosis(doubted, small, sure)
     assert [f.number for f in said.in_order_of_reading] == [3, 1, 2]
     assert said.cause.startswith("Joint 2 errs: backlash (confident)")
-    change = said.confident_remedy.change
-    assert change.arguments["findings"] == [2, 3]
-    assert change.words == "add the 2 that are confident"
+    assert said.main_remedy.change.words == "add backlash on joint 2"
     assert "Still to be won: base tilt" in diagnosis(small).cause
-    assert diagnosis(small).confident_remedy is None
+
+
+def test_what_lowers_the_worst_joint_most_is_read_first():
+    """A confident finding that lowers nothing by itself comes last, and has no button of
+    its own."""
+    errors = np.array([9.0, 4.0, 3.0, 3.0, 3.0, 3.0, 3.0])
+    loud = {"held_out_rmse_before": errors}
+    on_worst = errors - [4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    likely = finding(
+        "joint_spring", 1, "backlash", held_out_rmse_after=on_worst, **loud
+    )
+    other = errors - [0.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    second = finding("backlash", 2, held_out_rmse_after=other, **loud)
+    useless = finding("stiction", 3, held_out_rmse_after=1.01 * errors, **loud)
+    found = diagnosis(useless, second, likely)
+    assert [f.effect for f in found.in_order_of_reading] == [
+        "joint_spring",
+        "backlash",
+        "stiction",
+    ]
+    assert found.main_remedy.change.words == "add joint spring on joint 1"
+    assert diagnosis(useless).main_remedy is None
 
 
 def test_the_cause_of_the_whole_robot_names_no_joint():

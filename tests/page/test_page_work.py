@@ -31,7 +31,10 @@ from sdp_vs_penalty import (
     load_measurements,
     load_problem,
 )
-from sdp_vs_penalty.checks.issue import leave_out, make_explanation
+from sdp_vs_penalty.checks.certainty import likely, possible
+from sdp_vs_penalty.checks.check import check_runs
+from sdp_vs_penalty.checks.issue import leave_out, make_explanation, make_issue
+from sdp_vs_penalty.checks.report import list_remedies
 from sdp_vs_penalty.checks.torque_size import with_one_unit
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.diagnosis.doubts import Doubt
@@ -41,6 +44,7 @@ from sdp_vs_penalty.files import protecting
 from sdp_vs_penalty.formatting import sentence
 from sdp_vs_penalty.page import Sessions, WorkerPool, data_chart, guarded, jobs, worker
 from sdp_vs_penalty.page import sessions as tabs
+from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.render.words import describe_diagnosis, describe_remedy
 from sdp_vs_penalty.results import Change
 from sdp_vs_penalty.robot.robot import joint_limits
@@ -153,7 +157,63 @@ def test_what_a_repair_does_is_known_before_the_click(
     assert outcome.startswith("Error on motion left out: ")
     monkeypatch.setattr(jobs, "change", lambda job: pytest.fail("done twice"))
     do(s, lambda: s.apply(change))
-    assert s.repairs == [[change["words"], outcome]]
+    assert s.repairs == [[change["words"], outcome, change]]
+
+
+def test_a_unit_that_is_named_replaces_the_one_before(here, hidden, tmp_path):
+    """It does not multiply on top; each repair can be taken back where it stands, and
+    those after it are made again."""
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:1], "a.csv"))
+
+    def tau():
+        return load_measurements(s.folder / s.runs[0]["file"]).tau
+
+    logged, gravity = tau(), s.robot["gravity"]
+    in_milli, in_centi = (
+        Change("read", f"read tau in {unit}", {"scale": {"tau": unit}}).to_dict()
+        for unit in ("mNm", "Ncm")
+    )
+    do(
+        s,
+        lambda: s.apply(in_milli),
+        lambda: s.mount("0,-9.81,0"),
+        lambda: s.read_in_unit(in_centi),
+    )
+    np.testing.assert_allclose(tau(), 0.01 * logged)
+    assert [words for words, *_ in s.repairs] == [
+        "read the torque in N cm",
+        "gravity 0,-9.81,0",
+    ]
+    screen = Screen(s)
+    screen.click("take-back-0")
+    np.testing.assert_allclose(tau(), logged)
+    assert [*s.robot["gravity"]] == [0.0, -9.81, 0.0]
+    screen.click("take-back-0")
+    assert not s.repairs
+    assert [*s.robot["gravity"]] == [*gravity]
+
+
+def test_a_button_of_several_repairs_names_those_that_it_makes(here, hidden, tmp_path):
+    """What is only possible is not among them."""
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:1], "a.csv"))
+
+    def issue(kind, word, certainty):
+        made = make_issue(kind, "", remedy=kind, where="joint 1", apply=word)
+        return replace(made, certainty=certainty, repair=lambda run: run)
+
+    issues = [
+        issue("torque sign", "sign:tau1", likely("")),
+        issue("torque unit", "unit:tau", likely("")),
+        issue("encoder offset", "zero:q1", possible("")),
+    ]
+    report = check_runs(load_problem("two_link"), hidden.runs[:1])[0]
+    remedies = list_remedies([replace(report, issues=tuple(issues))])
+    s.runs[0]["findings"] = json.loads(json.dumps([x.to_dict() for x in issues]))
+    s.remedies = to_json(remedies)
+    screen = Screen(s)
+    repairs = "torque sign (joint 1) and torque unit (joint 1)"
+    assert screen.at("next").text == f"Repair {repairs} in a.csv"
+    assert screen.text("next").startswith(f"Likely: {repairs} in a.csv.")
 
 
 @pytest.mark.parametrize(
@@ -807,7 +867,9 @@ def test_a_wide_table_is_read_by_the_order_that_the_command_line_proposes(wide, 
     """What may be wrong about the guess stands beside the button."""
     assert "a clock and 5 columns of each of 2 joints" in wide.text("runs")
     assert wide.session.new == ("measure", "runs")  # the guess is shown
-    wide.click("next")
+    wide.click("next")  # no block is taken before one is chosen
+    assert not wide.session.runs
+    wide.click(next(key for key in wide.keys if key.startswith("block-")))
     assert [run["in_commands"] for run in wide.session.runs] == [
         "a_read.csv",
         "b_read.csv",
@@ -1146,7 +1208,7 @@ def test_what_was_stated_of_runs_holds_for_a_new_one(here, hidden, tmp_path):
     do(s, s.identify)
     s.arrived |= new
     do(s, s.read_files)
-    assert "new.csv: read by tau=9:7, as runs like it." in s.notice.texts
+    assert "new.csv: read in the units of runs like it." in s.notice.texts
     assert [run["use"] for run in s.runs] == ["train", "test", "test"]
     for run, path in zip(s.runs, hidden.runs, strict=False):
         tau = np.load(s.folder / run["file"])["tau1"]

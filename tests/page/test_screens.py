@@ -595,7 +595,7 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
     called = recorded(screen, monkeypatch)
     blue = [e.props["data-key"] for e in screen.under() if "primary" in e.classes]
     assert blue == ["next"]
-    screen.click("next", "add-2", "add-curve-0", "add-constant-0")
+    screen.click("next", "next-other", "add-2", "add-curve-0", "add-constant-0")
     screen.click(*(f"remedy-0-{k}" for k in (0, 1)))
     screen.set("remedy-0-2-unit", "mNm")
     screen.click("remedy-0-2", "remedy-0-3")
@@ -607,6 +607,7 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
     changes = [change for _, change, *_ in done]
     sure = [width.text, "joint_spring:2", one.text]
     assert [x["arguments"] for x in changes] == [
+        {"effects": ["joint_spring:2"], "findings": [1]},
         {"effects": sure, "findings": "helpful"},
         {"effects": [rival.text], "findings": [3]},
         {"effects": ["measured_curve:2"]},
@@ -616,7 +617,7 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
         {"scale": {"tau": "mNm"}},
         {},
     ]
-    assert {name for name, *_ in done} == {"apply", "make_motion"}
+    assert {name for name, *_ in done} == {"apply", "read_in_unit", "make_motion"}
 
 
 def test_effects_that_the_model_holds_are_told_apart_beside_the_model_before(

@@ -60,7 +60,7 @@ def models(view: View) -> None:
     floor = history[-1].comparison["noise_floor"]
     scope = measured_on(session, names_runs=True)
     if (diagnosis := session.findings_of_current) is not None:
-        remedy = diagnosis.confident_remedy or next_remedy(diagnosis.remedies)
+        remedy = diagnosis.main_remedy or next_remedy(diagnosis.remedies)
         before, after = diagnosis.held_out_rmse_before, remedy and remedy.after
     torque = history[-1].comparison["torque_rms"]
     drawn = bars(before, after, floor, units, scope, torque=torque)
@@ -129,11 +129,18 @@ _BADGES = {
 
 def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     """Draw a card for each finding and each constant to re-estimate: first those whose
-    torque is certain, as they are read, the main one unfolded; the others are folded away.
+    torque is certain, as they are read; the others are folded away. The main one is
+    unfolded, or, where none is or it was added, that of the joint that errs most.
 
     The position of a finding in the diagnosis numbers its card, so that both lists use
     the same numbers.
     """
+    session = view.session
+    opened = diagnosis.main_finding
+    if opened is None or session.findings_of_current is not diagnosis:
+        worst = session.current.worst_joint
+        on_worst = (f for f in diagnosis.in_order_of_reading if f.main_joint == worst)
+        opened = next((f for f in on_worst if f.text not in session.added), None)
     sure, others = list[partial[None]](), list[partial[None]]()
     titles_by_badge = dict[str, list[str]]()
     places = {finding.number: k for k, finding in enumerate(diagnosis.effects)}
@@ -143,14 +150,15 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
             continue
         titles = titles_by_badge.setdefault(words.findings[k].badge, [])
         titles.append(words.findings[k].title)
-        card = partial(_card, view, diagnosis, words.findings[k], k)
+        is_open = opened is not None and finding.number == opened.number
+        card = partial(_card, view, diagnosis, words.findings[k], k, is_open)
         (sure if finding.torque_is_certain else others).append(card)
     for k, constant in enumerate(diagnosis.retuned):
-        card = partial(_constant, view.session, constant, words.constants[k], k)
+        card = partial(_constant, session, constant, words.constants[k], k)
         (sure if constant.torque_is_certain else others).append(card)
     with draw.tag("ol", style="findings"):
-        for place, card in enumerate(sure):
-            card(is_open=place == 0)
+        for card in sure:
+            card()
     for badge in filter(_BADGES.get, titles_by_badge):
         names = "; ".join(titles_by_badge[badge])
         draw.note(
@@ -159,15 +167,16 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
         )
     if not others:
         return
-    added = [f for f in diagnosis.effects if f.text in view.session.added]
+    added = [f for f in diagnosis.effects if f.text in session.added]
     added = [finding for finding in added if not finding.torque_is_certain]
     title = weak_title(len(others), len(added))
-    with draw.details(title, "weak-findings", on=not sure):
+    is_unfolded = opened is not None and not opened.torque_is_certain
+    with draw.details(title, "weak-findings", on=not sure or is_unfolded):
         if words.shared_doubt:
             draw.note(words.shared_doubt)
         with draw.tag("ol", style="findings"):
-            for place, card in enumerate(others):
-                card(is_open=not sure and place == 0)
+            for card in others:
+                card()
 
 
 def _open_before(view: View, diagnosis: Diagnosis) -> None:
@@ -273,20 +282,18 @@ def _adding(
     text : the effect as `add` writes it; change : of its remedy; key : by which focus
     finds the button again; label : what it adds, for screen readers.
     """
-    if text in session.added or text in session.current.effects:
+    if text in session.added:
         draw.tag("p", "✓ Added", "chosen")
     else:
         add = partial(session.start, session.apply, change)
         draw.button("Add", add, key, aria_label=label)
 
 
-def _constant(
-    session: Session, constant: Retune, words: FindingWords, k: int, is_open: bool
-) -> None:
+def _constant(session: Session, constant: Retune, words: FindingWords, k: int) -> None:
     """Draw the card of a constant of the model's effects, the k-th, that should be
     re-estimated."""
     with draw.tag("li", style="card finding-card"):
-        with _head(words.title, f"card-constant-{k}", is_open, words):
+        with _head(words.title, f"card-constant-{k}", False, words):
             _picture(session, constant)
             draw.tag("p", words.physics)
             if words.doubt:
@@ -306,7 +313,7 @@ def _curves(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     texts = session.diagnosed.curve_texts
     curves = zip(diagnosis.curves, words.curves, texts, strict=True)
     for k, (curve, sentence, text) in enumerate(curves):
-        done = " done" if text in session.current.effects else ""
+        done = " done" if text in session.added else ""
         with draw.tag("div", style=f"card finding-card{done}"):
             name = f"Missing torque without a name, joint {curve.joint}"
             with _head(name, f"card-curve-{k}", is_open=not diagnosis.helpful):

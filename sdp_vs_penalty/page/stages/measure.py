@@ -18,7 +18,7 @@ from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import ArmScene, chart_and_arm
 from sdp_vs_penalty.page.charts import data_chart
-from sdp_vs_penalty.page.session import ENDINGS, Session, asks_for_unit
+from sdp_vs_penalty.page.session import ANGLES, ENDINGS, UNITS, Session, asks_for_unit
 from sdp_vs_penalty.page.spoken import heading_of, name_in_title, spoken
 from sdp_vs_penalty.page.view import (
     PagePart,
@@ -29,6 +29,7 @@ from sdp_vs_penalty.page.view import (
     checked,
     graded,
     label_of,
+    label_of_change,
     label_of_motion,
     look_in_words,
     set_aside_in_words,
@@ -509,16 +510,18 @@ def _findings(view: View) -> None:
     its remedies. A run without any gets a tick.
     """
     session = view.session
-    for words, effect in session.repairs:
-        draw.tag("p", f"✓ {label_of(words)}. {effect}", "chosen")
+    for k, (words, effect, _) in enumerate(session.repairs):
+        with draw.tag("div", style="row"):
+            draw.tag("p", f"✓ {label_of(words)}. {effect}", "chosen")
+            if session.before_repair(k) is not None:
+                back = partial(session.start, session.take_back, k)
+                label = f"Take back: {label_of(words)}"
+                key = f"take-back-{k}"
+                draw.button("Take it back", back, key, "quiet", aria_label=label)
     with draw.tag("p", style="row"):
         for run in session.runs:
             if all(issue["severity"] == "note" for issue in run["findings"]):
                 draw.tag("span", f"✓ {run['name']}", "tick")
-    first = session.remedies[:1]
-    if first and session.repairs_several(first[0]["change"]):
-        with draw.tag("div", style="row"):
-            _remedy(view, first[0], "remedy-all")
     for k, (issue, runs) in enumerate(session.issues):
         names = formatting.words([run["name"] for run in runs])
         with draw.tag("div", style=f"finding {issue['severity']}"):
@@ -584,7 +587,7 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
     and why it was refused, where it was."""
     session = view.session
     change = remedy["change"]
-    label = label_of(change["words"])
+    label = label_of_change(session, change)
     do = partial(session.start, session.apply, change)
     asked = [k for k, v in change["arguments"].get("scale", {}).items() if not v]
     if change["verb"] == "record":
@@ -594,7 +597,7 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
         scale = {asked[0]: ""}
         filled = {**change, "arguments": {**change["arguments"], "scale": scale}}
         _unit_fields(session, scale, key)
-        do = partial(session.start, session.apply, filled)
+        do = partial(session.start, session.read_in_unit, filled)
     draw.button(label, do, key)
     waiting = [x for x in session.runs if x["use"] == "wait" and asks_for_unit(x)]
     if asked and waiting:
@@ -605,12 +608,6 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
         draw.button("Identify without units", identify, f"{key}-as-is")
     if outcome := session.outcome_of(change):
         draw.note(outcome)
-
-
-#: Units of torque to choose from, by the name that `convert` has.
-_UNITS = {"mNm": "mN m", "Ncm": "N cm", "kgfm": "kgf m", "lbfin": "lbf in"}
-#: The same of positions.
-_ANGLES = {"deg": "degrees", "mrad": "mrad"}
 
 
 def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:
@@ -635,7 +632,7 @@ def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:
 
     put("unit", "")
     by, unit = ("drive gain", "N m/A") if is_torque else ("factor", "to rad, m")
-    options = [("", f"{by}s"), *(_UNITS if is_torque else _ANGLES).items()]
+    options = [("", f"{by}s"), *(UNITS if is_torque else ANGLES).items()]
     with draw.tag("div", style="fields"):
         draw.choice("Read it by", options, "", partial(put, "unit"), f"{key}-unit")
         label = f"{formatting.count(n, by)} [{unit}], in order"

@@ -116,7 +116,7 @@ def _lacking(session: Session, name: str, record: dict[str, Any], worse: str) ->
         draw.note(f"{formatting.sentence(record['lost'])}.")
     if "again" in record:
         draw.note(record["again"])
-    elif not any(step.opened or step.frozen for step in session.history):
+    else:
         again = partial(session.start, session.identify_for, name)
         label = "Identify again without these"
         draw.button(label, again, f"for-{name}", aria_label=f"{label}: {name}")
