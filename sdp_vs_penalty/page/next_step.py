@@ -259,7 +259,12 @@ def _of_model(view: View) -> NextStep:
     if diagnosis is not None:
         remedy = next_remedy(diagnosis.remedies)
         if remedy is not None:
-            return _to_add(session, diagnosis, remedy, level)
+            change = remedy.change
+            if change.verb != "transform":
+                return _to_add(session, diagnosis, remedy, level)
+            text = f"{of_model.word}. {graded(remedy.problem, remedy.certainty)}"
+            do = partial(session.start, session.apply, change.to_dict())
+            return NextStep(text, label_of(change.words), "check", do, **known)
         known["more"] = spoken(diagnosis.cause)
         known["number"] = f"{of_model.text} Measured {measured_on(session)}"
         text = f"{of_model.word}. {_without_remedy(session, diagnosis)}"

@@ -177,7 +177,8 @@ def _on_joints(columns: re.Match[str]) -> str:
 def label_of_change(session: Session, change: Mapping[str, Any]) -> str:
     """Return what the button of a change says: of several repairs which."""
     faults = session.faults_in_words(change)
-    return f"Repair {faults}" if faults else label_of(change["words"])
+    kinds = re.sub(r" \([^)]*\)", "", faults)  # where each is stands in the line
+    return f"Repair {kinds}" if faults else label_of(change["words"])
 
 
 def label_of_motion(change: Mapping[str, Any]) -> str:

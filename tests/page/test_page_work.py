@@ -212,7 +212,7 @@ def test_a_button_of_several_repairs_names_those_that_it_makes(here, hidden, tmp
     s.remedies = to_json(remedies)
     screen = Screen(s)
     repairs = "torque sign (joint 1) and torque unit (joint 1)"
-    assert screen.at("next").text == f"Repair {repairs} in a.csv"
+    assert screen.at("next").text == "Repair torque sign and torque unit in a.csv"
     assert screen.text("next").startswith(f"Likely: {repairs} in a.csv.")
 
 
