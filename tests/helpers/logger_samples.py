@@ -6,12 +6,12 @@ The same numbers in all of them, so that a test can compare what is read.
 import datetime
 import json
 import tempfile
-from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 from small_runs import small_run
+from written_logs import log
 
 from sdp_vs_penalty import Measurements, load_problem
 
@@ -28,180 +28,129 @@ def sample_run():
     return Measurements(np.round(run.t, 6), q, tau, dq)
 
 
-def _write(path, head, columns, mark=","):
-    """Columns of texts or numbers as one text table."""
-    rows = zip(*(map(_cell, column) for column in columns), strict=True)
-    lines = [] if head is None else [mark.join(head)]
-    path.write_text("\n".join([*lines, *map(mark.join, rows)]) + "\n")
+@cache
+def held():
+    """What the columns of tables hold."""
+    run = sample_run()
+    ones = np.ones(len(run.t))
+    degrees, stamps = (
+        np.degrees(run.q),
+        START * 10**9 + np.round(1e9 * run.t).astype(int),
+    )
+    begin = datetime.datetime(2025, 5, 1, 12)
+    days = [begin + datetime.timedelta(seconds=float(t)) for t in run.t]
+    names = np.tile(JOINTS, (len(run.t), 1))
+    blocks = {"q": run.q, "dq": run.dq, "tau": run.tau, "names": names}
+    return {
+        **blocks,
+        # Of joints that a driver lists from the last to the first.
+        **{f"turned {name}": block[:, ::-1] for name, block in blocks.items()},
+        # As pandas writes cells of arrays.
+        **{f"listed {name}": listed(block) for name, block in blocks.items()},
+        "t": run.t,
+        "ms": 1e3 * run.t,
+        "later": 1234.5 + run.t,
+        "late": np.array([f"{START + t + 0.001:.4f}" for t in run.t]),
+        "ns": stamps.astype(str),
+        "late ns": (stamps + 1000).astype(str),
+        "seconds": (stamps // 10**9).astype(str),
+        "nanoseconds": (stamps % 10**9).astype(str),
+        "iso": np.array([day.isoformat(" ", "milliseconds") for day in days]),
+        "count": np.arange(len(run.t)),
+        "ones": ones,
+        "step": 0.02 * ones,
+        "empty": np.full(len(run.t), ""),
+        "q asked": run.q + 1e-4,
+        "degrees": degrees,
+        "degrees asked": degrees + 0.01,
+        "degrees from 0": degrees % 360.0,
+        "turns": degrees / 360.0,
+        "turns/s": np.degrees(run.dq) / 360.0,
+        "degrees/s": np.degrees(run.dq),
+        "external tau": 0.1 * run.tau,
+        "current": 0.3 * run.tau,
+    }
 
 
-def _cell(x):
-    return x if isinstance(x, str) else f"{x:.10g}"
+def listed(block):
+    """Rows of a block as lists."""
+    texts = [
+        [f"'{x}'" if isinstance(x, str) else f"{x:.10g}" for x in row] for row in block
+    ]
+    return np.array(['"[' + ", ".join(row) + ']"' for row in texts])
 
 
-def _numbered(*patterns):
-    """Names by patterns like "q_{}", counted from 0."""
-    return [pattern.format(k) for pattern in patterns for k in range(2)]
-
-
-def _blocks(*blocks):
-    return [column for block in blocks for column in block.T]
-
-
-@dataclass(frozen=True)
-class Columns:
-    """A log of a clock and a column a joint."""
-
-    #: The clock's name, its units a second, and where it starts.
-    clock: tuple[str, float, float]
-    #: The columns' names, numbered by {}, and what they hold.
-    names: dict[str, str]
-    #: The number of the first joint.
-    first: int = 0
-    #: The separator.
-    mark: str = ","
-    #: The name of a column of ones behind the clock.
-    ones: str = ""
-
-    def __call__(self, path, run):
-        """Write the run."""
-        degrees = np.degrees(run.q)
-        held = {
-            "q": run.q,
-            "dq": run.dq,
-            "tau": run.tau,
-            "q asked": run.q + 1e-4,
-            "degrees": degrees,
-            "degrees asked": degrees + 0.01,
-            "degrees from 0": degrees % 360.0,
-            "turns": degrees / 360.0,
-            "turns/s": np.degrees(run.dq) / 360.0,
-            "degrees/s": np.degrees(run.dq),
-            "external tau": 0.1 * run.tau,
-            "current": 0.3 * run.tau,
-        }
-        name, rate, start = self.clock
-        numbers = range(self.first, self.first + 2)
-        head = [pattern.format(k) for pattern in self.names for k in numbers]
-        ones = [np.ones(len(run.t))] if self.ones else []
-        blocks = _blocks(*(held[what] for what in self.names.values()))
-        head = [name, *([self.ones] if self.ones else []), *head]
-        _write(path, head, [start + rate * run.t, *ones, *blocks], self.mark)
-
-
-SECONDS = ("time", 1.0, 0.0)
-RTDE = ("timestamp", 1.0, 1234.5)
-KUKA = ("IPOC", 1e3, 0.0)
-_RTDE = {"actual_q_{}": "q", "actual_qd_{}": "dq"}
-_FRANKA = {"q[{}]": "q", "q_d[{}]": "q asked", "dq[{}]": "dq", "tau_J[{}]": "tau"}
+#: Columns of tables, as written_logs says them.
+_STAMP = "seconds=header.stamp.sec; nanoseconds=header.stamp.nanosec"
+_RTDE = "later=timestamp; q=actual_q_{z}; dq=actual_qd_{z}"
+_STATE = "measured_joint_state"
+_SPACED = dict.fromkeys(("rtde", "rtde_torque", "rtde_controller"), " ")
+SEPARATORS = {**_SPACED, "franka_old": ", "}
 TABLES = {
-    "rtde": Columns(
-        RTDE, {**_RTDE, "actual_current_{}": "tau", "target_q_{}": "q asked"}, mark=" "
-    ),
+    "rtde": f"{_RTDE}; tau=actual_current_{{z}}; q asked=target_q_{{z}}",
     # As the controller makes torques of currents.
-    "rtde_torque": Columns(
-        RTDE, {**_RTDE, "actual_current_as_torque_{}": "tau"}, mark=" "
-    ),
-    "rtde_controller": Columns(RTDE, {**_RTDE, "target_moment_{}": "tau"}, mark=" "),
-    "mujoco": Columns(
-        SECONDS, {"qpos_{}": "q", "qvel_{}": "dq", "qfrc_actuator_{}": "tau"}
-    ),
-    "franka": Columns(
-        ("time", 1e3, 0.0),
-        {f"state.{name}": what for name, what in _FRANKA.items()},
-        ones="success_rate",
-    ),
-    "franka_old": Columns(
-        ("duration", 1e3, 0.0),
-        {**_FRANKA, "tau_ext_hat_filtered[{}]": "external tau"},
-        mark=", ",
-        ones=" success rate",
-    ),
-    "odrive": Columns(
-        SECONDS,
-        {
-            "axis{}.pos_estimate": "turns",
-            "axis{}.vel_estimate": "turns/s",
-            "axis{}.torque_estimate": "tau",
-        },
-    ),
-    "odrive_current": Columns(
-        SECONDS,
-        {
-            "axis{}.encoder.pos_estimate": "turns",
-            "axis{}.motor.current_control.Iq_measured": "tau",
-        },
-    ),
+    "rtde_torque": f"{_RTDE}; tau=actual_current_as_torque_{{z}}",
+    "rtde_controller": f"{_RTDE}; tau=target_moment_{{z}}",
+    "mujoco": "t=time; q=qpos_{z}; dq=qvel_{z}; tau=qfrc_actuator_{z}",
+    "franka": "ms=time; ones=success_rate; q=state.q[{z}]; q asked=state.q_d[{z}];"
+    " dq=state.dq[{z}]; tau=state.tau_J[{z}]",
+    "franka_old": "ms=duration; ones= success rate; q=q[{z}]; q asked=q_d[{z}];"
+    " dq=dq[{z}]; tau=tau_J[{z}]; external tau=tau_ext_hat_filtered[{z}]",
+    "odrive": "t=time; turns=axis{z}.pos_estimate; turns/s=axis{z}.vel_estimate;"
+    " tau=axis{z}.torque_estimate",
+    "odrive_current": "t=time; turns=axis{z}.encoder.pos_estimate;"
+    " tau=axis{z}.motor.current_control.Iq_measured",
     # Currents in per cent.
-    "kuka_rsi": Columns(
-        KUKA,
-        {"AIPos.A{}": "degrees", "ASPos.A{}": "degrees asked", "MACur.A{}": "tau"},
-        first=1,
-    ),
-    "kuka_rsi_torque": Columns(
-        KUKA, {"AIPos.A{}": "degrees", "$TORQUE_AXIS_ACT[{}]": "tau"}, first=1
-    ),
+    "kuka_rsi": "ms=IPOC; degrees=AIPos.A{}; degrees asked=ASPos.A{}; tau=MACur.A{}",
+    "kuka_rsi_torque": "ms=IPOC; degrees=AIPos.A{}; tau=$TORQUE_AXIS_ACT[{}]",
     # By the names of the controller's variables.
-    "kuka_variables": Columns(
-        SECONDS, {"$AXIS_ACT.A{}": "degrees", "$TORQUE_AXIS_ACT[{}]": "tau"}, first=1
-    ),
-    "abb_rapid": Columns(SECONDS, {"rax_{}": "degrees", "torque_{}": "tau"}, first=1),
-    "kortex": Columns(
-        SECONDS,
-        {
-            "actuators[{}].position": "degrees from 0",
-            "actuators[{}].velocity": "degrees/s",
-            "actuators[{}].torque": "tau",
-            "actuators[{}].current_motor": "current",
-        },
-    ),
-    "cia402": Columns(
-        ("timestamp", 1.0, 0.0),
-        {"0x6064_{}": "q", "0x606C_{}": "dq", "0x6077_{}": "tau"},
-        first=1,
-    ),
-    "xarm": Columns(
-        ("timestamp", 1.0, 0.0),
-        {"servo_angle_{}": "degrees", "joints_torque_{}": "tau"},
-    ),
-    "zero_based": Columns(("t", 1.0, 0.0), {"q{}": "q", "tau{}": "tau"}),
+    "kuka_variables": "t=time; degrees=$AXIS_ACT.A{}; tau=$TORQUE_AXIS_ACT[{}]",
+    "abb_rapid": "t=time; degrees=rax_{}; tau=torque_{}",
+    "kortex": "t=time; degrees from 0=actuators[{z}].position;"
+    " degrees/s=actuators[{z}].velocity; tau=actuators[{z}].torque;"
+    " current=actuators[{z}].current_motor",
+    "cia402": "t=timestamp; q=0x6064_{}; dq=0x606C_{}; tau=0x6077_{}",
+    "xarm": "t=timestamp; degrees=servo_angle_{z}; tau=joints_torque_{z}",
+    "zero_based": "t=t; q=q{z}; tau=tau{z}",
+    "rostopic": "ns=%time; empty=field.header.frame_id; turned names=field.name{z};"
+    " turned q=field.position{z}; turned dq=field.velocity{z}; turned tau=field.effort{z}",
+    "bagpy": "late=Time; count=header.seq; seconds=header.stamp.secs;"
+    " nanoseconds=header.stamp.nsecs; names=name_{z}; q=position_{z}; dq=velocity_{z};"
+    " tau=effort_{z}",
+    "flattened": f"{_STAMP}; q=joint_{{}}_position; tau=joint_{{}}_effort",
+    # Measured and interpolated positions, measured and external torques.
+    "pyfri": "count=index; t=time; late ns=record_time_nsec; seconds=tsec;"
+    " nanoseconds=tnsec; q=mp{}; q asked=ip{}; tau=mt{}; external tau=et{}; step=dt",
+    # A state of several parts, with the joints' names beside each.
+    "franka_ros2": f"{_STAMP}; names={_STATE}.name[{{z}}]; q={_STATE}.position[{{z}}];"
+    f" dq={_STATE}.velocity[{{z}}]; tau={_STATE}.effort[{{z}}];"
+    " q asked=desired_joint_state.position[{z}]",
+    "iso": "iso=time; q=q{}; tau=tau{}",
+    "lists": "t=time; listed names=name; listed q=position; listed dq=velocity;"
+    " listed tau=effort",
 }
 
 
-def _reversed(run):
-    """Names and numbers of joints that a driver lists from the last to the first."""
-    names = [[joint] * len(run.t) for joint in JOINTS[::-1]]
-    return [*names, *_blocks(*(x[:, ::-1] for x in (run.q, run.dq, run.tau)))]
-
-
-def rostopic(path, run):
-    fields = _numbered(*(f"field.{x}{{}}" for x in ("position", "velocity", "effort")))
-    stamps = [str(START * 10**9 + round(1e9 * t)) for t in run.t]
-    empty = [""] * len(run.t)
-    head = ["%time", "field.header.frame_id", *_numbered("field.name{}"), *fields]
-    _write(path, head, [stamps, empty, *_reversed(run)])
+def table(path, run, row, mark=",", **how):
+    """A log as TABLES has it."""
+    log(path, row, mark=mark, held=held(), **{"cell": "{:.10g}".format, **how})
 
 
 def ros2_echo(path, run):
-    _write(path, None, [*_two_parts(run), [""] * len(run.t), *_reversed(run)])
+    row = f"{_STAMP}; empty=frame; turned names={{}}; turned q={{}}; turned dq={{}}"
+    table(path, run, f"{row}; turned tau={{}}", head=[])
 
 
-def bagpy(path, run):
-    seconds, nanoseconds = _two_parts(run)
-    names = [[joint] * len(run.t) for joint in JOINTS]
-    head = ["Time", "header.seq", "header.stamp.secs", "header.stamp.nsecs"]
-    head += _numbered("name_{}", "position_{}", "velocity_{}", "effort_{}")
-    late = [f"{START + t + 0.001:.4f}" for t in run.t]
-    blocks = _blocks(run.q, run.dq, run.tau)
-    count = list(range(len(run.t)))
-    _write(path, head, [late, count, seconds, nanoseconds, *names, *blocks])
+def decimal_comma(path, run):
+    """As a German spreadsheet writes it, with a row of units."""
+    head = ["t;q1;q2;tau1;tau2", "s;deg;deg;Nm;Nm"]
+    row, cell = "t=t; degrees=q{}; tau=tau{}", "{:.8g}".format
+    table(path, run, row, ";", head=head, decimal=",", cell=cell)
 
 
-def flattened(path, run):
-    seconds, nanoseconds = _two_parts(run)
-    fields = [f"{joint}_{x}" for x in ("position", "effort") for joint in JOINTS]
-    head = ["header.stamp.sec", "header.stamp.nanosec", *fields]
-    _write(path, head, [seconds, nanoseconds, *_blocks(run.q, run.tau)])
+def commented(path, run):
+    """As numpy.savetxt writes a header."""
+    table(path, run, "t=# t; q=q_{z}; dq=dq_{z}; tau=tau_{z}", " ")
 
 
 def plotjuggler(path, run):
@@ -215,18 +164,6 @@ def plotjuggler(path, run):
         rows.append(",".join(map(str, cells)) + ",")
         rows.append(f"{START + t + 0.004:.6f},,,,,{24.0 + 0.01 * k:.2f}")
     path.write_text("\n".join(rows) + "\n")
-
-
-def pyfri(path, run):
-    """Measured and interpolated positions, measured and external torques."""
-    seconds, nanoseconds = _two_parts(run)
-    head = ["index", "time", "record_time_nsec", "tsec", "tnsec"]
-    head += [f"{word}{k}" for word in ("mp", "ip", "mt", "et") for k in (1, 2)]
-    count = [str(k) for k in range(len(run.t))]
-    blocks = _blocks(run.q, run.q + 1e-4, run.tau, 0.1 * run.tau)
-    stamps = [str(START * 10**9 + round(1e9 * t) + 1000) for t in run.t]
-    columns = [count, run.t, stamps, seconds, nanoseconds, *blocks]
-    _write(path, [*head, "dt"], [*columns, np.full(len(run.t), 0.02)])
 
 
 def lerobot_current(path, run):
@@ -261,19 +198,6 @@ def lerobot(path, run, word="effort"):
     parquet.write_table(table.cast(schema), path)
 
 
-def franka_ros2(path, run):
-    """A state of several parts, with the joints' names beside each."""
-    seconds, nanoseconds = _two_parts(run)
-    names = [[joint] * len(run.t) for joint in JOINTS]
-    parts = ("measured_joint_state", "desired_joint_state")
-    fields = ("position", "velocity", "effort")
-    head = ["header.stamp.sec", "header.stamp.nanosec"]
-    head += _numbered(*(f"{parts[0]}.{x}[{{}}]" for x in ("name", *fields)))
-    head += _numbered(f"{parts[1]}.position[{{}}]")
-    blocks = _blocks(run.q, run.dq, run.tau, run.q + 1e-4)
-    _write(path, head, [seconds, nanoseconds, *names, *blocks])
-
-
 def bam(path, run, word="torque"):
     """A list of objects beside what was recorded, of two servos in lists."""
     entries = [
@@ -290,65 +214,18 @@ def bam_load(path, run):
     bam(path, run, "load")
 
 
-def iso(path, run):
-    begin = datetime.datetime(2025, 5, 1, 12)
-    stamps = [
-        (begin + datetime.timedelta(seconds=float(t))).isoformat(" ", "milliseconds")
-        for t in run.t
-    ]
-    head = ["time", "q1", "q2", "tau1", "tau2"]
-    _write(path, head, [stamps, *_blocks(run.q, run.tau)])
-
-
-def lists(path, run):
-    """As pandas writes cells of arrays."""
-    cells = [
-        [f'"[{row[0]:.10g}, {row[1]:.10g}]"' for row in block]
-        for block in (run.q, run.dq, run.tau)
-    ]
-    names = ["\"['joint_1', 'joint_2']\""] * len(run.t)
-    head = ["time", "name", "position", "velocity", "effort"]
-    _write(path, head, [run.t, names, *cells])
-
-
-def decimal_comma(path, run):
-    """As a German spreadsheet writes it, with a row of units."""
-    rows = ["t;q1;q2;tau1;tau2", "s;deg;deg;Nm;Nm"]
-    for k, t in enumerate(run.t):
-        cells = [t, *np.degrees(run.q[k]), *run.tau[k]]
-        rows.append(";".join(f"{x:.8g}".replace(".", ",") for x in cells))
-    path.write_text("\n".join(rows) + "\n")
-
-
-def commented(path, run):
-    """As numpy.savetxt writes a header."""
-    head = "# " + " ".join(["t", *_numbered("q_{}", "dq_{}", "tau_{}")])
-    values = np.column_stack([run.t, run.q, run.dq, run.tau])
-    np.savetxt(path, values, "%.10g", header=head[2:])
-
-
-def _two_parts(run):
-    """Stamps as seconds and nanoseconds."""
-    whole = [START * 10**9 + round(1e9 * t) for t in run.t]
-    return [str(x // 10**9) for x in whole], [str(x % 10**9) for x in whole]
-
-
 #: What writes each sample.
 SAMPLES = {
-    **{f"{name}.csv": table for name, table in TABLES.items()},
-    "rostopic.csv": rostopic,
+    **{
+        f"{name}.csv": partial(table, row=row, mark=SEPARATORS.get(name, ","))
+        for name, row in TABLES.items()
+    },
     "ros2_echo.csv": ros2_echo,
-    "bagpy.csv": bagpy,
-    "flattened.csv": flattened,
-    "pyfri.csv": pyfri,
     "plotjuggler.csv": plotjuggler,
     "lerobot.parquet": lerobot,
     "lerobot_current.parquet": lerobot_current,
-    "franka_ros2.csv": franka_ros2,
     "bam.json": bam,
     "bam_load.json": bam_load,
-    "iso.csv": iso,
-    "lists.csv": lists,
     "decimal_comma.csv": decimal_comma,
     "commented.csv": commented,
 }

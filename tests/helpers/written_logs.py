@@ -77,23 +77,21 @@ def stamps(layout):
     return np.array([stamp.strftime(layout) for stamp in _DATED])
 
 
-def names_and_columns(row):
+def names_and_columns(row, held=HELD):
     """Names and columns of a table by a text, "ms=t [ms]; q=pos_{}": what they hold, and
     names, with {} for a joint's number, {z} for that from 0, {j} for its name, {s} for its
     name in another order."""
     names, columns = [], []
     for part in row.split("; "):
         kind, _, pattern = part.partition("=")
-        block = stamps(kind[1:]) if kind[0] == "@" else HELD[kind]
-        joints = SORTED if "{s}" in pattern else range(3) if "{" in pattern else ()
-        if joints:
-            names += [
-                pattern.format(k + 1, z=k, j=JOINTS[k], s=JOINTS[k]) for k in joints
-            ]
-            columns += [block[:, k] for k in joints]
-        else:
+        block = stamps(kind[1:]) if kind[0] == "@" else held[kind]
+        if "{" not in pattern:
             names.append(pattern)
             columns.append(block)
+            continue
+        for k in SORTED if "{s}" in pattern else range(block.shape[1]):
+            names.append(pattern.format(k + 1, z=k, j=JOINTS[k], s=JOINTS[k]))
+            columns.append(block[:, k])
     return names, columns
 
 
@@ -113,9 +111,19 @@ def write(path, lines, encoding="utf-8", ends="\n"):
     return path
 
 
-def log(path, row, above=(), mark=",", head=None, encoding="utf-8", ends="\n", **how):
+def log(
+    path,
+    row,
+    above=(),
+    mark=",",
+    head=None,
+    encoding="utf-8",
+    ends="\n",
+    held=HELD,
+    **how,
+):
     """A table; ``head`` are its first rows in place of the names."""
-    names, columns = names_and_columns(row)
+    names, columns = names_and_columns(row, held)
     heads = [mark.join(names)] if head is None else head
     lines = [mark.join(cells) for cells in cells_of(columns, **how)]
     return write(path, [*above, *heads, *lines], encoding, ends)
