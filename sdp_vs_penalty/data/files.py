@@ -5,7 +5,7 @@ import glob
 import os
 import re
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -385,13 +385,7 @@ def read_run(
     path: str | Path,
     joints: int | None = None,
     names: Sequence[str] | None = None,
-    topic: str | None = None,
-    rename: Mapping[str, str] | None = None,
-    rate: float | None = None,
-    scale: Mapping[str, str] | None = None,
-    options: Sequence[str] = (),
-    as_written: bool = False,
-    unit_of_others: str = "",
+    **chosen: Any,
 ) -> Measurements:
     """Read one run as it is in its file.
 
@@ -404,19 +398,9 @@ def read_run(
         Path of the file or folder, or of several files joined by plus signs.
     names : Sequence[str] | None
         Names of the robot's joints in order, for files that name theirs.
-    topic : str | None
-        Topic to take of a bag with several.
-    rename : Mapping[str, str] | None
-        The file's column names by ours (t, q1, tau1 ...).
-    rate : float | None
-        Sampling rate that replaces the file's clock [Hz].
-    scale, options
-        Factors by our names, and further words, of the `convert` command that is
-        running. They are not applied, but stand in the command that repeats it.
-    as_written : bool
-        Whether names mean what they say, and ours mean SI, whatever values and arm tell.
-    unit_of_others : str
-        Unit of positions that the arm has told of other runs of the same recorder.
+    chosen
+        What else is chosen of the file: topic, rename, rate and other fields of
+        :class:`~sdp_vs_penalty.data.reading.Choice`.
 
     Returns
     -------
@@ -429,12 +413,10 @@ def read_run(
     InputError
         A file that cannot be read, or positions or torques without any number.
     """
-    if rate is not None and not 0.0 < rate < np.inf:
-        what = f"rate {rate!r} is not a frequency above 0 Hz"
+    choice = Choice(names, **chosen)
+    if choice.rate is not None and not 0.0 < choice.rate < np.inf:
+        what = f"rate {choice.rate!r} is not a frequency above 0 Hz"
         raise InputError(what, "give the samples a second, like --rate 1000")
-    choice = Choice(
-        names, topic, rename, rate, scale, options, as_written, unit_of_others
-    )
     path = Path(path)
     if _is_joined(path, names or ()):
         from sdp_vs_penalty.data.joined import files_of_run, joined_log

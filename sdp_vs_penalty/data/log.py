@@ -161,7 +161,7 @@ def log_of_arrays(
     # above a table do.
     count = max((len(x) for x in arrays.values()), default=0)
     heading = [
-        f"{name}: {' '.join(f'{y:.12g}' for y in np.ravel(x))}"
+        f"{re.split('[/.]', name)[-1]}: {' '.join(f'{y:.12g}' for y in np.ravel(x))}"
         for name, x in arrays.items()
         if x.size < min(ROWS_DESCRIBED, count)
     ]

@@ -77,8 +77,8 @@ class Choice:
     rename: Mapping[str, str] | None = None
     #: Sampling rate [Hz] in place of the file's clock.
     rate: float | None = None
-    #: Factors by our names of the `convert` command that is running, for the command
-    #: that repeats it.
+    #: Factors by our names of the `convert` command that is running: they are not applied
+    #: here, but stand in the command that repeats it.
     scale: Mapping[str, str] | None = None
     #: Further words of that command.
     options: Sequence[str] = ()

@@ -1,6 +1,7 @@
 """What names leave open the arm tells: which channel is the torque, whether a register
 has a sign bit; and velocities the unit of a clock."""
 
+import json
 import re
 import shlex
 import warnings
@@ -94,6 +95,9 @@ def test_the_command_that_is_printed_reads_the_register_again(
     assert "written: a_columns.txt" in printed.out
     assert "bit 10 is its sign" in Path("a_columns.txt").read_text()
     assert run_cli(*shlex.split(command)) == 0
+    run_cli("check", "two_link", "--data", "log.csv", "--json", "c.json")
+    (sentence,) = json.loads(Path("c.json").read_text())["columns"]
+    assert sentence == Path("a_columns.txt").read_text().strip()
     assert (
         load_measurements("run.csv").data_hash == load_measurements("a.csv").data_hash
     )
@@ -238,6 +242,19 @@ def test_the_next_step_of_convert_mends_the_file(tmp_path, capsys, monkeypatch):
     (line,) = re.findall("^Next: sdp-vs-penalty (.*)$", capsys.readouterr().out, re.M)
     assert run_cli(*shlex.split(line)) == 0
     np.testing.assert_allclose(read_run("a.csv", 3).q, motion.q, atol=1e-4)
+
+
+def test_letters_in_a_unit_that_nothing_says_are_confirmed(tmp_path):
+    """A rail among joints, velocities as positions; `load` is a letter of torques."""
+    problem = load_problem(Path(__file__).parents[1] / "robot/gantry.urdf")
+    motion = small_run(problem)
+    slides = [joint.kind == "prismatic" for joint in problem.robot.joints]
+    to_file = np.where(slides, 1e3, DEGREES)
+    columns = {"ang": to_file * motion.q, "spd": to_file * motion.dq}
+    path = table(tmp_path / "run.csv", clock=motion.t, **columns, load=motion.tau)
+    got, _ = reading(path, problem)
+    np.testing.assert_allclose(got.q, motion.q, atol=1e-9)
+    np.testing.assert_allclose(got.dq, motion.dq, rtol=1e-4)
 
 
 def test_whole_seconds_are_no_milliseconds(run, tmp_path):

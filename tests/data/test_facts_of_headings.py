@@ -105,9 +105,10 @@ def test_joints_and_arms_are_no_runs(tmp_path):
     assert [*log_of_arrays(tmp_path / "a.h5", arrays).columns] == [*arrays]
 
 
-def test_few_numbers_beside_columns_are_facts_too(tmp_path):
-    blocks = {x: np.ones((60, 2)) for x in ("q", "motor_torque")}
-    facts = {"gear_ratios": np.array([100.0, 50.0]), "dt": np.array([0.004])}
+@pytest.mark.parametrize("group", ["", "robot/"])
+def test_few_numbers_beside_columns_are_facts_too(group, tmp_path):
+    blocks = {group + x: np.ones((60, 2)) for x in ("q", "motor_torque")}
+    facts = {"gear_ratios": np.array([100.0, 50.0]), f"{group}dt": np.array([0.004])}
     run = run_of(log_of_arrays(tmp_path / "log.npz", {**blocks, **facts}))
     assert run.tau[0].tolist() == [100.0, 50.0]
     assert run.t[1] == pytest.approx(0.004)

@@ -59,6 +59,7 @@ def verb(
     printing.checks(reports, command)
     content = {
         "problem": robot.name,
+        "columns": [run.reading for run in runs],
         "runs": [r.to_dict() for r in reports],
         "remedies": to_json(list_remedies(reports)),
     }

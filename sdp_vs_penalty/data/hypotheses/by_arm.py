@@ -502,7 +502,10 @@ def confirmed(found: Recognition, blocks: Mapping[str, Array], fit: Fit) -> Reco
         word = found.possible_scale["q"]
         factors, zeros = factors_and_zeros("q", word, q.shape[1])
         q = factors * (q - zeros)
-    has_velocities = "dq" not in blocks or rate_from_velocities(q, blocks["dq"])
+    # Velocities mostly have the unit in which positions are written.
+    has_velocities = "dq" not in blocks or any(
+        rate_from_velocities(x, blocks["dq"]) for x in (blocks["q"], q)
+    )
     of_torques = fit(q, tau) if has_velocities else None
     is_velocity = rate_from_velocities(q, tau) is not None
     if of_torques is None or of_torques.share > EXPLAINS_NONE or is_velocity:

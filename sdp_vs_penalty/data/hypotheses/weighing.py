@@ -98,16 +98,11 @@ def unit_of_angles(values: Array, kind: str = ANGLE) -> ColumnHypothesis:
     taken as they are.
     """
     largest = float(np.abs(values).max(initial=0.0))
-    is_large = largest > _TWO_TURNS
-    why = f"it reaches {largest:.3g}"
-    answers = [
-        ColumnHypothesis("deg", 0.5, why, 1e3 if is_large else 1.0),
-        ColumnHypothesis("rad", 0.5, why, 1.0 if is_large else 1e3),
-    ]
     if kind == SERVO and _TWO_TURNS < largest <= LARGEST_PERCENT:
         why = "which the file does not say: `convert --units q=deg` takes degrees"
-        answers.append(ColumnHypothesis(DEGREES_OR_PERCENT, 0.5, why, 1e6))
-    return weigh(answers)
+        return ColumnHypothesis(DEGREES_OR_PERCENT, 0.5, why)
+    unit = "deg" if largest > _TWO_TURNS else "rad"
+    return ColumnHypothesis(unit, 0.5, f"it reaches {largest:.3g}")
 
 
 def unit_of_clock(
