@@ -580,8 +580,9 @@ def _blocks(
         shares = [x / limit for x, limit in zip(sizes, efforts, strict=True) if limit]
         if shares and np.isfinite(efforts).all():
             share = formatting.percent(max(shares), 2)
-            name += f": {share} of what the joints may, were it N m"
-            name += ", so rather A" if max(shares) < _LIKE_CURRENTS else ""
+            is_small = max(shares) < _LIKE_CURRENTS
+            fits = "rather A; as N m" if is_small else "fits N m;"
+            name += f": {fits} {share} of the joints' limits"
         blocks[name] = {**guessed, **dict(zip(tau, block, strict=True))}
     return blocks
 

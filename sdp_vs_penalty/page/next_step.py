@@ -229,9 +229,13 @@ def _of_model(view: View) -> NextStep:
     assert of_model is not None  # there is a model
     level = of_model.level
     text = f"{of_model.word}. {of_model.text}"
+    of_noise = re.search(r"; (the noise is from[^.;]*)", text)
     number = _taken(session) or formatting.sentence(f"measured {measured_on(session)}")
     diagnosis = session.findings_of_current
     known: dict[str, Any] = {"level": level, "number": number}
+    if of_noise:
+        text = text.replace(of_noise[0], "")
+        known["more"] = f"{formatting.sentence(of_noise[1])}."
     if len(session.history) == 1 and diagnosis is None:
         known["figure"] = "identify", "fit"
     is_first = len(session.history) == 1
@@ -250,7 +254,7 @@ def _of_model(view: View) -> NextStep:
     if diagnosis is None and not is_done:
         do = partial(session.start, session.diagnose)
         label = "Diagnose: what is missing?" if is_first else "Diagnose again"
-        other = None
+        other = _rest_to_add(session)
         if len(session.past[-1][1]["runs"]) < len(session.runs):  # they came just now
             names = [run["name"] for run in session.runs]
             again = partial(session.start, session.identify_from, names)
@@ -334,6 +338,11 @@ def _to_add(
         add = partial(session.start, session.apply, all_of_it.change.to_dict())
         other = NextStep("", f"Or {all_of_it.change.words}", "diagnose", add)
     more = spoken(diagnosis.cause)
+    model = session.current
+    is_elsewhere = main is not None and main.main_joint != model.worst_joint
+    if is_elsewhere and level != "good" and model.failures:
+        worst = model.worst_joint
+        more += f" {describe_unexplained(model.where_it_fails, worst, True)}"
     text, rating = in_brief(more), ""
     if main is not None:
         text, rating = _in_one_line(diagnosis, main)
@@ -358,6 +367,19 @@ def _to_add(
     return NextStep(
         text, label, "diagnose", do, level=level, other=other, number=number, more=more
     )
+
+
+def _rest_to_add(session: Session) -> NextStep | None:
+    """Return the step that adds what else helps of what the last diagnosis found; None
+    where all of it is in the model."""
+    found = () if session.findings is None else session.findings.helpful
+    texts = [finding.text for finding in found if finding.text not in session.added]
+    if not texts:
+        return None
+    words = f"add the {formatting.count(len(texts), 'other')} that help"
+    change = Change("add", words, {"effects": texts}).to_dict()
+    add = partial(session.start, session.apply, change)
+    return NextStep("", f"Or {words}", "diagnose", add)
 
 
 def _in_one_line(diagnosis: Diagnosis, finding: Finding) -> tuple[str, str]:

@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 
 from sdp_vs_penalty.page import splits
+from sdp_vs_penalty.signals.phases import filter_reach
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +18,7 @@ def run(hidden):
 
 def test_a_fifth_of_a_run_is_judged_behind_the_filters(two_link, run):
     split = splits.split_run(two_link, run)
-    reach = splits._Cutting.for_run(two_link, run).reach
+    reach = filter_reach(run, two_link.preprocessing.resolve(run))
     judged = sum(max(end - begin - reach, 0.0) for begin, end in split["test"])
     assert judged >= splits.JUDGED_SHARE * (run.t[-1] - run.t[0] - reach)
 
