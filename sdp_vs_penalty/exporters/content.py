@@ -204,13 +204,7 @@ def servo_gains(estimate: Estimate) -> tuple[Array | None, float]:
 
 
 def verdict_line(estimate: Estimate) -> str:
-    """Return the model's verdict, and the gains of its servos, as one line.
-
-    Returns
-    -------
-    str
-        Printable ASCII, for a comment in a file.
-    """
+    """Return the model's verdict, and the gains of its servos, as one line."""
     line = NOT_JUDGED if estimate.verdict is None else estimate.verdict.brief()
     parameters = zip(
         estimate.model.parameters, estimate.theta, estimate.model.drives, strict=True
@@ -222,7 +216,7 @@ def verdict_line(estimate: Estimate) -> str:
     ]
     if gains:
         line = f"{line} Servo gains (kd holds viscous friction): {', '.join(gains)}"
-    return re.sub(r"[^\x20-\x7e]", "?", line)
+    return line
 
 
 def about_joints(robot: Robot, links: Array) -> Array:

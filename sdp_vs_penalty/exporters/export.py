@@ -157,18 +157,17 @@ def exported_verdict(lost: Sequence[str], judged: Verdict | None) -> str:
     """
     lacks = f"without {', '.join(map(effect_in_words, lost))}"
     if judged is None:
-        sentence = f"Not judged as exported, {lacks}: `sdp-vs-penalty export --data` judges it."
-    else:
-        sentence = f"As exported, {lacks}. {judged.brief()}"
-    return re.sub(r"[^\x20-\x7e]", "?", sentence)
+        return f"Not judged as exported, {lacks}: `sdp-vs-penalty export --data` judges it."
+    return f"As exported, {lacks}. {judged.brief()}"
 
 
 def _with_verdict(content: bytes, suffix: str, line: str) -> bytes:
-    """Put the verdict as a comment at the head of a file, if its format has comments.
+    """Put the verdict as a comment of ASCII at the head of a file, if its format has
+    comments.
 
     A .json file has a field for it instead; tables stay as they are.
     """
-    line = printable(line)
+    line = re.sub(r"[^\x20-\x7e]", "?", printable(line))
     if suffix in (".urdf", ".xml", ".sdf"):
         comment = f"<!-- {re.sub('-(?=-)', '- ', line)} -->\n".encode()
         is_declared = content.startswith(b"<?xml")
