@@ -202,7 +202,8 @@ def _words_of_rival(log: Likelihood, rival: Claim, claims: Sequence[Claim]) -> s
         for fault in list_faults(log, rival.fit.chain):
             if fault.sentence not in before:
                 return fault.sentence
-    return f"{h.kind} of {joints_text(h.joints)} in a part of the log"
+    whose = f" of {joints_text(h.joints)}" if h.joints else ""
+    return f"{h.kind}{whose} in a part of the log"
 
 
 def keep_only(log: Likelihood, net: LogTransform, fault: Fault) -> LogTransform:

@@ -38,6 +38,8 @@ _ROUNDS = 4
 _LEAST_SHARE = 0.1
 #: Factor of the spread of a link that is a guess.
 _GUESSED = 3.0
+#: By how much a URDF's centre of mass is off, in the joint's reach (standard deviation).
+_CENTRE = 1.0 / 15.0
 #: A logarithm's argument, a divisor: no smaller than this.
 _TINY = 1e-280
 #: Place of the offset among a joint's own columns, which has no direction.
@@ -53,6 +55,8 @@ class _Prior(NamedTuple):
     inverse: Array
     #: Natural logarithm of the inverse's determinant.
     log_determinant: float
+    #: (s, s) their covariance by what a URDF's centres of mass are off.
+    of_centres: Array
 
 
 @dataclass(frozen=True)
@@ -195,7 +199,7 @@ class _Products:
         first ``n_links`` parameters, the links', by how large the fitted arm is beside
         the nominal one.
         """
-        mean, inverse, _ = prior
+        mean, inverse = prior.mean, prior.inverse
         s, count = len(mean), len(n_rows)
         is_link = np.arange(s) < n_links
         left = np.maximum(self.energy, c.FLOOR * self.total)
@@ -279,7 +283,7 @@ class Evidence:
         """
         data, problem = self.log.data, self.log.problem
         if data.shared is None:
-            return _Prior(np.zeros(0), np.zeros((0, 0)), 0.0)
+            return _Prior(np.zeros(0), np.zeros((0, 0)), 0.0, np.zeros((0, 0)))
         dependence = data.dependence
         links = problem.prior_links
         reach = np.maximum(problem.robot.link_reach(), 0.05)
@@ -298,12 +302,17 @@ class Evidence:
         mean[rigid] = links.ravel()[: len(rigid)]
         sd[rigid] = spread.ravel()[: len(rigid)]
         covariance = (dependence * sd**2) @ dependence.T
+        centres = np.zeros_like(spread)
+        centres[:, 1:4] = _CENTRE * (mass * reach)[:, None]
+        sd = np.zeros(p)
+        sd[rigid] = centres.ravel()[: len(rigid)]
+        of_centres = (dependence * sd**2) @ dependence.T
         size = np.diag(covariance)
         covariance = covariance + np.diag(1e-9 * size + 1e-14 * size.sum())
         inverse = np.linalg.inv(covariance)
         inverse = 0.5 * (inverse + inverse.T)
         log_determinant = -float(np.linalg.slogdet(covariance)[1])
-        return _Prior(dependence @ mean, inverse, log_determinant)
+        return _Prior(dependence @ mean, inverse, log_determinant, of_centres)
 
     @property
     def covariance_of_links(self) -> Array:
@@ -322,7 +331,9 @@ class Evidence:
         inverse[:s, :s] = links.inverse
         log_determinant = links.log_determinant - 2.0 * float(np.sum(np.log(sd)))
         mean = np.concatenate([links.mean, np.zeros(len(sd))])
-        return _Prior(mean, inverse, log_determinant)
+        of_centres = np.zeros_like(inverse)
+        of_centres[:s, :s] = links.of_centres
+        return _Prior(mean, inverse, log_determinant, of_centres)
 
     # -- rows as seen
 
@@ -486,10 +497,16 @@ class Evidence:
         sd_of_power = np.sqrt(np.maximum(arms.left / n_rows + variance[:, :-1], _TINY))
         log_odds = np.log(2.0) + log_ndtr(directions[:, None] * power / sd_of_power)
         physics = np.sum(np.maximum(log_odds, -c.MAX_PHYSICS_LOG_ODDS), axis=1)
-        # The links: they are like the nominal ones, and not like their mirror image.
+        # The links: they are like the nominal ones, and not like their mirror image, unless
+        # their centres are so near the axes that they may lie beyond them.
         sd_of_likeness = np.sqrt(np.maximum(variance[:, -1], _TINY))
         log_odds_of_mirror = np.log(2.0) + log_ndtr(arms.likeness / sd_of_likeness)
-        value += np.maximum(log_odds_of_mirror, -c.MAX_PHYSICS_LOG_ODDS)
+        beforehand = np.sqrt(
+            np.sum(arms.nominal * (arms.nominal @ prior.of_centres), axis=1)
+        )
+        expected = arms.nominal @ prior.mean / np.maximum(beforehand, _TINY)
+        least = np.maximum(np.log(2.0) + log_ndtr(-expected), -c.MAX_PHYSICS_LOG_ODDS)
+        value += np.maximum(log_odds_of_mirror, least)
         # A controller that compensates friction leaves little of it: more costs.
         shares = power / np.sqrt(stacked.total)
         cost = np.minimum(0.5 * (shares / c.COMPENSATED) ** 2, c.MAX_PHYSICS_LOG_ODDS)

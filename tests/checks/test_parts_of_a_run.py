@@ -2,12 +2,15 @@
 where friction that the model lacks does not explain it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from sdp_vs_penalty.checks import check
+from sdp_vs_penalty.checks import check, explain
+from sdp_vs_penalty.race import Hypothesis, Part
+from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.simulation import experiment
 
 #: Factor of the torque of joint 1 in the second half.
@@ -45,3 +48,11 @@ def test_no_gain_is_told_where_friction_stays_as_it_is(two_link, run):
     tau[late_half(run), 0] *= GAIN
     tau[:, 0] += friction
     assert told(two_link, replace(run, tau=tau)) == []
+
+
+def test_a_rival_of_no_joint_in_a_part_has_words():
+    chain = LogTransform.unchanged(2, (0.0, 0.0, -9.81))
+    push = Hypothesis("passing force", (), -20.0, chain, part=Part(None, 10.9, 11.4))
+    rival = SimpleNamespace(hypothesis=push)
+    said = explain._words_of_rival(None, rival, ())
+    assert said == "passing force in a part of the log"

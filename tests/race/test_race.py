@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from arms import Axis, run_of, write_urdf
 from numpy.testing import assert_allclose
 from small_runs import small_run
 
@@ -137,6 +138,24 @@ def test_an_arm_on_a_wall_whose_upright_weight_is_subtracted(share):
     assert_allclose(outcome.view.chain.gravity, left, atol=1e-9)
     (fault,) = mounting.list_faults(log, outcome.view.chain)
     assert "under gravity along (-9.81, 0, 0)" in fault.what
+
+
+def test_a_link_that_hangs_on_the_other_side_of_its_axis_is_no_mounting(tmp_path):
+    """The link's centre is 17 mm beside the axis, and its place known to centimetres."""
+
+    def arm(name, beside):
+        """The arm with the second link's centre so far beside its axis [m]."""
+        axes = [
+            Axis("revolute", (0, 0, 1), (0, 0, 0), 10.0, (-0.14, 0.03, 0.02)),
+            Axis("revolute", (0, 1, 0), (-0.345, 0, 0), 7.0, (beside, -0.16, -0.006)),
+        ]
+        return load_problem(write_urdf(tmp_path / f"{name}.urdf", name, axes))
+
+    friction = (np.array([3.0, 2.0]), np.array([2.0, 1.5]), np.zeros(2))
+    run = run_of(arm("true", -0.02), friction, np.array([0.05, 0.05]), seconds=16.0)
+    as_believed = arm("believed", 0.016)
+    verdict = Race([rows_of(replace(run, dq=None), as_believed)]).run()
+    assert verdict.claims == ()
 
 
 @pytest.mark.parametrize("late", [0.03, -0.03])
