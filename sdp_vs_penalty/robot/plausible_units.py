@@ -145,8 +145,7 @@ def odd_limits(joints: Sequence[Joint]) -> str:
     ranges = {joint.name: max(-joint.lower, joint.upper) for joint in turning}
     speeds = {joint.name: joint.velocity for joint in turning}
     # A joint may turn often: its limits in radians are no whole numbers.
-    ends = {x.name: (x.lower, x.upper) for x in turning}
-    whole = [x for x, pair in ends.items() if all(y % 1.0 == 0.0 for y in pair)]
+    whole = [x.name for x in turning if x.lower % 1.0 == x.upper % 1.0 == 0.0]
     positions = _in_degrees(ranges, *_RANGE_IN_DEGREES, whole)
     window = _SPEED_BESIDE_DEGREES if positions else _SPEED_IN_DEGREES
     what = {"positions": positions, "velocities": _in_degrees(speeds, *window)}

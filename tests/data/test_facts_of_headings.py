@@ -133,6 +133,15 @@ def test_a_rate_beside_the_arrays_of_json_stands_for_the_clock(tmp_path):
     np.testing.assert_allclose(load_measurements(path).t, [0.0, 0.02, 0.04])
 
 
+def test_a_number_beside_the_data_sets_of_hdf5_is_the_rate(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        for name in ("q", "tau"):
+            file[f"robot/{name}"] = np.ones((60, 2))
+        file["robot/rate_hz"] = 200.0
+    assert load_measurements(tmp_path / "run.h5").t[1] == pytest.approx(0.005)
+
+
 @pytest.mark.parametrize("name", ["qd", "qdot", "vel"])
 def test_velocities_by_another_name_are_read_beside_our_names(name, tmp_path):
     """MATLAB's toolboxes call them qd."""

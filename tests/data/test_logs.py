@@ -145,15 +145,8 @@ def test_more_columns_of_each_joint_than_three_are_ambiguous(tmp_path, clock):
     assert ("--rate 100" in said) is not bool(clock)
 
 
-def test_the_column_that_counts_episodes_is_the_loggers(tmp_path, monkeypatch):
-    """Two episodes of three rows; their clocks begin at 0 again, a second apart."""
-    from sdp_vs_penalty.data.words import loggers
-
-    changed = [
-        {**logger, "episode": "take"} if "episode" in logger else logger
-        for logger in loggers.LOGGERS
-    ]
-    monkeypatch.setattr(loggers, "LOGGERS", changed)
+def test_the_column_that_counts_runs_puts_them_apart(tmp_path):
+    """Two of three rows; their clocks begin at 0 again, a second apart."""
     path = tmp_path / "episodes.csv"
     rows = [f"{t},{t},{take},{take}" for take in (0, 1) for t in (0.0, 0.1, 0.2)]
     path.write_text("\n".join(["t,q1,tau1,take", *rows]) + "\n")

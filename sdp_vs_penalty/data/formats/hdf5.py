@@ -69,11 +69,12 @@ def numeric_data_sets(path: str) -> Iterator[dict[str, Array]]:
 def _columns_of(file: Any, name: str, data_set: Any) -> Iterator[tuple[str, Array]]:
     """Iterate over the columns of a data set: the fields of records, the named columns
     of a block of pandas, or the data set itself."""
-    if data_set.ndim not in (1, 2):
+    if data_set.ndim > 2:
         return
     for field in data_set.dtype.names or ():
         if data_set.dtype[field].base.kind in "fiu":
-            yield f"{name}{_WITHIN}{field}", np.asarray(data_set[field], float)
+            values = np.atleast_1d(np.asarray(data_set[field], float))
+            yield f"{name}{_WITHIN}{field}", values
     if data_set.dtype.kind not in "fiu":
         return
     items = name.removesuffix(_VALUES) + _ITEMS
@@ -81,7 +82,8 @@ def _columns_of(file: Any, name: str, data_set: Any) -> Iterator[tuple[str, Arra
         stated = next((data_set.attrs[x] for x in _UNITS if x in data_set.attrs), "")
         unit = stated.decode(errors="replace") if isinstance(stated, bytes) else stated
         is_said = isinstance(unit, str) and 0 < len(unit) < _LONGEST_UNIT
-        yield f"{name} [{unit}]" if is_said else name, np.asarray(data_set[()], float)
+        values = np.atleast_1d(np.asarray(data_set[()], float))  # a rate is one number
+        yield f"{name} [{unit}]" if is_said else name, values
         return
     for place, item in enumerate(file[items][()]):
         label = item.decode() if isinstance(item, bytes) else str(item)
