@@ -17,17 +17,15 @@ os.environ.setdefault("SDP_VS_PENALTY_CACHE", "")
 os.environ.setdefault("SDP_VS_PENALTY_PROJECTS", "")
 
 # Where Python is told to write no bytecode, each worker and each command of a test would
-# compile the checkout's modules anew: they share it in pytest's own cache. An installed
-# package has its bytecode beside it, as others have; Python would not look for it there.
+# compile the checkout's modules anew: they share it. It lies beside them, as that of other
+# packages does, which Python would look for in no other place.
 if (
     sys.dont_write_bytecode
     and (spec := importlib.util.find_spec("sdp_vs_penalty"))
     and Path(str(spec.origin)).parents[1] == Path(__file__).parents[1]
     and os.environ.pop("PYTHONDONTWRITEBYTECODE", "")
 ):
-    sys.pycache_prefix = str(Path(__file__).parents[1] / ".pytest_cache" / "bytecode")
     sys.dont_write_bytecode = False
-    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
 
 import pytest
 
