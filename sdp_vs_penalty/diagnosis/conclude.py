@@ -202,7 +202,7 @@ class Conclusion:
     ) -> tuple[ErrorWith, ...]:
         """Return the errors on data left out with each of several additions alone."""
         texts = [*(r.text for r in self.retunes), *(f.text for f in self.findings)]
-        numbers = {text: number for number, text in enumerate(texts)}
+        numbers = dict(zip(texts, self.ladder.offered, strict=True))
         errors = {}
         for added in additions:
             chosen = tuple(found.text for found in added)
@@ -341,8 +341,8 @@ NOTES_ON_NOISE = {
     RESIDUAL: (
         f"{formatting.sentence(NOISE_UNKNOWN)}. The log shows no steady noise above the"
         " motion's band either (too slow, smoothed before it was logged, or louder in"
-        " motion), so noise and model error cannot be separated. Record a run with more"
-        " than one period."
+        " motion), so noise and model error cannot be separated: the noise shown is the"
+        " error itself. Record a run with more than one period."
     ),
     SPECTRUM: (
         "No motion repeats: the noise is that of the torque's spectrum above the"

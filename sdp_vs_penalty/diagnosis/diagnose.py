@@ -14,6 +14,7 @@ from sdp_vs_penalty.diagnosis.curves.measure import accept_curves, measure_curve
 from sdp_vs_penalty.diagnosis.equivalence import with_equivalence_sets
 from sdp_vs_penalty.diagnosis.explanation import (
     Ladder,
+    drop_harmful,
     explain_in_order,
     held_out_errors,
 )
@@ -184,10 +185,14 @@ def diagnose_runs(
     searched = _searched(runs, progress)
     progress("held-out errors")
     judge = HeldOutData(runs.estimate, runs.test_rows, runs.frozen)
-    explanation = explain_in_order(searched, runs.estimate)
-    held_out = held_out_errors(explanation, judge)
+    offered = explain_in_order(searched, runs.estimate)
+    held_out = held_out_errors(offered, judge)
+    explanation = drop_harmful(offered, held_out, searched)
+    if not {t.text for t in explanation.terms} <= {t.text for t in offered.terms}:
+        # Constants that were fitted again without what was dropped are other effects.
+        offered, held_out = explanation, held_out_errors(explanation, judge)
     explanation = with_equivalence_sets(explanation, judge)
-    ladder = Ladder(held_out, len(explanation.terms), len(explanation.constants))
+    ladder = Ladder.from_explanation(explanation, held_out, offered.terms)
     give_back_memory(runs.searched.samples)
     left = unexplained_error(explanation.search)
     measured = measure_curves(explanation.search, left.joints_above_noise)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.constants import SURE_HELP
+from sdp_vs_penalty.diagnosis.constants import MINOR, SURE_HELP
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, HeldOutData
 from sdp_vs_penalty.diagnosis.late_torque import (
     beside_constants,
@@ -56,10 +56,13 @@ class Explanation:
         return [*self.constants, *self.search.terms]
 
 
-def explain_in_order(search: Search, first: Estimate) -> Explanation:
-    """Explain the torque by all that a search has found, sorted by evidence, highest
-    first: findings judged beside each other and the model with re-estimated shape
-    constants.
+def explain(
+    search: Search,
+    first: Estimate,
+    constants: Sequence[ScoredEffect],
+    findings: Sequence[ScoredEffect],
+) -> Explanation:
+    """Judge findings beside each other and the model with re-estimated shape constants.
 
     Parameters
     ----------
@@ -67,19 +70,39 @@ def explain_in_order(search: Search, first: Estimate) -> Explanation:
         The search that has found the effects.
     first
         The model before any constant was re-estimated.
+    constants
+        Candidates that replace the model's own effects, with other constants.
+
+    Returns
+    -------
+    Explanation
+        The model with all of them.
     """
     refitted = copy(search)
-    refitted.terms = [t for t in search.terms if not t.form.replaces_own_constant]
-    found = search.all_constants
-    constants = [t for t in found if changed_constants([t], first.model)]
-    if found:
+    refitted.terms = [*findings]
+    if search.constants or any(t.form.replaces_own_constant for t in search.terms):
         refitted = beside_constants(refitted, first, constants)
     refers_to_model = any(depends(t.form.effect) for t in refitted.terms)
     if constants or refers_to_model or delays_torque(refitted):
         refitted = refer_once(refitted)
-    out = refitted.without_refuted()
-    out.terms.sort(key=lambda t: -t.evidence)
-    return Explanation(first, refitted.constants, out)
+    return Explanation(first, refitted.constants, refitted.without_refuted())
+
+
+def explain_in_order(search: Search, first: Estimate) -> Explanation:
+    """Explain the torque by all that a search has found, sorted by evidence, highest
+    first.
+
+    Parameters
+    ----------
+    first
+        The model before any constant was re-estimated.
+    """
+    findings = [t for t in search.terms if not t.form.replaces_own_constant]
+    constants = [t for t in search.all_constants if changed_constants([t], first.model)]
+    out = explain(search, first, constants, findings)
+    in_order = copy(out.search)
+    in_order.terms = sorted(out.search.terms, key=lambda t: -t.evidence)
+    return replace(out, search=in_order)
 
 
 def held_out_errors(explanation: Explanation, judge: HeldOutData) -> HeldOut:
@@ -102,16 +125,67 @@ def held_out_errors(explanation: Explanation, judge: HeldOutData) -> HeldOut:
     return judge.held_out_errors(explanation.search.data.rows, effects, estimate)
 
 
+def drop_harmful(
+    explanation: Explanation, held_out: HeldOut, search: Search
+) -> Explanation:
+    """Drop constants and findings that raise the error on data left out.
+
+    The harm of an effect is what it adds to the sum of the joints' log errors, beside
+    all others. The most harmful effect is dropped while its harm is 1 % or more. If the
+    noise is unknown, an effect has to lower the sum by 1 % to stay, since evidence
+    against a guessed noise proves nothing.
+
+    Parameters
+    ----------
+    explanation
+        The model with constants and findings.
+    held_out
+        Errors on data left out, with the effects in the explanation's order.
+    search
+        The search, for fitting again what remains.
+    """
+    terms = explanation.terms
+    n_own = len(explanation.constants)
+    # Evidence against a noise that is guessed proves nothing by itself.
+    every = range(len(terms))
+    least_help = {} if search.data.noise_is_known else dict.fromkeys(every, MINOR)
+    order = held_out.drop_harmful(every, least_help)
+    constants = [terms[k] for k in order if k < n_own]
+    findings = [terms[k] for k in order if k >= n_own]
+    if len(order) < len(terms):
+        return explain(search, explanation.first, constants, findings)
+    return explanation
+
+
 @dataclass(frozen=True)
 class Ladder:
     """Errors on data left out, with one finding after the other."""
 
     #: Errors on data left out of any selection of effects.
     held_out: HeldOut
-    #: Number of its effects: re-estimated constants, then findings.
-    n_effects: int
+    #: Numbers of the constants (the first ``n_own``) and of the findings among the
+    #: effects of ``held_out``.
+    offered: tuple[int, ...]
     #: Number of re-estimated constants.
     n_own: int
+
+    @classmethod
+    def from_explanation(
+        cls, explanation: Explanation, held_out: HeldOut, judged: Sequence[ScoredEffect]
+    ) -> Ladder:
+        """Make the ladder of an explanation: the order in which its effects are added.
+
+        Parameters
+        ----------
+        held_out
+            Errors on data left out of any selection of the judged effects.
+        judged
+            All effects that ``held_out`` knows, in its order; some may have been
+            dropped since.
+        """
+        place = {t.text: k for k, t in enumerate(judged)}
+        offered = tuple(place[t.text] for t in explanation.terms)
+        return cls(held_out, offered, len(explanation.constants))
 
     @property
     def errors(self) -> Array:
@@ -120,18 +194,22 @@ class Ladder:
 
         All rows include the re-estimated constants.
         """
-        steps = range(self.n_own, self.n_effects + 1)
-        return np.array([self.held_out.errors(range(k)) for k in steps])
+        # ``offered`` lists the n_own re-estimated constants, then the findings.
+        steps = range(self.n_own, len(self.offered) + 1)
+        return np.array([self.held_out.errors(self.offered[:k]) for k in steps])
 
     def errors_with(self, findings: Sequence[int]) -> Array:
         """Return the errors (n,) with the re-estimated constants and some findings,
         named by their places in the order [N m or N]."""
-        of_findings = [self.n_own + k for k in findings]
-        return self.held_out.errors([*range(self.n_own), *of_findings])
+        of_findings = [self.offered[self.n_own + k] for k in findings]
+        return self.held_out.errors([*self.offered[: self.n_own], *of_findings])
 
     def errors_without(self, k: int) -> Array:
-        """Return the errors (n,) with all effects except number k [N m or N]."""
-        return self.held_out.errors([i for i in range(self.n_effects) if i != k])
+        """Return the errors (n,) with all offered effects except the one at place k [N
+        m or N].
+        """
+        others = [i for i in self.offered if i != self.offered[k]]
+        return self.held_out.errors(others)
 
     def help_together(
         self, least_help: Sequence[float], is_doubted: Sequence[bool], floor: Array
@@ -158,16 +236,15 @@ class Ladder:
         list of bool
             Constants first, then findings.
         """
-        every = range(self.n_effects)
-        findings = every[self.n_own :]
+        findings = self.offered[self.n_own :]
         of_findings = dict(zip(findings, least_help, strict=True))
         doubted = {k for k, x in zip(findings, is_doubted, strict=True) if x}
         in_doubt = [k for k, x in of_findings.items() if SURE_HELP <= x < np.inf]
-        helpful = [k for k in every if of_findings.get(k, 0.0) < SURE_HELP]
+        helpful = [k for k in self.offered if of_findings.get(k, 0.0) < SURE_HELP]
         n_before = len(helpful) + 1
         while len(helpful) < n_before:
             n_before = len(helpful)
             helpful = self.held_out.drop_harmful(helpful, of_findings, doubted)
             helpful = self.held_out.drop_harmful_to_a_joint(helpful, floor)
         helpful = self.held_out.with_helpful(helpful, in_doubt, floor)
-        return [number in helpful for number in every]
+        return [number in helpful for number in self.offered]

@@ -442,7 +442,7 @@ def errors_that_rise(findings: Sequence[Finding]) -> str:
     those before them, and why they stay; "" if none does.
 
     A finding is dropped for what it does to the errors of all joints together, beside
-    all other findings (:meth:`~sdp_vs_penalty.diagnosis.held_out.HeldOut.drop_harmful`).
+    all other findings (:func:`~sdp_vs_penalty.diagnosis.explanation.drop_harmful`).
     """
     if not findings:
         return ""
