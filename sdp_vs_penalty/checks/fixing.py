@@ -45,7 +45,7 @@ class LeftOut:
     def sentence(self) -> str:
         """Both errors, in words."""
         if self.before is self.after is None:
-            return "No model could be identified from the torques, or there are none."
+            return "No model could be identified, as logged or repaired."
         was, now = (
             "no model could be identified" if error is None else f"{error:.3g} %"
             for error in (self.before, self.after)

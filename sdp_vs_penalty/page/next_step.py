@@ -413,6 +413,12 @@ def _taken(session: Session) -> str:
     return f"Added: {added.rstrip('.')}{how_sure}{others}. {change}"
 
 
+def _decided_joints(remedy: Mapping[str, Any]) -> set[int]:
+    """Return the joints (from 1) on which a motion to record tells effects apart."""
+    effects = remedy["change"]["arguments"].get("separate", ())
+    return {joint for text in effects for joint in joints_of(text)}
+
+
 def _motion_to_record(view: View) -> NextStep:
     """Return the step that records a motion which shows more, for a model that errs where
     nothing is known to add."""
@@ -427,18 +433,12 @@ def _motion_to_record(view: View) -> NextStep:
         for remedy in (*session.remedies, *of_diagnosis)
         if remedy["change"]["verb"] == "record"
     ]
-    worst = session.current.worst_joint
-
-    def is_elsewhere(remedy: Mapping[str, Any]) -> bool:
-        """Whether a motion decides what is on another joint than the worst one."""
-        effects = remedy["change"]["arguments"].get("separate", ())
-        return not any(worst in joints_of(text) for text in effects)
-
     text = "Another motion may show what it is."
     label = "Make a motion to record"
     motion: Mapping[str, Any] = {}
     if asked:
-        first = min(asked, key=is_elsewhere)
+        worst = session.current.worst_joint  # what it decides there comes first
+        first = max(asked, key=lambda remedy: worst in _decided_joints(remedy))
         text, motion = graded(first["problem"], "certain"), first["change"]
         label = label_of_motion(motion)
     do = partial(session.start, session.make_motion, motion, view.download)

@@ -1323,15 +1323,15 @@ class Session:
         before = self.before_repair(k)
         if before is None:
             raise InputError("This repair cannot be taken back alone", "press Undo")
-        words, again = (
-            self.repairs[k][0],
-            [*instead, *(x[2] for x in self.repairs[k + 1 :])],
-        )
-        self._step_from_here(f"taken back: {words}")
+        again = [*instead, *(change for _, _, change in self.repairs[k + 1 :])]
+        had_model = self.model is not None
+        self._step_from_here(f"taken back: {self.repairs[k][0]}")
         for name, value in before.items():
             setattr(self, name, value)
         for change in again:
             await self.apply(change)
+        if had_model and self.model is None:
+            self.say(_DROPPED.format("The model is"), error=False)
 
     def _earlier_unit(self, change: Mapping[str, Any]) -> tuple[int, dict[str, Any]]:
         """Return the repair (from 0) that has set the unit of the channels that a change
