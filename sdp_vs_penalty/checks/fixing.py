@@ -36,7 +36,7 @@ class LeftOut:
     """Error on motion left out, without and with a change of the runs."""
 
     #: Before the change [%]; None where nothing could be identified from the log as it
-    #: is, or no torque was logged.
+    #: is, as where no torque was logged.
     before: float | None = None
     #: After the change [%].
     after: float | None = None

@@ -9,6 +9,7 @@ import numpy as np
 from sdp_vs_penalty.checks.certainty import likely, possible, stated, told_by
 from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue, make_issue
 from sdp_vs_penalty.data.plausibility import far_outside
+from sdp_vs_penalty.race.constants import LOG_ODDS_OF_A_CLAIM, MAX_PHYSICS_LOG_ODDS
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.kinds.position_unit import KINDS_OF_UNITS, as_likely_as_radians
 from sdp_vs_penalty.results.remedy import Change
@@ -93,8 +94,14 @@ def _as_fact(
     if is_of_rails:
         own = "a rail's own columns explain its torque in any unit"
         return replace(fact, certainty=likely(f"{why}; {own}"))
+    if percent is None and issue.equivalents:
+        return replace(fact, certainty=possible(f"{why}; other units explain as much"))
     if percent is None:
-        return replace(fact, certainty=told_by(why, "the torques confirm it"))
+        # What the ranges tell of its odds is one witness, and the torques the other.
+        of_torques = issue.figures["log_odds"] - MAX_PHYSICS_LOG_ODDS
+        is_clear = of_torques > LOG_ODDS_OF_A_CLAIM
+        second = "the torques confirm it" if is_clear else ""
+        return replace(fact, certainty=told_by(why, second))
     factors = ":".join(f"{scale:.6g}" for scale, _ in percent.values())
     is_percent = unit == "per cent"
     other = "degrees" if is_percent else "per cent of each joint's range"

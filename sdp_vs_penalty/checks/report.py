@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 def list_remedies(reports: Sequence[Report]) -> tuple[Remedy, ...]:
     """List what would mend runs that were judged together, each once, the most useful
-    first: all repairs at once, then gravity, readings, and runs to record, of errors
-    before warnings.
+    first: all likely repairs at once, then gravity, readings, and runs to record, of
+    errors before warnings.
     """
     issues = gravest_first(
         [f for r in reports for f in r.by_cause if f.severity != "note"]
@@ -35,9 +35,7 @@ def list_remedies(reports: Sequence[Report]) -> tuple[Remedy, ...]:
     by_change = {str(x.change): x for f in reversed(issues) for x in f.remedies[::-1]}
     remedies = list(by_change.values())[::-1]
     repairs = [x for x in remedies if x.change.verb == "transform"]
-    repairs = [
-        x for x in repairs if not (x.may_be_the_arm or x.certainty == "possible")
-    ]
+    repairs = [x for x in repairs if x.certainty != "possible"]
     if len(repairs) > 1:
         words = [word for x in repairs for word in x.change.arguments["apply"]]
         problems = dict.fromkeys(x.problem.rstrip(".") for x in repairs)

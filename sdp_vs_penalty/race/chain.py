@@ -236,6 +236,24 @@ class LogTransform:
             events=(*drifts, *later.events),
         )
 
+    def changed_alike(self, before: LogTransform, after: LogTransform) -> LogTransform:
+        """Return this transform with what ``after`` changes of ``before``: its factors
+        multiplied, its numbers added, and else its entries."""
+        changed: dict[str, Any] = {}
+        for name in ("order", "scale", "zero", "tau_order", "gain", "lead", "ratio"):
+            entries = zip(
+                *(getattr(x, name) for x in (self, before, after)), strict=True
+            )
+            if name in ("scale", "gain", "ratio"):
+                changed[name] = tuple(x * new / old for x, old, new in entries)
+            elif name in ("zero", "lead"):
+                changed[name] = tuple(x + new - old for x, old, new in entries)
+            else:
+                changed[name] = tuple(
+                    x if new == old else new for x, old, new in entries
+                )
+        return replace(after, **changed)
+
     @property
     def gravity_left(self) -> tuple[float, ...]:
         """Gravity vector [m/s^2] whose weight the torques hold: that of the model times 1 - s,

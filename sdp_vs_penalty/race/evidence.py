@@ -17,12 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import log_ndtr
 
+from sdp_vs_penalty.data.plausibility import far_outside
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.arm_fit import RepairedRows, orthonormal
 from sdp_vs_penalty.race.chain import LogTransform
@@ -190,6 +192,15 @@ class _Products:
             probe_on_torque=np.stack([x.probed for x in views])[:, moving],
         )
 
+    def _sizes(self, mean: Array) -> Array:
+        """Return the size (K,) of the torques of the median joint beside those of the
+        nominal arm, of parameters ``mean`` (s,); 1 where there is none."""
+        of_nominal = np.empty_like(self.energy)
+        for at, gram in self.grams:
+            of_nominal[at] = gram @ mean @ mean
+        sizes = np.sqrt(self.energy / nonzero_or_one(of_nominal))
+        return np.asarray(np.median(np.where(of_nominal > 0.0, sizes, 1.0), axis=1))
+
     def fit_arms(
         self, n_rows: Array, prior: _Prior, n_links: int, rounds: int
     ) -> _Arms:
@@ -197,13 +208,14 @@ class _Products:
 
         Each round weights a joint's rows by its residual, and scales the prior of the
         first ``n_links`` parameters, the links', by how large the fitted arm is beside
-        the nominal one.
+        the nominal one: at first by the size of the torques, for a prior of another
+        size would hold the arm fast at its own.
         """
         mean, inverse = prior.mean, prior.inverse
         s, count = len(mean), len(n_rows)
         is_link = np.arange(s) < n_links
         left = np.maximum(self.energy, c.FLOOR * self.total)
-        scale = np.ones(count)
+        scale = np.clip(nonzero_or_one(self._sizes(mean)), 1e-9, 1e9)
         shown, change = np.empty((count, s, s)), np.empty_like(left)
         for _ in range(rounds):
             weights = n_rows / left  # (K, n)
@@ -484,7 +496,7 @@ class Evidence:
         arms = stacked.fit_arms(n_rows, prior, len(self._prior.mean), rounds)
         value = _evidence_of_fit(arms, stacked.total, n_rows, prior)
         value -= [self._price_of_events(x, v) for x in products]
-        value += [self._of_velocity(x.view) for x in products]
+        value += [self._of_velocity(x.view) + self.of_ranges(x.view) for x in products]
         # Each mean power of friction (K, n), and the likeness of the links (K,).
         of_arms = (stacked.probe_on_columns @ arms.theta[..., None])[..., 0]
         power = stacked.probe_on_torque - of_arms
@@ -555,6 +567,33 @@ class Evidence:
             elif sign > 0.0 and is_reversed:
                 evidence = min(evidence, -c.MAX_PHYSICS_LOG_ODDS)
         return evidence
+
+    @cached_property
+    def _farthest(self) -> dict[int, Array]:
+        """By the run (2, n) the smallest and the largest position of each channel; of runs
+        alone whose angles lie far outside the joints' ranges."""
+        q, runs = self.log.data.motion.q, self.log.data.run
+        ends = {}
+        for run in np.unique(runs).tolist():
+            of_run = q[runs == run]
+            ends[run] = np.array([of_run.min(axis=0), of_run.max(axis=0)])
+        return {run: q for run, q in ends.items() if self._is_impossible(q)}
+
+    def _is_impossible(self, q: Array) -> bool:
+        """Whether angles among positions (N, n) [rad, m] are those of no joint."""
+        far = far_outside(self.log.problem.robot, q)
+        return any(j in self.log.revolute for j in far)
+
+    def of_ranges(self, view: LogView) -> float:
+        """Return the log evidence of the joints' ranges, of rows that are outside of them as
+        logged: they cannot be where a view has them, however well it explains."""
+        of_parts = {part.run: transform for part, transform in view.parts}
+        for run, logged in self._farthest.items():
+            before, chain = of_parts.get(run), view.chain
+            chain = chain if before is None else before.followed_by(chain)
+            if self._is_impossible(chain.positions(logged)):
+                return -c.MAX_PHYSICS_LOG_ODDS
+        return 0.0
 
     @staticmethod
     def _price_of_events(fit: ViewFit, v: float) -> float:

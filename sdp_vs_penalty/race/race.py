@@ -22,6 +22,7 @@ from sdp_vs_penalty.race.kinds import (
     gain,
     list_faults,
     of_one_part,
+    position_unit,
 )
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Further, Hypothesis, LogView, Number, Part
@@ -71,8 +72,19 @@ class Claim:
     def beside(self, before: ViewFit, fit: ViewFit) -> Claim:
         """Return the claim with its odds by these fits, without it and with it, both
         with the same number of rows worth one."""
-        odds = fit.value - before.value + self.hypothesis.log_prior + self.occam
+        odds = fit.value - before.value + self.prior
         return replace(self, log_odds=odds, fit=fit, before=before)
+
+    @property
+    def is_of_all(self) -> bool:
+        """Whether it is about a transform of all rows."""
+        h = self.hypothesis
+        return h.part is None and h.further is None and h.is_friction_real
+
+    @property
+    def prior(self) -> float:
+        """Natural logarithm of its odds beforehand, and of what its freedom costs."""
+        return self.hypothesis.log_prior + self.occam
 
     @property
     def is_usual(self) -> bool:
@@ -112,9 +124,13 @@ class RaceOutcome:
         no sign by its friction.
 
         Friction of the wrong sign has no second witness, nor has a motion of few
-        directions.
+        directions. Nothing is surer than the unit of positions that it stands on.
         """
+        first = self.claims[0]
+        is_unit_open = first.hypothesis.kind in position_unit.KINDS_OF_UNITS
+        is_unit_open &= any(x.is_of_all for x in first.rivals)
         has_no_witness = claim.hypothesis.tells_by_friction or self.is_doubtful
+        has_no_witness |= is_unit_open
         if has_no_witness or claim.log_odds < c.LIKELY:
             return False
         moving = self.fit.weights > 0.0
@@ -216,17 +232,89 @@ class Race:
     def run(self) -> RaceOutcome:
         """Take the best hypothesis until none is likely."""
         taken: list[Claim] = []
-        view = LogView(self.all.log.as_logged)
-        fit = self._incumbent(view)
+        fit = self._incumbent(LogView(self.all.log.as_logged))
         while len(taken) < c.MAX_FAULTS:
             last = taken[-1].log_odds if taken else np.inf
             claim = self._best(fit, last + _MORE_ODDS)
             if claim is None:
                 break
-            taken.append(claim)
-            view = claim.fit.view
-            fit = self._incumbent(view)
-        return RaceOutcome(tuple(taken), view, fit, self.is_doubtful)
+            taken.append(self._looked_ahead(claim, fit))
+            fit = self._incumbent(taken[-1].fit.view)
+            for place in range(len(taken) - 1):
+                taken[place], fit = self._again(taken[place], fit)
+        own = [x.log_odds - c.MAX_PHYSICS_LOG_ODDS for x in taken[:1]]
+        is_open = max(own, default=np.inf) < c.LOG_ODDS_OF_A_CLAIM
+        is_badly = (fit.shares > c.BADLY).any()
+        if is_open and is_badly and self._is_by_ranges(taken[0]):
+            # The torques tell no unit, which is then asked for.
+            none = self._incumbent(LogView(self.all.log.as_logged))
+            return RaceOutcome((), none.view, none, self.is_doubtful)
+        return RaceOutcome(tuple(taken), fit.view, fit, self.is_doubtful)
+
+    def _is_by_ranges(self, claim: Claim) -> bool:
+        """Whether the joints' ranges speak for a claim."""
+        before, after = (self.all.of_ranges(x.view) for x in (claim.before, claim.fit))
+        return before < after
+
+    def _looked_ahead(self, claim: Claim, fit: ViewFit) -> Claim:
+        """Return a claim, or that of its rivals beside which the next claim explains more:
+        two faults hide each other. Where the ranges ask for a unit of positions, those
+        that are more usual are among the rivals."""
+        firsts = [claim, *(x for x in claim.rivals if x.is_of_all)]
+        if self._is_by_ranges(claim):
+            for h in position_unit.propose(self.all, fit):
+                usual = Claim(h, 0.0, self.all.fit(h.applied_to(fit.view), fit.v), fit)
+                is_known = any(_is_same(usual, x) for x in firsts)
+                if usual.prior > claim.prior and not is_known:
+                    firsts += [usual] * self._is_by_ranges(usual)
+        if len(firsts) < 2 or not claim.is_of_all:
+            return claim
+        known = self.looked_at
+        ends: list[tuple[Claim, float, ViewFit]] = []
+        for first in firsts:
+            self.looked_at = {}
+            fit = self._incumbent(first.fit.view)
+            then = self._best(fit, np.inf)
+            prior = first.prior + (0.0 if then is None else then.prior)
+            ends.append((first, prior, fit if then is None else then.fit))
+        self.looked_at = known
+        v = min(fit.v for _, _, fit in ends)
+        odds = [prior + self.all.worth(fit, v).value for _, prior, fit in ends]
+        best = ends[int(np.argmax(odds))][0]
+        others = [x for x in (claim, *claim.rivals) if x is not best]
+        return replace(best, rivals=tuple(others))
+
+    def _again(self, claim: Claim, fit: ViewFit) -> tuple[Claim, ViewFit]:
+        """Return a claim, or the likelier one of its rivals, with those that are as likely
+        beside what was taken after it, and the fit with all of it: what hid behind another
+        fault is told once that is undone."""
+        if not claim.is_of_all:
+            return claim, fit
+        best, others = (claim, fit), list[tuple[float, Claim, ViewFit]]()
+        for rival in claim.rivals:
+            if not rival.is_of_all:
+                others.append((0.0, rival, fit))
+                continue
+            chain = rival.fit.chain.changed_alike(claim.fit.chain, fit.chain)
+            with_rival = self.all.fit(fit.view.under(chain), fit.v)
+            odds = with_rival.value - fit.value + rival.prior - claim.prior
+            others.append((odds, rival, with_rival))
+        if self._is_by_ranges(claim):
+            undone = claim.before.chain.changed_alike(claim.fit.chain, fit.chain)
+            without = self.all.fit(fit.view.under(undone), fit.v)
+            claim = replace(claim, log_odds=fit.value - without.value + claim.prior)
+            best = claim, fit
+        others.append((0.0, claim, fit))
+        most = max(odds for odds, _, _ in others)
+        if most > 0.0:
+            best = next((x, y) for odds, x, y in others if odds == most)
+        rivals = tuple(
+            x
+            for odds, x, _ in others
+            if most - odds < c.LOG_ODDS_OF_A_CLAIM and x is not best[0]
+        )
+        found = fit if best[0] is claim else self._incumbent(best[1].view)
+        return replace(best[0], rivals=rivals), found
 
     def _incumbent(self, view: LogView) -> ViewFit:
         """Fit the rows as they are seen. How many of them are worth one is what the
@@ -478,6 +566,9 @@ class Race:
         """Whether parts of the log that nothing was fitted to confirm a claim against the
         incumbent's fit."""
         h = claim.hypothesis
+        ranges = [self.all.of_ranges(of.view) for of in (fit, claim.fit)]
+        if ranges[0] < ranges[1] and (fit.shares > c.BADLY).any():
+            return True  # the joints' ranges are a witness where another fault hides the arm
         span = h.part if h.part is not None and h.part.until is not None else None
         before, after = (
             self.all.held_out(of, span=span)[0] for of in (fit, claim.fit)

@@ -158,6 +158,13 @@ class LogView:
         """What is done to all rows, and to those of each part in all."""
         return [self.chain, *(x.followed_by(self.chain) for _, x in self.parts)]
 
+    def under(self, chain: LogTransform) -> LogView:
+        """Return the view with another transform of all rows."""
+        if chain == self.chain:
+            return self
+        further = tuple(x.under(chain) if x.under else x for x in self.further)
+        return replace(self, chain=chain, further=further)
+
     def with_part(self, part: Part, chain: LogTransform) -> LogView:
         """Return the view with one more transform of a part, before what it has."""
         parts = dict(self.parts)
@@ -235,10 +242,7 @@ class Hypothesis:
             chain = self.number.at(chain, size)
         if self.part is not None:
             return view.with_part(self.part, chain)
-        if chain == view.chain:
-            return view
-        further = tuple(x.under(chain) if x.under else x for x in view.further)
-        return replace(view, chain=chain, further=further)
+        return view.under(chain)
 
 
 def at_sizes(

@@ -232,8 +232,7 @@ def test_a_unit_that_nothing_says_nor_the_arm_tells_is_asked_for(tmp_path):
     """Two joints without gravity, which move little: any unit explains their torques.
     What has our names is in radians, and asks nothing."""
     problem = load_problem("two_link").with_gravity((0.0, 0.0, 0.0))
-    run = small_run(problem, seconds=10.0)
-    small = replace(run, q=0.01 * run.q, dq=None, tau=run.tau)
+    small = replace(small_run(problem, seconds=10.0, reach=0.01), dq=None)
     asks = replace(small, unit_command="convert pos.csv --scale q=UNIT --out run.csv")
     kinds = [{f.kind for f in check(problem, x)[0].issues} for x in (small, asks)]
     assert ["position unit not said" in x for x in kinds] == [False, True]
@@ -307,6 +306,23 @@ def test_a_sign_beside_degrees_hides_neither(three_joints):
     issues = report.errors_and_warnings
     assert [issue.kind for issue in issues] == ["position unit", "position sign"]
     assert [issue.figures["joints"] for issue in issues] == [[1], [2]]
+
+
+@pytest.mark.long
+def test_four_faults_at_once_are_each_named(panda):
+    """What hides behind another fault is told beside it, and one command mends them."""
+    run = replace(small_run(panda, seconds=8.0), dq=None)
+    order = [0, 3, 2, 1, 4, 5, 6]
+    q = np.degrees(run.q) * np.where(np.arange(7) == 4, -1.0, 1.0)
+    log = replace(run, q=q, tau=100.0 * run.tau[:, order])
+    report = report_of_run(panda, log)
+    issues = report.errors_and_warnings
+    kinds = ["positions in degrees", "position sign", "torque order", "torque unit"]
+    assert [issue.kind for issue in issues] == kinds
+    words = [issue.apply for issue in issues if issue.apply]
+    (fixed,) = fix_runs(panda, [log], [report], words).runs
+    np.testing.assert_allclose(fixed.q, run.q, atol=1e-9)
+    np.testing.assert_allclose(fixed.tau, 100.0 * run.tau, rtol=1e-9)
 
 
 @pytest.mark.parametrize("turn", [1.0, pytest.param(-1.0, marks=pytest.mark.long)])

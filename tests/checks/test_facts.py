@@ -161,6 +161,7 @@ def test_degrees_beside_a_factor_of_gears_are_not_certain(rival, kinds_left, gra
         remedy="",
         certainty=likely("fits"),
         joints=range(7),
+        log_odds=100.0,
     )
     rivals = [replace(told, kind=rival)] if rival else []
     judged = units_as_facts([told, *rivals], True, None)
@@ -440,11 +441,12 @@ def test_what_is_left_of_a_model_that_fits_nearly_is_external_torque(gravity, sh
 
 
 def test_positions_out_of_reach_end_the_judging_of_torques():
-    """Nothing is said of the torques beside the error about positions."""
+    """Nothing is said of the torques beside the error about positions, here of turns that
+    were counted on."""
     joints = [replace(x, lower=-3.0, upper=3.0) for x in PROBLEM.robot.joints]
     robot = replace(PROBLEM.robot, joints=tuple(joints))
     q = RUN.q.copy()
-    q[:, 1] += 40.0
+    q[:, 1] += 12.0 * np.pi
     log = replace(RUN, q=q, dq=None)
     report = report_of_run(replace(PROBLEM, robot=robot), log)
     assert "position range" in [f.kind for f in report.issues]
@@ -522,9 +524,8 @@ def test_a_rail_in_mm_beside_degrees_is_likely(tmp_path):
 
 def test_a_unit_of_a_rail_is_never_certain():
     """Degrees of a rail are a factor as millimetres are."""
-    told = make_explanation(
-        "position unit", "q3", remedy="", certainty=likely("fits"), joints=[2]
-    )
+    said = {"remedy": "", "certainty": likely("fits"), "joints": [2]}
+    told = make_explanation("position unit", "q3", **said, log_odds=100.0)
     for rails, grade in (({3}, "likely"), ((), "certain")):
         (judged,) = units_as_facts([told], True, None, rails)
         assert judged.certainty.grade == grade

@@ -13,15 +13,15 @@ from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.signals import Preprocessing
 
 
-def small_run(problem, seconds=6.0, seed=0, rate=100.0):
+def small_run(problem, seconds=6.0, seed=0, rate=100.0, reach=1.0):
     """A run of sums of sines by the problem's nominal robot with some friction and
-    noise."""
+    noise; reach : factor of the amplitudes."""
     rng = np.random.default_rng(seed)
     n = problem.robot.n
     t = np.arange(0.0, seconds, 1.0 / rate)
     q, dq, ddq = (np.zeros((len(t), n)) for _ in range(3))
     for frequency in (0.3, 0.5, 0.8):
-        amplitude = rng.uniform(0.1, 0.3, n)
+        amplitude = reach * rng.uniform(0.1, 0.3, n)
         phase = rng.uniform(-np.pi, np.pi, n)
         w = 2.0 * np.pi * frequency
         q += amplitude * np.sin(w * t[:, None] + phase)

@@ -191,15 +191,29 @@ def test_a_usual_number_is_taken_and_not_told():
     assert verdict.without_usual(log) == log.as_logged
 
 
-def test_the_evidence_knows_no_unit_of_a_channel(evidence):
-    """The prior of the links follows the common scale; a channel's gain is no evidence
-    by itself."""
-    log = rows_of(scaled(RUN, (1e3, 1e3)))
-    view = LogView(evidence.log.as_logged)
-    other = Evidence(log.with_all_laws).fit(view, 2.0)
-    fit = evidence.fit(view, 2.0)
+@pytest.mark.parametrize("turned", [1.0, -1.0])
+def test_the_evidence_knows_no_unit_of_a_channel(turned):
+    """The prior of the links follows the common scale, also where another fault hides the
+    arm; a channel's gain is no evidence by itself."""
+    fits = []
+    for gain in (1.0, 1e3):
+        run = scaled(replace(RUN, q=RUN.q * [1.0, turned]), (gain, gain))
+        log = rows_of(run).with_all_laws
+        fits.append(Evidence(log).fit(LogView(log.as_logged), 2.0))
+    fit, other = fits
     assert other.scale == pytest.approx(1e3 * fit.scale, rel=0.05)
     assert other.shares == pytest.approx(fit.shares, rel=0.05)
+
+
+def test_what_is_changed_alike_is_changed_beside_another_unit():
+    """Two units of positions, and the sign and the order that were found beside one."""
+    none = LogTransform.unchanged(3, (0.0, 0.0, -9.81))
+    units = [none.with_multiplied("scale", range(3), x) for x in (0.5, 0.25)]
+    first, second = (
+        x.with_multiplied("scale", (1,), -1.0).with_swap(0, 2, "tau_order")
+        for x in units
+    )
+    assert units[1].changed_alike(units[0], first) == second
 
 
 def test_a_column_of_zeros_is_worth_less_than_nothing(evidence):

@@ -30,8 +30,9 @@ _SPREAD_OF_COUNTS, _KNOWN = 6.0, 0.03
 _CHOSEN = (1.0, 2.0, 3.6, 4.0, 5.0, 8.0)
 #: Half of the widest interval with which it is said at all that positions are counts.
 _WIDEST = 1.5
-#: Joints that are identified move farther than this [rad].
-_LITTLE = 0.5
+#: Joints that are identified move farther than the first [rad]; they move about a radian,
+#: as the standard deviation of the natural logarithm says.
+_LITTLE, _SPREAD_OF_TRAVEL = 0.5, 1.0
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,8 @@ class PositionUnit:
     middle: float = 0.0
     #: Whether it is a share of a joint's range.
     is_share: bool = False
+    #: Logs that are in it for one in degrees.
+    usual: float = 2e-3
     #: Its name where a command says the unit; "" of one that is said by its factors.
     name: str = ""
 
@@ -63,7 +66,7 @@ class PositionUnit:
         self, log: Likelihood
     ) -> Mapping[int, tuple[float, float]] | None:
         """Return scale and middle [rad] of each revolute joint; None where one has no
-        range to share, or moves farther in this unit than it can."""
+        range to share, or moves farther in this unit than any can."""
         robot, q = log.problem.robot, log.data.motion.q
         numbers = dict.fromkeys(log.revolute, (self.scale, self.middle))
         if self.is_share:
@@ -77,17 +80,18 @@ class PositionUnit:
                 farthest = np.abs(self.scale * q[:, j] + middle_percent).max()
                 if farthest > LARGEST_PERCENT:
                     return None
-        for j, (scale, _) in numbers.items():
-            joint = robot.joints[j]
-            if scale * np.ptp(q[:, j]) > joint.upper - joint.lower + ENCODER_ZERO:
-                return None
+        # Their order may be wrong: none moves farther than any can.
+        ranges = [robot.joints[j].upper - robot.joints[j].lower for j in numbers]
+        travels = [scale * np.ptp(q[:, j]) for j, (scale, _) in numbers.items()]
+        if max(travels, default=0.0) > max(ranges, default=0.0) + ENCODER_ZERO:
+            return None
         return numbers
 
 
 #: Kind of positions that are an encoder's counts.
 COUNTS = "positions in counts"
 _DEGREES = PositionUnit(
-    "positions in degrees", "degrees", "pi / 180", NAMED["deg"], name="deg"
+    "positions in degrees", "degrees", "pi / 180", NAMED["deg"], usual=1.0, name="deg"
 )
 UNITS = (
     _DEGREES,
@@ -111,13 +115,16 @@ UNITS = (
             f"2 pi / {2**bits}",
             _TURN / 2**bits,
             middle,
+            usual=0.02,
         )
         for bits, middle, words in (
             (12, -np.pi, ", the middle at 2048"),
             *((bits, 0.0, "") for bits in ENCODER_BITS),
         )
     ),
-    PositionUnit("positions in turns", "turns", "2 pi", _TURN, name="turns"),
+    PositionUnit(
+        "positions in turns", "turns", "2 pi", _TURN, usual=0.02, name="turns"
+    ),
     PositionUnit(
         "positions in shares",
         "shares of each joint's range, from -1 to 1",
@@ -201,14 +208,6 @@ def _of_angles(
         chain = now.with_multiplied("scale", (j,), _DEGREES.scale)
         found.append(Hypothesis("position unit", (j,), prior_of_one_of(log.n), chain))
     yield from found
-    if log.n == 1 or not any(j in log.revolute for j in beyond_range):
-        return
-    # Positions far beyond a range have a unit, which a sign beside it may hide.
-    for h in found:
-        for j in log.joints:
-            chain = h.chain.with_multiplied("scale", (j,), -1.0)
-            odds = h.log_prior + prior_of_one_of(log.n)
-            yield replace(h, log_prior=odds, chain=chain)
 
 
 def _units_of_all(
@@ -226,7 +225,11 @@ def _units_of_all(
         if numbers:
             has_any_count = unit.kind == COUNTS and not unit.middle
             number = counts_a_turn(log) if has_any_count else None
-            chain, prior = _in_radians(now, numbers), prior_of_one_of(1)
+            chain = _in_radians(now, numbers)
+            travels = np.ptp(chain.positions(log.data.motion.q), axis=0)[log.revolute]
+            size = float(np.log(max(travels.max(), 1e-9)))
+            prior = prior_of_one_of(1) + float(np.log(unit.usual))
+            prior -= 0.5 * (size / _SPREAD_OF_TRAVEL) ** 2
             yield Hypothesis(unit.kind, tuple(numbers), prior, chain, number)
 
 
