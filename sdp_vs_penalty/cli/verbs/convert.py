@@ -128,9 +128,16 @@ def _what_is_open(
         if not report.meaningless:
             issues = tuple(x for x in issues if x.kind == "torque unit")
         if issues:
-            report = replace(report, issues=issues)
-            printing.checks([report], command)
-            words = next_command(list_remedies([report]), Files(command))
+            remedies = list_remedies([replace(report, issues=issues)])
+            words = next_command(remedies, Files(command))
+            shown = tuple(
+                x
+                for x in issues
+                if x.severity == "error"
+                or x.kind == "torque unit"
+                or x.apply in (words or ())
+            )
+            printing.checks([replace(report, issues=shown)], command)
             return words, not report.meaningless
         return None, True
     return None, False
