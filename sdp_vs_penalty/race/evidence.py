@@ -192,14 +192,16 @@ class _Products:
             probe_on_torque=np.stack([x.probed for x in views])[:, moving],
         )
 
-    def _sizes(self, mean: Array) -> Array:
-        """Return the size (K,) of the torques of the median joint beside those of the
-        nominal arm, of parameters ``mean`` (s,); 1 where there is none."""
+    def _sizes(self, energy: Array, mean: Array) -> Array:
+        """Return the size (K,) of the torques of the median joint, of squares ``energy``
+        (K, n), beside those of the nominal arm, of parameters ``mean`` (s,); 1 where there
+        is none. A single joint, which may be explained best, sets the size of no other."""
         of_nominal = np.empty_like(self.energy)
         for at, gram in self.grams:
             of_nominal[at] = gram @ mean @ mean
-        sizes = np.sqrt(self.energy / nonzero_or_one(of_nominal))
-        return np.asarray(np.median(np.where(of_nominal > 0.0, sizes, 1.0), axis=1))
+        sizes = np.sqrt(energy / nonzero_or_one(of_nominal))
+        of_median = np.median(np.where(of_nominal > 0.0, sizes, 1.0), axis=1)
+        return np.asarray(np.clip(nonzero_or_one(of_median), 1e-9, 1e9))
 
     def fit_arms(
         self, n_rows: Array, prior: _Prior, n_links: int, rounds: int
@@ -215,7 +217,7 @@ class _Products:
         s, count = len(mean), len(n_rows)
         is_link = np.arange(s) < n_links
         left = np.maximum(self.energy, c.FLOOR * self.total)
-        scale = np.clip(nonzero_or_one(self._sizes(mean)), 1e-9, 1e9)
+        scale = self._sizes(self.energy, mean)
         shown, change = np.empty((count, s, s)), np.empty_like(left)
         for _ in range(rounds):
             weights = n_rows / left  # (K, n)
@@ -234,8 +236,7 @@ class _Products:
             left = np.maximum(self.energy + change, c.FLOOR * self.total)
             nominal = shown @ mean  # (K, s)
             likeness = np.sum(theta * nominal, axis=1)
-            scale = np.abs(likeness) / nonzero_or_one(nominal @ mean)
-            scale = np.clip(nonzero_or_one(scale), 1e-9, 1e9)
+            scale = self._sizes(np.maximum(self.energy - left, 0.0), mean)
         return _Arms(
             theta=theta,
             scale=scale,

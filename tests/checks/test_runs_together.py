@@ -173,7 +173,7 @@ OF_ONE_RUN = {
     "twice": (3, 2, lambda run: scaled(run, 2, 2.0), GAIN, [2], 1.0),
     "positions": (2, 1, exchanged, "position order", [1, 2], None),
     "a gear": (3, 1, lambda run: geared(run, 2, 1.25), "gear ratio", [2], None),
-    "a clock": (2, 0, lambda run: replace(run, t=0.9 * run.t), "clock rate", [], None),
+    "a clock": (3, 0, lambda run: replace(run, t=0.9 * run.t), "clock rate", [], None),
     "a unit": (2, 1, lambda run: replace(run, tau=1e3 * run.tau), GAIN, [1, 2], 999.0),
 }
 FIRST = ("a sign", "an order", "a delay", "half", "positions", "a gear", "a clock")
