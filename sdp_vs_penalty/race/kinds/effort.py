@@ -17,11 +17,14 @@ _OTHER_UNIT = 30.0
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield the effort limit of each joint whose torque lies beyond it."""
+    """Yield the effort limit of each joint whose torque lies beyond it; where those of most
+    joints do, the torques have another unit."""
     log, now = evidence.log, fit.chain
     largest = np.abs(log.torques(now)).max(axis=1)  # (n,)
-    for j in log.joints:
-        limit = log.problem.robot.joints[j].effort or np.inf
+    limits = np.array([joint.effort or np.inf for joint in log.problem.robot.joints])
+    n_beyond = np.count_nonzero(largest > _ABOVE_LIMIT * limits)
+    for j in log.joints if log.n == 1 or 2 * n_beyond <= log.n else ():
+        limit = float(limits[j])
         if _ABOVE_LIMIT * limit < largest[j] < _OTHER_UNIT * limit:
             chain = now.with_entries("limit", (j,), limit)
             prior = prior_of_one_of(log.n)
