@@ -12,7 +12,7 @@ from sdp_vs_penalty.paper.provenance import make_folder
 HERE = Path(__file__).parent
 DATA = os.environ.get("SDP_VS_PENALTY_DATA", ".")
 #: Arms of two and three joints, by the sample of corruptions that each is given.
-SMALL = {3: range(1040, 1058)}
+SMALL = {3: range(1040, 1098)}
 REAL = "panda,tx40,ur10,emps,ur10e"
 #: Numbers of the arms of strangers.py: first, and behind the last.
 ARMS = "0:28,2000:2024"
