@@ -1247,7 +1247,7 @@ def _error_of(compared: Comparison) -> Answer:
     size = compared.largest_error_over_noise
     unit = "x noise"
     if size is None:
-        size, unit = compared.relative_error, " % error"
+        size, unit = compared.relative_error, " % error overall"
     error = f"{formatting.number(size)}{unit}"
     worst = words.describe_worst(compared, "")
     if kind := compared.kind_of_error:  # a model and its files are judged on the same

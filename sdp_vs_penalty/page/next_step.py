@@ -39,7 +39,11 @@ from sdp_vs_penalty.page.view import (
     spoken,
 )
 from sdp_vs_penalty.records import from_json, to_json
-from sdp_vs_penalty.render.words import describe_unexplained, most_changed_joint
+from sdp_vs_penalty.render.words import (
+    describe_finding,
+    describe_unexplained,
+    most_changed_joint,
+)
 from sdp_vs_penalty.results.remedy import SURE, Change, Remedy
 
 
@@ -76,7 +80,8 @@ def next_step(view: View) -> NextStep:
     if view.session.model is not None or len(step.text) <= _MOST_IN_LINE:
         return step
     line = re.sub(r" [(][^)]*[)]", "", step.text).partition(". ")[0].rstrip(".")
-    return replace(step, text=f"{line}.", more=step.text)
+    end = "" if line.endswith("?") else "."
+    return replace(step, text=f"{line}{end}", more=step.text)
 
 
 #: Characters of a verdict that stands in view as it is; the rest of a longer one is
@@ -145,32 +150,44 @@ def _columns(session: Session) -> NextStep:
 
 
 def _of_runs(session: Session) -> NextStep:
-    """Return what the check says of the runs: the first remedy, or to identify."""
+    """Return what the check says of the runs: the first remedy, or to identify. One that
+    raises the error on motion left out is a second choice."""
     remedies = [
         from_json(Remedy, {k: v for k, v in x.items() if k != "effect"})
         for x in session.remedies
         if "refused" not in x
     ]
-    remedy = next_remedy([_with_published_gains(session, x) for x in remedies])
-    if remedy is not None:
-        change = remedy.change
-        do = partial(session.start, session.apply, change.to_dict())
-        label = label_of_change(session, change.to_dict())
-        level = "bad" if session.meaningless else "usable"
-        text = graded(remedy.problem, remedy.certainty)
-        if faults := session.faults_in_words(change.to_dict()):
-            text = graded(f"{faults}.", remedy.certainty)
-        number = session.outcome_of(change.to_dict())
-        return NextStep(
-            text,
-            label,
-            "check",
-            do,
-            level=level,
-            number=number,
-            figure=("check", "check"),
-        )
+    remedies = [_with_published_gains(session, x) for x in remedies]
+    remedies.sort(key=lambda x: _is_worse(session.outcome_of(x.change.to_dict())))
+    remedy = next_remedy(remedies)
+    if remedy is None:
+        return _as_logged(session)
+    change = remedy.change
+    do = partial(session.start, session.apply, change.to_dict())
+    label = label_of_change(session, change.to_dict())
+    level = "bad" if session.meaningless else "usable"
+    text = graded(remedy.problem, remedy.certainty)
+    if faults := session.faults_in_words(change.to_dict()):
+        text = graded(f"{faults}.", remedy.certainty)
+    number = session.outcome_of(change.to_dict())
+    said: dict[str, Any] = {"number": number, "figure": ("check", "check")}
+    if _is_worse(number) and not session.meaningless:
+        other = NextStep("", f"Or {label[0].lower()}{label[1:]}", "check", do)
+        return replace(_as_logged(session, text), other=other, **said)
+    return NextStep(text, label, "check", do, level=level, **said)
+
+
+def _is_worse(outcome: str) -> bool:
+    """Return whether the error on motion left out rises, of a repair's outcome in words."""
+    errors = [float(error) for error in re.findall(r"(\S+) %", outcome)]
+    return len(errors) == 2 and errors[1] > errors[0]
+
+
+def _as_logged(session: Session, said: str = "") -> NextStep:
+    """Return the step where the runs stay as they are, to identify in the end; ``said``:
+    of an issue, which need not be looked at where it is the only one."""
     of_check = checked(session)
+    of_check = replace(of_check, text=said or of_check.text)
     is_open = any(map(asks_for_unit, session.runs))
     if is_open and not session.meaningless:
         return _unit(session, of_check.level)
@@ -178,7 +195,8 @@ def _of_runs(session: Session) -> NextStep:
         do = partial(session.start, session.use, run["file"], "test")
         label = set_aside_in_words(run)
         return NextStep(of_check.text, label, "check", do, level=of_check.level)
-    if not {*session.kinds_of_issue} <= {*session.seen_issues}:
+    kinds = {*session.kinds_of_issue}
+    if len(kinds) > bool(said) and not kinds <= {*session.seen_issues}:
         label, see = "See what Check found", session.see_issues
         return NextStep(of_check.text, label, "check", see, level=of_check.level)
     if text := session.impossible:
@@ -383,13 +401,12 @@ def _rest_to_add(session: Session) -> NextStep | None:
 
 
 def _in_one_line(diagnosis: Diagnosis, finding: Finding) -> tuple[str, str]:
-    """Say what a finding is on the arm, and how sure that is."""
+    """Say what a finding is on the arm, and how sure that is, as its card does."""
     together = diagnosis.only_in_sum(finding)
     text = in_brief(diagnosis.on_the_arm_of(finding).removeprefix(ON_THE_ARM))
     if finding.size_may_be_zero and not together:
         text = named_on_joints((finding,))
-    is_sure = finding.effect_is_certain or bool(together)
-    return text, "confident" if is_sure else finding.rating
+    return text, describe_finding(finding, diagnosis).badge
 
 
 def _taken(session: Session) -> str:

@@ -126,8 +126,9 @@ class Working:
     status: str = ""
     #: When it began, on the monotonic clock [s].
     since: float = field(default_factory=time.monotonic)
-    #: What is counted, the first number and when that was heard [s]; "" for nothing.
-    counted: tuple[str, int, float] = ("", 0, 0.0)
+    #: What is counted, the first number and when that was heard [s]; None for nothing
+    #: yet.
+    counted: tuple[str, int, float] | None = None
     #: What a search has found first; "" for nothing yet.
     found: str = ""
 
@@ -143,7 +144,9 @@ class Working:
             return replace(self, status=f"{status}{more}", found=found)
         done, of = map(int, count.groups())
         kind, now = text[: count.start()], time.monotonic()
-        begun = self.counted if self.counted[0] == kind else (kind, done, now)
+        begun = self.counted
+        if begun is None or begun[0] != kind:
+            begun = (kind, done, now)
         _, first_number, since = begun
         if done > first_number:
             left = (now - since) * (of - done) / (done - first_number)
@@ -486,7 +489,7 @@ class Session:
             outcome = "not found: parameters of the model absorb it in these runs"
         else:
             outcome = "not found by this name"
-        return f"You hid {effect_in_words(self.hidden)}: {outcome}."
+        return f"Hidden here: {effect_in_words(self.hidden)}; {outcome}."
 
     def cause_of(self, joint: int) -> str:
         """Return the cause that shows the error of a joint (from 1): that of its

@@ -265,6 +265,7 @@ def test_a_column_is_dragged_to_what_it_is(context, server, tmp_path):
     field = page.locator(key("map-0-q1"))
     column = page.locator(".of-file", has_text="#3")
     field.scroll_into_view_if_needed()
+    assert field.bounding_box()["width"] > 190.0  # it shows "#3: -1.57 to 1.57"
     expect(field).not_to_have_value("#3")
     column.drag_to(field)
     expect(field).to_have_value("#3")

@@ -44,9 +44,11 @@ from sdp_vs_penalty.files import protecting
 from sdp_vs_penalty.formatting import sentence
 from sdp_vs_penalty.page import Sessions, WorkerPool, data_chart, guarded, jobs, worker
 from sdp_vs_penalty.page import sessions as tabs
+from sdp_vs_penalty.page.next_step import next_step
+from sdp_vs_penalty.page.session import Working
 from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.render.words import describe_diagnosis, describe_remedy
-from sdp_vs_penalty.results import Change
+from sdp_vs_penalty.results import Change, Remedy
 from sdp_vs_penalty.robot.robot import joint_limits
 
 #: Headers, and whether they may ask (null: a page may, a socket may not).
@@ -217,12 +219,47 @@ def test_a_button_of_several_repairs_names_those_that_it_makes(here, hidden, tmp
 
 
 @pytest.mark.parametrize(
+    ("now", "main", "second"),
+    [
+        ("0.519 %", "Identify the model", "Or delete 5 rows"),
+        ("0.4 %", "Delete 5 rows", ""),
+    ],
+)
+def test_a_repair_that_raises_the_error_is_a_second_choice(
+    here, hidden, tmp_path, now, main, second
+):
+    """Its own figure says so; the error is that on motion left out."""
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:1], "a.csv"))
+    rows = make_issue("rows at zero", "", remedy="delete them", where="row 1")
+    s.runs[0]["findings"] = [json.loads(json.dumps(rows.to_dict()))]
+    change = Change("transform", "delete 5 rows", {"apply": []})
+    outcome = f"Error on motion left out: 0.512 % as logged, {now} repaired."
+    remedy = to_json(Remedy("a.csv: rows at zero", "certain", "", change))
+    s.remedies = [{**remedy, "effect": outcome}]
+    screen = Screen(s)
+    assert screen.at("next").text == main
+    assert outcome in screen.text("next").replace("\xa0", " ")
+    assert [screen.at(x).text for x in screen.keys if x == "next-other"] == (
+        [second] if second else []
+    )
+
+
+def test_no_time_is_estimated_before_a_second_part_is_counted(monkeypatch):
+    """The time since the first, not that since the computer was started."""
+    clock = iter([80_000.0, 80_010.0])
+    monkeypatch.setattr(time, "monotonic", lambda: next(clock))
+    work = Working().hears("1 of 3 done")
+    assert work.status == "1 of 3 parts done"
+    assert work.hears("2 of 3 done").status == "2 of 3 parts done, about 10 s left"
+
+
+@pytest.mark.parametrize(
     ("hidden_effect", "added", "outcome"),
     [
-        ("joint_spring:1", (), ": found."),
+        ("joint_spring:1", (), "; found."),
         ("joint_spring:2", (), "absorb it"),
         ("backlash:2", (), "not found by this name"),
-        ("backlash:2", ("backlash:2@band=4",), ": found, and in the model."),
+        ("backlash:2", ("backlash:2@band=4",), "; found, and in the model."),
         ("", (), ""),
     ],
 )
@@ -876,6 +913,14 @@ def test_a_wide_table_is_read_by_the_order_that_the_command_line_proposes(wide, 
     ]
     assert "tau1=#6,tau2=#7" in wide.session.commands()[0]
     assert "Read with these columns" not in wide.text("next")
+
+
+def test_a_question_that_is_cut_ends_as_one(wide):
+    for mapping in wide.session.mappings:
+        mapping["name"] = mapping["name"].rjust(60, "a")
+    step = next_step(wide.view)
+    assert step.more
+    assert step.text.endswith("is the torque?")
 
 
 def test_of_several_runs_the_last_is_kept_for_testing(here, hidden, tmp_path):

@@ -28,12 +28,13 @@ from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.formatting import number, sentence
-from sdp_vs_penalty.page import Sessions
+from sdp_vs_penalty.page import Sessions, jobs
 from sdp_vs_penalty.page import session as session_module
 from sdp_vs_penalty.page.next_step import next_step
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.page.stages import measure
 from sdp_vs_penalty.page.view import identified
+from sdp_vs_penalty.render.words import describe_finding
 from sdp_vs_penalty.reports.demo import RUNS, SEED
 from sdp_vs_penalty.results import Change
 
@@ -192,6 +193,53 @@ def test_a_model_of_which_nothing_is_found_keeps_its_reason(story, monkeypatch, 
     assert "no effect of the library explains it" in step.text
     assert "Nothing was found" in step.more
     assert identified(session).text[:-1] in step.number
+
+
+@pytest.mark.parametrize(
+    ("doubt", "badge"),
+    [("rivals", "near-tie"), ("uncertain", "size uncertain"), ("", "confident")],
+)
+def test_the_next_step_is_as_sure_of_a_finding_as_its_card(
+    story, monkeypatch, doubt, badge
+):
+    """Also where what fits as well is a law of the same effect."""
+    first = story.session.history[0]
+    finding, *_ = first.findings.effects
+    doubts = {"confidence": "weak", "doubts": (Doubt(doubt),)} if doubt else {}
+    finding = replace(finding, **doubts)
+    found = replace(first.findings, effects=(finding,), retuned=())
+    monkeypatch.setattr(story.session, "history", [replace(first, findings=found)])
+    assert describe_finding(finding, found).badge == badge
+    text = next_step(story.screen.view).text
+    assert (badge in text.lower()) == bool(doubt), text
+
+
+def test_without_a_noise_a_chip_names_its_measure(story):
+    """The verdict is by the joint that errs most, the chip by all joints."""
+    judged = replace(story.judged[0], noise_floor=None)
+    error = f"{number(judged.relative_error)} % error overall"
+    assert jobs._error_of(judged)["error"] == error
+
+
+def test_what_is_open_of_the_model_is_said_once(story, monkeypatch):
+    """Also where several diagnoses found it, each with other constants."""
+    screen, session = story.screen, story.session
+    first, last = session.history[0], session.history[-1]
+    finding, *_ = first.findings.effects
+    weak = replace(finding, confidence="weak", doubts=(Doubt("uncertain"),))
+    found = replace(first.findings, effects=(weak,))
+    again = replace(found, effects=(replace(weak, size=2.0 * weak.size),))
+    empty = replace(found, effects=())
+    history = [replace(first, findings=x) for x in (found, again)]
+    history.append(replace(last, findings=empty))
+    monkeypatch.setattr(session, "history", history)
+    screen.do(session.changed)
+    said = screen.text("diagnose")
+    tells = [key for key in screen.keys if key.startswith("tell-before-")]
+    monkeypatch.undo()
+    screen.do(session.changed)
+    assert "In the model, and not decided: 1 effect" in said
+    assert len(tells) == 1
 
 
 def test_the_cause_that_is_chosen_is_the_one_that_is_drawn(story, monkeypatch):

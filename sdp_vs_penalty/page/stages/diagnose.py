@@ -184,19 +184,19 @@ def _open_before(view: View, diagnosis: Diagnosis) -> None:
     open, each with the motion that decides it."""
     session = view.session
     before = [step.findings for step in session.history if step.findings]
-    still_open = [
-        finding
+    still_open = {  # once, as it was found last
+        finding.title: finding
         for earlier in before
         for finding in (() if earlier is diagnosis else earlier.effects)
         if finding.rating != "confident" and finding.undecided is not None
         if is_among(finding.text, session.current.effects)
-    ]
+    }
     if not still_open:
         return
     count = formatting.count(len(still_open), "effect")
     title = f"In the model, and not decided: {count}"
     with draw.details(title, "open-before", on=len(still_open) <= 3):
-        for finding in still_open:
+        for finding in still_open.values():
             with draw.tag("div", style="row"):
                 draw.tag("strong", finding.title)
                 draw.tag("span", finding.badge, f"badge {finding.rating}")
