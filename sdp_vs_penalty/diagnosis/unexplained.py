@@ -13,6 +13,7 @@ from itertools import chain
 
 import numpy as np
 import scipy
+import scipy.signal
 
 from sdp_vs_penalty.diagnosis.causes import (
     JointError,
@@ -33,7 +34,11 @@ from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData, folds_of
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.noise import REPETITION, Noise
+from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.signals.standstill import STILL
+
+#: Fewest periods of a tone in a run.
+_PERIODS = 10.0
 
 
 @dataclass(frozen=True)
@@ -59,7 +64,7 @@ def unexplained_error(search: Search) -> Remainder:
     A joint counts as unexplained if this torque raises its error by a tenth (to 1.2
     times the noise's variance), and if chance would show such a variance in less than 1
     of 1000 cases, given how few repetitions show the noise. Where no repetition shows
-    it, what follows no motion is noise too, of whatever colour.
+    it, what follows no motion is noise too, of whatever colour, but for a tone.
     """
     data = search.data
     fit = search.fit
@@ -125,8 +130,8 @@ def _shares_that_follow_motion(
     data: WhiteData, residual: Array, which: Mask, joints: Indices
 ) -> Array:
     """Return the largest share of the squares of what is left on each of some joints
-    (from 0) that one cause, such as a position, explains on parts of the motion left
-    out.
+    (from 0) that one cause, such as a position, or a tone explains on parts of the
+    motion left out.
 
     Noise that wanders slowly exceeds a floor of fast noise, and follows no motion.
 
@@ -141,10 +146,33 @@ def _shares_that_follow_motion(
     for j in joints.tolist():
         rows = which[:, j]
         error = JointError(j, residual[:, j], orders=())
-        sets = chain.from_iterable(columns_of_causes(states, error).values())
         left = residual[rows, j]
-        shares.append(max(held_out_share(x[rows], left, fold[rows]) for x in sets))
+        tone = _tone(data.rows, rows, left)
+        of_causes = chain.from_iterable(columns_of_causes(states, error).values())
+        sets = [tone, *(x[rows] for x in of_causes)]
+        shares.append(max(held_out_share(x, left, fold[rows]) for x in sets))
     return np.array(shares)
+
+
+def _tone(rows: SegmentedRuns, which: Mask, left: Array) -> Array:
+    """Return cosine and sine (K, 2 runs) of each run's time, of the frequency that makes
+    most of what is left (K,) in the rows that count (M,).
+
+    It has at least ten periods in the shortest run: noise that wanders resembles fewer.
+    """
+    t, run = rows.t[which], rows.run[which]
+    parts = [run == number for number in np.unique(run)]
+    length = min(float(np.ptp(t[part])) for part in parts)
+    if length * rows.cutoff <= _PERIODS:
+        return np.zeros((len(t), 0))
+    hertz = np.arange(_PERIODS / length, rows.cutoff, 0.125 / length)
+    power = np.zeros(len(hertz))
+    for part in parts:
+        angular = 2.0 * np.pi * hertz
+        power += scipy.signal.lombscargle(t[part], left[part], angular)
+    phase = 2.0 * np.pi * hertz[np.argmax(power)] * t
+    waves = np.column_stack([np.cos(phase), np.sin(phase)])
+    return np.hstack([waves * part[:, None] for part in parts])
 
 
 def _smallest_variance(noise: Noise, rise: float) -> Array:

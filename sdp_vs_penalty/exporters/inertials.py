@@ -325,9 +325,9 @@ def _written(
     element = link.find("inertial")
     mass, tensor = element.find("mass"), element.find("inertia")
     origin = element.find("origin")
-    centre = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
+    centre = "" if origin is None else origin.get("xyz", "")
     texts = {"mass": "0" if mass is None else mass.get("value", "0")}
-    texts |= dict(zip(CENTRE, centre.split(), strict=True))
+    texts |= dict(zip(CENTRE, (*centre.split(), "0", "0", "0"), strict=False))
     texts |= {k: "0" if tensor is None else tensor.get(k, "0") for k in MOMENTS}
     texts = {name: text.strip() for name, text in texts.items()}
     return WrittenInertial(texts, pose_of(element)[:3, :3], reach, shape)

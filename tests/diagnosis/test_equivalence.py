@@ -205,6 +205,22 @@ def test_noise_of_any_colour_is_no_unknown_torque(problem, size, verdict):
     assert found.verdict.startswith(verdict)
 
 
+def test_a_tone_is_an_unknown_torque(problem):
+    """It follows no motion, and goes on through motion that is left out."""
+
+    def humming(t, torque):
+        tone = np.outer(0.3 * np.sin(2.0 * np.pi * 2.25 * t), [0.0, 1.0, 0.0])
+        fast = np.random.default_rng(len(t)).normal(size=torque.shape)
+        return torque + tone + 0.02 * fast
+
+    arm = replace(pulled(lambda q: np.zeros_like(q)), channel=humming)
+    runs = [arm.run(seed, periods=0.9) for seed in (1, 11)]
+    model = identify(problem, runs, "ols", effects=EFFECTS, check=False)
+    found = diagnose(model, runs, arm.run(51, periods=0.9), check=False)
+    assert found.verdict == "unknown_effect"
+    assert [x.joint for x in found.remains] == [2]
+
+
 def test_one_cause_has_one_law(problem, monkeypatch):
     """A model with the general law is not offered its special case, and a finer form of
     friction waits until the model's own has its best constant, a second one longer."""

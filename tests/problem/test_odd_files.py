@@ -10,7 +10,7 @@ import pytest
 from arms import THREE, write_urdf
 
 from sdp_vs_penalty import load_problem
-from sdp_vs_penalty.errors import Remark
+from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.exporters.inertials import check_urdf, gravity_remarks, unit_remarks
 
 #: Of a ball of 2 kg about its centre [kg m^2].
@@ -109,6 +109,19 @@ def test_a_mistake_of_a_joint_is_said(case, tmp_path):
     file.write_text(text)
     said = unit_remarks(file, check_urdf(file))
     assert any(words in remark for remark in said) if words else said == []
+
+
+def test_a_centre_of_one_number_is_said_where_it_stands(tmp_path):
+    """The base's is read by nothing but the check of the file."""
+    file = arm(tmp_path)
+    base = (
+        '<link name="link0"><inertial><origin xyz="0.003"/><mass value="9"/></inertial>'
+    )
+    text = file.read_text().replace('<link name="link0"/>', f"{base}</link>")
+    assert base in text
+    file.write_text(text)
+    with pytest.raises(InputError, match=r"<origin xyz='0.003'> must hold 3 finite"):
+        check_urdf(file)
 
 
 def test_round_numbers_that_all_links_share_hold_a_place(tmp_path):
