@@ -325,12 +325,13 @@ def _written(
     element = link.find("inertial")
     mass, tensor = element.find("mass"), element.find("inertia")
     origin = element.find("origin")
-    centre = "" if origin is None else origin.get("xyz", "")
+    pose = pose_of(element)  # refuses an origin of other than three numbers
+    centre = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
     texts = {"mass": "0" if mass is None else mass.get("value", "0")}
-    texts |= dict(zip(CENTRE, (*centre.split(), "0", "0", "0"), strict=False))
+    texts |= dict(zip(CENTRE, centre.split(), strict=True))
     texts |= {k: "0" if tensor is None else tensor.get(k, "0") for k in MOMENTS}
     texts = {name: text.strip() for name, text in texts.items()}
-    return WrittenInertial(texts, pose_of(element)[:3, :3], reach, shape)
+    return WrittenInertial(texts, pose[:3, :3], reach, shape)
 
 
 def _misfit_of_possible(written: WrittenInertial) -> tuple[str, list[Repair]]:

@@ -26,11 +26,11 @@ _NOT_MEASURED = "nothing was measured, or the drive was off"
 
 
 def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
-    """Yield an issue about joints that move while their torque is exactly zero: the
-    drive was off.
+    """Yield an issue about joints that move while their torque is exactly zero.
 
-    It is a note where the arm explains a torque of zero. Elsewhere the zeros are false,
-    or something that is not in the log moved the joint, such as a hand.
+    It is a note that the drive was off where the arm explains a torque of zero.
+    Elsewhere the zeros are false, or something that is not in the log moved the joint,
+    such as a hand.
     """
     moved = {}
     for j in np.flatnonzero(glance.moving).tolist():
