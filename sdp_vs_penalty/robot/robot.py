@@ -476,7 +476,10 @@ class Robot(JsonRecord):
             blocks = blocks[:, :, list(self.link_joints)]
         # From the joints' frames to the links' frames.
         if self._link_maps is not None:
-            blocks = np.einsum("kjla,lab->kjlb", blocks, self._link_maps)
+            # A product a link: einsum takes six times as long, without BLAS.
+            by_link = np.moveaxis(blocks, 2, 0).reshape(len(self._link_maps), -1, 10)
+            mapped = (by_link @ self._link_maps).reshape(-1, len(out), self.n, 10)
+            blocks = np.moveaxis(mapped, 0, 2)
         return blocks.reshape(len(out), self.n, -1)
 
     def pinocchio_model(self, theta: ArrayLike) -> Any:
