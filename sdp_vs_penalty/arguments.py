@@ -60,12 +60,15 @@ def checked_arguments(verb: Callable[P, T]) -> Callable[P, T]:
             for one in value if is_several else [value]:
                 if one is parameter.default:
                     continue
-                where = f"{verb.__name__}({name}={quote_value(one)})"
                 is_nan = isinstance(one, float) and isnan(one)
+                remedy = None
                 if is_nan or not _is_of(types[name], one):
-                    raise InputError(where, f"give {_in_words(types[name])}")
-                if name == "seed" and one < 0:
-                    raise InputError(where, "give a whole number from 0")
+                    remedy = f"give {_in_words(types[name])}"
+                elif name == "seed" and one < 0:
+                    remedy = "give a whole number from 0"
+                if remedy is not None:
+                    where = f"{verb.__name__}({name}={quote_value(one)})"
+                    raise InputError(where, remedy)
         return verb(*args, **kwargs)
 
     return checked
