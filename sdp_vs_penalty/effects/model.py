@@ -256,22 +256,26 @@ class Model:
         """
         if motion.sign_width != self.sign_width:
             motion = motion.with_sign_width(self.sign_width)
+        independent = {k: e for k, e in enumerate(self.effects) if not depends(e)}
         blocks = {
             k: _blocks_of(e, smooth if smooth is not None and e.smooth else motion)
-            for k, e in enumerate(self.effects)
-            if not depends(e) and k not in known
+            for k, e in independent.items()
+            if k not in known
         }
         dependent = {k: e for k, e in enumerate(self.effects) if depends(e)}
-        needs_current_model = bool(dependent) and motion.current is None
-        if needs_current_model:
+        if not dependent:
+            return blocks
+        # A motion that has the current model has its torque as well.
+        is_made_here = motion.current is None
+        if is_made_here:
             motion = replace(motion, current=self._current(self._referred))
         for k, effect in dependent.items():
             if not effect.needs_torque:
                 blocks[k] = _blocks_of(effect, motion)
-        if needs_current_model and any(e.needs_torque for e in dependent.values()):
+        if is_made_here and any(e.needs_torque for e in dependent.values()):
             torque = self._made(blocks, self._referred, motion)
-            for k, effect in enumerate(self.effects):
-                if k in known and k not in dependent:  # whose columns were not computed
+            for k, effect in independent.items():
+                if k in known:  # whose columns were not computed
                     theta = self._referred[self.indices[k]]
                     torque += effect.torque(theta, motion)
             motion = replace(motion, torque=torque)

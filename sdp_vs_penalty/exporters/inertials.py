@@ -263,53 +263,59 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
     """
     # Refuses the file in one sentence for whatever else is wrong with it.
     robot, nominal = load_urdf(path)
-    without_bounds = np.tile([-np.inf, np.inf], (robot.links, 3, 1))
-    geometry = link_geometry(path)
-    bodies = link_bodies(robot, without_bounds, np.zeros_like(nominal), geometry)
-    # Links fixed to a moving link are part of its body.
-    reaches = dict[str, float]()
-    shapes = dict[str, Array]()
-    for fixed_together, body, shape in zip(
-        placed_links(path), bodies, geometry, strict=True
-    ):
-        for link, at in fixed_together:
-            name = link.get("name")
-            reaches[name] = body.reach
-            # A link that is drawn nowhere may be anywhere.
-            is_drawn = (
-                link.find("collision") is not None or link.find("visual") is not None
-            )
-            if shape is not None and is_drawn:
-                shapes[name] = (shape.points - at[:3, 3]) @ at[:3, :3]
+    room = _room_of_links(path, robot, nominal)
     with errors_located_in(path):
-        links = [
-            link
-            for link in Document.read(path).root.findall("link")
-            if link.find("inertial") is not None
-        ]
-        names = [link.get("name") for link in links]
+        elements = Document.read(path).root.findall("link")
+        links = [link for link in elements if link.find("inertial") is not None]
         written = [
-            _written(link, reaches.get(name, _REACH_OF_BASE), shapes.get(name))
-            for link, name in zip(links, names, strict=True)
+            _written(link, *room.get(link.get("name"), (_REACH_OF_BASE, None)))
+            for link in links
         ]
         checks = list(map(LinkCheck.from_link, links, written))
     moving = [
-        k for k, x in enumerate(written) if names[k] in reaches and x.number("mass")
+        k
+        for k, (link, inertial) in enumerate(zip(links, written, strict=True))
+        if link.get("name") in room and inertial.number("mass")
     ]
     # Where lengths are in another unit, no link is judged by its size.
     is_of_size = _longest(robot) < LONGEST
     shared = find_shared([written[k] for k in moving]) if is_of_size else None
-    sentence, repairs = shared or ("", [])
-    for place, k in enumerate(moving if shared else ()):
-        own = repairs[place : place + 1]
+    if shared is None:
+        return checks
+    mistake, repairs = shared
+    own: Sequence[Repair | None] = repairs or [None] * len(moving)
+    for k, repair in zip(moving, own, strict=True):
         checks[k] = replace(
             checks[k],
-            of_all=sentence,
-            repairs=tuple(own),
-            repair=next(iter(own), None),
+            of_all=mistake,
+            repairs=() if repair is None else (repair,),
+            repair=repair,
             misfit="",
         )
     return checks
+
+
+def _room_of_links(
+    path: str | Path, robot: Robot, nominal: Array
+) -> dict[str, tuple[float, Array | None]]:
+    """Return of each link of a URDF that moves, by its name, how far mass may lie from its
+    origin [m], and the points of its shapes (K, 3) in its frame; None for a link that is
+    drawn nowhere, which may be anywhere."""
+    without_bounds = np.tile([-np.inf, np.inf], (robot.links, 3, 1))
+    geometry = link_geometry(path)
+    bodies = link_bodies(robot, without_bounds, np.zeros_like(nominal), geometry)
+    room = {}
+    for fixed_together, body, shape in zip(
+        placed_links(path), bodies, geometry, strict=True
+    ):
+        # Links fixed to a moving link are part of its body.
+        for link, at in fixed_together:
+            drawings = (link.find("collision"), link.find("visual"))
+            points = None
+            if shape is not None and any(x is not None for x in drawings):
+                points = (shape.points - at[:3, 3]) @ at[:3, :3]
+            room[link.get("name")] = body.reach, points
+    return room
 
 
 def _longest(robot: Robot) -> float:

@@ -2,7 +2,7 @@
 user's own with these numbers replaced.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ from sdp_vs_penalty.exporters.own_file import Document, in_frames_of, order_of_j
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint
-from sdp_vs_penalty.robot.mjcf import load_bodies
+from sdp_vs_penalty.robot.mjcf import PlacedBody, load_bodies
 from sdp_vs_penalty.robot.robot import Robot
 
 ENDING = ".xml"
@@ -176,31 +176,9 @@ def edit_mjcf(path: str | Path, robot: Robot, content: Content) -> bytes:
     document = Document.read(path)
     bodies = _body_elements(path, document, [place.joints for place in places])
     order = order_of_joints(path, file_robot, robot)
-    links = dict(
-        zip(
-            file_robot.link_joints,
-            in_frames_of(path, file_robot, robot, content.links, order),
-            strict=True,
-        )
-    )
-    moving = dict[int, int]()  # of each moving joint the body that it carries
-    for k, place in enumerate(places):
-        moving.setdefault(place.carrier, k)
-    for k, place in enumerate(places):
-        if place.carrier not in links or k == moving[place.carrier]:
-            continue
-        if (
-            place.joints
-        ):  # of a held joint: it keeps its inertial, the moving one the rest
-            carried = inertia.transform(place.pose) @ place.inertial
-            links[place.carrier] = links[place.carrier] - carried
-            _put_inertial(document, path, bodies[k], place.inertial)
-        elif place.inertial.any():
-            nothing = {"pos": "0 0 0", "mass": "0", "diaginertia": "0 0 0"}
-            _replace_inertial(document, bodies[k], nothing)
-    for joint, link in links.items():
-        to_body = inertia.transform(np.linalg.inv(places[moving[joint]].pose))
-        _put_inertial(document, path, bodies[moving[joint]], to_body @ link)
+    links = in_frames_of(path, file_robot, robot, content.links, order)
+    link_of_joint = dict(zip(file_robot.link_joints, links, strict=True))
+    _put_inertials(document, path, bodies, places, link_of_joint)
     _put_joints(document, bodies, file_robot, robot, content, order)
     for compiler in document.root.iter("compiler"):
         kept = {k: v for k, v in compiler.attrib.items() if k != "settotalmass"}
@@ -209,6 +187,35 @@ def edit_mjcf(path: str | Path, robot: Robot, content: Content) -> bytes:
         if kept != dict(compiler.attrib):
             document.change(compiler, kept, keep=False)
     return document.edited()
+
+
+def _put_inertials(
+    document: Document,
+    path: str | Path,
+    bodies: Sequence[Any],
+    places: Sequence[PlacedBody],
+    links: dict[int, Array],
+) -> None:
+    """Write the inertials of bodies, which lie at ``places``: of each moving joint, by its
+    place in the tree, the link's parameters (10,) about the joint's frame."""
+    moving_body = dict[int, int]()  # of each moving joint, the first that it carries
+    for k, place in enumerate(places):
+        moving_body.setdefault(place.carrier, k)
+    for k, place in enumerate(places):
+        joint = place.carrier
+        if joint not in links or k == moving_body[joint]:
+            continue
+        if place.joints:  # held: the body keeps its inertial, the moving one the rest
+            carried = inertia.transform(place.pose) @ place.inertial
+            links[joint] = links[joint] - carried
+            _put_inertial(document, path, bodies[k], place.inertial)
+        elif place.inertial.any():
+            nothing = {"pos": "0 0 0", "mass": "0", "diaginertia": "0 0 0"}
+            _replace_inertial(document, bodies[k], nothing)
+    for joint, link in links.items():
+        k = moving_body[joint]
+        to_body = inertia.transform(np.linalg.inv(places[k].pose))
+        _put_inertial(document, path, bodies[k], to_body @ link)
 
 
 def _body_elements(

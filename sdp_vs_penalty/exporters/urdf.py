@@ -2,6 +2,7 @@
 replaced.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from sdp_vs_penalty.exporters.held import left_out
 from sdp_vs_penalty.exporters.interface import Written
 from sdp_vs_penalty.exporters.own_file import Document, in_frames_of, order_of_joints
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.rotation import rpy_of
 from sdp_vs_penalty.robot.urdf import load_urdf, placed_links, read_inertial
@@ -173,29 +175,7 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
     order = order_of_joints(path, urdf_robot, robot)
     links = in_frames_of(path, urdf_robot, robot, content.links, order)
     document = Document.read(path)
-    link_elements = {link.get("name"): link for link in document.root.findall("link")}
-    moving_links = placed_links(path, held)
-    roots = {moving.get("name") for ((moving, _), *_) in moving_links}
-    # Links that move where no joint is held, and are fixed to another link here.
-    kept = set[str]()
-    for (moving, _), *others in placed_links(path):
-        if moving.get("name") not in roots:
-            kept |= {moving.get("name"), *(link.get("name") for link, _ in others)}
-    zero = {
-        "mass": {"value": "0"},
-        "inertia": Inertial.from_parameters(np.zeros(10)).urdf_attributes,
-    }
-    for theta, ((moving, _), *others) in zip(links, moving_links, strict=True):
-        name = moving.get("name")
-        for link, pose in others:
-            other = link_elements[link.get("name")]
-            if link.get("name") in kept:
-                theta = theta - inertia.transform(pose) @ read_inertial(link)
-            elif other.find("inertial") is not None:
-                document.put(other, "inertial", {}, zero)
-        require_consistent(theta, f"{path}: link {name!r}")
-        tags = inertial_tags(Inertial.from_parameters(theta))
-        document.put(link_elements[name], "inertial", {}, tags)
+    _put_inertials(document, path, links, held)
     joints = {joint.get("name"): joint for joint in document.root.findall("joint")}
     names = [joint.name for joint in urdf_robot.tree]
     for joint in urdf_robot.joints:
@@ -209,3 +189,34 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
             written = {key: number(value) for key, value in values.items()}
             document.put(joints[joint.name], "dynamics", written)
     return document.edited()
+
+
+def _put_inertials(
+    document: Document, path: str | Path, links: Array, held: Mapping[str, float]
+) -> None:
+    """Write links (links, 10) about their own frames as the inertials of a URDF, whose
+    joints of the names ``held`` stand at these positions [rad, m]."""
+    elements = {link.get("name"): link for link in document.root.findall("link")}
+    zero = {
+        "mass": {"value": "0"},
+        "inertia": Inertial.from_parameters(np.zeros(10)).urdf_attributes,
+    }
+    moving_links = placed_links(path, held)
+    moving_names = {moving.get("name") for ((moving, _), *_) in moving_links}
+    # Links that keep their inertials: those that only a held joint fixes to another one.
+    kept = set[str]()
+    for fixed_together in placed_links(path):
+        names = [link.get("name") for link, _ in fixed_together]
+        if names[0] not in moving_names:
+            kept.update(names)
+    for theta, ((moving, _), *others) in zip(links, moving_links, strict=True):
+        for link, pose in others:
+            element_of_link = elements[link.get("name")]
+            if link.get("name") in kept:
+                theta = theta - inertia.transform(pose) @ read_inertial(link)
+            elif element_of_link.find("inertial") is not None:
+                document.put(element_of_link, "inertial", {}, zero)
+        name = moving.get("name")
+        require_consistent(theta, f"{path}: link {name!r}")
+        tags = inertial_tags(Inertial.from_parameters(theta))
+        document.put(elements[name], "inertial", {}, tags)

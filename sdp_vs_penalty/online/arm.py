@@ -230,51 +230,58 @@ class ArmModel:
     def _take(self, effect: Effect, theta: Array) -> None:
         """Represent an effect in the control loop by tables and slopes.
 
-        They are read off the effect's own torque; theta (k,) are its parameters. Torque
-        under a load is table + load pull + |load| rub, all over velocity. Effects add up.
-        Raises InputError unless these reproduce the effect's torque at random states to
-        _TOLERANCE.
+        They are read off the effect's own torque; theta (k,) are its parameters. Effects
+        add up. Raises InputError unless tables and slopes reproduce the effect's torque at
+        random states to _TOLERANCE.
         """
         # 400 random states and loads (400, n), on which all is checked below.
         rng = np.random.default_rng(0)
         q, dq, ddq, load = rng.uniform(-1.0, 1.0, (4, 400, self.n))
         try:
             exact = self._torque(effect, theta, q, dq, ddq, load)
-            # Torque over velocity, without load and under a unit of it either way.
-            place = np.arange(_ENTRIES, dtype=float) - (_ENTRIES - 1) / 2
-            # The velocities of the table [rad/s, m/s], fine near zero.
-            nodes = (_FINEST * np.sinh(place / self._scale))[:, None] * np.ones(self.n)
-            still = np.zeros_like(nodes)
-            without, forth, back = (
-                self._torque(effect, theta, still, nodes, still, still + unit)
-                for unit in (0.0, 1.0, -1.0)
-            )
-            # Torque of unit position and unit acceleration, less that of zero state.
-            one = np.ones((1, self.n))
-            zero = np.zeros((1, self.n))
-            constant = self._torque(effect, theta, zero, zero, zero, zero)[0]
-            by_q = self._torque(effect, theta, one, zero, zero, zero)[0]
-            by_ddq = self._torque(effect, theta, zero, zero, one, zero)[0]
+            tables = self._tables_of(effect, theta)
+            stiffness, armature = self._slopes_of(effect, theta)
         except (ValueError, AttributeError, AssertionError) as error:
             raise self._refusal(effect) from error
-        # The effect's own tables (n entries,), joint after joint.
-        pull = 0.5 * (forth - back).T.ravel()
-        rub = (0.5 * (forth + back) - without).T.ravel()
-        own = [without.T.ravel(), pull, rub]
+        _, pull, rub = tables
         self._has_load |= bool(pull.any() or rub.any())
-        stiffness = by_q - constant
-        armature = by_ddq - constant
         approximate = stiffness * q + armature * ddq
         for k, velocities in enumerate(dq):
             self._load[:] = load[k]
-            self._add_friction(own, velocities, approximate[k])
+            self._add_friction(tables, velocities, approximate[k])
         size = np.abs(exact).max(initial=1e-12)
         if not np.allclose(approximate, exact, rtol=0.0, atol=_TOLERANCE * size):
             raise self._refusal(effect)
-        for table, of_effect in zip(self._tables, own, strict=True):
+        for table, of_effect in zip(self._tables, tables, strict=True):
             table += of_effect
         self._stiffness = self._stiffness + stiffness
         self._armature = self._armature + armature
+
+    def _tables_of(self, effect: Effect, theta: Array) -> list[Array]:
+        """Return an effect's tables over velocity (n entries,), joint after joint: torque
+        without load, pull and rub. Under a load it is table + load pull + |load| rub."""
+        place = np.arange(_ENTRIES, dtype=float) - (_ENTRIES - 1) / 2
+        # The velocities of the tables [rad/s, m/s], fine near zero.
+        nodes = (_FINEST * np.sinh(place / self._scale))[:, None] * np.ones(self.n)
+        still = np.zeros_like(nodes)
+        # Under no load, and under a unit of it either way.
+        without, forth, back = (
+            self._torque(effect, theta, still, nodes, still, still + unit)
+            for unit in (0.0, 1.0, -1.0)
+        )
+        pull = 0.5 * (forth - back)
+        rub = 0.5 * (forth + back) - without
+        return [table.T.ravel() for table in (without, pull, rub)]
+
+    def _slopes_of(self, effect: Effect, theta: Array) -> tuple[Array, Array]:
+        """Return by how much an effect's torque grows with position and acceleration, both
+        (n,): the torque of a unit of each, less that of zero state."""
+        one = np.ones((1, self.n))
+        zero = np.zeros((1, self.n))
+        constant = self._torque(effect, theta, zero, zero, zero, zero)[0]
+        by_position = self._torque(effect, theta, one, zero, zero, zero)[0]
+        by_acceleration = self._torque(effect, theta, zero, zero, one, zero)[0]
+        return by_position - constant, by_acceleration - constant
 
     def _refusal(self, effect: Effect) -> InputError:
         """Return the InputError for an effect that cannot run in the control loop."""

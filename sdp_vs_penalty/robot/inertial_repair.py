@@ -293,41 +293,62 @@ def find_shared(links: Sequence[WrittenInertial]) -> tuple[str, list[Repair]] | 
     written = [text for link in links for text in link.texts.values()]
     if len(links) < 2 or max(map(len, written)) > _LONGEST:
         return None
-    wrong = [x for x in links if not x.fits(x.barycentric())]
-    tensors = {tuple(map(x.number, MOMENTS)) for x in links}
-    masses = {x.number("mass") for x in links}
-    if len(tensors) == 1 and any(*tensors):
-        first = links[0].texts
-        numbers = [first[k] for k in MOMENTS]
-        # Three links alike may be modules, but for their round numbers.
-        are_round = all(_digits(x) < 2 for x in (*numbers, first["mass"]))
-        are_alike = len(masses) == 1 and len(links) > 2 and are_round
-        same = f"inertia ({' '.join(numbers)}), whatever they weigh"
-        same = f"mass and inertia ({' '.join(numbers)})" if are_alike else same
-        if are_alike or (wrong and len(masses) > 1):
-            holds = "numbers that hold the place of the links' own"
-            return f"all have the same {same}: {holds}", []
-    now = [_score(x, x.barycentric()) for x in links]
-    least = _CHARACTER * (_INVENTED if wrong else _ANEW)
-    found = list[tuple[float, str, list[Repair]]]()
-    for sentence in dict.fromkeys(x for x, _ in _of_all_links(links[0])):
-        repairs = list[Repair]()
-        for link, before in zip(links, now, strict=True):
-            texts = dict(_of_all_links(link))[sentence]
-            barycentric = link.barycentric(texts)
-            if not link.fits(barycentric):
-                break
-            gain = link.plausibility(barycentric) - before
-            repairs.append(Repair(sentence, texts, _CONVENTION, barycentric, gain))
+    all_fit = all(x.fits(x.barycentric()) for x in links)
+    if sentence := _placeholders(links, all_fit):
+        return sentence, []
+    invented = _ANEW if all_fit else _INVENTED
+    conventions = dict.fromkeys(sentence for sentence, _ in _of_all_links(links[0]))
+    before = [_score(x, x.barycentric()) for x in links]
+    best: tuple[str, list[Repair]] | None = None
+    best_gain = _CHARACTER * invented
+    for sentence in conventions:
+        repairs = _repaired_by(sentence, links, before)
         gain = sum(x.score for x in repairs) - _CHARACTER * _CONVENTION
         # The wrong link alone may have it, and the others bear it.
         are_most = 2 * sum(x.score > 0.0 for x in repairs) > len(links)
-        if len(repairs) == len(links) and are_most and gain > least:
-            found.append((gain, sentence, repairs))
-    if not found:
-        return None
-    _, sentence, repairs = max(found, key=lambda x: x[0])
-    return sentence, repairs
+        if are_most and gain > best_gain:
+            best, best_gain = (sentence, repairs), gain
+    return best
+
+
+def _placeholders(links: Sequence[WrittenInertial], all_fit: bool) -> str:
+    """Return in words that all links have the same numbers, which hold the place of their
+    own; "" where they do not, or may be modules that are built alike.
+
+    all_fit : whether each of the numbers is possible, and fits the link's shape.
+    """
+    masses = {x.number("mass") for x in links}
+    tensors = {tuple(map(x.number, MOMENTS)) for x in links}
+    if len(tensors) > 1 or not any(*tensors):
+        return ""
+    first = links[0].texts
+    moments = [first[k] for k in MOMENTS]
+    # Three links alike may be modules, but for their round numbers.
+    are_round = all(_digits(x) < 2 for x in (*moments, first["mass"]))
+    numbers = f"({' '.join(moments)})"
+    holds = "numbers that hold the place of the links' own"
+    if len(masses) == 1 and len(links) > 2 and are_round:
+        return f"all have the same mass and inertia {numbers}: {holds}"
+    if len(masses) > 1 and not all_fit:
+        return f"all have the same inertia {numbers}, whatever they weigh: {holds}"
+    return ""
+
+
+def _repaired_by(
+    sentence: str, links: Sequence[WrittenInertial], before: Sequence[float]
+) -> list[Repair]:
+    """Return the repair of each link by the convention of a sentence; none where a link
+    does not fit then. A repair's score is by how much likelier it makes the link, whose
+    logarithm of the prior was ``before``."""
+    repairs = list[Repair]()
+    for link, score_before in zip(links, before, strict=True):
+        texts = dict(_of_all_links(link))[sentence]
+        barycentric = link.barycentric(texts)
+        if not link.fits(barycentric):
+            return []
+        gain = link.plausibility(barycentric) - score_before
+        repairs.append(Repair(sentence, texts, _CONVENTION, barycentric, gain))
+    return repairs
 
 
 def _score(link: WrittenInertial, barycentric: Array) -> float:

@@ -324,32 +324,13 @@ def model_arrays(path: str, folder: str) -> Iterator[Arrays]:
     import mujoco
 
     os.chdir(folder)
+    spec: Any = None
     try:
         spec = mujoco.MjSpec.from_file(path)
         _drop_shapes(spec)
         model = spec.compile()
     except ValueError as error:
-        reason, *rest = str(error).splitlines() or ["no reason given"]
-        if "unknown exception" in reason:  # as it calls C++'s bad_alloc
-            raise MemoryError from error
-        named = re.search("Element name '([^']+)'", " ".join(rest))
-        body = spec.body(named[1]) if named and "inertia" in reason else None
-        where = f", body {body.name!r}" if body is not None else ""
-        remedy = "correct it"
-        is_full = body is not None and np.isfinite(body.fullinertia).all()
-        if is_full and "inertia must" in reason:
-            remedy = (
-                "correct it: fullinertia is Ixx Iyy Izz Ixy Ixz Iyz, and a URDF's order is"
-                " another one, Ixx Ixy Ixz Iyy Iyz Izz"
-            )
-        elif body is not None and "A + B" in reason:
-            shown = " ".join(f"{x:g}" for x in body.inertia)
-            remedy = (
-                f"correct its diaginertia, {shown}: no principal moment of a body is larger"
-                " than the sum of the other two"
-            )
-        what = f"MuJoCo does not read it ({reason[:200]}{where})"
-        raise InputError(what, remedy) from error
+        raise _refusal(str(error), spec) from error
     fields = {name: np.array(getattr(model, name), float) for name in _ARRAYS}
     names = {
         "model": _name_of_model(model),
@@ -364,6 +345,34 @@ def model_arrays(path: str, folder: str) -> Iterator[Arrays]:
     }
     name_bytes = np.array([*json.dumps(names).encode()], float)
     yield {"gravity": np.array(model.opt.gravity, float), "names": name_bytes, **fields}
+
+
+def _refusal(said: str, spec: Any) -> Exception:
+    """Return the error of a file that MuJoCo does not read, by what MuJoCo ``said``: it
+    names the body of its ``spec`` (None: not parsed) whose inertia is wrong, and what mends
+    it."""
+    reason, *rest = said.splitlines() or ["no reason given"]
+    if "unknown exception" in reason:  # as it calls C++'s bad_alloc
+        return MemoryError()
+    where, remedy = "", "correct it"
+    named = re.search("Element name '([^']+)'", " ".join(rest))
+    body = None
+    if spec is not None and named and "inertia" in reason:
+        body = spec.body(named[1])
+    if body is not None:
+        where = f", body {body.name!r}"
+        if np.isfinite(body.fullinertia).all() and "inertia must" in reason:
+            remedy = (
+                "correct it: fullinertia is Ixx Iyy Izz Ixy Ixz Iyz, and a URDF's order is"
+                " another one, Ixx Ixy Ixz Iyy Iyz Izz"
+            )
+        elif "A + B" in reason:
+            shown = " ".join(f"{x:g}" for x in body.inertia)
+            remedy = (
+                f"correct its diaginertia, {shown}: no principal moment of a body is larger"
+                " than the sum of the other two"
+            )
+    return InputError(f"MuJoCo does not read it ({reason[:200]}{where})", remedy)
 
 
 def _equality_words(model: Any, k: int) -> str:

@@ -287,32 +287,33 @@ def check_needs_are_declared(kind: type[Effect], forms: Forms) -> None:
     }
     for effect in forms(robot):
         columns = wide_columns(effect, motion)
-
-        def change_with(
-            other: Motion, effect: Effect = effect, columns: Array = columns
-        ) -> bool:
-            found = wide_columns(effect, other)
-            return not np.allclose(found, columns, _ROUNDING, atol=1e-12)
-
         for word, (without, others) in without_and_others.items():
             reads = not _has_columns_of(effect, without)
             if getattr(effect, word):
                 sentence = f"declares {word}, but has columns without it"
                 demand(reads, f"{effect.text} {sentence}")
             else:
-                reads = reads or any(map(change_with, others))
+                reads = reads or any(_differs(effect, x, columns) for x in others)
                 sentence = f"the columns of {effect.text} read it"
                 demand(not reads, f"declare {word} = True: {sentence}")
-        if effect.follows_clock:
-            sentence = "declares follows_clock, but nothing changes with it here"
-            demand(change_with(later), f"{effect.text} {sentence}")
-            pairs = (kind.candidates(robot, effect.joints[0], t) for t in (0.0, 7.0))
-            for a, b in zip(*pairs, strict=True):
-                moved = wide_columns(b, later) - wide_columns(a, motion)
-                demand(np.allclose(moved, 0.0, atol=1e-12), "its clock does not begin")
-        else:
+        changes = _differs(effect, later, columns)
+        if not effect.follows_clock:
             sentence = f"the columns of {effect.text} change with it"
-            demand(not change_with(later), f"declare follows_clock = True: {sentence}")
+            demand(not changes, f"declare follows_clock = True: {sentence}")
+            continue
+        sentence = "declares follows_clock, but nothing changes with it here"
+        demand(changes, f"{effect.text} {sentence}")
+        # The effect of a log that begins 7 s later is as much later.
+        pairs = (kind.candidates(robot, effect.joints[0], t) for t in (0.0, 7.0))
+        for early, moved in zip(*pairs, strict=True):
+            change = wide_columns(moved, later) - wide_columns(early, motion)
+            demand(np.allclose(change, 0.0, atol=1e-12), "its clock does not begin")
+
+
+def _differs(effect: Effect, other: Motion, columns: Array) -> bool:
+    """Tell whether an effect has other columns in another motion, beyond rounding."""
+    found = wide_columns(effect, other)
+    return not np.allclose(found, columns, _ROUNDING, atol=1e-12)
 
 
 def check_units(kind: type[Effect], forms: Forms) -> None:
