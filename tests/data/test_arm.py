@@ -19,6 +19,9 @@ from small_runs import small_run
 from sdp_vs_penalty import Problem, convert, load_measurements
 from sdp_vs_penalty.data import read_run
 from sdp_vs_penalty.data.files import as_measurements, read_in_one_unit
+from sdp_vs_penalty.data.hypotheses import by_arm
+from sdp_vs_penalty.data.hypotheses.arm import ChannelFit
+from sdp_vs_penalty.data.hypotheses.channels import Recognition
 from sdp_vs_penalty.errors import ColumnsRemark, InputError
 from sdp_vs_penalty.problem import load_problem
 
@@ -71,6 +74,20 @@ def test_a_register_with_a_sign_bit_is_read_by_the_arm(turned, run, two_link, tm
     )
     assert "tau is a register whose bit 10 is its sign" in said
     assert "the same by" not in said  # by columns alone it is not
+
+
+@pytest.mark.parametrize("lowest, is_register", [(-0.5, True), (0.5, False)])
+def test_jumps_tell_a_register_where_the_arm_leaves_much(lowest, is_register):
+    """Each servo has a scale of its own, so that the arm explains little either way."""
+    torque = np.linspace(lowest, 5.0, 3000)[:, None]
+    blocks = {"q": np.zeros((3000, 1)), "tau": np.round(register(torque), 2)}
+
+    def fit(q, tau):
+        return ChannelFit(0.7 if np.array_equal(tau, blocks["tau"]) else 0.4, 1.0)
+
+    found, read_ = by_arm.with_signed_register(Recognition({}), blocks, fit)
+    assert found.is_of_arm == is_register
+    assert (read_["tau"].min() < 0.0) == is_register
 
 
 def test_without_an_arm_a_register_stays_as_it_is_written(run, tmp_path):

@@ -474,13 +474,15 @@ def with_signed_register(
     found: Recognition, blocks: dict[str, Array], fit: Fit
 ) -> tuple[Recognition, dict[str, Array]]:
     """Read torques as a servo's registers with a sign bit, where the arm leaves far less of
-    them so."""
+    them so; less is enough where they then vary less, as what jumps by the bit at each
+    change of sign."""
     register, bit = signed_register(blocks["tau"])
     q = blocks["q"] * found.factors("q", blocks["q"].shape[1])
     pair = (fit(q, blocks["tau"]), fit(q, register)) if bit else (None, None)
     if pair[0] is None or pair[1] is None:
         return found, blocks
-    if (pair[0].share / pair[1].share) ** N_PARTS < CERTAIN:
+    by_values = _variation(register) < _variation(blocks["tau"])
+    if (pair[0].share / pair[1].share) ** N_PARTS < (1.0 if by_values else CERTAIN):
         return found, blocks
     sign = 1.0 if pair[1].friction > 0.0 else -1.0
     text = (
@@ -490,6 +492,11 @@ def with_signed_register(
     )
     found = replace(found, said=(*found.said, text), is_of_arm=True)
     return found, {**blocks, "tau": sign * register}
+
+
+def _variation(values: Array) -> float:
+    """Return by how much columns (N, n) change from row to row, in all."""
+    return float(np.abs(np.diff(values, axis=0)).sum())
 
 
 def confirmed(found: Recognition, blocks: Mapping[str, Array], fit: Fit) -> Recognition:
