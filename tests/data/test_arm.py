@@ -76,7 +76,7 @@ def test_a_register_with_a_sign_bit_is_read_by_the_arm(turned, run, two_link, tm
     assert "the same by" not in said  # by columns alone it is not
 
 
-@pytest.mark.parametrize("lowest, is_register", [(-0.5, True), (0.5, False)])
+@pytest.mark.parametrize(("lowest", "is_register"), [(-0.5, True), (0.5, False)])
 def test_jumps_tell_a_register_where_the_arm_leaves_much(lowest, is_register):
     """Each servo has a scale of its own, so that the arm explains little either way."""
     torque = np.linspace(lowest, 5.0, 3000)[:, None]
