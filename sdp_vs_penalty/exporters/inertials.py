@@ -88,7 +88,8 @@ class LinkCheck(WritesJson):
     contradictions: tuple[str, ...]
     #: Typing mistakes that explain it and are not told apart, the likeliest first.
     repairs: tuple[Repair, ...]
-    #: Repair that explains an impossible link; None where no other is far behind.
+    #: Repair of an impossible link that ``--fix`` writes: the one that explains it, or the
+    #: likeliest where the nearest inertia is beyond the link's body; None: the nearest.
     repair: Repair | None = field(metadata=NOT_STORED)
     #: Nearest possible inertial (Frobenius norm) of an inconsistent link with mass;
     #: None of other links.
@@ -110,6 +111,7 @@ class LinkCheck(WritesJson):
         impossible = inertia.why_impossible(theta)
         contradictions = _contradictions(link)
         nearest = None
+        is_body = True  # of the nearest
         misfit = ""
         is_rounding = False
         repairs: list[Repair] = []
@@ -119,6 +121,8 @@ class LinkCheck(WritesJson):
         elif inertial.mass > 0.0:
             about_com = inertia.nearest_inertia(inertial.about_com, inertial.mass)
             nearest = replace(inertial, about_com=about_com)
+            of_mass = np.trace(about_com) / (2.0 * inertial.mass)
+            is_body = bool(of_mass < written.reach**2)
             change = float(np.linalg.norm(about_com - inertial.about_com))
             is_rounding = change <= written.resolution
             if not is_rounding:
@@ -140,7 +144,8 @@ class LinkCheck(WritesJson):
             misfit=misfit,
             contradictions=contradictions,
             repairs=tuple(repairs),
-            repair=repairs[0] if is_clear else None,
+            # A nearest inertia beyond the link's body is no way out, a likely number is.
+            repair=repairs[0] if repairs and (is_clear or not is_body) else None,
             nearest=nearest,
             is_rounding=is_rounding,
         )
@@ -177,14 +182,17 @@ class LinkCheck(WritesJson):
             yield f"possible, but {self.misfit}"
         for text in self.contradictions:
             yield f"{text}: readers of URDF take the latter; correct the wrong one"
-        if self.repair is not None:
+        if self.repair is not None and len(self.repairs) == 1:
             yield f"{self.repair.sentence} (--fix writes this)"
         elif self.repairs:
             first = enumerate(self.repairs[:_MOST_NAMED], start=1)
             each = "; ".join(f"({k}) {x.sentence}" for k, x in first)
             more = len(self.repairs) - _MOST_NAMED
             rest = f"; and {more} more" if more > 0 else ""
-            how = f"{len(self.repairs)} mistakes explain it equally, none is chosen"
+            chosen = (
+                "none is chosen" if self.repair is None else "--fix writes the first"
+            )
+            how = f"{len(self.repairs)} mistakes explain it equally, {chosen}"
             if self.misfit:
                 how = (
                     "one typing mistake would explain it, which --fix leaves, for a body"

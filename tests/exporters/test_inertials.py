@@ -90,6 +90,21 @@ def test_several_mistakes_are_named_and_none_is_chosen(tmp_path, capsys):
     assert check.nearest.urdf_attributes["ixx"] in fixed
 
 
+def test_where_the_nearest_is_beyond_the_body_the_likeliest_is_written(
+    tmp_path, capsys
+):
+    """A lost decimal point; the nearest would have a radius of gyration of 4.6 m."""
+    moments = ("0.0128427", "0", "0", "105.268", "0", "0.0128427")
+    path = write(tmp_path, body("3.37179", *moments))
+    code, said, fixed = said_and_fixed(path, capsys)
+    assert code == 1
+    assert "mistakes explain it equally, --fix writes the first: (1)" in said
+    assert "the nearest consistent" not in said
+    assert fixed.count("0.0128427") == 2
+    (_, check) = check_urdf(path.with_name("fixed.urdf"))
+    assert check.consistent
+
+
 def test_numbers_that_are_written_twice_must_agree(tmp_path, capsys):
     agreeing = (
         body("1", "0.01", "0.001", "0", "0.01", "0", "0.01")
