@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.checks.check import check_runs
-from sdp_vs_penalty.checks.fixing import errors_left_out, fix_runs
+from sdp_vs_penalty.checks.fixing import LeftOut, errors_left_out, fix_runs
 from sdp_vs_penalty.data.files import without_spans
 from sdp_vs_penalty.data.hypotheses.renaming import scaled
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
@@ -39,9 +39,8 @@ class State:
     model: Estimate | None = None
     #: What the model lacks; None before it is diagnosed.
     diagnosis: Diagnosis | None = None
-    #: What the change did to the error on data left out, in a sentence; "" where nothing
-    #: was left out.
-    effect: str = ""
+    #: What the change did to the error on motion left out; None where nothing was.
+    effect: LeftOut | None = None
 
 
 @dataclass(frozen=True)
@@ -86,12 +85,12 @@ def apply_change(change: Change, state: State) -> State:
     return _APPLY[change.verb](change, state)
 
 
-def effect_on_error(before: State, after: State) -> str:
-    """Say what a change of runs or robot did to the error on motion left out."""
-    if after.effect:  # a repair is done only where the error says so
+def effect_on_error(before: State, after: State) -> LeftOut:
+    """Return what a change of runs or robot did to the error on motion left out."""
+    if after.effect is not None:  # a repair is done only where the error says so
         return after.effect
     sides = [(state.problem, state.runs) for state in (before, after)]
-    return errors_left_out(*sides).sentence
+    return errors_left_out(*sides)
 
 
 def command_of(change: Change, files: Files) -> list[str] | None:
@@ -141,7 +140,7 @@ def _transformed(change: Change, state: State) -> State:
     reports = check_runs(problem, state.runs, thorough=False, races=races)
     named = change.arguments.get("apply", ())
     repaired = fix_runs(problem, state.runs, reports, named, races)
-    return replace(state, runs=repaired.runs, effect=repaired.sentence)
+    return replace(state, runs=repaired.runs, effect=repaired.left_out)
 
 
 def _cut(change: Change, state: State) -> State:

@@ -5,6 +5,7 @@ both logs are identified on one split. What does not lower the error on motion l
 is not written. Nor is a copy in which the check finds again what was repaired.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -17,6 +18,7 @@ from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.race import HeldRaces
+from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.runs import sample_rate
 
@@ -32,14 +34,26 @@ SAME_RATE = 0.01
 
 
 @dataclass(frozen=True)
-class LeftOut:
-    """Error on motion left out, without and with a change of the runs."""
+class LeftOut(JsonRecord):
+    """Error on motion left out, without and with a change of the runs: of all joints'
+    torque."""
+
+    derived = ("sentence", "falls")
 
     #: Before the change [%]; None where nothing could be identified from the log as it
     #: is, as where no torque was logged.
     before: float | None = None
     #: After the change [%].
     after: float | None = None
+
+    @property
+    def falls(self) -> bool:
+        """Whether the change lowers the error, in the digits in which it is said."""
+        was, now = (
+            math.inf if error is None else float(f"{error:.3g}")
+            for error in (self.before, self.after)
+        )
+        return now < was
 
     @property
     def sentence(self) -> str:

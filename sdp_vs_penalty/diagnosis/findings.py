@@ -825,9 +825,10 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def additions(self) -> list[tuple[Finding | Retune, ...]]:
-        """What each remedy that adds takes together: each finding, and all that helps."""
+        """What each remedy that adds takes together: each finding, all that helps, and
+        what surely is the effect that it is called."""
         groups = [self.only_in_sum(f) or (f,) for f in self.effects]
-        return [*groups, *filter(None, (self.helpful,))]
+        return [*groups, *filter(None, (self.helpful, self.sure))]
 
     def only_in_sum(self, finding: Finding) -> tuple[Finding, ...]:
         """The findings of which these runs show the sum alone, this one among them; none
@@ -933,6 +934,25 @@ class Diagnosis(Record, JsonRecord):
         """
         candidates: tuple[Finding | Retune, ...] = (*self.retuned, *self.effects)
         return tuple(f for f in candidates if f.torque_is_certain)
+
+    @property
+    def sure(self) -> tuple[Finding | Retune, ...]:
+        """What helps and surely is the effect that it is called, in whatever law of it and
+        of whatever size; without constants where not all that helps is sure, since these
+        have no number."""
+        sure = [
+            f
+            for f in self.helpful
+            if f.rating == "confident"
+            or (
+                isinstance(f, Finding)
+                and f.effect_is_certain
+                and not f.size_may_be_zero
+            )
+            if not (isinstance(f, Finding) and self.only_in_sum(f))
+        ]
+        is_all = len(sure) == len(self.helpful)
+        return tuple(f for f in sure if is_all or isinstance(f, Finding))
 
     @property
     def leaves_curves_out(self) -> bool:
@@ -1045,14 +1065,15 @@ class Diagnosis(Record, JsonRecord):
     @property
     def in_order_of_reading(self) -> list[Finding]:
         """The findings as they are read: of those whose torque is certain first what
-        lowers the error of the joint that errs most; what explains an error within the
-        noise after that, by rating and evidence."""
+        lowers the error of the joint that errs most; after that what has no size, and what
+        explains an error within the noise, by rating and evidence."""
         ratings = get_args(Rating)
         return sorted(
             self.effects,
             key=lambda f: (
                 not f.torque_is_certain,
                 self.is_within_noise(f),
+                f.size_may_be_zero and not self.only_in_sum(f),
                 *(-fall for fall in self._falls(f) if not self.is_within_noise(f)),
                 ratings.index(f.rating),
                 -f.gain,
@@ -1086,10 +1107,35 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def main_remedy(self) -> Remedy | None:
-        """The remedy of the main finding; None without one, or where that alone lowers no
-        error."""
-        main = self.main_finding
-        return main.remedy(self) if main and any(self._falls(main)) else None
+        """The remedy that adds what is sure, where that is several findings and the main
+        one among them; else that of the main finding. None where that does not lower the
+        error of the joint that errs most: what helps only does together."""
+        main, sure = self.main_finding, self.sure
+        after = self.error_with(sure)
+        if main in sure and len(sure) > 1 and after is not None:
+            return self._remedy_of_sure(sure, after)
+        return main.remedy(self) if main and self._falls(main)[0] else None
+
+    def _remedy_of_sure(self, sure: Sequence[Finding | Retune], after: Array) -> Remedy:
+        """Return the remedy that adds what is sure, with its errors ``after`` (n,) [N m or
+        N]."""
+        named = named_on_joints(sure)
+        is_all = len(sure) == len(self.helpful)
+        counted = f"the {len(sure)} {'that help' if is_all else 'surest'}"
+        words = counted if ";" in named else named
+        arguments: dict[str, Any] = {"effects": [f.text for f in sure]}
+        arguments["findings"] = [f.number for f in sure if isinstance(f, Finding)]
+        if is_all:
+            arguments["findings"] = "helpful"
+        weakest = max((f.rating for f in sure), key=get_args(Rating).index)
+        return Remedy(
+            named,
+            weakest,
+            "judged on data left out",
+            Change("add", f"add {words}", arguments),
+            tuple(self.held_out_rmse_before.tolist()),
+            tuple(after.tolist()),
+        )
 
     @property
     def is_open(self) -> bool:

@@ -79,7 +79,7 @@ from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.exporters import EXPORTS
-from sdp_vs_penalty.exporters.export import write_model
+from sdp_vs_penalty.exporters.export import effects_left_out, write_model
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import read_bytes, write_bytes, write_text, writing
 from sdp_vs_penalty.page.splits import split_run
@@ -407,8 +407,8 @@ def change(job: JobRequest) -> Answer:
     """Apply the change of a remedy, ``job["change"]``, to robot and runs.
 
     ``job["files"]`` are the runs that are changed; ``job["names"]`` what commands call
-    all of them afterwards. Returns what :func:`_judged` does, and "effect": what it did to the error
-    on data left out.
+    all of them afterwards. Returns what :func:`_judged` does, and "effect": what it did to
+    the error on motion left out (LeftOut); empty where that is not judged.
     """
     change = Change.from_dict(job["change"])
     before = State(job.problem, tuple(job.stored_runs))
@@ -419,11 +419,11 @@ def change(job: JobRequest) -> Answer:
     after = apply_change(change, replace(before, runs=those))
     changed = dict(zip(chosen, after.runs, strict=True))
     runs = tuple(changed.get(k, run) for k, run in enumerate(before.runs))
-    effect = ""
+    effect: Answer = {}
     is_whole = all(r.usable_rows.all() and np.all(np.diff(r.t) > 0.0) for r in runs)
     if change.verb != "read" and is_whole:  # a unit repairs nothing
         job.progress("judging it on motion left out")
-        effect = effect_on_error(before, replace(after, runs=runs))
+        effect = effect_on_error(before, replace(after, runs=runs)).to_dict()
     if change.verb == "read":
         for k in chosen:
             kept[k]["stated"] = True
@@ -1006,9 +1006,10 @@ def find(job: JobRequest) -> Answer:
     Returns
     -------
     dict
-        "diagnosis"; "curves": what `add` calls each measured curve; "verdicts": those of
-        ``job["verdicts"]``, with what is missing. The curves that the page draws are
-        saved as ``job["pictures"]``.
+        "diagnosis"; "curves": what `add` calls each measured curve; "not_held": by file of
+        `export` the effects that it cannot hold of the model with all that helps;
+        "verdicts": those of ``job["verdicts"]``, with what is missing. The curves that the
+        page draws are saved as ``job["pictures"]``.
     """
     runs = job.runs
     model = job.model
@@ -1024,7 +1025,9 @@ def find(job: JobRequest) -> Answer:
     )
     save_arrays(job.folder / job["pictures"], _card_arrays(model, better, runs.judge))
     curves = [curve.effect(model.robot).text for curve in result.curves]
+    files = [home.FILE for home in EXPORTS.all().values()]
     return {
+        "not_held": {file: effects_left_out(better or model, file) for file in files},
         "diagnosis": result.to_dict(),
         "curves": curves,
         "verdicts": {

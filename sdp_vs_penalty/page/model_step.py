@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -31,6 +31,22 @@ CHANGED = 5.0
 def level_of(grade: Grade) -> str:
     """Return the colour of a grade: "good", "usable" or "bad"."""
     return _LEVELS.get(grade, grade)
+
+
+def joints_of(text: str) -> set[int]:
+    """Return the joints (from 1) of an effect, as `add` writes it; none: of all."""
+    places = text.partition("@")[0].partition(":")[2]
+    return {int(joint) for joint in places.split("+") if joint}
+
+
+def is_among(text: str, effects: Iterable[str]) -> bool:
+    """Whether a model has an effect, as `add` writes it, whatever its constants."""
+    name = text.partition("@")[0].partition(":")[0]
+    return any(
+        other.partition("@")[0].partition(":")[0] == name
+        and (not joints_of(other) or joints_of(text) <= joints_of(other))
+        for other in effects
+    )
 
 
 @dataclass(frozen=True)
@@ -84,6 +100,9 @@ class ModelStep(JsonRecord):
     #: without the lost ones, what that did, and the "model" that the file is made of,
     #: where it errs less.
     exported: dict[str, dict[str, Any]] = field(default_factory=dict)
+    #: By file of `export` the effects, as `add` writes them, of this model with all that
+    #: helps which it cannot hold.
+    not_held: dict[str, list[str]] = field(default_factory=dict)
     #: File that a person brought; "" for none.
     opened: str = ""
     #: Whether it knows the servos of a log without torque.
@@ -143,6 +162,36 @@ class ModelStep(JsonRecord):
             if other and errors.get("size", 0.0) > (1.0 + CHANGES) * other["size"]:
                 return f"Worse than {name} ({other['error']})."
         return ""
+
+    def files_lacking(
+        self, names: Collection[str], effects: Collection[str]
+    ) -> list[str]:
+        """The files of `export`, of these names, that cannot hold one of these effects of
+        the diagnosis."""
+        return [
+            name
+            for name in names
+            if any(is_among(text, self.not_held.get(name, ())) for text in effects)
+        ]
+
+    def level_of_file(self, name: str, first: ModelStep) -> str:
+        """The colour of a file that holds a model: that of its verdict, and not good where
+        it errs more than the robot's own file or the first model."""
+        level = level_of(self.verdict_on(name).grade)
+        errors = self.exported.get(name) or self.errors
+        return "usable" if level == "good" and self.worse_than(errors, first) else level
+
+    def lesser_files(self, names: Collection[str]) -> str:
+        """Say which of these files of `export` err more than the model, since they cannot
+        hold all of it; "" where none does."""
+        most = (1.0 + CHANGES) * self.errors.get("size", np.inf)
+        errors = [
+            f"{name} {self.exported[name]['error']}"
+            for name in names
+            if self.exported.get(name, {}).get("size", 0.0) > most
+        ]
+        lacks = "Files that cannot hold all of it err more"
+        return f"{lacks}: {formatting.words(errors)}." if errors else ""
 
     @property
     def headline(self) -> str:

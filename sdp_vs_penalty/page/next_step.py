@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -16,16 +16,12 @@ from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, named_on_joints
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
-from sdp_vs_penalty.page.session import (
-    MOTION,
-    Session,
-    asks_for_unit,
-    is_refused,
-    joints_of,
-)
+from sdp_vs_penalty.page.model_step import joints_of
+from sdp_vs_penalty.page.session import MOTION, Session, asks_for_unit, is_refused
+from sdp_vs_penalty.page.stages.use import FILES, models_taken
 from sdp_vs_penalty.page.view import (
     View,
-    change_in_words,
+    changes_in_words,
     checked,
     graded,
     identified,
@@ -39,11 +35,7 @@ from sdp_vs_penalty.page.view import (
     spoken,
 )
 from sdp_vs_penalty.records import from_json, to_json
-from sdp_vs_penalty.render.words import (
-    describe_finding,
-    describe_unexplained,
-    most_changed_joint,
-)
+from sdp_vs_penalty.render.words import describe_finding, describe_unexplained
 from sdp_vs_penalty.results.remedy import SURE, Change, Remedy
 
 
@@ -151,14 +143,14 @@ def _columns(session: Session) -> NextStep:
 
 def _of_runs(session: Session) -> NextStep:
     """Return what the check says of the runs: the first remedy, or to identify. One that
-    raises the error on motion left out is a second choice."""
+    does not lower the error on motion left out is a second choice."""
     remedies = [
         from_json(Remedy, {k: v for k, v in x.items() if k != "effect"})
         for x in session.remedies
         if "refused" not in x
     ]
     remedies = [_with_published_gains(session, x) for x in remedies]
-    remedies.sort(key=lambda x: _is_worse(session.outcome_of(x.change.to_dict())))
+    remedies.sort(key=lambda x: not _may_help(session, x.change.to_dict()))
     remedy = next_remedy(remedies)
     if remedy is None:
         return _as_logged(session)
@@ -169,18 +161,17 @@ def _of_runs(session: Session) -> NextStep:
     text = graded(remedy.problem, remedy.certainty)
     if faults := session.faults_in_words(change.to_dict()):
         text = graded(f"{faults}.", remedy.certainty)
-    number = session.outcome_of(change.to_dict())
+    number = session.outcome_of(change.to_dict()).get("sentence", "")
     said: dict[str, Any] = {"number": number, "figure": ("check", "check")}
-    if _is_worse(number) and not session.meaningless:
+    if not (_may_help(session, change.to_dict()) or session.meaningless):
         other = NextStep("", f"Or {label[0].lower()}{label[1:]}", "check", do)
         return replace(_as_logged(session, text), other=other, **said)
     return NextStep(text, label, "check", do, level=level, **said)
 
 
-def _is_worse(outcome: str) -> bool:
-    """Return whether the error on motion left out rises, of a repair's outcome in words."""
-    errors = [float(error) for error in re.findall(r"(\S+) %", outcome)]
-    return len(errors) == 2 and errors[1] > errors[0]
+def _may_help(session: Session, change: Mapping[str, Any]) -> bool:
+    """Return whether a repair lowers the error on motion left out, or was not tried."""
+    return bool(session.outcome_of(change).get("falls", True))
 
 
 def _as_logged(session: Session, said: str = "") -> NextStep:
@@ -248,7 +239,10 @@ def _of_model(view: View) -> NextStep:
     level = of_model.level
     text = f"{of_model.word}. {of_model.text}"
     of_noise = re.search(r"; (the noise is from[^.;]*)", text)
-    number = _taken(session) or formatting.sentence(f"measured {measured_on(session)}")
+    number = formatting.sentence(f"measured {measured_on(session)}")
+    if added := _taken(session):
+        lesser = session.current.lesser_files(models_taken(session))
+        number = f"{added}. {lesser}".removesuffix(". ")
     diagnosis = session.findings_of_current
     known: dict[str, Any] = {"level": level, "number": number}
     if of_noise:
@@ -345,41 +339,41 @@ def _curve_to_add(session: Session, diagnosis: Diagnosis) -> NextStep | None:
 def _to_add(
     session: Session, diagnosis: Diagnosis, all_of_it: Remedy, level: str
 ) -> NextStep:
-    """Return the step that adds what the line names, and, as a second choice, all that
-    helps (``all_of_it``); that alone where no finding lowers an error by itself."""
+    """Return the step that adds what the line names: what is sure together, or what is read
+    first. The second choice is all that helps (``all_of_it``), or the first alone."""
     main = diagnosis.main_finding
     remedy = diagnosis.main_remedy or all_of_it
     change = remedy.change
     texts = change.arguments.get("effects", [])
     other = None
-    if len(texts) < len(all_of_it.change.arguments.get("effects", [])):
-        add = partial(session.start, session.apply, all_of_it.change.to_dict())
-        other = NextStep("", f"Or {all_of_it.change.words}", "diagnose", add)
+    for second in (all_of_it, main and main.remedy(diagnosis)):
+        if second and {*second.change.arguments["effects"]} != {*texts}:
+            add = partial(session.start, session.apply, second.change.to_dict())
+            other = other or NextStep("", f"Or {second.change.words}", "diagnose", add)
     more = spoken(diagnosis.cause)
     model = session.current
-    is_elsewhere = main is not None and main.main_joint != model.worst_joint
+    worst = model.worst_joint
+    is_elsewhere = main is not None and main.main_joint != worst
     if is_elsewhere and level != "good" and model.failures:
-        worst = model.worst_joint
         more += f" {describe_unexplained(model.where_it_fails, worst, True)}"
-    text, rating = in_brief(more), ""
-    if main is not None:
-        text, rating = _in_one_line(diagnosis, main)
+    text = _in_one_line(diagnosis, texts) or in_brief(more)
+    if len(texts) > 1:
+        text = f"{text.rstrip('.')}; worst joint {worst}."
     if level == "good":
-        how_sure = "" if rating in {*SURE, ""} else f", {rating}"
-        text = f"Good already. Still to be won{how_sure}: {text}"
-    elif rating:
-        text = graded(text, rating)
+        text = f"Good already. Still to be won: {text}"
+    text = formatting.sentence(text)
     number = ""
     if remedy.before is not None and remedy.after is not None:
-        falls = np.subtract(remedy.before, remedy.after)
-        joint = int(falls.argmax()) + 1 if main is None else main.main_joint
-        added = change_in_words(session, joint, remedy.before, remedy.after)
+        added = changes_in_words(session, worst, remedy.before, remedy.after)
         n_added = {1: "it", 2: "both"}.get(len(texts), f"all {len(texts)}")
-        number = f"With {n_added}, {added}"
+        is_judged = {*texts} == {found.text for found in diagnosis.helpful}
+        number = f"With {n_added}{'' if is_judged else ' (estimate)'}, {added}"
         over = over_noise(np.array(remedy.after), diagnosis.known_floor)
-        if over is not None and over[joint - 1] > ABOVE_NOISE:
-            left = formatting.number(float(over[joint - 1]))
-            number += f"; {left} times its noise are left"
+        if over is not None and over[worst - 1] > ABOVE_NOISE:
+            left = formatting.number(float(over[worst - 1]))
+            number += f"; joint {worst} keeps {left} times its noise"
+    if lacking := model.files_lacking(FILES, texts):
+        number += f". No place for it in {formatting.words(lacking)}"
     do = partial(session.start, session.apply, change.to_dict())
     label = label_of(change.words)
     return NextStep(
@@ -400,13 +394,40 @@ def _rest_to_add(session: Session) -> NextStep | None:
     return NextStep("", f"Or {words}", "diagnose", add)
 
 
-def _in_one_line(diagnosis: Diagnosis, finding: Finding) -> tuple[str, str]:
-    """Say what a finding is on the arm, and how sure that is, as its card does."""
-    together = diagnosis.only_in_sum(finding)
-    text = in_brief(diagnosis.on_the_arm_of(finding).removeprefix(ON_THE_ARM))
-    if finding.size_may_be_zero and not together:
-        text = named_on_joints((finding,))
-    return text, describe_finding(finding, diagnosis).badge
+#: Kinds of finding that a line names; the others are counted.
+_MOST_NAMED = 3
+
+
+def _in_one_line(diagnosis: Diagnosis, texts: Collection[str]) -> str:
+    """Return a sentence that names what is added by its ``texts``, each with how sure that
+    is, as its card does; of a single finding what it is on the arm; "" for what the
+    diagnosis did not find."""
+    found = [f for f in diagnosis.in_order_of_reading if f.text in texts]
+    constants = [f for f in diagnosis.retuned if f.text in texts]
+    if not found and not constants:
+        return ""
+    if found and len(found) + len(constants) == len(diagnosis.only_in_sum(found[0])):
+        found, constants = found[:1], []
+    if len(found) == 1 and not constants:
+        (one,) = found
+        text = in_brief(diagnosis.on_the_arm_of(one).removeprefix(ON_THE_ARM))
+        if one.size_may_be_zero and not diagnosis.only_in_sum(one):
+            text = named_on_joints(found)
+        badge = describe_finding(one, diagnosis).badge
+        return text if badge in SURE else f"{badge}: {text}"
+    alike = dict[tuple[str, str], list[Finding]]()
+    for finding in found:
+        badge = describe_finding(finding, diagnosis).badge
+        key = "" if badge in SURE else f"{badge}: ", finding.effect
+        alike.setdefault(key, []).append(finding)
+    parts = [f"{badge}{named_on_joints(x)}" for (badge, _), x in alike.items()]
+    if constants:
+        parts.append(f"{named_on_joints(constants)}, estimated again")
+    if len(parts) > _MOST_NAMED:
+        n_named = sum(len(x) for x in [*alike.values()][:_MOST_NAMED])
+        more = f"and {len(found) + len(constants) - n_named} more"
+        parts = [*parts[:_MOST_NAMED], more]
+    return f"{'; '.join(parts)}."
 
 
 def _taken(session: Session) -> str:
@@ -414,20 +435,13 @@ def _taken(session: Session) -> str:
     first model."""
     if len(session.history) == 1:
         return ""
-    step = session.current
-    before, after = (step.comparison["rmse"] for step in session.history[-2:])
-    floor = step.comparison["noise_floor"]
-    joint = most_changed_joint(step.added, before, after, floor)
-    change = formatting.sentence(change_in_words(session, joint, before, after))
-    diagnosis = session.history[-2].findings
-    order = [] if diagnosis is None else diagnosis.in_order_of_reading
-    found = [finding for finding in order if finding.text in step.added]
-    if diagnosis is None or not found:
-        return change
-    added, rating = _in_one_line(diagnosis, found[0])
-    others = f", and {len(step.added) - 1} more" if len(step.added) > 1 else ""
-    how_sure = "" if rating in SURE else f" ({rating})"
-    return f"Added: {added.rstrip('.')}{how_sure}{others}. {change}"
+    below, step = session.history[-2:]
+    before, after = (x.comparison["rmse"] for x in (below, step))
+    change = changes_in_words(session, below.worst_joint, before, after)
+    change = formatting.sentence(change)
+    diagnosis = session.findings
+    added = diagnosis and _in_one_line(diagnosis, step.added)
+    return f"Added. {formatting.sentence(added)} {change}" if added else change
 
 
 def _decided_joints(remedy: Mapping[str, Any]) -> set[int]:

@@ -38,7 +38,7 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.estimator import no_progress
 from sdp_vs_penalty.files import require_format, write_text
 from sdp_vs_penalty.page.commands import commands_of, option_words
-from sdp_vs_penalty.page.model_step import ModelStep
+from sdp_vs_penalty.page.model_step import ModelStep, is_among, joints_of
 from sdp_vs_penalty.page.spoken import progress_in_words, spoken
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.problem.check_command import CheckCommand
@@ -129,19 +129,14 @@ class Working:
     #: What is counted, the first number and when that was heard [s]; None for nothing
     #: yet.
     counted: tuple[str, int, float] | None = None
-    #: What a search has found first; "" for nothing yet.
-    found: str = ""
 
     def hears(self, text: str) -> Working:
         """Return the work as a job says where it stands, with the time that is left of
         what is counted ("trying effects: 843 of 1503")."""
         status = progress_in_words(text)
-        first = re.match(r"1: (.*?)(?: \(|$)", text)
-        found = first[1] if first else self.found
-        more = f"; found so far: {found}" if found and not first else ""
         count = re.search(r"(\d+) of (\d+)", text)
         if count is None:
-            return replace(self, status=f"{status}{more}", found=found)
+            return replace(self, status=status)
         done, of = map(int, count.groups())
         kind, now = text[: count.start()], time.monotonic()
         begun = self.counted
@@ -151,29 +146,13 @@ class Working:
         if done > first_number:
             left = (now - since) * (of - done) / (done - first_number)
             status += f", about {max(1.0, left):.0f} s left"
-        return replace(self, status=f"{status}{more}", counted=begun)
-
-
-def joints_of(text: str) -> set[int]:
-    """Return the joints (from 1) of an effect, as `add` writes it; none: of all."""
-    places = text.partition("@")[0].partition(":")[2]
-    return {int(joint) for joint in places.split("+") if joint}
+        return replace(self, status=status, counted=begun)
 
 
 def _acts_as(text: str, effect: str, joints: Collection[int]) -> bool:
     """Whether an effect, as `add` writes it, is a law of another one on these joints."""
     name = text.partition("@")[0].partition(":")[0]
     return is_law_of(name, effect) and {*joints} <= joints_of(text)
-
-
-def is_among(text: str, effects: Iterable[str]) -> bool:
-    """Whether a model has an effect, as `add` writes it, whatever its constants."""
-    name = text.partition("@")[0].partition(":")[0]
-    return any(
-        other.partition("@")[0].partition(":")[0] == name
-        and (not joints_of(other) or joints_of(text) <= joints_of(other))
-        for other in effects
-    )
 
 
 def _training_of(runs: Iterable[Mapping[str, Any]]) -> list[tuple[Any, ...]]:
@@ -489,7 +468,7 @@ class Session:
             outcome = "not found: parameters of the model absorb it in these runs"
         else:
             outcome = "not found by this name"
-        return f"Hidden here: {effect_in_words(self.hidden)}; {outcome}."
+        return f"We hid {effect_in_words(self.hidden)}: {outcome}."
 
     def cause_of(self, joint: int) -> str:
         """Return the cause that shows the error of a joint (from 1): that of its
@@ -684,22 +663,23 @@ class Session:
             self.changed()
 
     def _keep_outcome(
-        self, change: Mapping[str, Any], outcome: Mapping[str, str]
+        self, change: Mapping[str, Any], outcome: Mapping[str, Any]
     ) -> None:
         """Keep what a change of a remedy would do ("effect"), or why not ("refused")."""
         self.remedies = [
             {**x, **outcome} if x["change"] == change else x for x in self.remedies
         ]
 
-    def outcome_of(self, change: Mapping[str, Any]) -> str:
-        """Return what a remedy's change would do to the error, or why it is refused, in
-        a sentence; "" where it was not tried."""
+    def outcome_of(self, change: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what a remedy's change would do to the error on motion left out, or why
+        it is refused, in a "sentence", and whether that "falls"; empty where it was not
+        tried."""
         for remedy in self.remedies:
             if remedy["change"] == change:
-                refused = remedy.get("refused")
-                why = refused and f"Not done: {spoken(refused)}"
-                return str(why or remedy.get("effect", ""))
-        return ""
+                if refused := remedy.get("refused"):
+                    return {"sentence": f"Not done: {spoken(refused)}", "falls": False}
+                return dict(remedy.get("effect", {}))
+        return {}
 
     def _doing(self, **what: str) -> None:
         """Update the running work, given its new ``title`` or ``status``, and redraw
@@ -820,6 +800,10 @@ class Session:
             moved = folder / Path(path).name
             return str(moved) if path and moved.exists() else path
 
+        def effect_of(effect: Any) -> Any:
+            is_text = isinstance(effect, str)
+            return {"sentence": effect, "falls": True} if is_text else effect
+
         steps = [from_json(ModelStep, step) for step in content["steps"]]
         steps = [replace(step, file=here(step.file)) for step in steps]
 
@@ -831,9 +815,14 @@ class Session:
                 mapping["path"] = here(mapping["path"])
             for run in kept["runs"]:  # an older version knows one name
                 run.setdefault("in_commands", run["name"])
-            # An older version does not know the change.
+            # An older version does not know the change, and the effect in words alone.
             none = {"verb": "", "arguments": {}}
-            kept["repairs"] = [[*repair, none][:3] for repair in kept["repairs"]]
+            kept["repairs"] = [
+                [words, effect_of(effect), *(change or [none])]
+                for words, effect, *change in kept["repairs"]
+            ]
+            for remedy in kept["remedies"]:
+                remedy |= {x: effect_of(remedy[x]) for x in {"effect"} & remedy.keys()}
             return {**kept, "history": [steps[k] for k in kept["history"]]}
 
         for name in {*CHOSEN} & content.keys():  # an older version has fewer
@@ -1640,6 +1629,7 @@ class Session:
             curve_texts=tuple(answer["curves"]),
             pictures=pictures,
             exported=exported,
+            not_held=answer["not_held"],
             comparison={**self.current.comparison, "verdict": verdict},
         )
         self.history = [*self.history[:-1], diagnosed]

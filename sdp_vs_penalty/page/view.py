@@ -9,16 +9,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from nicegui import ui
 from nicegui.client import Client
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.causes import VELOCITY
+from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.page.model_step import level_of
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import heading_of, spoken
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
 from sdp_vs_penalty.results.remedy import SURE
+from sdp_vs_penalty.robot.arrays import nonzero_or_one
 
 #: Options of the command line by the step that offers them.
 Forms = Mapping[str, Sequence[Action]]
@@ -259,20 +262,33 @@ def measured_on(session: Session, names_runs: bool = False) -> str:
     return f"{left_out}{scope.removeprefix('on ') if left_out else scope}"
 
 
-def change_in_words(
-    session: Session, joint: int, before: Sequence[float], after: Sequence[float]
+def changes_in_words(
+    session: Session, worst: int, before: Sequence[float], after: Sequence[float]
 ) -> str:
-    """Say how the error of a joint (from 1) changes, of the errors (n,) [N m, N] of all,
-    and what it is measured on."""
-    was, now = before[joint - 1], after[joint - 1]
-    unit = formatting.plain_unit(session.robot["units"][joint - 1])
-    change = (
-        f"{formatting.amounts([was, now], unit)} ({formatting.change_of(was, now)})"
+    """Say how the errors (n,) [N m, N] change of the joint that errs most, ``worst`` (from
+    1), and of the one that gains most, and what they are measured on."""
+    comparison = session.current.comparison
+    was, now = np.array(before), np.array(after)
+    floor = comparison["noise_floor"]
+    most = int(
+        np.argmax((was - now) / nonzero_or_one(floor or comparison["torque_rms"]))
     )
-    floor = session.current.comparison["noise_floor"]
-    is_below = floor is not None and max(was, now) < floor[joint - 1]
-    bound = "; both are below the noise, which is a bound" if is_below else ""
-    return f"joint {joint}'s error: {change}, {measured_on(session)}{bound}"
+
+    def change_of(joint: int) -> str:
+        errors = [before[joint - 1], after[joint - 1]]
+        unit = formatting.plain_unit(session.robot["units"][joint - 1])
+        amounts = formatting.amounts(errors, unit)
+        return f"{amounts} ({formatting.change_of(*errors)})"
+
+    of_worst, of_most = f"worst joint {worst}", ""
+    if most != worst - 1 and now[most] < was[most]:
+        of_most = f"; joint {most + 1} gains most: {change_of(most + 1)}"
+    does_gain = now[worst - 1] < (1.0 - CHANGES) * was[worst - 1]
+    verb = "'s error" if does_gain else " does not gain"
+    is_below = floor is not None and was[worst - 1] < floor[worst - 1]
+    bound = "; that is below the noise, which is a bound" if is_below else ""
+    said = f"{of_worst}{verb}: {change_of(worst)}{bound}{of_most}"
+    return f"{said}, {measured_on(session)}"
 
 
 @dataclass(frozen=True)

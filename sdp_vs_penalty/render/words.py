@@ -49,7 +49,7 @@ from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.gains import limited_drives, open_torques
-from sdp_vs_penalty.estimation.verdict import changes, over_noise
+from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number, plain_unit
 from sdp_vs_penalty.render.tables import SOURCES
 from sdp_vs_penalty.results.remedy import Remedy
@@ -186,10 +186,11 @@ def _brief_gain(finding: Finding, diagnosis: Diagnosis) -> str:
     joint = finding.main_joint
     before, after = (float(rmse[joint - 1]) for rmse in diagnosis.errors_of(finding))
     amounts = formatting.amounts([before, after], diagnosis.torque_unit(joint))
-    change = formatting.change_of(before, after)
+    text = f"joint {joint}'s error: {amounts}, {formatting.change_of(before, after)}"
+    with_all = float(diagnosis.held_out_rmse_with_helpful[joint - 1])
     if after > (1.0 - MINOR) * before and finding in diagnosis.helpful:
-        change = "it helps beside the others"
-    return f"joint {joint}'s error: {amounts}, {change}"
+        text += f"; with all that helps {formatting.change_of(before, with_all)}"
+    return text
 
 
 def _against(doubt: str) -> tuple[tuple[str, bool], ...]:
@@ -596,24 +597,6 @@ def describe_remedy(remedy: Remedy) -> str:
     was, now = remedy.before[j], remedy.after[j]
     change = f"{number(was)} to {number(now)} ({formatting.change_of(was, now)})"
     return f"{text}: joint {j + 1}'s error falls from {change} on data left out."
-
-
-def most_changed_joint(
-    effects: Sequence[str],
-    before: Sequence[float],
-    after: Sequence[float],
-    floor: Sequence[float] | None,
-) -> int:
-    """Return that joint (from 1) of added effects, as `add` writes them, or of all
-    without any, whose error, before and after (n,) in the units of torque, changed most
-    times its noise ``floor`` (n,), or most where that is not known."""
-    sizes = np.abs(np.subtract(before, after))
-    over = over_noise(sizes, floor)
-    places = [text.partition("@")[0].partition(":")[2] for text in effects]
-    joints = {int(joint) - 1 for place in places if place for joint in place.split("+")}
-    if not places or not all(places):  # an effect of the whole robot
-        joints = {*range(len(sizes))}
-    return max(joints, key=(sizes if over is None else over).__getitem__) + 1
 
 
 def describe_worse(before: Comparison, after: Comparison) -> str:

@@ -33,6 +33,7 @@ from sdp_vs_penalty import (
 )
 from sdp_vs_penalty.checks.certainty import likely, possible
 from sdp_vs_penalty.checks.check import check_runs
+from sdp_vs_penalty.checks.fixing import LeftOut
 from sdp_vs_penalty.checks.issue import leave_out, make_explanation, make_issue
 from sdp_vs_penalty.checks.report import list_remedies
 from sdp_vs_penalty.checks.torque_size import with_one_unit
@@ -140,7 +141,7 @@ def test_a_run_is_repaired_where_it_is_certain(here, hidden, tmp_path):
     (run,) = s.runs
     assert run["name"] == "spikes.csv"
     assert not s.kinds_of_issue
-    assert "Error on motion left out" in s.repairs[0][1]
+    assert "Error on motion left out" in s.repairs[0][1]["sentence"]
     s.undo()
     assert s.runs == [before]
 
@@ -156,7 +157,8 @@ def test_what_a_repair_does_is_known_before_the_click(
     change = s.remedies[0]["change"]
     asyncio.run(s._foresee())
     outcome = s.outcome_of(change)
-    assert outcome.startswith("Error on motion left out: ")
+    assert outcome["sentence"].startswith("Error on motion left out")
+    assert outcome["falls"]
     monkeypatch.setattr(jobs, "change", lambda job: pytest.fail("done twice"))
     do(s, lambda: s.apply(change))
     assert s.repairs == [[change["words"], outcome, change]]
@@ -221,11 +223,12 @@ def test_a_button_of_several_repairs_names_those_that_it_makes(here, hidden, tmp
 @pytest.mark.parametrize(
     ("now", "main", "second"),
     [
-        ("0.519 %", "Identify the model", "Or delete 5 rows"),
-        ("0.4 %", "Delete 5 rows", ""),
+        (0.519, "Identify the model", "Or delete 5 rows"),
+        (0.5121, "Identify the model", "Or delete 5 rows"),  # as it is said: the same
+        (0.4, "Delete 5 rows", ""),
     ],
 )
-def test_a_repair_that_raises_the_error_is_a_second_choice(
+def test_a_repair_that_does_not_lower_the_error_is_a_second_choice(
     here, hidden, tmp_path, now, main, second
 ):
     """Its own figure says so; the error is that on motion left out."""
@@ -233,12 +236,12 @@ def test_a_repair_that_raises_the_error_is_a_second_choice(
     rows = make_issue("rows at zero", "", remedy="delete them", where="row 1")
     s.runs[0]["findings"] = [json.loads(json.dumps(rows.to_dict()))]
     change = Change("transform", "delete 5 rows", {"apply": []})
-    outcome = f"Error on motion left out: 0.512 % as logged, {now} repaired."
+    outcome = LeftOut(0.5124, now)
     remedy = to_json(Remedy("a.csv: rows at zero", "certain", "", change))
-    s.remedies = [{**remedy, "effect": outcome}]
+    s.remedies = [{**remedy, "effect": outcome.to_dict()}]
     screen = Screen(s)
     assert screen.at("next").text == main
-    assert outcome in screen.text("next").replace("\xa0", " ")
+    assert outcome.sentence in screen.text("next").replace("\xa0", " ")
     assert [screen.at(x).text for x in screen.keys if x == "next-other"] == (
         [second] if second else []
     )
@@ -256,10 +259,10 @@ def test_no_time_is_estimated_before_a_second_part_is_counted(monkeypatch):
 @pytest.mark.parametrize(
     ("hidden_effect", "added", "outcome"),
     [
-        ("joint_spring:1", (), "; found."),
+        ("joint_spring:1", (), ": found."),
         ("joint_spring:2", (), "absorb it"),
         ("backlash:2", (), "not found by this name"),
-        ("backlash:2", ("backlash:2@band=4",), "; found, and in the model."),
+        ("backlash:2", ("backlash:2@band=4",), ": found, and in the model."),
         ("", (), ""),
     ],
 )

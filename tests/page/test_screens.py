@@ -123,9 +123,11 @@ def test_one_grade_everywhere_and_no_stale_sentence(story):
             if stage in ("identify", "use") and step not in ("empty", "robot", "runs"):
                 assert said, (step, stage)
         assert "Missing:" not in now["diagnose"]  # the cause stands in view
-    level = story.session.current.verdict.grade
-    assert level == "good"
-    for stage in ("identify", "use"):
+    assert story.session.current.verdict.grade == "good"
+    # A URDF does not hold what was added: of the files not each is good.
+    assert "Files that cannot hold all of it err more" in story.said["added"]["next"]
+    assert "No place for it in" in story.said["found"]["next"]
+    for stage, level in {"identify": "good", "use": "usable"}.items():
         marks = {
             c
             for e in story.screen.under()
@@ -655,8 +657,8 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
     changes = [change for _, change, *_ in done]
     sure = [width.text, "joint_spring:2", one.text]
     assert [x["arguments"] for x in changes] == [
-        {"effects": ["joint_spring:2"], "findings": [1]},
         {"effects": sure, "findings": "helpful"},
+        {"effects": ["joint_spring:2"], "findings": [1]},
         {"effects": [rival.text], "findings": [3]},
         {"effects": ["measured_curve:2"]},
         {"effects": [width.text]},

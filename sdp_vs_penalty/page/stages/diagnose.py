@@ -15,7 +15,8 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.effects import effect_types, effects_in_words, standard_effect
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import finding_chart, missing_chart
-from sdp_vs_penalty.page.session import Session, is_among
+from sdp_vs_penalty.page.model_step import is_among
+from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import (
     PagePart,
     Stage,

@@ -95,7 +95,7 @@ def _chosen(view: View) -> None:
 
 
 #: What the demonstration comes to.
-EXAMPLE = "joint 7: 0.0654 -> 0.00418 N m, 15.6 -> 0.998 times the noise"
+EXAMPLE = "joint 7: 0.0654 -> 0.00418 N m"
 
 
 def _choose(view: View) -> None:
@@ -112,8 +112,8 @@ def _choose(view: View) -> None:
         show = partial(session.start, session.show_me)
         draw.button("Show me", show, "show-me")
         draw.note(
-            "The whole job on a simulated arm with something hidden, in about a minute."
-            " An answer looks like this:"
+            "The whole job on a simulated arm with something hidden, in less than a"
+            " minute. An answer looks like this:"
         )
         with draw.tag("div", style="card finding-card done"):
             draw.tag("strong", f"{plain_name(HIDDEN)}, joint 7 ")
@@ -512,7 +512,9 @@ def _findings(view: View) -> None:
     session = view.session
     for k, (words, effect, _) in enumerate(session.repairs):
         with draw.tag("div", style="row"):
-            draw.tag("p", f"✓ {label_of(words)}. {effect}", "chosen")
+            mark = "✓" if effect.get("falls", True) else "No better:"
+            said = f"{mark} {label_of(words)}. {effect.get('sentence', '')}"
+            draw.tag("p", said, "chosen" if mark == "✓" else "finding")
             if session.before_repair(k) is not None:
                 back = partial(session.start, session.take_back, k)
                 label = f"Take back: {label_of(words)}"
@@ -607,7 +609,7 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
         identify = partial(session.start, session.identify)
         draw.button("Identify without units", identify, f"{key}-as-is")
     if outcome := session.outcome_of(change):
-        draw.note(outcome)
+        draw.note(outcome["sentence"])
 
 
 def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:

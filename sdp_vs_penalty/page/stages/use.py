@@ -2,6 +2,7 @@
 forward."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -9,10 +10,15 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.effects import standard_effect
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.model_step import level_of
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import with_whole_amounts
-from sdp_vs_penalty.page.view import Stage, View, identified, requires_model
+from sdp_vs_penalty.page.view import (
+    Stage,
+    StageVerdict,
+    View,
+    identified,
+    requires_model,
+)
 from sdp_vs_penalty.results.table import Table
 
 #: Files and what they are for.
@@ -32,6 +38,13 @@ LOAD = {name: use for name, use in _OTHERS.items() if use.startswith("payload")}
 MORE = {name: use for name, use in _OTHERS.items() if name not in LOAD}
 #: Files that hold a model of the torque, or a part of it.
 _MODELS = {home.FILE for home in EXPORTS.all().values() if hasattr(home, "HOLDS")}
+
+
+def models_taken(session: Session) -> list[str]:
+    """Return the files with a model that a person took; before that those that are
+    offered first."""
+    models = [*FILES.keys() & {*_MODELS, "model.json"}]
+    return sorted(session.taken & {*_MODELS, "model.json"}) or sorted(models)
 
 
 @requires_model(
@@ -87,14 +100,14 @@ def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) 
     record = model.exported.get(name)
     errors = record or model.errors
     is_model = name in _MODELS or name == "model.json"
-    worse = model.worse_than(errors, session.history[0]) if is_model else ""
+    first = session.history[0]
+    worse = model.worse_than(errors, first) if is_model else ""
     with draw.tag("div", style="card file-card"):
         with draw.tag("div", style="head"):
             draw.tag("h4", name)
             if is_model:
-                grade = model.verdict_on(name).grade
-                level = "usable" if worse and grade == "good" else level_of(grade)
-                word = "worse" if worse else grade
+                level = model.level_of_file(name, first)
+                word = "worse" if worse else model.verdict_on(name).grade
                 text = ", ".join(filter(None, (word, errors.get("error"))))
                 draw.tag("span", formatting.sentence(text), f"badge {level}")
         draw.note(use)
@@ -155,4 +168,21 @@ def forward(view: View) -> None:
     draw.note("The motion of each joint is drawn in report.html.")
 
 
-USE = Stage("use", "Use", "Identify a model first.", (take_away, forward), identified)
+def _used(session: Session) -> StageVerdict | None:
+    """Return the verdict on the files that a person took, or, before that, on those that
+    are offered first."""
+    verdict = identified(session)
+    if verdict is None:
+        return None
+    names = models_taken(session)
+    model, first = session.current, session.history[0]
+    levels = {model.level_of_file(name, first) for name in names}
+    level = next(x for x in ("bad", "usable", "good") if x in levels)
+    if level == verdict.level:
+        return verdict
+    word = f"{verdict.word}, not in every file"
+    text = "" if model.added else model.lesser_files(names)  # stands in view
+    return replace(verdict, level=level, word=word, text=text)
+
+
+USE = Stage("use", "Use", "Identify a model first.", (take_away, forward), _used)
