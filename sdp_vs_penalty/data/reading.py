@@ -87,6 +87,16 @@ class Choice:
     #: Unit of positions that the arm has told of another run of the same recorder.
     unit_of_others: str = ""
 
+    @property
+    def n_logged(self) -> int:
+        """Number of the robot's joints, with those that are held; 0 without a robot."""
+        return len(self.joints or ()) + len(getattr(self.joints, "held", ()))
+
+    @property
+    def is_of_motors(self) -> bool:
+        """Whether the command that is running says that the log is the motors'."""
+        return not {"--motors", "--motor-side"}.isdisjoint(self.options)
+
 
 def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
     """Make measurements of a log's columns.
@@ -122,7 +132,29 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
     )
     is_asked = ("q" in found.unsaid and not found.is_of_arm) or found.is_possible
     asked = _asking_command(log, found, choice) if is_asked else ""
+    n = choice.n_logged
+    if run.n == n + 1 > 1 and not (run.joint_names or choice.is_of_motors):
+        asked = _command_of_first_joints(log, found, choice, n)
+        what = f"{run.n} joints, the robot has {n}, and no name tells which"
+        how = f"where the last is a gripper's, convert it by `{asked}`"
+        _remark(log, f"{what}: {how}")
     return replace(run, unit_command=asked)
+
+
+def _command_of_first_joints(
+    log: Log, found: Recognition, choice: Choice, n: int
+) -> str:
+    """Format the command that takes the first n joints of a log, columns of blocks too."""
+    rename = {x: y for x, y in found.rename.items() if group_of(x) == "t"}
+    for k in range(1, n + 1):
+        for ours, theirs in found.rename.items():
+            group = group_of(ours)
+            if ours == f"{group}{k}":
+                rename[ours] = theirs
+            elif ours == group != "t":
+                rename[f"{group}{k}"] = f"{theirs}_{k}"
+    scale = {x: y for x, y in found.scale.items() if x in (*rename, group_of(x))}
+    return repeating_command(log, replace(found, rename=rename, scale=scale), choice)
 
 
 def _asking_command(log: Log, found: Recognition, choice: Choice) -> str:
@@ -818,7 +850,7 @@ def _of_the_same_joints(
 def _without_others(log: Log, run: Measurements, choice: Choice) -> Measurements:
     """Leave out the joints beyond the robot's whose torque is exactly zero in every row, a
     gripper's, or that do not move at all while the others do, another arm's."""
-    n = len(choice.joints or ()) + len(getattr(choice.joints, "held", ()))
+    n = choice.n_logged
     if not choice.joints or run.n <= n or not run.torque_logged or not len(run.t):
         return run
     low, high = column_range(run.q)
@@ -932,8 +964,7 @@ def _as_the_arm_says(
         if found.possible_scale:
             found = _with_possible_clock(found, t, blocks["q"], choice.rate)
     fit = by_arm.fit_of(robot, lambda _: seconds(found))
-    is_side_given = not {"--motors", "--motor-side"}.isdisjoint(choice.options)
-    if robot is not None and not found.unit_by_arm and not is_side_given:
+    if robot is not None and not (found.unit_by_arm or choice.is_of_motors):
         found, blocks = by_arm.with_joint_side(found, blocks, robot, fit)
     found, blocks = by_arm.with_channel_of_torque(found, blocks, channels, fit)
     if robot is not None:

@@ -41,6 +41,7 @@ from sdp_vs_penalty.robot.plausible_units import (
 )
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.robot_file import as_urdf, load_robot
+from sdp_vs_penalty.robot.sdf import defaults_left_in
 from sdp_vs_penalty.robot.urdf import (
     axes_left_out,
     couplings_left_out,
@@ -406,8 +407,8 @@ def sentences(
     massless : sequence of str
         Names of moving links without inertial.
     units : sequence of str
-        What is said of the file's units: where they are wrong, no link is judged by its
-        size.
+        What is said of the file besides: where its units are wrong, no link is judged by
+        its size.
 
     Returns
     -------
@@ -417,7 +418,7 @@ def sentences(
     """
     if not checks:
         return ["The file has no inertials."]
-    if units:
+    if any(x.startswith("Units") for x in units):
         checks = [replace(c, misfit="", repairs=()) if c.misfit else c for c in checks]
     verdict = _verdict(checks)
     lines = [f"{formatting.count(len(checks), 'inertial')} checked: {verdict}"]
@@ -485,11 +486,20 @@ def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
     return remarks
 
 
-def gravity_remarks(path: Path) -> list[str]:
-    """Say that gravity of an MJCF points upwards."""
-    if format_of(read_bytes(path)) != "mjcf":
-        return []
-    gravity = load_robot(path).robot.gravity
+def format_remarks(path: Path) -> list[str]:
+    """Say that gravity of an MJCF points upwards, and what of an SDF's <inertial>s is left
+    out, for which the format has a default."""
+    kind = format_of(read_bytes(path))
+    if kind == "sdf":
+        links = parse_urdf(path).iter("link")
+        found = {x.get("name"): defaults_left_in(x) for x in links}
+        return [
+            f"Left out: {formatting.words(names)} of {link}: SDF's default is 1 kg and"
+            " 1 kg m^2 then; write the link's own."
+            for link, names in found.items()
+            if names
+        ]
+    gravity = load_robot(path).robot.gravity if kind == "mjcf" else np.zeros(3)
     upwards = (
         f'Gravity: it points upwards, gravity="{" ".join(f"{x:g}" for x in gravity)}":'
     )

@@ -68,6 +68,15 @@ def urdf_of_sdf(root: Any) -> Any:
     return _Model.from_element(model).urdf()
 
 
+def defaults_left_in(link: Any) -> list[str]:
+    """List what the <inertial> of an SDF's <link> leaves to the format's default, a unit mass
+    with unit moments; nothing of a link without one."""
+    needed = ("mass", *(f"inertia/{x}" for x in _MOMENTS if x[1] == x[2]))
+    inertials = link.findall("inertial")
+    missing = [x for y in inertials for x in needed if not _text(y, x)]
+    return [x.rpartition("/")[2] for x in missing]
+
+
 @dataclass(frozen=True)
 class _Model:
     """An SDF model and the poses of its frames at zero."""

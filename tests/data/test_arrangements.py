@@ -34,6 +34,9 @@ from written_logs import (
 from sdp_vs_penalty import convert, load_measurements
 from sdp_vs_penalty.data import describe_columns, read_run, unit_of_clock
 from sdp_vs_penalty.data.formats.text_file import PIECE
+from sdp_vs_penalty.data.hypotheses.by_arm import CERTAIN
+from sdp_vs_penalty.data.hypotheses.orders import layouts
+from sdp_vs_penalty.data.parsing import pairs
 from sdp_vs_penalty.data.words.units import unit_of_factor
 from sdp_vs_penalty.errors import ColumnsRemark, Remark
 
@@ -663,6 +666,35 @@ def test_columns_are_chosen_by_their_numbers_without_a_header(tmp_path):
             path, rename=dict(zip(HEAD, (f"#{k}" for k in range(1, 8)), strict=True))
         )
     )
+
+
+def test_of_a_joint_more_than_the_robot_has_a_command_takes_the_first(tmp_path):
+    """A gripper that moves and has a torque, in blocks without names."""
+    blocks = {
+        x: np.column_stack([y, np.sin(T)])
+        for x, y in (("qpos", Q), ("qvel", DQ), ("effort", TAU))
+    }
+    path = tmp_path / "run.npz"
+    np.savez(path, time=T, **blocks)
+    run, said = read(path)
+    assert run.n == 4
+    (command,) = re.findall(
+        "where the last is a gripper's, convert it by `(.*?)`", said
+    )
+    assert run.unit_command == command
+    words = shlex.split(command)
+    same(convert(path, rename=pairs("--rename", words[words.index("--rename") + 1])))
+
+
+def test_velocities_tell_an_order_before_an_arm_does(tmp_path):
+    """Each order that the values allow is fitted in every unit."""
+    noisy = DQ + np.random.default_rng(2).normal(0.0, 0.2, DQ.shape)
+    columns = {f"#{k}": x for k, x in enumerate(np.hstack([TAU, Q, noisy]).T, 1)}
+    first, second, *_ = layouts(columns, 3, t=T)
+    assert [first.names["tau1"], first.names["q1"], first.names["dq1"]] == [
+        *("#1", "#4", "#7")
+    ]
+    assert first.weight > CERTAIN * second.weight
 
 
 def test_without_a_robot_the_file_s_order_stays(tmp_path):

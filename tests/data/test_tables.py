@@ -4,9 +4,10 @@ one, or one sentence says what is missing and how to name it.
 A row is a file: what its columns hold, and their names (helpers/written_logs.py).
 """
 
+import numpy as np
 import pytest
 from recorded import refusal
-from written_logs import JOINTS, SORTED, Q, T, log, read, same
+from written_logs import HELD, JOINTS, SORTED, Q, T, log, read, same
 
 from sdp_vs_penalty import convert
 
@@ -141,6 +142,7 @@ t=when; q=q{}; tau=tau{}
 t=time; q=theta{}; tau=G{} [N*m]
 t=time; deg={s} [deg]; tau={s} [Nm]
 t=time; q=pos{}; tau=tauRaw{}
+t=time; q={s}_pos; tau={s}_load
 t=tm; q=feedBack.joints[{z}]; q+1=planned.joints[{z}]; tau=MotorTorque[{z}]
 t=time; q+1=q_d/ActualPosition[{z}]; q=ActualPosition[{z}]; tau=ActualTorque[{z}]
 """  # noqa: RUF001
@@ -297,6 +299,16 @@ def test_the_same_motion_comes_out_of_every_writing(case, tmp_path):
     assert run.torque_unit == ""
 
 
+@pytest.mark.parametrize("cell", ["{:,.0f}", "{:.3f}"])
+def test_a_block_has_a_decimal_mark_of_its_own(cell, tmp_path):
+    """Of millidegrees with marks of thousands, or with points, beside decimal commas."""
+    texts = np.vectorize(lambda x: cell.format(x).replace(",", "."))
+    held = {**HELD, "mdeg": texts(1e3 * np.degrees(Q))}
+    row = "t=t; mdeg=q{} [mdeg]; tau=tau{}"
+    path = log(tmp_path / "run.csv", row, mark=";", decimal=",", held=held)
+    same(read(path)[0], row, atol=2e-5)
+
+
 #: What is said beside the motion.
 SAID = """
 t=time; 50q=motor_position_{}; q=joint_position_{}; tau=joint_torque_{} -> (motor_position_1 to
@@ -380,6 +392,8 @@ t=time; q=X{}; dq=Xd{}; tau=u_actual.{} -> q*=X*,dq*=Xd*,tau*=u_actual.*
 t=time; deg=th_{} [deg]; dq=w_{}; tau=F{} -> tau*=F*
 t=time; deg=P{} in deg; tau=M{} -> --scale q=deg
 unix=time; q=P{}; tau=M{} -> --scale t=ms
+t=time; q={s}_pos; tau={s}_zork -> q1=turn_pos,q2=shoulder_pos,q3=elbow_pos,tau1=turn_zork
+t=time; q={s}_pos -> q3=elbow_pos,tau=NAME
 k=; q=q{}; tau=tau{} -> no column t
 q=q{}; tau=tau{} -> --rate HZ
 q=q{}; deg/s=dq{}; tau=tau{} -> --rate HZ

@@ -11,7 +11,7 @@ from arms import THREE, write_urdf
 
 from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.errors import InputError, Remark
-from sdp_vs_penalty.exporters.inertials import check_urdf, gravity_remarks, unit_remarks
+from sdp_vs_penalty.exporters.inertials import check_urdf, format_remarks, unit_remarks
 
 #: Of a ball of 2 kg about its centre [kg m^2].
 MOMENTS = (0.005, 0.0, 0.005, 0.0, 0.0, 0.005)
@@ -139,4 +139,20 @@ def test_gravity_upwards_of_an_mjcf_is_said(z, tmp_path):
         '<inertial pos="0 0 0.1" mass="1" diaginertia="0.01 0.01 0.01"/></body>'
         "</worldbody></mujoco>"
     )
-    assert bool(gravity_remarks(file)) is (z > 0.0)
+    assert bool(format_remarks(file)) is (z > 0.0)
+
+
+@pytest.mark.parametrize(
+    ("inertial", "words"),
+    [
+        ("<mass>1</mass><inertia><ixx>1</ixx><iyy>1</iyy><izz>1</izz></inertia>", ""),
+        ("<inertia><ixx>1</ixx><iyy>1</iyy><izz>1</izz></inertia>", "mass of b"),
+        ("<mass>2</mass>", "ixx, iyy and izz of b"),
+    ],
+)
+def test_what_an_sdf_leaves_to_its_default_is_said(inertial, words, tmp_path):
+    file = tmp_path / "arm.sdf"
+    link = f'<link name="a"/><link name="b"><inertial>{inertial}</inertial></link>'
+    file.write_text(f'<sdf version="1.7"><model name="m">{link}</model></sdf>')
+    said = format_remarks(file)
+    assert (words in said[0]) if words else said == []

@@ -21,7 +21,7 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
     with inertials.checkable(urdf) as file:
         checks = inertials.check_urdf(file)
         massless = inertials.massless_links(file)
-        units = inertials.unit_remarks(file, checks) + inertials.gravity_remarks(urdf)
+        units = inertials.unit_remarks(file, checks) + inertials.format_remarks(urdf)
         verdict, *remarks = inertials.sentences(checks, massless, units)
         couplings = inertials.coupling_remarks(file, has_lines=file == urdf)
         if any(x.startswith("Units") for x in units):

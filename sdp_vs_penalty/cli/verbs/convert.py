@@ -1,15 +1,14 @@
 from __future__ import annotations
 
 import shlex
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
-from warnings import catch_warnings
+from warnings import catch_warnings, warn
 
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.parsing import pairs, time_windows
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, Remark
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.data.measurements import Measurements
@@ -117,27 +116,27 @@ def _what_is_open(
 
     if run.unit_command and "UNIT" not in run.unit_command:  # the reading has said why
         return [*shlex.split(run.unit_command)[1:-1], str(command.runs[0])], False
-    with suppress(InputError):
+    try:
         known = as_problem(robot)
         # As `check` reads it, which may tell more of what has our names.
         copy = read_run(command.runs[0], known.robot.n, known.channel_names)
         copy = replace(copy, unit_command=run.unit_command, torque_unit=run.torque_unit)
         with catch_warnings(action="ignore"):
             (report,) = check_runs(known, [copy])
-        issues = report.errors_and_warnings
-        if not report.meaningless:
-            issues = tuple(x for x in issues if x.kind == "torque unit")
-        if issues:
-            remedies = list_remedies([replace(report, issues=issues)])
-            words = next_command(remedies, Files(command))
-            shown = tuple(
-                x
-                for x in issues
-                if x.severity == "error"
-                or x.kind == "torque unit"
-                or x.apply in (words or ())
-            )
-            printing.checks([replace(report, issues=shown)], command)
-            return words, not report.meaningless
+    except InputError as error:
+        warn(Remark(str(error)), stacklevel=2)
+        return None, False
+    issues = report.errors_and_warnings
+    if not report.meaningless:
+        issues = tuple(x for x in issues if x.kind == "torque unit")
+    if not issues:
         return None, True
-    return None, False
+    remedies = list_remedies([replace(report, issues=issues)])
+    words = next_command(remedies, Files(command))
+    shown = tuple(
+        x
+        for x in issues
+        if x.severity == "error" or x.kind == "torque unit" or x.apply in (words or ())
+    )
+    printing.checks([replace(report, issues=shown)], command)
+    return words, not report.meaningless

@@ -71,7 +71,7 @@ def log_of_table(table: TextTable) -> Log:
     for k, (name, kind) in enumerate(zip(table.names, table.kinds, strict=True)):
         cells = table.first_cells(k)
         if kind == "number":
-            cells = [plain_number(x, table.decimal) for x in cells]
+            cells = [plain_number(x, table.decimals[k]) for x in cells]
         columns.setdefault(name, Column(kind, cells))
     place = {name: k for k, name in reversed([*enumerate(table.names)])}
 
@@ -158,6 +158,7 @@ def _pieces(table: TextTable, chosen: Sequence[int]) -> Iterator[tuple[Any, list
 
     first = table.first
     is_simple = table.is_plain_utf_8 and table.delimiter is not None
+    is_simple &= len({table.decimals[k] for k in chosen}) == 1
     if is_simple and not (table.nested or table.has_wrapped_cells):
         try:
             for piece in _read_by_arrow(table, chosen):
@@ -200,7 +201,7 @@ def _read_by_arrow(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Cut
         column_types=types,
         null_values=["", *EMPTY],
         include_columns=list(types),
-        decimal_point=table.decimal,
+        decimal_point=table.decimals[chosen[0]],
     )
     with arrow.open_csv(path_or_file(table.path), rows, cells, kinds) as file:
         for batch in file:
@@ -276,7 +277,7 @@ def _is_sample(table: TextTable, cells: Sequence[str]) -> bool:
         return True
     if table.kinds[0] == "stamp":
         return is_stamp(first)
-    return table.kinds[0] != "number" or is_number(first, table.decimal)
+    return table.kinds[0] != "number" or is_number(first, table.decimals[0])
 
 
 def _rows_of_width(
@@ -340,17 +341,17 @@ def _parse_numbers(
     """Parse the cells of a column that are not empty: at once, and where that fails one
     by one, so that InputError names the row of the wrong one."""
     filled = [x for x, is_gap in zip(cells, is_empty, strict=True) if not is_gap]
-    text = "".join(filled)
-    if table.decimal == "." and text.isascii() and "_" not in text:
+    text, decimal = "".join(filled), table.decimals[column]
+    if decimal == "." and text.isascii() and "_" not in text:
         with suppress(ValueError):
             return np.array(filled, float)
     for number, cell, is_gap in zip(numbers, cells, is_empty, strict=True):
-        if not is_gap and not is_number(cell, table.decimal):
+        if not is_gap and not is_number(cell, decimal):
             what = (
                 f"row {number}, column {column + 1} holds {cell[:40]!r}, not a number"
             )
             raise InputError(what, "correct it or delete the row", table.path)
-    return np.array([plain_number(x, table.decimal) for x in filled], float)
+    return np.array([plain_number(x, decimal) for x in filled], float)
 
 
 def write(measurements: Measurements, path: Path) -> None:

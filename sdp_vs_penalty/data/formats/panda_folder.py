@@ -25,7 +25,9 @@ def read(folder: Path) -> Log:
         if not path.exists():
             what = f"{path.name} is missing, and a folder is read as the authors' Panda log"
             raise InputError(what, "name the file of the run", folder)
-        log = log_of_table(TextTable(path, names=("#1",), kinds=("number",)))
+        log = log_of_table(
+            TextTable(path, decimals=(".",), names=("#1",), kinds=("number",))
+        )
         columns[key] = log.read(["#1"]).columns["#1"]
     count = len(columns["t"])
     if count == 0:

@@ -77,7 +77,7 @@ class MarkupError(InputError):
 
 @dataclass(frozen=True)
 class TextTable:
-    """Layout of a text file: separator, decimal mark, header and columns, by its first
+    """Layout of a text file: separator, decimal marks, header and columns, by its first
     rows.
     """
 
@@ -85,8 +85,8 @@ class TextTable:
     path: Path
     #: Separator between cells; None for any number of blanks.
     delimiter: str | None = ","
-    #: Decimal mark, "." or ",".
-    decimal: str = "."
+    #: Decimal mark, "." or ",", one a column.
+    decimals: tuple[str, ...] = ()
     #: Whether cells stand in quotes.
     quoted: bool = False
     #: Whether lists in cells hold the separator, without quotes around the list.
@@ -156,6 +156,25 @@ def is_number(text: str, decimal: str = ".") -> bool:
     return "_" not in plain and plain.strip().isascii()
 
 
+def _is_any_number(text: str) -> bool:
+    """Return whether a cell holds a number of either decimal mark."""
+    return is_number(text) or is_number(text, ",")
+
+
+def _decimal_of(cells: Sequence[str], usual: str = "") -> str:
+    """Return the decimal mark of numbers: that of the cells in which it separates no
+    thousands; without such cells the usual one, else that of more cells."""
+    points = [x for x in cells if "." in x and is_number(x)]
+    commas = [x for x in cells if _COMMA_NUMBER.fullmatch(x)]
+    n_points = sum(not _POINT_GROUPS.fullmatch(x) for x in points)
+    n_commas = sum(not _COMMA_GROUPS.fullmatch(x) for x in commas)
+    if n_points == n_commas:
+        if usual:
+            return usual
+        n_points, n_commas = len(points), len(commas)
+    return "," if n_commas > n_points else "."
+
+
 def split_cells(line: str, delimiter: str | None) -> list[str]:
     """Split a row into cells without quotes and blanks around them; separators within
     quotes or brackets do not count. ``delimiter`` None stands for any number of blanks.
@@ -208,22 +227,22 @@ def inspect_table(path: Path) -> TextTable:
         program.delimiter if program else _find_delimiter(lines or comments[-1:])
     )
     cells = [split_cells(line, delimiter) for line in lines]
-    flat = [cell for row in cells[:20] for cell in row]
-    n_commas = sum(bool(_COMMA_NUMBER.fullmatch(cell)) for cell in flat)
-    n_points = sum("." in cell and is_number(cell) for cell in flat)
-    decimal = "," if n_commas > n_points else "."
-    number = partial(is_number, decimal=decimal)
+    usual = _decimal_of([cell for row in cells[:20] for cell in row])
     # The header, which can stand in the last comment, and the columns.
     comment = split_cells(comments[-1], delimiter) if comments else []
-    names, n_head = _find_header(comment, cells, number)
+    names, n_head = _find_header(comment, cells, _is_any_number)
     has_header, body = bool(names), cells[n_head:]
     if has_header:
         names = names + [""] * _n_separators_at_the_end(body, len(names))
     width = len(names) if has_header else len(cells[0])
     sample = tuple(tuple(row) for row in body if any(row))
     full = [row for row in sample if len(row) == width]
-    kinds = [_kind_of([row[k] for row in full if row[k]], number) for k in range(width)]
-    cell_units = _units_in_cells(sample, kinds, number)
+    columns = [[row[k] for row in full if row[k]] for k in range(width)]
+    # A program may write one block with decimal commas and another with marks of thousands.
+    decimals = [_decimal_of(column, usual) for column in columns]
+    numbers = [partial(is_number, decimal=x) for x in decimals]
+    kinds = list(map(_kind_of, columns, numbers))
+    cell_units = _units_in_cells(sample, kinds, numbers)
     kinds = ["number" if k in cell_units else kind for k, kind in enumerate(kinds)]
     names = names if has_header else _unnamed(kinds)
     is_quoted = any('"' in line for line in lines[n_head:])
@@ -231,7 +250,7 @@ def inspect_table(path: Path) -> TextTable:
     return TextTable(
         path,
         delimiter=delimiter,
-        decimal=decimal,
+        decimals=tuple(decimals),
         quoted=is_quoted,
         nested="list" in kinds and not is_quoted and delimiter in (",", None),
         names=tuple(_with_unit(x, cell_units.get(k, "")) for k, x in enumerate(names)),
@@ -362,12 +381,12 @@ def _n_separators_at_the_end(body: Cells, width: int) -> int:
 
 
 def _units_in_cells(
-    sample: Cells, kinds: Sequence[str], number: IsNumber
+    sample: Cells, kinds: Sequence[str], numbers: Sequence[IsNumber]
 ) -> dict[int, str]:
     """Find units that stand behind the numbers in the cells, "0.005 sec", by the place
     of columns in which all cells have the same unit."""
     units = dict[int, str]()
-    for k, kind in enumerate(kinds):
+    for k, (kind, number) in enumerate(zip(kinds, numbers, strict=True)):
         cells = [row[k] for row in sample if len(row) > k and row[k]]
         matches = [_WITH_UNIT.fullmatch(cell) for cell in cells]
         found = {match[2] for match in matches if match and number(match[1])}

@@ -7,6 +7,7 @@ import numpy as np
 
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.threads import on_one_thread
 
 #: At most so many rows are differentiated.
 _ROWS = 30_000
@@ -38,6 +39,7 @@ class ChannelFit:
     size: float = 0.0
 
 
+@on_one_thread
 def fit_arm(
     robot: Robot,
     t: Array,

@@ -145,6 +145,7 @@ def _of_joints(
     arrangements = arrangements if min(k, n) > 1 else arrangements[:1]
     wanted = [x for x in ("q", "dq", "tau") if x not in known]
     without = [x for x in wanted if x != "dq"]
+    found = list[tuple[list[list[str]], float, dict[tuple[int, int], float]]]()
     for rows, usual in arrangements:
         theirs = [[names[j] for j in row] for row in rows]
         blocks = [np.column_stack([columns[x] for x in row]) for row in theirs]
@@ -153,6 +154,11 @@ def _of_joints(
             for a, b in permutations(range(k), 2)
             if (share := _share_of_derivative(blocks[a], blocks[b], t)) > _IS_DERIVATIVE
         }
+        found.append((theirs, usual, shares))
+    # Each joint of a block that is no velocity would be a derivative by chance alone.
+    best = max((x for *_, shares in found for x in shares.values()), default=0.0)
+    by_chance = (1.0 - best + _NOISE) ** n if best else 1.0
+    for theirs, usual, shares in found:
         for groups in (wanted, without):
             for chosen in permutations(range(k), len(groups)):
                 of_group = dict(zip(groups, chosen, strict=True))
@@ -164,6 +170,7 @@ def _of_joints(
                 weight *= 1.0 if [*chosen] == sorted(chosen) else _OTHER_ORDER
                 weight *= _ACCELERATION if (dq, tau) in shares else 1.0
                 weight /= 1.0 - shares.get((q, dq), 0.0) + _NOISE
+                weight *= 1.0 if (q, dq) in shares or "dq" in known else by_chance
                 named = {
                     f"{group}{j}": name
                     for group, place in of_group.items()

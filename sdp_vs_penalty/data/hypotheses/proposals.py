@@ -13,12 +13,14 @@ from sdp_vs_penalty.data.hypotheses.channels import Recognition
 from sdp_vs_penalty.data.hypotheses.orders import Layout, layouts
 from sdp_vs_penalty.data.hypotheses.recognition import (
     find_clock,
+    known_columns,
     units_of_chosen,
     with_unit_of_clock,
 )
 from sdp_vs_penalty.data.hypotheses.renaming import rename_words, scale_words
 from sdp_vs_penalty.data.hypotheses.weighing import rate_from_velocities
 from sdp_vs_penalty.data.log import Log
+from sdp_vs_penalty.data.words.joints import families_of_joints
 from sdp_vs_penalty.data.words.names import (
     INITIALS,
     is_no_measurement,
@@ -57,7 +59,7 @@ def lacking(
     """
     how = log.remedy or fetch_remedy(log.path)
     if not how and log.names:
-        found = _propose(log, missing, None if joints is None else len(joints))
+        found = _propose(log, missing, joints)
         how = _rename_remedy(log, missing, found)
         counts = Counter(map(group_of, found.rename))
         few = [counts[x] for x in ("q", "tau") if 1 < counts[x] < len(joints or ())]
@@ -79,7 +81,7 @@ def proposed(
     error = lacking(log, f"no column {' or '.join(missing)}", missing, joints)
     if log.remedy or not log.names:
         raise error
-    found = _propose(log, missing, None if joints is None else len(joints))
+    found = _propose(log, missing, joints)
     if "NAME" in {y for x, y in found.rename.items() if x != "t"}:
         raise error
     pairs = {x: y for x, y in found.rename.items() if y != "NAME"}
@@ -92,16 +94,19 @@ def proposed(
     )
 
 
-def _propose(log: Log, missing: Sequence[str], n_joints: int | None) -> Recognition:
+def _propose(
+    log: Log, missing: Sequence[str], joints: Sequence[str] | None
+) -> Recognition:
     """Propose columns for channel groups by our names, "NAME" where none fits, and their
     units."""
     names = log.names
-    pairs = _by_words(log, missing)
+    pairs = _by_words(log, missing, joints)
     says_nothing = {*map(quantity_of, names)} <= {None, "t"}
     if "NAME" in pairs.values() and {"q", "tau"} <= {*missing} and says_nothing:
         clock = pairs.get("t", "NAME")
         known = {} if clock == "NAME" else {"t": clock}
         free = [x for x, y in log.columns.items() if y.kind == "number" and x != clock]
+        n_joints = None if joints is None else len(joints)
         orders = orders_of(log, free, n_joints, known)
         pairs = {**known, **orders[0].names} if orders else pairs
     found = units_of_chosen(Recognition(pairs), log.columns, log.heading)
@@ -136,15 +141,20 @@ def _rename_remedy(log: Log, missing: Sequence[str], found: Recognition) -> str:
     return how
 
 
-def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
+def _by_words(
+    log: Log, missing: Sequence[str], joints: Sequence[str] | None
+) -> dict[str, str]:
     """Propose columns by the words in their names, "NAME" where none fits.
 
-    Families and blocks without such words are proposed by their letter, and by their
-    order where exactly as many are left as groups.
+    Families, those of joints' names and blocks without such words are proposed by their
+    letter, and by their order where exactly as many are left as groups.
     """
+    of_group, in_file = known_columns(log.columns, joints)
+    taken = {name for columns in of_group.values() for name in columns}
     alike = [x for x in families(log.names).values() if len(x) > 1]
+    alike += families_of_joints(log.names, in_file)
     alike += [[name] for name, x in log.columns.items() if x.kind == "list"]
-    of_group = dict[str, list[str]]()
+    alike = [x for x in alike if taken.isdisjoint(x)]
     for columns in sorted(alike, key=lambda x: quantity_of(x[0]) in (None, "t")):
         words = {*split_tokens(columns[0])}
         quantity = quantity_of(columns[0])
@@ -155,7 +165,7 @@ def _by_words(log: Log, missing: Sequence[str]) -> dict[str, str]:
             of_group.setdefault(quantity, columns)
     left = [x for x in alike if x not in of_group.values()]
     groups = [x for x in missing if x not in ("t", *of_group)]
-    if len(left) == len(groups) and len({*map(len, alike)}) == 1:
+    if len(left) == len(groups) and len({*map(len, (*alike, *of_group.values()))}) == 1:
         of_group |= dict(zip(groups, left, strict=True))
     n_joints = len(of_group.get("tau", ()))
     if "dq" not in of_group and len(of_group.get("q", ())) == 2 * n_joints > 0:

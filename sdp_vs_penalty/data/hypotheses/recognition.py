@@ -26,7 +26,7 @@ from sdp_vs_penalty.data.hypotheses.channels import (
     Recognition,
 )
 from sdp_vs_penalty.data.hypotheses.renaming import by_group, rename_words
-from sdp_vs_penalty.data.hypotheses.sets import SetChoice, choose_sets
+from sdp_vs_penalty.data.hypotheses.sets import SetChoice, choose_sets, column_sets
 from sdp_vs_penalty.data.hypotheses.weighing import (
     ANGLE,
     CLOCK,
@@ -330,6 +330,26 @@ def _read_and_choose(
         choice = choose_sets(bare, n_joints, single)
         said = said if choice is None else bare
     return said, choice
+
+
+def known_columns(
+    columns: Columns, joints: Sequence[str] | None
+) -> tuple[dict[str, list[str]], tuple[str, ...]]:
+    """Return the columns of a log that lacks some channels, by the quantities that their
+    names say, one a joint in the robot's order; and the joints that they name."""
+    said, _ = _read_and_choose(
+        {x: y for x, y in columns.items() if y.kind != "text"}, joints
+    )
+    found, names = dict[str, list[str]](), tuple[str, ...]()
+    for quantity in ("q", "dq", "tau"):
+        sets = column_sets(quantity, said, len(joints) if joints else None)
+        best = next((x for x in sets if len(x.columns) > 1), None)
+        if best is not None:
+            choice = SetChoice({"q": best})
+            in_file, keys, _, _ = _joints_of_words(choice, columns, joints)
+            found[quantity] = [best.columns[key] for key in keys]
+            names = names or in_file
+    return found, names
 
 
 def _says_nothing(said: Meaning | None) -> bool:

@@ -52,6 +52,18 @@ def hide_joints(
     return hidden, joint_of
 
 
+def families_of_joints(names: Sequence[str], joints: Sequence[str]) -> list[list[str]]:
+    """Collect columns that differ by the name of a joint alone, one of each of two joints or
+    more, in their order."""
+    hidden, joint_of = hide_joints(names, joints)
+    found = dict[str, dict[str, str]]()
+    for name, text in hidden.items():
+        word = next(x for x in joint_of if f" {x} " in text)
+        found.setdefault(text.replace(word, "*"), {})[word] = name
+    whole = [x for x in found.values() if len(x) == len(joints) > 1]
+    return [[x[word] for word in joint_of] for x in whole]
+
+
 def match_joints(
     joints: Sequence[str], names_in_file: Sequence[str], *, by_numbers: bool = False
 ) -> dict[str, str]:

@@ -238,8 +238,8 @@ def unit_of(text: str, quantity: str) -> tuple[str, float] | None:
 
 
 def read_letter(name: str) -> Meaning | None:
-    """Read a name that is a letter of torques and a number, "u_1", or the load of a
-    servo, as a torque that ranks behind all names with a word; None for other names."""
+    """Read a name that is a letter of torques and a number, "u_1", as a torque that ranks
+    behind all names with a word; None for other names."""
     letters, tokens = INITIALS["tau"].split(), split_tokens(name)
     numbers = [x for x in tokens if x.isdigit()]
     words = [x for x in tokens if x in letters or x not in (*numbers, *_FILLERS)]
