@@ -176,10 +176,9 @@ def identify(
         estimate.provenance.update(_judge(estimate, runs, recorded)[1])
         return estimate
     provenance = Provenance(estimate.provenance)
-    # A copy is judged: the model's own provenance would hold the model.
-    judged = replace(estimate)
+    # What is returned is another object: its provenance does not hold itself.
     provenance.work_out_later(
-        ("verdict", "noise"), lambda: _judge(judged, runs, recorded)[1]
+        ("verdict", "noise"), lambda: _judge(estimate, runs, recorded)[1]
     )
     return replace(estimate, provenance=provenance)
 
