@@ -50,6 +50,8 @@ Array = NDArray[np.float64]
 TERMS = "viscous_friction,coulomb_friction,torque_offset,rotor_inertia"
 #: The same with the script's width of dry friction, which `identify` estimates otherwise.
 GIVEN_WIDTHS = "rigid_body," + TERMS.replace("friction,t", "friction@v_s=0.01,t")
+#: What `diagnose` finds on joint 2; the script gets it at every joint.
+BY_LOAD = "load_dependent_friction"
 #: Of the script's samples at 1 kHz, those whose columns are filtered.
 EVERY = 4
 
@@ -72,11 +74,13 @@ def by_hand_weighed(
     filters: Preprocessing | None = None,
     links: Array | None = None,
     standstill: float = 0.0,
+    loaded_by: Estimate | None = None,
 ) -> Estimate:
     """Return the script's model with what `identify` has more: joints weighed by their
     errors in a first fit; its filters, behind which columns are as well; links (n, 10) of
     its prior; and rows out in which the joint is slower than standstill [rad/s]: nobody
-    knows the dry friction of a joint at rest."""
+    knows the dry friction of a joint at rest. loaded_by : a former fit, whose links' torque
+    presses the gears; file then has friction by load at every joint, too."""
     script = cvxpy_script
     arm = file.robot._model
     if filters is None:
@@ -87,6 +91,11 @@ def by_hand_weighed(
         cutoffs = (filters.state_cutoff, filters.torque_cutoff)
         rows = script.filtered_rows(run.t, run.q, run.tau, EVERY, cutoffs)
         columns = script.columns(arm, *rows.states, with_rotors=True)
+        if loaded_by is not None:
+            rigid = 10 * arm.nv
+            load = np.abs(columns[:, :, :rigid] @ loaded_by.theta[:rigid])
+            rubs = load * np.tanh(rows.states[1] / script.SIGN_WIDTH)
+            columns = np.dstack([columns, rubs[:, :, None] * np.eye(arm.nv)])
         columns = script.low_pass(columns, EVERY * filters.torque_cutoff)
         step = script.DECIMATION // EVERY
         columns, tau, dq = columns[::step], rows.tau[::step], rows.states[1][::step]
@@ -101,6 +110,8 @@ def by_hand_weighed(
         nominal=links,
         weight=LmiSdp().entropy,  # the weighed rows' variance is one
     )
+    if loaded_by is not None:  # the model's own load is that of the fit
+        file = replace(file, model=replace(file.model, reference=theta))
     return file.with_theta(theta)
 
 
@@ -115,6 +126,11 @@ def ways(run: Measurements, file: Path) -> Mapping[str, Estimate]:
         method="ols",  # of what is fitted beside the links
     )
     bare = identify("ur10e", run, check=False)
+    as_identify = (bare.preprocessing, with_terms.links, bare.preprocessing.standstill)
+    best = by_hand_weighed(with_terms, run, *as_identify)
+    with_load = identify(
+        problem, run, check=False, method="ols", effects=f"{GIVEN_WIDTHS},{BY_LOAD}"
+    )
     found = diagnose(bare, run, check=False)
     named = [finding for finding in found.helpful if finding.rating != "weak"]
     in_c = [finding for finding in found.helpful if is_held_by_c(bare, finding, run)]
@@ -134,12 +150,9 @@ def ways(run: Measurements, file: Path) -> Mapping[str, Estimate]:
         "script, CVXPY, joints weighed, filters and prior of identify": (
             by_hand_weighed(with_terms, run, bare.preprocessing, with_terms.links)
         ),
-        "script, CVXPY, the same without rows at standstill": by_hand_weighed(
-            with_terms,
-            run,
-            bare.preprocessing,
-            with_terms.links,
-            bare.preprocessing.standstill,
+        "script, CVXPY, the same without rows at standstill": best,
+        "script, CVXPY, that, told of friction by load": by_hand_weighed(
+            with_load, run, *as_identify, loaded_by=best
         ),
         "identify, widths of dry friction not estimated": identify(
             "ur10e", run, check=False, effects=GIVEN_WIDTHS
