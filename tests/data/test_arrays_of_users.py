@@ -1,6 +1,7 @@
 """Measurements from what people hold in a notebook: lists, pandas, dates."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ from small_runs import small_run
 from sdp_vs_penalty import InputError, Measurements, identify
 from sdp_vs_penalty import load_measurements as load
 from sdp_vs_penalty.data import columns_of
+from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.errors import Remark, RepairableError
 
 
@@ -22,6 +24,22 @@ def test_lists_and_pandas_objects_are_arrays(two_link):
     for t, q, tau in (lists, frames):
         model = identify(two_link, Measurements(t, q, tau), "ols")
         np.testing.assert_array_equal(model.theta, expected.theta)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"torque_unit": "A"}, "torques in different units: run in N m, run in A"),
+        (
+            {"q": np.zeros((9, 1)), "tau": np.zeros((9, 1))},
+            "numbers of joints: run has 2",
+        ),
+        ({"torque_logged": False}, "no torque, but other runs have one"),
+    ],
+)
+def test_runs_of_two_kinds_are_not_put_together(change, words):
+    run = Measurements(np.arange(9.0), np.zeros((9, 2)), np.ones((9, 2)))
+    refusal(lambda: concatenate([run, replace(run, **change)]), words)
 
 
 def test_commands_as_lists_are_arrays():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from sdp_vs_penalty.diagnosis import causes
 from sdp_vs_penalty.diagnosis.causes import WAVES
 from sdp_vs_penalty.diagnosis.comparison import Signals
 from sdp_vs_penalty.render.charts import cause_axis, mean_curve
@@ -18,3 +19,27 @@ def test_a_ripple_is_drawn_over_one_of_its_waves():
     centres, means = mean_curve(axis.x, signals.residual[:, 0])
     assert np.ptp(centres) == pytest.approx(2.0 * np.pi / 36.0, rel=0.1)
     assert np.nanmax(means) == pytest.approx(1.6, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("cause", "x", "label"),
+    [
+        (causes.POSITION, lambda t: np.sin(t), "position [rad]"),
+        (causes.TURN, lambda t: np.sin(t) % (2.0 * np.pi), "angle within a turn [rad]"),
+        (causes.VELOCITY, lambda t: np.cos(t), "velocity [rad/s]"),
+        (causes.ACCELERATION, lambda t: -np.sin(t), "acceleration [rad/s^2]"),
+        (causes.LOAD, lambda t: np.exp(t), "modelled torque [N m]"),
+        (causes.TORQUE_RATE, lambda t: np.exp(t), "rate of the modelled torque"),
+        (causes.TORQUE_CURVATURE, lambda t: np.exp(t), "second derivative of the"),
+        (causes.TIME, lambda t: t, "time [s]"),
+    ],
+)
+def test_an_error_is_drawn_over_its_cause(cause, x, label):
+    """Of q = sin t beside a modelled torque of exp t."""
+    t = np.linspace(0.0, 3.0, 3001)
+    torque = np.exp(t)[:, None]
+    signals = Signals(t, np.sin(t)[:, None], np.cos(t)[:, None], torque, torque)
+    axis = cause_axis(signals, 1, cause, "rad")
+    inside = slice(2, -2)
+    assert axis.x[inside] == pytest.approx(x(t)[inside], abs=1e-4)
+    assert axis.label.startswith(label)
