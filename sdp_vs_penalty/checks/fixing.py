@@ -64,7 +64,10 @@ class LeftOut(JsonRecord):
             "no model could be identified" if error is None else f"{error:.3g} %"
             for error in (self.before, self.after)
         )
-        return f"Error on motion left out: {was} as logged, {now} repaired."
+        return (
+            f"Error on motion left out, all joints together: {was} as logged, {now}"
+            " repaired."
+        )
 
 
 @dataclass(frozen=True)

@@ -269,7 +269,7 @@ def read(job: JobRequest) -> Answer:
     remarks = list[str]()
     mappings = list[Answer]()
     for file in job["files"]:
-        job.progress(f"reading {file['name']}")
+        job.progress(f"reading {file['name']}, and what its columns are")
         path = Path(file["path"])
         how = dict[str, str]()
         try:
@@ -325,7 +325,11 @@ def read(job: JobRequest) -> Answer:
     if shared:
         state = _holding(state, shared, remarks)
     answer = {"refused": refused, "remarks": remarks, "mappings": mappings}
-    return answer | {"read": read_so} | _judged(job, state, kept)
+    judged = _judged(job, state, kept)
+    kinds = [issue["kind"] for run in judged["runs"] for issue in run["findings"]]
+    if any(kind.startswith("positions in ") for kind in kinds):  # what else they may be
+        remarks[:] = [x for x in remarks if ": q may be " not in x]
+    return answer | {"read": read_so} | judged
 
 
 def _news_of(remark: Remark) -> str:
@@ -583,10 +587,15 @@ def _blocks(
             is_small = max(shares) < _LIKE_CURRENTS
             fits = "rather A; as N m" if is_small else "fits N m;"
             name += f": {fits} {share} of the joints' limits"
+        rough = np.median([one.get("roughness", 0.0) for one in found])
+        name += ", rough as measured" if rough > _ROUGH else ", smooth as computed"
         blocks[name] = {**guessed, **dict(zip(tau, block, strict=True))}
     return blocks
 
 
+#: Change of slope from sample to sample, as a share of a column's spread, above which it
+#: was measured.
+_ROUGH = 0.005
 #: Largest share of the joints' limits below which numbers are rather motor currents.
 _LIKE_CURRENTS = 0.1
 
@@ -596,8 +605,8 @@ _SKETCH = (40, 14)
 
 
 def _sketches(path: Path, report: ColumnReport) -> list[Answer]:
-    """Return of each column its "low" and "high", and "points" (x, y) to draw it from left
-    to right, y down; nothing of columns that hold no numbers.
+    """Return of each column its "low" and "high", its "roughness", and "points" (x, y) to
+    draw it from left to right, y down; nothing of columns that hold no numbers.
 
     What lies outside of 98 % of the values is drawn at the edge.
     """
@@ -612,10 +621,13 @@ def _sketches(path: Path, report: ColumnReport) -> list[Answer]:
             sketches.append({})
             continue
         low, high = np.quantile(x, [0.01, 0.99])
+        roughness = np.median(np.abs(np.diff(x, n=2))) if len(x) > 2 else 0.0
         few = x[np.linspace(0, len(x) - 1, n_points).astype(int)]
         share = np.clip((few - low) / ((high - low) or 1.0), 0.0, 1.0)
         points = [(k, round(height * (1.0 - y), 1)) for k, y in enumerate(share)]
-        sketches.append({"low": float(low), "high": float(high), "points": points})
+        found = {"low": float(low), "high": float(high), "points": points}
+        found["roughness"] = float(roughness / (np.std(x) or 1.0))
+        sketches.append(found)
     return sketches
 
 
@@ -1250,7 +1262,9 @@ def _error_of(compared: Comparison) -> Answer:
     size = compared.largest_error_over_noise
     unit = "x noise"
     if size is None:
-        size, unit = compared.relative_error, " % error overall"
+        joint = compared.worst_joint
+        size = float(compared.error_beyond_noise[joint - 1])
+        unit = f" % of its torque (joint {joint})"
     error = f"{formatting.number(size)}{unit}"
     worst = words.describe_worst(compared, "")
     if kind := compared.kind_of_error:  # a model and its files are judged on the same

@@ -89,7 +89,7 @@ class ModelStep(JsonRecord):
     #: Whether the others were held when effects were added.
     frozen: bool = False
     #: The number that it is graded by ("size": the largest error over noise, or where no
-    #: noise is known the arm's error [% of torque]), the same in words ("error"), and the
+    #: noise is known the largest share of a joint's torque [%]), the same in words ("error"), and the
     #: "worst" joint in words.
     errors: dict[str, Any] = field(default_factory=dict)
     #: The same of the robot as its file states it; empty for servos.
@@ -158,8 +158,11 @@ class ModelStep(JsonRecord):
         known = {"the robot's own file as it came": self.factory}
         if first is not self:
             known["the model that you began with"] = first.errors
+        measure = errors.get("error", "").partition(" ")[2].partition(" (")[0]
+        limit = errors.get("size", 0.0) / (1.0 + CHANGES)
         for name, other in known.items():
-            if other and errors.get("size", 0.0) > (1.0 + CHANGES) * other["size"]:
+            # A model of an older version may have another measure.
+            if other and measure in other["error"] and other["size"] < limit:
                 return f"Worse than {name} ({other['error']})."
         return ""
 

@@ -18,6 +18,7 @@ from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
 from sdp_vs_penalty.page.model_step import joints_of
 from sdp_vs_penalty.page.session import MOTION, Session, asks_for_unit, is_refused
+from sdp_vs_penalty.page.spoken import label_of
 from sdp_vs_penalty.page.stages.use import FILES, models_taken
 from sdp_vs_penalty.page.view import (
     View,
@@ -26,7 +27,6 @@ from sdp_vs_penalty.page.view import (
     graded,
     identified,
     in_brief,
-    label_of,
     label_of_change,
     label_of_motion,
     look_in_words,

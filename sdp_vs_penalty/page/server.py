@@ -243,6 +243,7 @@ def make_app(
         language="en-US",
         reconnect_timeout=SILENCE,
         show_welcome_message=False,
+        gzip_middleware_factory=None,  # nothing travels: packing costs time alone
     )
     return app
 

@@ -39,7 +39,7 @@ from sdp_vs_penalty.estimators.estimator import no_progress
 from sdp_vs_penalty.files import require_format, write_text
 from sdp_vs_penalty.page.commands import commands_of, option_words
 from sdp_vs_penalty.page.model_step import ModelStep, is_among, joints_of
-from sdp_vs_penalty.page.spoken import progress_in_words, spoken
+from sdp_vs_penalty.page.spoken import label_of, progress_in_words, spoken
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.problem.check_command import CheckCommand
 from sdp_vs_penalty.records import from_json, to_json
@@ -1380,7 +1380,7 @@ class Session:
         """
         request = self._change_request(change, files)
         words = request["change"]["words"]
-        self._doing(title=formatting.sentence(words), status="")
+        self._doing(title=label_of(words), status="")
         try:
             answer = self.foreseen.get(json.dumps(request)) or await self._run(request)
         except InputError as error:

@@ -9,6 +9,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import AsyncIterator, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -192,20 +193,8 @@ class Sessions:
         each_once = {folder.resolve(): folder for folder in folders}.values()
         files = [x / STATE_FILE for x in each_once if (x / STATE_FILE).is_file()]
         files.sort(key=lambda file: file.stat().st_mtime, reverse=True)
-        listed = []
-        for file in files[:_MOST_LISTED]:
-            with contextlib.suppress(InputError):
-                content = read_state(file.parent)
-                robot = content["now"]["robot"]
-                if not robot:
-                    continue
-                begun = content.get("begun", file.stat().st_mtime)
-                name = title_of(content["name"], robot, begun)
-                at = time.localtime(file.stat().st_mtime)
-                last = time.strftime("%d %b, %H:%M", at)
-                text = f"{_runs_and_verdict(content)}; last work {last}"
-                listed.append(Project(content["token"], name, text, file.parent))
-        return listed
+        found = (_project_of(x, x.stat().st_mtime) for x in files[:_MOST_LISTED])
+        return [project for project in found if project is not None]
 
     def delete(self, project: Project) -> None:
         """Delete a project with its folder.
@@ -255,6 +244,23 @@ class Sessions:
 #: Projects that the first screen lists, and runs of each.
 _MOST_LISTED = 30
 _MOST_RUNS = 2
+
+
+@lru_cache(2 * _MOST_LISTED)
+def _project_of(file: Path, written: float) -> Project | None:
+    """Return the project whose state was ``written`` [s since 1970] to a file; None where
+    nothing was done in it, or it is none of ours."""
+    try:
+        content = read_state(file.parent)
+    except InputError:
+        return None
+    robot = content["now"]["robot"]
+    if not robot:
+        return None
+    name = title_of(content["name"], robot, content.get("begun", written))
+    last = time.strftime("%d %b, %H:%M", time.localtime(written))
+    text = f"{_runs_and_verdict(content)}; last work {last}"
+    return Project(content["token"], name, text, file.parent)
 
 
 def title_of(name: str, robot: Mapping[str, Any], begun: float) -> str:

@@ -3,6 +3,8 @@
 import re
 from pathlib import PureWindowsPath
 
+from sdp_vs_penalty import formatting
+
 #: Words of the command line, and what the page has for them.
 _STAGES = {
     "run `compare` on": "test it on",
@@ -21,6 +23,7 @@ _CLAUSE = re.compile(
     r"\s*\(--[^)]*\)|^[^;:,(.`]*\s--[a-z]\S*( \S+)?, or |"
     r"(?:; if so)?(?:[;:,(]| or| and)?[^;:,(`]*`[^`]*(?:--|sdp-vs-penalty|convert |"
     r"check-urdf)[^`]*`[^;:,.`]*"
+    r"|(?:[;:,]| or)[^;:,(.]*\s--[a-z][^;:,(.]*\([^)]*\)|: put t,q1.* above them,.*"
     r"|(?:[;:,(]| or| and)[^;:,(.]*\s--[a-z](?:\.\.\.|[^;:,.])*"
 )
 
@@ -43,6 +46,8 @@ def spoken(text: str) -> str:
     'replace q2 by q2 - q1.'
     >>> spoken("tau is a current in A: --scale tau=... makes torques of it.")
     'tau is a current in A.'
+    >>> spoken("6 joints: choose another, or hold one with --hold NAME=0 (there are: a, b)")
+    '6 joints: choose another.'
     >>> spoken("no column t: take what `sdp-vs-penalty fetch emps` makes of this raw file.")
     'no column t: choose the built-in emps, and load its measurements.'
     """
@@ -52,6 +57,27 @@ def spoken(text: str) -> str:
         text = text.replace(word, stage)
     text = text.replace("`", "").strip()
     return f"{text}." if text and text[-1] not in ".!?)" else text
+
+
+def label_of(words: str) -> str:
+    """Return the words of a change as the label of its button."""
+    columns = r"rename the columns of (\w+(?: and \w+)?)"
+    words = re.sub(columns, r"put \1 into the joints' order", spoken(words))
+    several = r"\b(q|tau)\d+(?:, \1\d+)+(?: and \1\d+)?"
+    words = re.sub(several, _on_joints, words)
+    words = re.sub(r"\btau\b", "the torque", words)
+    words = re.sub(r"\bq\b", "the positions", words)
+    words = re.sub(r"\btau(\d+)\b", r"joint \1's torque", words)
+    words = re.sub(r"\bq(\d+)\b", r"joint \1's position", words)
+    words = re.sub(r"\(and dq\)", "and velocities", words)
+    words = re.sub(r"\bdq\d+\b", "velocity", words)
+    return formatting.sentence(words).rstrip(".")
+
+
+def _on_joints(columns: re.Match[str]) -> str:
+    """Name several columns by the joints of one channel: "q of joints 1 to 7"."""
+    numbers = [int(number) for number in re.findall(r"\d+", columns[0])]
+    return f"{columns[1]} of {formatting.joints(numbers)}"
 
 
 #: What jobs say of their steps, and what the page has for it.

@@ -18,7 +18,7 @@ from sdp_vs_penalty.diagnosis.causes import VELOCITY
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.page.model_step import level_of
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.spoken import heading_of, spoken
+from sdp_vs_penalty.page.spoken import heading_of, label_of, spoken
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
 from sdp_vs_penalty.results.remedy import SURE
 from sdp_vs_penalty.robot.arrays import nonzero_or_one
@@ -154,27 +154,6 @@ class StageVerdict:
     text: str
     #: Word with which the sentence begins.
     word: str = ""
-
-
-def label_of(words: str) -> str:
-    """Return the words of a change as the label of its button."""
-    columns = r"rename the columns of (\w+(?: and \w+)?)"
-    words = re.sub(columns, r"put \1 into the joints' order", spoken(words))
-    several = r"\b(q|tau)\d+(?:, \1\d+)+(?: and \1\d+)?"
-    words = re.sub(several, _on_joints, words)
-    words = re.sub(r"\btau\b", "the torque", words)
-    words = re.sub(r"\bq\b", "the positions", words)
-    words = re.sub(r"\btau(\d+)\b", r"joint \1's torque", words)
-    words = re.sub(r"\bq(\d+)\b", r"joint \1's position", words)
-    words = re.sub(r"\(and dq\)", "and velocities", words)
-    words = re.sub(r"\bdq\d+\b", "velocity", words)
-    return formatting.sentence(words).rstrip(".")
-
-
-def _on_joints(columns: re.Match[str]) -> str:
-    """Name several columns by the joints of one channel: "q of joints 1 to 7"."""
-    numbers = [int(number) for number in re.findall(r"\d+", columns[0])]
-    return f"{columns[1]} of {formatting.joints(numbers)}"
 
 
 def label_of_change(session: Session, change: Mapping[str, Any]) -> str:

@@ -20,9 +20,9 @@ from sdp_vs_penalty.page.controls import (
 from sdp_vs_penalty.page.next_step import NextStep, next_step
 from sdp_vs_penalty.page.session import PageNotice, Working
 from sdp_vs_penalty.page.sessions import title_of
-from sdp_vs_penalty.page.spoken import with_whole_amounts
+from sdp_vs_penalty.page.spoken import label_of, with_whole_amounts
 from sdp_vs_penalty.page.stages import STAGES
-from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View, label_of
+from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
 
 #: Characters of a sentence of a notice; what a longer one adds is folded.
 _MOST_IN_NOTICE = 160

@@ -1402,9 +1402,9 @@ def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(identified):
     }
     s.undo()
     assert s.current is model
-    poor = replace(model, factory={**model.errors, "size": 0.0, "error": "nothing"})
+    poor = replace(model, factory={**model.errors, "size": 0.0, "error": "0x noise"})
     s.history = [*s.history[:-1], poor]
-    assert "Worse than the robot's own file as it came (nothing)." in Screen(s).text(
+    assert "Worse than the robot's own file as it came (0x noise)." in Screen(s).text(
         "take-away"
     )
 

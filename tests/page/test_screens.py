@@ -217,9 +217,10 @@ def test_the_next_step_is_as_sure_of_a_finding_as_its_card(
 
 
 def test_without_a_noise_a_chip_names_its_measure(story):
-    """The verdict is by the joint that errs most, the chip by all joints."""
+    """That of the verdict: the joint that errs most."""
     judged = replace(story.judged[0], noise_floor=None)
-    error = f"{number(judged.relative_error)} % error overall"
+    share = judged.error_beyond_noise[judged.worst_joint - 1]
+    error = f"{number(share)} % of its torque (joint {judged.worst_joint})"
     assert jobs._error_of(judged)["error"] == error
 
 

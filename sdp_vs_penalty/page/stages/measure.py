@@ -19,7 +19,7 @@ from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import ArmScene, chart_and_arm
 from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.session import ANGLES, ENDINGS, UNITS, Session, asks_for_unit
-from sdp_vs_penalty.page.spoken import heading_of, name_in_title, spoken
+from sdp_vs_penalty.page.spoken import heading_of, label_of, name_in_title, spoken
 from sdp_vs_penalty.page.view import (
     PagePart,
     Project,
@@ -28,7 +28,6 @@ from sdp_vs_penalty.page.view import (
     View,
     checked,
     graded,
-    label_of,
     label_of_change,
     label_of_motion,
     look_in_words,
