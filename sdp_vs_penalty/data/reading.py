@@ -1065,23 +1065,16 @@ def sentence_and_command(
 def repeating_command(log: Log, found: Recognition, choice: Choice) -> str:
     """Format the `convert` command that states a reading of the columns explicitly; ""
     where no command does."""
-    from sdp_vs_penalty.data.hypotheses.renaming import rename_words, scale_words
+    from sdp_vs_penalty.data.hypotheses.renaming import choosing_words
 
-    given = choice.scale or {}
     words = list[str]()
     if found.is_of_arm:  # it decides again where the robot is named, and no column is
         if "--problem" not in choice.options:
             return ""
     else:
-        words += ["--rename", rename_words(found.rename, log.names)]
-        said = {group: x.answer for group, x in found.units.items()}
-        scale = {x: y for x, y in found.scale.items() if x not in given}
-        factors = [scale_words(scale, found.rename, said)] if scale else []
-        factors += [f"{name}={factor}" for name, factor in given.items()]
-        words += ["--scale", ",".join(factors)] if factors else []
-        words += ["--joints", ",".join(found.joints)] if found.order else []
         rate = choice.rate or found.rate
-        words += ["--rate", f"{rate:.12g}"] if rate else []
+        text = f"{rate:.12g}" if rate else ""
+        words = choosing_words(found, log.names, text, choice.scale or {})
     return formatting.convert_command(log.path, *words, *choice.options)
 
 

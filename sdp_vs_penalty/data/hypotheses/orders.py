@@ -11,7 +11,7 @@ from itertools import permutations
 
 import numpy as np
 
-from sdp_vs_penalty.data.hypotheses.weighing import ROWS_JUDGED, rate_from_velocities
+from sdp_vs_penalty.data.hypotheses.weighing import ROWS_JUDGED
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Steps of a clock are so many times the usual one, in nine of ten.
@@ -26,8 +26,6 @@ _MOVED = 0.1
 _OTHER_ORDER, _UNUSED, _ACCELERATION = 0.3, 0.1, 0.01
 #: Of more columns a joint nothing tells which is which.
 _MOST_COLUMNS = 8
-#: Rows a second of a log whose clock counts milliseconds row by row.
-_OF_MILLISECONDS = 1000.0
 
 
 @dataclass(frozen=True)
@@ -74,12 +72,10 @@ def layouts(
             if width == 0 or width % n:
                 continue
             for layout in _of_joints(columns, names, n, known, stamps):
-                named = layout.names
-                is_clock = clock is not None and (
-                    not _counts(columns[clock]) or _is_of_milliseconds(columns, named)
-                )
+                # A counter of rows is none: velocities tell the rate.
+                is_clock = clock is not None and not _counts(columns[clock])
                 t_of = {"t": clock} if clock and is_clock else {}
-                found.append(Layout({**t_of, **named}, layout.weight))
+                found.append(Layout({**t_of, **layout.names}, layout.weight))
     return sorted(found, key=lambda x: -x.weight)
 
 
@@ -117,16 +113,6 @@ def rises(values: Array) -> bool:
 def _counts(values: Array) -> bool:
     """Tell whether a column (N,) counts rows."""
     return bool(np.all(np.diff(values) == 1.0))
-
-
-def _is_of_milliseconds(columns: Mapping[str, Array], names: Mapping[str, str]) -> bool:
-    """Tell whether a column that counts rows is a clock in milliseconds by velocities."""
-    q, dq = (
-        [columns[y] for x, y in names.items() if x.startswith(group)]
-        for group in ("q", "dq")
-    )
-    rate = rate_from_velocities(np.transpose(q), np.transpose(dq)) if q and dq else None
-    return rate is not None and abs(rate / _OF_MILLISECONDS - 1.0) < 0.03
 
 
 def _of_joints(

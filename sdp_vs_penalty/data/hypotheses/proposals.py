@@ -17,7 +17,7 @@ from sdp_vs_penalty.data.hypotheses.recognition import (
     units_of_chosen,
     with_unit_of_clock,
 )
-from sdp_vs_penalty.data.hypotheses.renaming import rename_words, scale_words
+from sdp_vs_penalty.data.hypotheses.renaming import choosing_words
 from sdp_vs_penalty.data.hypotheses.weighing import rate_from_velocities
 from sdp_vs_penalty.data.log import Log
 from sdp_vs_penalty.data.words.joints import families_of_joints
@@ -121,11 +121,8 @@ def _rename_remedy(log: Log, missing: Sequence[str], found: Recognition) -> str:
     )
     if is_timeless:
         del pairs["t"]
-    words = ["--rename", rename_words(pairs, log.names)]
-    said = {group: x.answer for group, x in found.units.items()}
-    scale = scale_words(found.scale, pairs, said)
-    words += ["--scale", scale] if scale else []
-    words += ["--rate", "HZ"] if is_timeless else []
+    found = replace(found, rename=pairs)
+    words = choosing_words(found, log.names, "HZ" if is_timeless else "")
     how = f"name them with `{formatting.convert_command(log.path, *words)}`"
     if is_timeless:
         how += (
@@ -261,11 +258,12 @@ def names_by_values(
 def _naming_command(log: Log, names: Mapping[str, str], rate: float | None) -> str:
     """Format the `convert` command that names columns; without a clock also the rate [Hz],
     estimated from the velocities where it is not known."""
-    words = ["--rename", rename_words(names, log.names)]
+    text = ""
     if "t" not in names:
         columns = log.read(list(names.values())).columns
         found = rate or rate_of({ours: columns[x] for ours, x in names.items()})
-        words += ["--rate", "HZ" if found is None else f"{found:g}"]
+        text = "HZ" if found is None else f"{found:g}"
+    words = choosing_words(Recognition(dict(names)), log.names, text)
     return formatting.convert_command(log.path, *words)
 
 

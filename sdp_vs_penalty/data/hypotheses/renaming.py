@@ -5,10 +5,12 @@ import fnmatch
 import re
 import warnings
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.data.hypotheses.channels import Recognition
 from sdp_vs_penalty.data.hypotheses.weighing import in_one_unit, is_in_one_unit
 from sdp_vs_penalty.data.hypotheses.wrapping import POSITIONS, unwrapped
 from sdp_vs_penalty.data.measurements import Measurements
@@ -85,6 +87,27 @@ def scale_words(
             for ours, factor in factors.items()
         ]
     return ",".join(words)
+
+
+def choosing_words(
+    found: Recognition,
+    names: Sequence[str],
+    rate: str = "",
+    given: Mapping[str, str] = MappingProxyType({}),
+) -> list[str]:
+    """Format what ``convert`` has to be told of columns among ``names``: --rename, --scale
+    (factors that are ``given`` go before those that were found), --joints and --rate."""
+    said = {group: x.answer for group, x in found.units.items()}
+    scale = {x: y for x, y in found.scale.items() if x not in given}
+    factors = [scale_words(scale, found.rename, said)] if scale else []
+    factors += [f"{name}={factor}" for name, factor in given.items()]
+    options = {
+        "--rename": rename_words(found.rename, names),
+        "--scale": ",".join(factors),
+        "--joints": ",".join(found.joints) if found.order else "",
+        "--rate": rate,
+    }
+    return [x for option in options.items() if option[1] for x in option]
 
 
 def expanded(rename: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
