@@ -3,6 +3,7 @@ go, else by their order."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -83,6 +84,15 @@ def proposed(
         raise error
     found = _propose(log, missing, joints)
     if "NAME" in {y for x, y in found.rename.items() if x != "t"}:
+        if {"q", "tau"} <= {*missing} and {*map(quantity_of, log.names)} <= {None, "t"}:
+            clock = found.rename.get("t", "NAME")
+            pairs = {} if clock == "NAME" else {"t": clock}
+            known = Recognition(pairs, logger="by their order")
+            columns = log.columns.items()
+            free = [x for x, y in columns if y.kind == "number" and x != clock]
+            n_joints = None if joints is None else len(joints)
+            with suppress(InputError):
+                return names_by_values(log, free, n_joints, error.what, known)
         raise error
     pairs = {x: y for x, y in found.rename.items() if y != "NAME"}
     return replace(
@@ -99,16 +109,7 @@ def _propose(
 ) -> Recognition:
     """Propose columns for channel groups by our names, "NAME" where none fits, and their
     units."""
-    names = log.names
     pairs = _by_words(log, missing, joints)
-    says_nothing = {*map(quantity_of, names)} <= {None, "t"}
-    if "NAME" in pairs.values() and {"q", "tau"} <= {*missing} and says_nothing:
-        clock = pairs.get("t", "NAME")
-        known = {} if clock == "NAME" else {"t": clock}
-        free = [x for x, y in log.columns.items() if y.kind == "number" and x != clock]
-        n_joints = None if joints is None else len(joints)
-        orders = orders_of(log, free, n_joints, known)
-        pairs = {**known, **orders[0].names} if orders else pairs
     found = units_of_chosen(Recognition(pairs), log.columns, log.heading)
     return with_unit_of_clock(found, log.columns)
 
@@ -186,21 +187,6 @@ def _by_words(
     return pairs
 
 
-def orders_of(
-    log: Log,
-    names: Sequence[str],
-    n_joints: int | None,
-    known: Mapping[str, str] | None = None,
-) -> list[Layout]:
-    """Return what columns that no name tells can be by their values, the likeliest first,
-    beside those that are ``known``, by our names."""
-    known = known or {}
-    values = log.read([*names, *filter(log.columns.__contains__, [known.get("t", "")])])
-    t = values.columns.get(known.get("t", ""))
-    columns = {x: values.columns[x] for x in names}
-    return layouts(columns, n_joints, {*map(group_of, known)}, t)
-
-
 def names_by_values(
     log: Log,
     names: Sequence[str],
@@ -216,19 +202,29 @@ def names_by_values(
     suggest nothing.
     """
     beside = known or Recognition({})
-    found = orders_of(log, names, n_joints, beside.rename)
+    clock = beside.rename.get("t", "")
+    values = log.read([*names, *filter(log.columns.__contains__, [clock])]).columns
+    columns, t = {x: values[x] for x in names}, values.get(clock)
+    found = layouts(columns, n_joints, {*map(group_of, beside.rename)}, t)
     n = sum(x.startswith("q") for x in found[0].names) if found else 0
     n_blocks = len(names) // max(n, 1)
     if n > 1 and n_blocks > _MOST_BLOCKS:
         a_clock = "a clock and " if "t" in found[0].names else ""
-        columns = f"{n_blocks} columns of each of {n} joints"
-        problem += f", and {len(names)} columns may be {a_clock}{columns}"
+        each = f"{n_blocks} columns of each of {n} joints"
+        problem += f", and {len(names)} columns may be {a_clock}{each}"
     how = "" if known else f"put {_HEADER} above them, or "
 
     def refusal(layout: Layout | None) -> InputError:
         remedy = "name columns by their numbers with `convert --rename t=#1,q1=#2`"
         if layout is not None and layout.is_supported:
-            command = _naming_command(log, {**beside.rename, **layout.names}, rate)
+            order = Recognition({**beside.rename, **layout.names})
+            text = ""
+            if "t" not in order.rename:
+                read = log.read([*order.rename.values()]).columns
+                told = rate or rate_of({x: read[y] for x, y in order.rename.items()})
+                text = "HZ" if told is None else f"{told:g}"
+            words = choosing_words(order, log.names, text)
+            command = formatting.convert_command(log.path, *words)
             in_file = sorted(layout.names, key=lambda x: names.index(layout.names[x]))
             groups = [*dict.fromkeys(map(group_of, in_file))]
             remedy = f"where its columns are {formatting.words(groups)}, `{command}`"
@@ -253,18 +249,6 @@ def names_by_values(
     if rate is not None:
         return replace(orders[0], unless_confirmed=None)
     return replace(orders[0], others=tuple(orders[1:]))
-
-
-def _naming_command(log: Log, names: Mapping[str, str], rate: float | None) -> str:
-    """Format the `convert` command that names columns; without a clock also the rate [Hz],
-    estimated from the velocities where it is not known."""
-    text = ""
-    if "t" not in names:
-        columns = log.read(list(names.values())).columns
-        found = rate or rate_of({ours: columns[x] for ours, x in names.items()})
-        text = "HZ" if found is None else f"{found:g}"
-    words = choosing_words(Recognition(dict(names)), log.names, text)
-    return formatting.convert_command(log.path, *words)
 
 
 #: Mantissas of usual rates, their powers of ten [Hz], and by how much an estimate differs.
