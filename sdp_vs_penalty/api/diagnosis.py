@@ -196,20 +196,21 @@ def _beside_check(
     A log has one explanation. What a repair of all rows would mend has more evidence
     than any effect of the arm; all else is a rival of the findings on its joints.
     """
-    faults = {}
+    faults = dict[str, list[Remedy]]()
     explained = dict[tuple[str, str], Sequence[int]]()
     for issue in chain.from_iterable(issues.values()):
         is_explanation = issue["nature"] == EXPLANATION
         if not (_is_likely(issue) and is_explanation) or _states(diagnosis, issue):
             continue
-        if issue["apply"]:
-            faults[issue["what"]] = Remedy.from_dict(issue["remedies"][0])
+        remedies = [Remedy.from_dict(x) for x in issue["remedies"]]
+        if repairs := [x for x in remedies if x.change.verb in ("transform", "mount")]:
+            faults[issue["what"]] = repairs
         elif "log_odds" in issue["figures"]:  # it names a cause
             named = issue["kind"], issue["what"]
             explained[named] = issue["figures"].get("joints", ())
     for (kind, what), joints in explained.items():
         diagnosis = diagnosis.beside_explanation_of_log(kind, what, joints)
-    return diagnosis.beside_faults_of_log([*faults.values()])
+    return diagnosis.beside_faults_of_log([*chain.from_iterable(faults.values())])
 
 
 def _states(diagnosis: Diagnosis, issue: Mapping[str, Any]) -> bool:

@@ -1,6 +1,7 @@
 """What the race finds in a log, as issues of the check."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -154,17 +155,21 @@ def _of_fault(
         is_known = reach < fault.number.known_within
         figures["interval"] = ends
         what = f"{what.rstrip('.')} (95 %: {fault.interval_in_words(ends)})."
-    rivals = [x for claim in claims for x in claim.rivals]
-    effects = [x.hypothesis.effect for x in rivals if x.hypothesis.effect]
-    rival_faults = [x for x in rivals if not x.hypothesis.effect]
-    sentences = [_words_of_rival(log, x, claims) for x in rival_faults]
-    as_likely = [text.rstrip(".") for text in sentences if text != fault.sentence]
+    hypotheses = [x.hypothesis for claim in claims for x in claim.rivals]
+    effects = [h.effect for h in hypotheses if h.effect]
+    of_rivals = [
+        _of_rival(log, x, p, claims)
+        for claim in claims
+        for x, p in zip(claim.rivals, claim.probabilities[1:].tolist(), strict=True)
+        if not x.hypothesis.effect
+    ]
+    of_rivals = [x for x in of_rivals if x.what != fault.sentence]
+    as_likely = [x.what.rstrip(".") for x in of_rivals]
     if as_likely:
         what = f"{what} As likely: {'; '.join(as_likely)}."
-        figures["as_likely"] = [
-            {"kind": x.hypothesis.kind, "joints": [j + 1 for j in x.hypothesis.joints]}
-            for x in rival_faults
-        ]
+        first = float(np.prod([claim.probabilities[0] for claim in claims]))
+        figures["probability"] = first
+        figures["as_likely"] = [{"kind": x.kind, **x.figures} for x in of_rivals]
     is_repaired = fault.is_repairable and is_known
 
     issue = Issue(
@@ -175,11 +180,12 @@ def _of_fault(
         certainty=likely(_reason(log, fault, net)),
         remedy=fault.remedy if is_known else f"say the size; about: {fault.remedy}",
         changes=() if is_known else _asked(fault),
-        repair=keep_only(log, net, fault).apply if is_repaired else None,
+        repair=keep_only(log, net, [fault]).apply if is_repaired else None,
         figures=figures,
         gravity=net.gravity_left if fault.kind.startswith("gravity") else None,
         apply=fault.apply if is_repaired else "",
         equivalents=tuple(as_likely),
+        rivals=tuple(of_rivals),
     )
     return with_rival_effects(issue, effects)
 
@@ -193,24 +199,48 @@ def _asked(fault: Fault) -> tuple[Change, ...]:
     return (Change("read", words, {"scale": {"q": None}}),)
 
 
-def _words_of_rival(log: Likelihood, rival: Claim, claims: Sequence[Claim]) -> str:
-    """Say what else explains a log as well as claims do: the fault that a rival adds to
-    those before the claims."""
+def _of_rival(
+    log: Likelihood, rival: Claim, probability: float, claims: Sequence[Claim]
+) -> Issue:
+    """Return what else explains a log as well as claims do: the faults that a rival adds
+    to those before the claims, with one repair of all of them."""
     h = rival.hypothesis
+    of_kind = partial(
+        make_explanation,
+        kind=h.kind,
+        where=joints_text(h.joints) if h.joints else "all rows",
+        joints=h.joints,
+        certainty=likely("as likely"),
+        probability=probability,
+    )
+    faults = list[Fault]()
     if h.part is None:
         before = {x.sentence for x in list_faults(log, claims[0].before.chain)}
-        for fault in list_faults(log, rival.fit.chain):
-            if fault.sentence not in before:
-                return fault.sentence
-    whose = f" of {joints_text(h.joints)}" if h.joints else ""
-    return f"{h.kind}{whose} in a part of the log"
+        of_rival = list_faults(log, rival.fit.chain)
+        faults = [x for x in of_rival if x.sentence not in before]
+    if not faults:
+        whose = f" of {joints_text(h.joints)}" if h.joints else ""
+        return of_kind(what=f"{h.kind}{whose} in a part of the log", remedy="")
+    issue = of_kind(
+        what=f"{', and '.join(x.sentence.rstrip('.') for x in faults)}.",
+        remedy=", ".join(x.remedy for x in faults),
+    )
+    if all(x.is_repairable for x in faults):
+        repair = keep_only(log, rival.fit.chain, faults).apply
+        return replace(issue, repair=repair, apply=" ".join(x.apply for x in faults))
+    if len(faults) == 1 and h.kind.startswith("gravity"):
+        return replace(issue, gravity=rival.fit.chain.gravity_left)
+    return issue
 
 
-def keep_only(log: Likelihood, net: LogTransform, fault: Fault) -> LogTransform:
-    """Return the transform that corrects a single one of its faults."""
+def keep_only(
+    log: Likelihood, net: LogTransform, faults: Sequence[Fault]
+) -> LogTransform:
+    """Return the transform that corrects some of its faults alone."""
+    names = {x.name for x in faults}
     for _ in list_faults(log, net):
         # Without one fault the transforms of the others are other ones.
-        others = [x for x in list_faults(log, net) if x.name != fault.name]
+        others = [x for x in list_faults(log, net) if x.name not in names]
         if not others:
             break
         net = others[0].without

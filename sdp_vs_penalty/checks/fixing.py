@@ -166,7 +166,13 @@ def errors_left_out(before: _Side, after: _Side) -> LeftOut:
 
 def _check_words(reports: Sequence[Report], apply: Sequence[str]) -> None:
     """Raise an InputError for a word of `--apply` that no report offers."""
-    known = {f.apply for report in reports for f in report.issues if f.apply}
+    known = {
+        word
+        for report in reports
+        for f in report.issues
+        for x in (f, *f.rivals)
+        for word in x.apply.split()
+    }
     for word in apply:
         if word not in known:
             offers = formatting.words(sorted(known)) if known else "there is none"
@@ -194,8 +200,18 @@ def _fixed(report: Report, apply: Sequence[str]) -> tuple[Measurements, list[Iss
     Orders of channels are repaired first: signs and gains refer to joints.
     """
     facts = [f for f in report.issues if f.can_fix]
-    others = [f for f in report.issues if not f.can_fix]
-    named = [f for f in others if f.apply in apply and f.repair is not None]
+    offered = [f for f in report.issues if not f.can_fix]
+    own_words = {f.apply for f in offered}
+    named: list[Issue] = []
+    for issue in offered:
+        # Of an issue and its rivals the one of which most words are named.
+        rivals = [x for x in issue.rivals if x.apply not in own_words]
+        meant = [x for x in (issue, *rivals) if x.apply and x.repair is not None]
+        meant = [x for x in meant if {*x.apply.split()} <= {*apply}]
+        chosen = max(meant, key=lambda x: x.apply.count(" "), default=None)
+        done = [x.apply for x in named]
+        if chosen is not None and (chosen is issue or chosen.apply not in done):
+            named.append(chosen)
     run = report.repaired_unasked
     for issue in sorted(named, key=lambda f: not f.apply.startswith("order:")):
         assert issue.repair is not None

@@ -59,6 +59,9 @@ class Issue(WritesJson):
     apply: str = ""
     #: What explains as much, in words.
     equivalents: tuple[str, ...] = ()
+    #: What of it a change of all rows mends as well as this: one of them is so. A repair of
+    #: several faults has several words.
+    rivals: tuple["Issue", ...] = field(default=(), metadata=NOT_STORED)
     #: Changes beside the repair and the gravity above that may mend it: other readings
     #: of the file, a motion to record.
     changes: tuple[Change, ...] = ()
@@ -86,22 +89,37 @@ class Issue(WritesJson):
 
     @property
     def remedies(self) -> tuple[Remedy, ...]:
-        """What would mend the issue, the likeliest first; none where no change of the
-        log, the robot or the reading does."""
+        """What would mend the issue, the likeliest first, then what would if a rival is
+        so; none where no change of the log, the robot or the reading does."""
         changes = list[Change]()
         if self.gravity is not None:
             x, y, z = self.gravity
             words = f"set gravity to ({x:g}, {y:g}, {z:g}) m/s^2"
             changes.append(Change("mount", words, {"gravity": [x, y, z]}))
         if self.apply or self.can_fix:
-            named = [self.apply] if self.apply and not self.can_fix else []
+            named = self.apply.split() if not self.can_fix else []
             changes.append(Change("transform", self.remedy, {"apply": named}))
         changes += self.changes
         grade, why = self.certainty.grade, self.certainty.why
         is_rivalled = "rival_effects" in self.figures
-        return tuple(
-            Remedy(self.what, grade, why, change, may_be_the_arm=is_rivalled)
+        probability = self.figures.get("probability")
+        own = [
+            Remedy(self.what, grade, why, change, probability=probability)
             for change in changes
+        ]
+        sets = [own, *(rival.remedies for rival in self.rivals)]
+        return tuple(
+            replace(
+                x,
+                certainty=grade,
+                why=why,
+                rivals=tuple(
+                    y.change for others in sets if others is not one for y in others
+                ),
+                may_be_the_arm=is_rivalled,
+            )
+            for one in sets
+            for x in one
         )
 
 

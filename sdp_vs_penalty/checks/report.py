@@ -16,7 +16,7 @@ from sdp_vs_penalty.race.arm_fit import text_of_share
 from sdp_vs_penalty.records import NOT_STORED, stored_as
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
-from sdp_vs_penalty.results.remedy import Change, Remedy
+from sdp_vs_penalty.results.remedy import Change, Remedy, one_of_rivals
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -35,7 +35,7 @@ def list_remedies(reports: Sequence[Report]) -> tuple[Remedy, ...]:
     by_change = {str(x.change): x for f in reversed(issues) for x in f.remedies[::-1]}
     remedies = list(by_change.values())[::-1]
     repairs = [x for x in remedies if x.change.verb == "transform"]
-    repairs = [x for x in repairs if x.certainty != "possible"]
+    repairs = one_of_rivals(x for x in repairs if x.certainty != "possible")
     if len(repairs) > 1:
         words = [word for x in repairs for word in x.change.arguments["apply"]]
         problems = dict.fromkeys(x.problem.rstrip(".") for x in repairs)

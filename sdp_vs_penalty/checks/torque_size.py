@@ -22,6 +22,7 @@ from sdp_vs_penalty.data.words.units import UNITS as NAMED
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.arm_fit import ArmFit
 from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.evidence import Evidence
 from sdp_vs_penalty.race.fault import UNITS
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.regression.normal_equations import solve
@@ -149,15 +150,14 @@ class _Size:
         if masses <= 0.0 or np.all(problem.guessed_links):
             return cls(f"{over:.3g} times what the joints are made for", over, over)
         low, high, weighs = _possible_masses(problem, masses)
-        nominal = (log.torque_mask(repair).T * log.nominal(repair)).T[:, :, None]
-        measured = _norm(log.channels(repair).T) / _norm(nominal)
+        rows, evidence = log.rows(repair), Evidence(log)
+        measured = _norm(log.channels(repair).T) / evidence.nominal_size(rows.raw)
         largest = high / masses * c.EFFORT[1]
         smallest = max(low, 0.1 * high) / masses / c.EFFORT[1]
         # Upright axes bear friction, and no weight: without it the torques have to be
         # too large as well.
-        rows = log.rows(repair)
         of_links = rows.projected @ log.fit(repair).theta
-        shared = _norm(of_links) / _norm(rows.project_out_own(nominal))
+        shared = _norm(of_links) / evidence.nominal_size(rows.projected)
         return cls(
             description=f"{measured:.3g} times what an arm of {weighs} kg needs",
             over=over,

@@ -33,7 +33,7 @@ from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
-from sdp_vs_penalty.results.remedy import Change, Rating, Remedy
+from sdp_vs_penalty.results.remedy import Change, Rating, Remedy, one_of_rivals
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
@@ -1041,7 +1041,9 @@ class Diagnosis(Record, JsonRecord):
         """
         sentences = [self._missing]
         if self.log_faults:
-            faults = "; ".join(x.problem.rstrip(".") for x in self.log_faults)
+            faults = "; ".join(
+                x.problem.rstrip(".") for x in one_of_rivals(self.log_faults)
+            )
             sentences.insert(0, f"It looks as if {faults}. Mend the log first.")
         if self.acting_for_a_time:
             acting = f"For a part of the time: {'; '.join(self.acting_for_a_time)}."

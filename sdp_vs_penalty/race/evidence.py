@@ -40,8 +40,7 @@ _ROUNDS = 4
 _LEAST_SHARE = 0.1
 #: Factor of the spread of a link that is a guess.
 _GUESSED = 3.0
-#: By how much a URDF's centre of mass is off, in the joint's reach (standard deviation),
-#: where its side of an axis is asked. The prior is three times as wide: rows overrule it.
+#: By how much a URDF's centre of mass is off, in the joint's reach (standard deviation).
 _CENTRE = 1.0 / 15.0
 #: A logarithm's argument, a divisor: no smaller than this.
 _TINY = 1e-280
@@ -291,7 +290,7 @@ class Evidence:
     def _prior_of_links(self) -> _Prior:
         """Return the prior of the links' independent parameters.
 
-        Of each nominal link the mass is known to a half, its centre to a fifth of the
+        Of each nominal link the mass is known to a half, its centre to a fifteenth of the
         joint's reach, its inertia to that of two fifths of it; of a guess to three times
         as much.
         """
@@ -306,7 +305,9 @@ class Evidence:
         mass = mass * np.where(problem.guessed_links, _GUESSED, 1.0)
         spread = np.empty((len(links), 10))
         spread[:, 0] = 0.5 * mass
-        spread[:, 1:4] = 0.5 * np.abs(links[:, 1:4]) + 0.2 * (mass * reach)[:, None]
+        centres = np.zeros_like(spread)
+        centres[:, 1:4] = _CENTRE * (mass * reach)[:, None]
+        spread[:, 1:4] = 0.5 * np.abs(links[:, 1:4]) + centres[:, 1:4]
         inertia = mass * (0.4 * reach) ** 2
         spread[:, 4:] = inertia[:, None] + np.abs(links[:, 4:])
         p = len(data.shared.parameters)
@@ -316,8 +317,6 @@ class Evidence:
         mean[rigid] = links.ravel()[: len(rigid)]
         sd[rigid] = spread.ravel()[: len(rigid)]
         covariance = (dependence * sd**2) @ dependence.T
-        centres = np.zeros_like(spread)
-        centres[:, 1:4] = _CENTRE * (mass * reach)[:, None]
         sd = np.zeros(p)
         sd[rigid] = centres.ravel()[: len(rigid)]
         of_centres = (dependence * sd**2) @ dependence.T
@@ -332,6 +331,15 @@ class Evidence:
     def covariance_of_links(self) -> Array:
         """(s, s) covariance of the links' independent parameters beforehand."""
         return np.asarray(np.linalg.inv(self._prior.inverse), float)
+
+    def nominal_size(self, columns: Array) -> float:
+        """Return the size of the torques that the nominal links need, as far as their
+        centres are known: the root of the squares that are expected of columns (n, M, s)
+        of the links' independent parameters."""
+        gram = np.tensordot(columns, columns, ((0, 1), (0, 1)))
+        mean = self._prior.mean
+        second_moment = np.outer(mean, mean) + self._prior.of_centres
+        return float(np.sqrt(np.maximum(np.sum(gram * second_moment), _TINY)))
 
     def _prior_of(self, view: LogView) -> _Prior:
         """Return the prior of a view's parameters: those of the links, then the sizes of

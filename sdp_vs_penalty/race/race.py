@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import log_ndtr
+from scipy.special import log_ndtr, softmax
 
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race import constants as c
@@ -27,6 +27,7 @@ from sdp_vs_penalty.race.kinds import (
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Further, Hypothesis, LogView, Number, Part
 from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Steps of Newton by which a size is found on few rows, and share of its standard
 #: deviation below which a step ends it.
@@ -44,6 +45,8 @@ _NEAR_UNIT = 0.1
 #: Share of a torque's energy that the arm of all runs leaves, from which on a run may have
 #: any fault of its own, and factor by which less is left of the other runs without it.
 _CONTRADICTS, _CONFUSED = 1e-3, 3.0
+#: Odds of a claim beside the least likely of its rivals.
+_LEAST_ODDS = 20.0
 #: A step that looks for a size far off is not held back by its prior.
 _LOOSE = 10.0
 
@@ -85,6 +88,15 @@ class Claim:
     def prior(self) -> float:
         """Natural logarithm of its odds beforehand, and of what its freedom costs."""
         return self.hypothesis.log_prior + self.occam
+
+    @property
+    def probabilities(self) -> Array:
+        """(1 + R,) probabilities of the claim and of its rivals, where one of them is so.
+        Odds are too bold: of what is told with a claim the least likely has one to twenty.
+        """
+        odds = np.array([x.log_odds for x in (self, *self.rivals)])
+        bold = c.LOG_ODDS_OF_A_CLAIM / float(np.log(_LEAST_ODDS))
+        return np.asarray(softmax(odds / bold))
 
     @property
     def is_usual(self) -> bool:
@@ -309,7 +321,7 @@ class Race:
         if most > 0.0:
             best = next((x, y) for odds, x, y in others if odds == most)
         rivals = tuple(
-            x
+            replace(x, log_odds=best[0].log_odds + odds - most)
             for odds, x, _ in others
             if most - odds < c.LOG_ODDS_OF_A_CLAIM and x is not best[0]
         )

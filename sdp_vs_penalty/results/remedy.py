@@ -8,7 +8,7 @@ JSON show it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
@@ -89,5 +89,17 @@ class Remedy(JsonRecord):
     after: tuple[float, ...] | None = None
     #: Changes that explain as much.
     rivals: tuple[Change, ...] = ()
+    #: How probable it is where one of these and it is so; None without rivals.
+    probability: float | None = None
     #: Whether an effect of the arm explains as much: the log may be right.
     may_be_the_arm: bool = False
+
+
+def one_of_rivals(remedies: Iterable[Remedy]) -> list[Remedy]:
+    """List remedies that can be made together: of each set that explains as much the
+    first."""
+    chosen = list[Remedy]()
+    for remedy in remedies:
+        if not any(remedy.change in x.rivals for x in chosen):
+            chosen.append(remedy)
+    return chosen

@@ -54,5 +54,5 @@ def test_a_rival_of_no_joint_in_a_part_has_words():
     chain = LogTransform.unchanged(2, (0.0, 0.0, -9.81))
     push = Hypothesis("passing force", (), -20.0, chain, part=Part(None, 10.9, 11.4))
     rival = SimpleNamespace(hypothesis=push)
-    said = explain._words_of_rival(None, rival, ())
+    said = explain._of_rival(None, rival, 0.3, ()).what
     assert said == "passing force in a part of the log"

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.checks import check
+from sdp_vs_penalty.checks.fixing import fix_runs
+from sdp_vs_penalty.checks.report import list_remedies
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.simulation import experiment
 
@@ -244,6 +246,23 @@ def test_a_gain_names_the_other_joint_that_may_have_it(two_link, runs):
     rivals = {x["kind"]: x["joints"] for x in issue.figures["as_likely"]}
     assert {*rivals["torque gain"], *issue.figures["joints"]} == {1, 2}
     assert f"the torque of joint {rivals['torque gain'][0]} is" in issue.what
+
+
+def test_each_of_a_set_is_a_remedy_with_its_probability(two_link, runs):
+    """Which of two gains is wrong, the user says: either word repairs the log."""
+    run = scaled(runs[0], 2, 1.5)
+    (report,) = judged(two_link, run)
+    remedies = list_remedies([report])
+    changes = [x.change for x in remedies]
+    for remedy in remedies:
+        assert {str(x) for x in (remedy.change, *remedy.rivals)} == {*map(str, changes)}
+    assert sum(x.probability for x in remedies) == pytest.approx(1.0)
+    words = [x.arguments["apply"] for x in changes]
+    assert ["gain:tau1"] in words
+    assert ["gain:tau2"] in words
+    for j in range(2):
+        fixed = fix_runs(two_link, [run], [report], [f"gain:tau{j + 1}"]).runs[0]
+        assert np.flatnonzero(~np.isclose(fixed.tau, run.tau).all(axis=0)) == [j]
 
 
 def stepped(run, t, size):

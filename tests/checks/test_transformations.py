@@ -69,7 +69,7 @@ def test_of_two_faults_the_named_one_is_kept(joint):
     for j in range(2):
         net = net.with_entries("gain", (j,), 2.0).with_entries("zero", (j,), 0.3)
     gains = [x for x in list_faults(log, net) if x.kind == "torque gain"]
-    kept = keep_only(log, net, gains[joint])
+    kept = keep_only(log, net, [gains[joint]])
     assert kept == log.as_logged.with_entries("gain", (joint,), 2.0)
 
 

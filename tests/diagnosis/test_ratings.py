@@ -24,6 +24,7 @@ from sdp_vs_penalty.diagnosis.own_constants import retune
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation import ShapeEstimate
 from sdp_vs_penalty.render.words import describe_diagnosis, errors_that_rise
+from sdp_vs_penalty.results.remedy import Change, Remedy
 from sdp_vs_penalty.signals import REPETITION
 
 
@@ -267,13 +268,36 @@ def test_only_what_no_sure_finding_states_is_a_rival(kind, certainty, doubts, ra
         "kind": kind,
         "certainty": certainty,
         "nature": EXPLANATION,
-        "apply": "",
+        "remedies": [],
         "what": "The torques step.",
         "figures": {"log_odds": 30.0},
     }
     found = diagnosis(finding("joint_spring", 2), late)
     beside = _beside_check(found, {"run1.csv": [issue]})
     assert beside.effects[0].rating == rating
+
+
+def test_a_mounting_and_each_of_a_set_are_faults_of_the_log():
+    """Where the base is turned, or a joint's sign, no finding is sure, and the set stands
+    there with its probabilities."""
+    mount = Change("mount", "turn gravity", {"gravity": [0.0, 0.0, 9.81]})
+    sign = Change("transform", "flip", {"apply": ["sign:joint1"]})
+    remedies = [
+        Remedy("gravity is up.", "likely", "", mount, rivals=(sign,), probability=0.7),
+        Remedy("joint 1 counts.", "likely", "", sign, rivals=(mount,), probability=0.3),
+    ]
+    issue = {
+        "kind": "gravity direction",
+        "certainty": "likely: an arm leaves less",
+        "nature": EXPLANATION,
+        "what": "gravity is up. As likely: joint 1 counts.",
+        "figures": {"log_odds": 60.0},
+        "remedies": [remedy.to_dict() for remedy in remedies],
+    }
+    beside = _beside_check(diagnosis(finding("backlash", 2)), {"run1.csv": [issue]})
+    assert beside.log_faults == tuple(remedies)
+    assert beside.effects[0].rating == "weak"
+    assert beside.headline.startswith("It looks as if gravity is up. Mend")
 
 
 def test_adding_what_is_sure_takes_effects_whose_law_is_open():

@@ -106,6 +106,19 @@ def test_what_was_done_is_claimed(spoil, kind, joints):
     assert (claim.hypothesis.kind, claim.hypothesis.joints) == (kind, joints)
 
 
+@pytest.mark.parametrize("joints", [(1, 2), (3, 5)])
+def test_joints_that_count_the_other_way_are_one_convention(joints):
+    """Neither of them shows by itself; the mirror image of the arm does so as well."""
+    panda = load_problem("panda")
+    signs = np.where(np.isin(np.arange(panda.robot.n), joints), -1.0, 1.0)
+    run = replace(small_run(panda, seconds=8.0), dq=None)
+    log = rows_of(replace(run, q=run.q * signs, tau=run.tau * signs), panda)
+    (claim,) = Race([log]).run().claims
+    alike = [x.hypothesis.name for x in (claim, *claim.rivals)]
+    assert ("joint sign", joints) in alike
+    assert claim.probabilities[alike.index(("joint sign", joints))] > 0.2
+
+
 @pytest.mark.parametrize("has_velocity", [False, True])
 def test_friction_alone_does_not_make_rows_in_reverse_likely(has_velocity):
     """A controller that subtracts more friction than there is turns its sign, too."""
