@@ -1007,19 +1007,29 @@ class Diagnosis(Record, JsonRecord):
             words = f"add {named_on_joints(self.helpful)}"
         elif texts:
             words = f"add the {len(texts)} that help"
-        change = Change(
-            "add",
-            words,
-            {"effects": texts, "findings": "all" if takes_all else "helpful"},
-        )
-        is_confident = all(f.rating == "confident" for f in self.helpful)
+        which = "all" if takes_all else "helpful"
+        after = self.held_out_rmse_with_helpful
+        return self._remedy_of(self.helpful, self._missing, words, which, after)
+
+    def _remedy_of(
+        self,
+        found: Sequence[Finding | Retune],
+        problem: str,
+        words: str,
+        which: str | list[int],
+        after: Array,
+    ) -> Remedy:
+        """Return the remedy that adds several together, with the errors ``after`` (n,) that
+        this leaves [N m or N]."""
+        arguments = {"effects": [f.text for f in found], "findings": which}
+        is_confident = all(f.rating == "confident" for f in found)
         return Remedy(
-            self._missing,
+            problem,
             "confident" if is_confident else "near-tie",
             "judged on data left out",
-            change,
+            Change("add", words, arguments),
             tuple(self.held_out_rmse_before.tolist()),
-            tuple(self.held_out_rmse_with_helpful.tolist()),
+            tuple(after.tolist()),
         )
 
     @property
@@ -1115,29 +1125,15 @@ class Diagnosis(Record, JsonRecord):
         main, sure = self.main_finding, self.sure
         after = self.error_with(sure)
         if main in sure and len(sure) > 1 and after is not None:
-            return self._remedy_of_sure(sure, after)
+            named = named_on_joints(sure)
+            which: str | list[int] = "helpful"
+            counted = f"the {len(sure)} that help"
+            if len(sure) < len(self.helpful):
+                which = [f.number for f in sure if isinstance(f, Finding)]
+                counted = f"the {len(sure)} surest"
+            words = f"add {counted if ';' in named else named}"
+            return self._remedy_of(sure, named, words, which, after)
         return main.remedy(self) if main and self._falls(main)[0] else None
-
-    def _remedy_of_sure(self, sure: Sequence[Finding | Retune], after: Array) -> Remedy:
-        """Return the remedy that adds what is sure, with its errors ``after`` (n,) [N m or
-        N]."""
-        named = named_on_joints(sure)
-        is_all = len(sure) == len(self.helpful)
-        counted = f"the {len(sure)} {'that help' if is_all else 'surest'}"
-        words = counted if ";" in named else named
-        arguments: dict[str, Any] = {"effects": [f.text for f in sure]}
-        arguments["findings"] = [f.number for f in sure if isinstance(f, Finding)]
-        if is_all:
-            arguments["findings"] = "helpful"
-        weakest = max((f.rating for f in sure), key=get_args(Rating).index)
-        return Remedy(
-            named,
-            weakest,
-            "judged on data left out",
-            Change("add", f"add {words}", arguments),
-            tuple(self.held_out_rmse_before.tolist()),
-            tuple(after.tolist()),
-        )
 
     @property
     def is_open(self) -> bool:

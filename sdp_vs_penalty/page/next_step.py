@@ -353,9 +353,6 @@ def _to_add(
     more = spoken(diagnosis.cause)
     model = session.current
     worst = model.worst_joint
-    is_elsewhere = main is not None and main.main_joint != worst
-    if is_elsewhere and level != "good" and model.failures:
-        more += f" {describe_unexplained(model.where_it_fails, worst, True)}"
     text = _in_one_line(diagnosis, texts) or in_brief(more)
     if len(texts) > 1:
         text = f"{text.rstrip('.')}; worst joint {worst}."
@@ -402,32 +399,24 @@ def _in_one_line(diagnosis: Diagnosis, texts: Collection[str]) -> str:
     """Return a sentence that names what is added by its ``texts``, each with how sure that
     is, as its card does; of a single finding what it is on the arm; "" for what the
     diagnosis did not find."""
-    found = [f for f in diagnosis.in_order_of_reading if f.text in texts]
     constants = [f for f in diagnosis.retuned if f.text in texts]
-    if not found and not constants:
-        return ""
-    if found and len(found) + len(constants) == len(diagnosis.only_in_sum(found[0])):
-        found, constants = found[:1], []
-    if len(found) == 1 and not constants:
-        (one,) = found
-        text = in_brief(diagnosis.on_the_arm_of(one).removeprefix(ON_THE_ARM))
-        if one.size_may_be_zero and not diagnosis.only_in_sum(one):
-            text = named_on_joints(found)
-        badge = describe_finding(one, diagnosis).badge
-        return text if badge in SURE else f"{badge}: {text}"
     alike = dict[tuple[str, str], list[Finding]]()
-    for finding in found:
-        badge = describe_finding(finding, diagnosis).badge
-        key = "" if badge in SURE else f"{badge}: ", finding.effect
-        alike.setdefault(key, []).append(finding)
+    for finding in diagnosis.in_order_of_reading:
+        words = describe_finding(finding, diagnosis)
+        if finding.text in texts and not words.said_by:
+            badge = "" if words.badge in SURE else f"{words.badge}: "
+            those = diagnosis.only_in_sum(finding) or (finding,)
+            alike.setdefault((badge, finding.effect), []).extend(those)
+            if {*texts} == {f.text for f in those} and not (
+                finding.size_may_be_zero and len(those) == 1
+            ):
+                on_the_arm = words.on_the_arm.removeprefix(ON_THE_ARM)
+                return f"{badge}{in_brief(on_the_arm)}"
     parts = [f"{badge}{named_on_joints(x)}" for (badge, _), x in alike.items()]
     if constants:
         parts.append(f"{named_on_joints(constants)}, estimated again")
-    if len(parts) > _MOST_NAMED:
-        n_named = sum(len(x) for x in [*alike.values()][:_MOST_NAMED])
-        more = f"and {len(found) + len(constants) - n_named} more"
-        parts = [*parts[:_MOST_NAMED], more]
-    return f"{'; '.join(parts)}."
+    others = ["and others"] * bool(parts[_MOST_NAMED:])
+    return "; ".join([*parts[:_MOST_NAMED], *others]) + "." * bool(parts)
 
 
 def _taken(session: Session) -> str:

@@ -1032,12 +1032,9 @@ class Session:
                     run["use"] = "test"
             answer["runs"] = self._with_questions(answer["runs"])
             new = answer["runs"][len(before) :]
-            models = await self._judged_on(answer["runs"], answer["robot"])
-            dropped = self._dropped(models)
+            counted = f"{formatting.count(len(new), 'run')} added"
+            dropped = await self._go_on_with(answer, counted)
             self.hidden = self.hidden if before else ""
-            self._step_from_here(f"{formatting.count(len(new), 'run')} added")
-            self._take(answer)
-            self._keep_models(models)
             self.prepared = [] if not before else self.prepared
             self.repairs = [] if not before else self.repairs
             for run, how in zip(new, answer.get("read", ()), strict=False):
@@ -1107,19 +1104,23 @@ class Session:
 
         return [{**run, "use": use_of(run)} for run in runs]
 
-    def _dropped(self, models: Sequence[ModelStep]) -> list[str]:
-        """Say what is dropped where these models are kept of the history; nothing where
-        all are."""
-        if len(models) == len(self.history):
-            return []
-        what = f"What was added to {models[0].opened} is" if models else "The model is"
-        return [_DROPPED.format(what)]
-
-    def _keep_models(self, models: list[ModelStep]) -> None:
-        """Keep the models as they were judged anew, and point the page to their fit."""
+    async def _go_on_with(self, answer: Mapping[str, Any], label: str) -> list[str]:
+        """Go on, as a step by a label, with what a job has answered, and with the models
+        as they are judged on it; return what is said of those that are dropped."""
+        models = await self._judged_on(
+            answer["runs"], {**self.robot, **answer["robot"]}
+        )
+        if len(models) < len(self.history):
+            opened = f"What was added to {models[0].opened} is" if models else ""
+            dropped = [_DROPPED.format(opened or "The model is")]
+        else:
+            dropped = []
+        self._step_from_here(label)
+        self._take(answer)
         self.history = models
         if models:
             self.new = ("identify", "fit")
+        return dropped
 
     def _take(self, answer: Mapping[str, Any]) -> None:
         """Take over runs, remedies and robot as a job has answered them."""
@@ -1256,16 +1257,13 @@ class Session:
         if not use and {run["use"] for run in runs} <= {"test", "wait"}:
             one = "split" if len(runs) == 1 and runs[0]["split"] else "train"
             runs = [{**run, "use": one} if run is runs[0] else run for run in runs]
-        models = await self._judged_on(runs, self.robot)
-        gone = []
-        left = {"runs": runs, "remedies": self.remedies, "robot": {}}
-        if not use:
-            gone.append(f"{chosen['name']} is removed: Undo brings it back.")
+        if use:
+            left = {"runs": runs, "remedies": self.remedies, "robot": {}}
+            gone = await self._go_on_with(left, f"use of {chosen['name']}")
+        else:
             left = await self._job("Checking the runs", "check_again", runs=runs)
-        gone += self._dropped(models)
-        self._step_from_here(f"use of {chosen['name']}" if use else "a run removed")
-        self._take(left)
-        self._keep_models(models)
+            gone = [f"{chosen['name']} is removed: Undo brings it back."]
+            gone += await self._go_on_with(left, "a run removed")
         self.say(*gone, error=False)
 
     async def identify_from(self, names: Collection[str]) -> None:
@@ -1388,8 +1386,6 @@ class Session:
             raise
         commands = self._commands_of(change, request["files"])
         answer = {**answer, "runs": self._with_questions(answer["runs"])}
-        models = await self._judged_on(answer["runs"], answer["robot"])
-        dropped = self._dropped(models)
         done = words
         if faults := self.faults_in_words(change):  # the words count them
             done = f"repaired: {faults}"
@@ -1397,14 +1393,12 @@ class Session:
             names = [r["name"] for r in self.runs if r["file"] in request["files"]]
             done = f"{words} in {formatting.words(names)}"
         columns = [x["columns"] for x in self.runs if x["file"] in request["files"]]
-        self._step_from_here(done)
+        dropped = await self._go_on_with(answer, done)
         scale = change["arguments"].get("scale", {})
         for key in {json.dumps(names) for names in columns if names and scale}:
             texts = ",".join(f"{name}={unit}" for name, unit in scale.items())
             options = {**self.assigned.get(key, {}), "scale": texts}
             self.assigned = {**self.assigned, key: options}
-        self._take(answer)
-        self._keep_models(models)
         if change["verb"] in ("transform", "read", "cut"):
             self.prepared = [*self.prepared, *commands]
         self.new = ("check", "check")
@@ -1463,11 +1457,9 @@ class Session:
             {**run, "stated": True} if run["file"] == chosen["file"] else run
             for run in self.runs
         ]
-        runs = self._with_questions(runs)
-        models = await self._judged_on(runs, self.robot)
-        self._step_from_here(f"{chosen['name']} left as read")
-        self.runs = runs
-        self._keep_models(models)
+        left = {"remedies": self.remedies, "robot": {}}
+        left["runs"] = self._with_questions(runs)
+        await self._go_on_with(left, f"{chosen['name']} left as read")
 
     @property
     def _check_command(self) -> CheckCommand:

@@ -38,13 +38,13 @@ LOAD = {name: use for name, use in _OTHERS.items() if use.startswith("payload")}
 MORE = {name: use for name, use in _OTHERS.items() if name not in LOAD}
 #: Files that hold a model of the torque, or a part of it.
 _MODELS = {home.FILE for home in EXPORTS.all().values() if hasattr(home, "HOLDS")}
+_MODELS |= {"model.json"}
 
 
 def models_taken(session: Session) -> list[str]:
     """Return the files with a model that a person took; before that those that are
     offered first."""
-    models = [*FILES.keys() & {*_MODELS, "model.json"}]
-    return sorted(session.taken & {*_MODELS, "model.json"}) or sorted(models)
+    return sorted(session.taken & _MODELS or FILES.keys() & _MODELS)
 
 
 @requires_model(
@@ -99,7 +99,7 @@ def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) 
     model = session.current
     record = model.exported.get(name)
     errors = record or model.errors
-    is_model = name in _MODELS or name == "model.json"
+    is_model = name in _MODELS
     first = session.history[0]
     worse = model.worse_than(errors, first) if is_model else ""
     with draw.tag("div", style="card file-card"):
