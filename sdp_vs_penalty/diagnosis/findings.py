@@ -944,11 +944,7 @@ class Diagnosis(Record, JsonRecord):
             f
             for f in self.helpful
             if f.rating == "confident"
-            or (
-                isinstance(f, Finding)
-                and f.effect_is_certain
-                and not f.size_may_be_zero
-            )
+            or (isinstance(f, Finding) and f.effect_is_certain)
             if not (isinstance(f, Finding) and self.only_in_sum(f))
         ]
         is_all = len(sure) == len(self.helpful)

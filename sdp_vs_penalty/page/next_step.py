@@ -415,8 +415,11 @@ def _in_one_line(diagnosis: Diagnosis, texts: Collection[str]) -> str:
     parts = [f"{badge}{named_on_joints(x)}" for (badge, _), x in alike.items()]
     if constants:
         parts.append(f"{named_on_joints(constants)}, estimated again")
-    others = ["and others"] * bool(parts[_MOST_NAMED:])
-    return "; ".join([*parts[:_MOST_NAMED], *others]) + "." * bool(parts)
+    if more := parts[_MOST_NAMED:]:
+        doubts = {badge.rstrip(": ") for badge, _ in [*alike][_MOST_NAMED:] if badge}
+        others = f"and others ({', '.join(sorted(doubts))})".removesuffix(" ()")
+        parts[-len(more) :] = [others]
+    return "; ".join(parts) + "." * bool(parts)
 
 
 def _taken(session: Session) -> str:

@@ -1,6 +1,7 @@
 """What a finding's rating says: an effect may be sure while its law is not, and a size
 that is not told from zero is never sure."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,6 +21,7 @@ from sdp_vs_penalty.diagnosis import (
     std_of_both,
 )
 from sdp_vs_penalty.diagnosis.doubts import Doubt
+from sdp_vs_penalty.diagnosis.findings import ErrorWith
 from sdp_vs_penalty.diagnosis.own_constants import retune
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation import ShapeEstimate
@@ -173,6 +175,22 @@ def test_what_lowers_the_worst_joint_most_is_read_first():
     ]
     assert found.main_remedy.change.words == "add joint spring on joint 1"
     assert diagnosis(useless).main_remedy is None
+
+
+def test_what_is_sure_is_added_together():
+    """Where its errors were computed; what may be another effect is left, and is in what
+    helps."""
+    loud = {"held_out_rmse_before": np.full(7, 3.0)}
+    one, two = finding("backlash", 1, **loud), finding("backlash", 2, **loud)
+    found = diagnosis(one, two, finding("joint_spring", 3, "backlash", **loud))
+    assert found.main_remedy.change.words == "add backlash on joint 1"
+    texts = tuple(f.text for f in found.sure)
+    errors = {"errors_with": (ErrorWith(texts, np.full(7, 1.0)),)}
+    change = replace(found, **errors).main_remedy.change
+    assert change.words == "add backlash on joints 1 and 2"
+    assert change.arguments == {"effects": [*texts], "findings": [1, 2]}
+    change = replace(diagnosis(one, two), **errors).main_remedy.change
+    assert change.arguments["findings"] == "helpful"
 
 
 def test_the_cause_of_the_whole_robot_names_no_joint():
