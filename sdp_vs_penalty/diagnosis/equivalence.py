@@ -31,7 +31,6 @@ from sdp_vs_penalty.diagnosis.explanation import Explanation
 from sdp_vs_penalty.diagnosis.held_out import (
     HeldOut,
     HeldOutData,
-    harm,
     least_squares_parameters,
 )
 from sdp_vs_penalty.diagnosis.library import Batch, Candidate, Key, may_join
@@ -154,9 +153,8 @@ def _predicts_as_well(
     replaced = {t.text for t in group.terms}
     all_numbers = range(len(explanation.terms))
     others = [k for k in all_numbers if explanation.terms[k].text not in replaced]
-    error_before = held_out.errors(all_numbers, fitted=least_squares_parameters)
-    error_after = held_out.errors([*others, rival], fitted=least_squares_parameters)
-    return harm(error_before, error_after) < MINOR
+    choices = all_numbers, [*others, rival]
+    return held_out.change(*choices, None, least_squares_parameters).rise < MINOR
 
 
 def _groups(search: Search, full: WhiteFit) -> list[_Group]:

@@ -174,25 +174,14 @@ class HeldOut:
         """
         return None if self.make_second is None else self.make_second()
 
-    def errors(
-        self,
-        chosen: Sequence[int],
-        judged: int | None = None,
-        fitted: _Fitted | None = None,
-    ) -> Array:
-        """Return the RMS errors (n,) [N m or N] of the joints on data left out.
-
-        The model with the chosen effects (their numbers) is fitted by the model's
-        method, under its constraints, or as ``fitted`` says. Rows fitted to and judged
-        on are those that tell of the effect ``judged``, or all.
-        """
-        sliding = self._is_told_by_sliding(judged)
-        n_rows = self._by_stretch(self._n_rows, sliding).sum(axis=0)
-        squares = self._squares(chosen, sliding, fitted)
-        mean_squares = self._by_stretch(squares, sliding).sum(axis=0) / np.maximum(
-            n_rows, 1.0
+    def errors(self, chosen: Sequence[int]) -> Array:
+        """Return the RMS errors (n,) [N m or N] of the joints on all rows left out, of the
+        model with the chosen effects (their numbers), fitted by its own method."""
+        squares, n_rows = (
+            self._by_stretch(values, False).sum(axis=0)
+            for values in (self._squares(chosen, False), self._n_rows)
         )
-        return np.sqrt(mean_squares)
+        return np.sqrt(squares / np.maximum(n_rows, 1.0))
 
     def _is_told_by_sliding(self, judged: int | None) -> bool:
         """Return whether the rows in which the joints slide tell of an effect (its
@@ -273,21 +262,24 @@ class HeldOut:
         self,
         before: Sequence[int],
         after: Sequence[int],
-        judged: int,
+        judged: int | None,
         fitted: _Fitted | None = None,
+        joints: Sequence[int] | slice = slice(None),
     ) -> ErrorChange:
         """Return how the sum over joints of their log errors changes from one choice of
         effects (their numbers) to another, in the rows that tell of the effect
-        ``judged``; without a spread on folds, whose motion has chosen the effects.
+        ``judged`` or in all; without a spread on folds, whose motion has chosen the effects.
 
         Parameters
         ----------
         fitted
             How both are fitted; default: by the model's method.
+        joints
+            Those of the sum, from 0; default: all.
         """
         sliding = self._is_told_by_sliding(judged)
         squares = (
-            self._by_stretch(self._squares(chosen, sliding, fitted), sliding)
+            self._by_stretch(self._squares(chosen, sliding, fitted), sliding)[:, joints]
             for chosen in (before, after)
         )
         change = change_of(*squares)
@@ -563,14 +555,6 @@ def change_of(before: Array, after: Array) -> ErrorChange:
     _, std = jackknifed(rise(sums[0] - before, sums[1] - after))
     half = student_95(n_stretches) * float(std) if n_stretches > 1 else np.inf
     return ErrorChange(float(rise(*sums)), half)
-
-
-def harm(before: Array, after: Array) -> float:
-    """Return the sum over joints of log(after / before) of their errors (n,).
-
-    Positive: errors rise; 0.01 is about one joint's error rising by 1 %.
-    """
-    return float(np.sum(np.log(error_ratios(before, after))))
 
 
 class _Table:

@@ -15,7 +15,6 @@ from sdp_vs_penalty.diagnosis.held_out import (
     ErrorChange,
     HeldOutSplit,
     change_of,
-    harm,
     rows_by_stretch,
 )
 from sdp_vs_penalty.diagnosis.sizes import TorqueMade
@@ -97,8 +96,8 @@ class Told(HeldOut):
         self.spread = spread
 
     def change(self, before, after, judged, fitted=None):
-        errors = (np.array(self.rule(frozenset(x)), float) for x in (before, after))
-        return ErrorChange(harm(*errors), self.spread)
+        logs = [np.log(self.rule(frozenset(x))).sum() for x in (before, after)]
+        return ErrorChange(logs[1] - logs[0], self.spread)
 
     def errors_by_recording(self, chosen):
         """One recording, unless the rule returns a row of errors for each."""
@@ -291,12 +290,13 @@ def test_a_torque_of_sliding_is_judged_where_joints_slide(monkeypatch):
 
     def squares_of_fit(self, chosen, sliding, fitted_by):
         fitted.append(split.fitted_rows(sliding).rows)
-        return np.array([[[x.squares] for x in (*split.tests, *split.sliding)]])
+        rows = (*split.tests, *split.sliding)
+        return np.array([[[x.squares ** len(chosen)] for x in rows]])
 
     monkeypatch.setattr(HeldOut, "_squares", squares_of_fit)
-    errors = [held_out.errors([0, 1, 2, 3], k)[0] for k in range(4)]
-    assert errors == [1.0, 5.0, 1.0, 5.0]
-    assert fitted == ["sliding", "all", "sliding", "all"]
+    rises = [held_out.change([], [0], k).rise for k in range(4)]
+    np.testing.assert_allclose(np.exp(rises), [1.0, 5.0, 1.0, 5.0])
+    assert fitted[::2] == fitted[1::2] == ["sliding", "all", "sliding", "all"]
 
 
 @pytest.fixture
@@ -350,9 +350,12 @@ def test_errors_by_recording_are_of_all_its_stretches_and_folds(two_recordings):
 def test_a_change_has_a_spread_on_a_test_run_alone(two_recordings):
     held_out, squares, keep, _ = two_recordings
     before, after = (squares * keep).sum(axis=1)
+    rises = 0.5 * np.log(after / before)
     on_folds = held_out.change([], [0], 0)
-    assert on_folds.rise == pytest.approx(0.5 * np.log(after / before).sum())
+    assert on_folds.rise == pytest.approx(rises.sum())
     assert on_folds.spread == 0.0
+    of_one = held_out.change([], [0], 0, joints=[1])
+    assert of_one.rise == pytest.approx(rises[1])
     on_test = replace(held_out, source="test").change([], [0], 0)
     assert on_test.rise == on_folds.rise
     assert np.isfinite(on_test.spread)

@@ -548,11 +548,11 @@ def accept_curves(
 ) -> tuple[Measured, ...]:
     """Accept the measured curves that data left out confirm, one after the other.
 
-    A curve is a torque in doubt, and has to help as such a finding: it lowers the sum of
-    the joints' log errors on data left out, in the rows in which they slide, by 5 %
-    (SURE_HELP) and beyond the spread of a test run. It acts in all rows, and raises no
-    joint's error over all of them by 5 % (MAX_JOINT_HARM). Each curve is judged together
-    with those accepted before it.
+    A curve is a torque in doubt, and has to help where it acts: it lowers its joint's
+    error on data left out, in the rows in which that slides, by 5 % (SURE_HELP) and
+    beyond the spread of a test run. What other joints gain beside it is no sign of it.
+    It acts in all rows, and raises no joint's error over all of them by 5 %
+    (MAX_JOINT_HARM). Each curve is judged together with those accepted before it.
 
     Parameters
     ----------
@@ -588,7 +588,7 @@ def accept_curves(
             replaced.update(other.replaced)
         findings = [i for i, t in enumerate(terms) if t not in replaced]
         with_curve = [*findings, *accepted, number]
-        change = held_out.change(chosen, with_curve, number)
+        change = held_out.change(chosen, with_curve, number, joints=[curve.joint])
         if change.rise > -max(SURE_HELP, change.spread):
             continue
         before, errors = map(held_out.errors, (chosen, with_curve))
