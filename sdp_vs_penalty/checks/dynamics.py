@@ -282,7 +282,9 @@ class LoggerJudge:
         # Of a motion of few directions what is left says nothing.
         unexplained = [] if self.is_poor_motion else [*unexplained_torque(log, net)]
         if any(x.kind in (TWO_ARMS, EVENT, *NOT_REPAIRED) for x in differences):
-            unexplained = [f for f in unexplained if f.kind != EVENT]
+            # One arm for all rows leaves what the difference explains.
+            is_left = not verdict.is_well_explained
+            unexplained = [f for f in unexplained if f.kind != EVENT and is_left]
         new = [
             replace(issue, changes=issue.changes or _cuts(report, issue))
             for issue in (*of_log, *size, *unexplained)
@@ -365,7 +367,8 @@ def _kinds_corrected(
     Notes are none: laws of friction are the arm's. Another load or arm stays in the rows.
     """
     repaired = [issue for issue in facts if issue.repair is not None]
-    found = [issue for issue in explanations if issue.kind not in NOT_REPAIRED]
+    apart = (TWO_ARMS, *NOT_REPAIRED)
+    found = [issue for issue in explanations if issue.kind not in apart]
     kinds = [x.kind for x in [*repaired, *found] if x.severity != "note"]
     return tuple(dict.fromkeys(kinds))
 

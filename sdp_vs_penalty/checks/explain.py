@@ -304,7 +304,7 @@ def issue_of_difference(
     rivals = []
     for hypothesis in [rival.hypothesis for rival in claim.rivals]:
         effect = hypothesis.effect
-        if h.kind not in NOT_REPAIRED:
+        if h.kind != "another load":  # other links carry it too
             effect = _RIVALS.get(hypothesis.kind, effect)
         if effect:
             rivals.append(effect)

@@ -147,9 +147,13 @@ class RaceOutcome:
             return False
         moving = self.fit.weights > 0.0
         before, after = (x.shares[moving] for x in (claim.before, claim.fit))
-        is_well_explained = self.fit.shares[moving].max() < c.BADLY
         ratio = float(after.sum() / before.sum())
-        return is_well_explained or ratio <= 0.5
+        return self.is_well_explained or ratio <= 0.5
+
+    @property
+    def is_well_explained(self) -> bool:
+        """Whether little is left of every joint's torque with all that was taken."""
+        return bool(self.fit.shares[self.fit.weights > 0.0].max() < c.BADLY)
 
     def differences(self) -> list[Claim]:
         """List what differs in a part of the log, by more than is usual."""
@@ -409,7 +413,29 @@ class Race:
             odds = float(rows_over_few * (value - few_fit.value) + h.log_prior)
             self.looked_at[key] = odds
             looks.append(_FirstLook(odds, h))
+        for away in of_one_part.NEARER:
+            looks += self._look_nearer(looks, away, fit, few_fit)
         return _best_of_each_key(looks)
+
+    def _look_nearer(
+        self, looks: Sequence[_FirstLook], away: Array, fit: ViewFit, few_fit: ViewFit
+    ) -> list[_FirstLook]:
+        """Look at loads and arms from instants ``away`` from that of the likeliest on, in
+        shares of the rows: what is cut at a wrong instant explains little."""
+        instants = {
+            look.log_odds: part.after
+            for look in looks
+            if (part := look.hypothesis.part) is not None
+            and part.after is not None
+            and part.until is None
+            and look.hypothesis.further is not None
+        }
+        if not instants or not (fit.shares > c.BADLY).any():
+            return []
+        parts = of_one_part.parts_near(self.all, instants[max(instants)], away)
+        n_possible = round(1.0 / float(np.diff(away)[0]))
+        of_parts = of_one_part.in_parts(self.all, fit, parts, n_possible)
+        return self._look_to_first_order(few_fit, [], [*of_parts], _rows_over_few(fit))
 
     def _in_parts(
         self, of_all: Sequence[Hypothesis], fit: ViewFit
@@ -631,6 +657,8 @@ def _is_same(one: Claim, other: Claim) -> bool:
     counts of an encoder may be thousandths of a degree."""
     first, second = one.fit.chain, other.fit.chain
     if one.fit.view.parts != other.fit.view.parts:
+        return False
+    if one.hypothesis.further is not other.hypothesis.further:
         return False
     ratios = np.divide(np.array(first.scale), np.array(second.scale))
     is_near = bool(np.all(np.abs(np.log(np.abs(ratios))) < _NEAR_UNIT))

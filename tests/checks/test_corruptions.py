@@ -80,6 +80,22 @@ def test_clean_runs_are_silent(arm):
 
 
 @pytest.mark.parametrize(
+    ("name", "what"),
+    [
+        ("load picked up 2 kg", "carries a heavier load"),
+        pytest.param("two arms in one file", "of other links", marks=pytest.mark.long),
+    ],
+)
+def test_the_instant_of_a_change_is_found_wherever_it_lies(name, what, arm):
+    (corruption,) = [x for x in arm.corruptions() if x.name == name]
+    run = corruption.spoil(arm.train).window(0.7, 99.0)
+    (report,) = check(arm.problem, run, thorough=False)
+    (issue,) = report.errors_and_warnings
+    assert what in issue.what
+    assert issue.figures["t"] == pytest.approx(MIDDLE[name], abs=0.05)
+
+
+@pytest.mark.parametrize(
     "name",
     [
         pytest.param(

@@ -8,14 +8,21 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import ndtr
 
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.records import Further, Hypothesis, Part
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Instants at which a run may change, in shares of its rows.
 _CUTS = np.arange(3, 14) / 16.0
+#: Distances of instants from the likeliest, in shares of the rows; then of the likeliest
+#: of these.
+#: Standard deviation of a Gaussian low-pass that halves at its cutoff, times the cutoff.
+_SPREAD = 0.187
+NEARER = np.arange(-3, 4) / 64.0, np.arange(-3, 4) / 256.0
 #: Changes that begin within a run.
 _WITHIN_A_RUN = "torque gain", "encoder offset"
 #: Standard deviation beforehand of a load: of its mass as a share of the arm's mass, its centre
@@ -33,15 +40,40 @@ def parts_of(evidence: Evidence) -> list[Part]:
     return [Part(after=float(t[int(share * len(t))])) for share in _CUTS]
 
 
+def parts_near(evidence: Evidence, instant: float, away: Array) -> list[Part]:
+    """List what follows instants ``away`` from one [s], in shares of the rows."""
+    t = evidence.log.data.motion.t
+    rows = np.searchsorted(t, instant) + (away * len(t)).astype(int)
+    return [Part(after=float(t[row])) for row in np.unique(rows)]
+
+
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield a load of each part, and of an arm that leaves much another arm."""
+    parts = parts_of(evidence)
+    yield from in_parts(evidence, fit, parts, len(parts))
+
+
+def _share_of_rows(evidence: Evidence, part: Part) -> Array:
+    """Return how much of each row (M,) is of a part: what begins at an instant begins as
+    slowly in filtered rows as their filter lets it, here a Gaussian's step response."""
+    if part.after is None:
+        return evidence.rows_of(part).astype(float)
+    data = evidence.log.data
+    spread = _SPREAD / data.cutoff
+    return np.asarray(ndtr((data.motion.t - part.after) / spread))
+
+
+def in_parts(
+    evidence: Evidence, fit: ViewFit, parts: Sequence[Part], n_possible: int
+) -> Iterator[Hypothesis]:
+    """Yield a load of each of some parts, and of an arm that leaves much another arm;
+    ``n_possible`` are as likely beforehand."""
     none = evidence.log.as_logged
     load = load_on_last_link(evidence, fit, fit.chain)
     arm = another_arm(evidence, fit) if (fit.shares > c.BADLY).any() else None
-    parts = parts_of(evidence)
-    odds = -c.LOG_ODDS_AGAINST_DIFFERENCE - float(np.log(len(parts)))
+    odds = -c.LOG_ODDS_AGAINST_DIFFERENCE - float(np.log(n_possible))
     for part in parts:
-        at = evidence.rows_of(part)[None, :, None]
+        at = _share_of_rows(evidence, part)[None, :, None]
         if load is not None:
             # Of what follows an instant the load may have been put down.
             is_positive = part.run is not None
