@@ -309,6 +309,16 @@ def test_a_block_has_a_decimal_mark_of_its_own(cell, tmp_path):
     same(read(path)[0], row, atol=2e-5)
 
 
+def test_a_comma_is_decimal_where_it_is_in_another_column(tmp_path):
+    """In one beside points each comma could separate thousands."""
+    large, small = (
+        np.char.replace(np.char.mod("%.3f", x), ".", ",") for x in (Q + 9, Q)
+    )
+    held = {**HELD, "large": np.column_stack([large[:, :2], small[:, 2]])}
+    path = log(tmp_path / "run.csv", "t=t; q=q{}; large=tau{}", mark=";", held=held)
+    np.testing.assert_allclose(read(path)[0].tau, Q + np.array([9, 9, 0]), atol=5e-4)
+
+
 #: What is said beside the motion.
 SAID = """
 t=time; 50q=motor_position_{}; q=joint_position_{}; tau=joint_torque_{} -> (motor_position_1 to

@@ -5,6 +5,7 @@ column holds: numbers, texts, lists, stamps or nothing.
 """
 
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -161,18 +162,25 @@ def _is_any_number(text: str) -> bool:
     return is_number(text) or is_number(text, ",")
 
 
-def _decimal_of(cells: Sequence[str], usual: str = "") -> str:
-    """Return the decimal mark of numbers: that of the cells in which it separates no
-    thousands; without such cells the usual one, else that of more cells."""
-    points = [x for x in cells if "." in x and is_number(x)]
-    commas = [x for x in cells if _COMMA_NUMBER.fullmatch(x)]
-    n_points = sum(not _POINT_GROUPS.fullmatch(x) for x in points)
-    n_commas = sum(not _COMMA_GROUPS.fullmatch(x) for x in commas)
-    if n_points == n_commas:
-        if usual:
-            return usual
-        n_points, n_commas = len(points), len(commas)
-    return "," if n_commas > n_points else "."
+def _decimals_of(columns: Cells) -> list[str]:
+    """Return the decimal mark of each column's numbers: the one that separates no thousands
+    in some of its cells, else, of its marks, in those of another column; without such
+    cells the one that more cells have."""
+    sure, seen = list[Counter[str]](), list[Counter[str]]()
+    for cells in columns:
+        points = [x for x in cells if "." in x and is_number(x)]
+        commas = [x for x in cells if _COMMA_NUMBER.fullmatch(x)]
+        seen.append(Counter({".": len(points), ",": len(commas)}))
+        n_points = sum(not _POINT_GROUPS.fullmatch(x) for x in points)
+        n_commas = sum(not _COMMA_GROUPS.fullmatch(x) for x in commas)
+        sure.append(Counter({".": n_points, ",": n_commas}))
+    known, of_all = sum(sure, Counter()), sum(seen, Counter())
+    marks = list[str]()
+    for n, has in zip(sure, seen, strict=True):
+        if not n.total():
+            n = Counter({x: y for x, y in known.items() if has[x]}) or known or of_all
+        marks.append("," if n[","] > n["."] else ".")
+    return marks
 
 
 def split_cells(line: str, delimiter: str | None) -> list[str]:
@@ -227,7 +235,6 @@ def inspect_table(path: Path) -> TextTable:
         program.delimiter if program else _find_delimiter(lines or comments[-1:])
     )
     cells = [split_cells(line, delimiter) for line in lines]
-    usual = _decimal_of([cell for row in cells[:20] for cell in row])
     # The header, which can stand in the last comment, and the columns.
     comment = split_cells(comments[-1], delimiter) if comments else []
     names, n_head = _find_header(comment, cells, _is_any_number)
@@ -239,7 +246,7 @@ def inspect_table(path: Path) -> TextTable:
     full = [row for row in sample if len(row) == width]
     columns = [[row[k] for row in full if row[k]] for k in range(width)]
     # A program may write one block with decimal commas and another with marks of thousands.
-    decimals = [_decimal_of(column, usual) for column in columns]
+    decimals = _decimals_of(columns)
     numbers = [partial(is_number, decimal=x) for x in decimals]
     kinds = list(map(_kind_of, columns, numbers))
     cell_units = _units_in_cells(sample, kinds, numbers)
