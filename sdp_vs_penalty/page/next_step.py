@@ -354,7 +354,7 @@ def _to_add(
     model = session.current
     worst = model.worst_joint
     text = _in_one_line(diagnosis, texts) or in_brief(more)
-    if len(texts) > 1:
+    if len(set().union(*map(joints_of, texts))) > 1:
         text = f"{text.rstrip('.')}; worst joint {worst}."
     if level == "good":
         text = f"Good already. Still to be won: {text}"

@@ -801,8 +801,11 @@ class Session:
             return str(moved) if path and moved.exists() else path
 
         def effect_of(effect: Any) -> Any:
-            is_text = isinstance(effect, str)
-            return {"sentence": effect, "falls": True} if is_text else effect
+            if not isinstance(effect, str):
+                return effect
+            errors = [float(x) for x in re.findall(r"([\d.]+) %", effect)]
+            falls = len(errors) < 2 or errors[1] < errors[0]
+            return {"sentence": effect, "falls": falls} if effect else {}
 
         steps = [from_json(ModelStep, step) for step in content["steps"]]
         steps = [replace(step, file=here(step.file)) for step in steps]

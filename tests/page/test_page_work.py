@@ -1024,6 +1024,19 @@ def test_a_project_is_there_after_the_server_has_ended(kept, hidden, tmp_path, s
     assert Path(named.current.file).parent == moved
 
 
+def test_a_project_of_an_older_version_knows_which_repair_helps(kept, hidden, tmp_path):
+    """It has what a repair did in words."""
+    s = opened(kept, "two_link", **saved(tmp_path, hidden.runs[:1], "a.csv"))
+    words = "Error on motion left out: 0.512 % as logged, {} % repaired."
+    s.remedies = [{"change": {}, "effect": words.format(0.519)}]
+    s.repairs = [["flip it", words.format(0.3)]]
+    s.save()
+    again = Sessions(Here(), kept.projects).get(s.token)
+    assert not again.remedies[0]["effect"]["falls"]
+    assert again.repairs[0][1] == {"sentence": words.format(0.3), "falls": True}
+    assert again.repairs[0][2]["verb"] == ""
+
+
 def test_a_project_has_a_name_runs_and_verdict_and_is_deleted(kept, hidden, tmp_path):
     s = opened(kept, "two_link", **saved(tmp_path, hidden.runs[:1], "a.csv"))
     s.rename(" arm on the bench ")
