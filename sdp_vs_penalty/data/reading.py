@@ -117,8 +117,13 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
         A channel that is missing, or columns that do not fit together.
     """
     log, run, found = run_and_reading(log, choice)
+    n, first = choice.n_logged, ""
+    if run.n == n + 1 > 1 and not (run.joint_names or choice.is_of_motors):
+        first = _command_of_first_joints(log, found, choice, n)
+        what = f"{run.n} joints, the robot has {n}, and no name tells which"
+        _remark(log, f"{what}: where the last is a gripper's, convert it by `{first}`")
     if found.is_identity:
-        return run
+        return replace(run, unit_command=first)
     sentence, said = sentence_and_command(log, found, choice)
     others = {
         name: columns
@@ -132,13 +137,7 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
     )
     is_asked = ("q" in found.unsaid and not found.is_of_arm) or found.is_possible
     asked = _asking_command(log, found, choice) if is_asked else ""
-    n = choice.n_logged
-    if run.n == n + 1 > 1 and not (run.joint_names or choice.is_of_motors):
-        asked = _command_of_first_joints(log, found, choice, n)
-        what = f"{run.n} joints, the robot has {n}, and no name tells which"
-        how = f"where the last is a gripper's, convert it by `{asked}`"
-        _remark(log, f"{what}: {how}")
-    return replace(run, unit_command=asked)
+    return replace(run, unit_command=first or asked)
 
 
 def _command_of_first_joints(
@@ -486,8 +485,10 @@ def _as_chosen(log: Log, choice: Choice) -> tuple[Log, Recognition]:
         found = recognised_in(log, choice.joints)
         if found is not None:
             return log, with_torque(found, chosen)
-    # A group that is chosen as a whole is not also a column a joint.
+    # A group that is chosen as a whole is not also a column a joint; and one of which its
+    # own columns are chosen has no others.
     taken = {*chosen, *chosen.values()}
+    taken |= {group_of(x) for x, y in chosen.items() if x == y}
     ours = {x: x for x in our_columns(names) if not {x, group_of(x)} & taken}
     rename = ours | chosen
     clock = rename.get("t") or find_clock(log.columns)

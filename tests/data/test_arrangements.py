@@ -668,14 +668,18 @@ def test_columns_are_chosen_by_their_numbers_without_a_header(tmp_path):
     )
 
 
-def test_of_a_joint_more_than_the_robot_has_a_command_takes_the_first(tmp_path):
-    """A gripper that moves and has a torque, in blocks without names."""
+@pytest.mark.parametrize("form", ["blocks", "our names"])
+def test_of_a_joint_more_than_the_robot_has_a_command_takes_the_first(form, tmp_path):
+    """A gripper that moves and has a torque, which no name tells."""
     blocks = {
         x: np.column_stack([y, np.sin(T)])
         for x, y in (("qpos", Q), ("qvel", DQ), ("effort", TAU))
     }
     path = tmp_path / "run.npz"
     np.savez(path, time=T, **blocks)
+    if form == "our names":
+        row = "t=t; q=q{}; ms=q4; tau=tau{}; ms=tau4"
+        path = log(tmp_path / "run.csv", row)
     run, said = read(path)
     assert run.n == 4
     (command,) = re.findall(
