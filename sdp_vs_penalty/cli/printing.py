@@ -367,11 +367,16 @@ def _issue(issue: Issue, files: Files) -> None:
     tries = " (--fix does it)" if issue.can_fix else ""
     if issue.apply and not issue.can_fix:
         tries = f" (--fix with --apply {issue.apply} tries it)"
-    for text in (
+    texts = [
         issue.what,
         f"How sure: {issue.certainty}.",
         f"What to do: {issue.remedy}{tries}.",
-    ):
+    ]
+    for rival in issue.rivals:
+        if rival.apply or rival.gravity:
+            tries = f" (--apply {rival.apply})" if rival.apply else ""
+            texts.append(f"Or, as likely: {rival.remedy}{tries}.")
+    for text in texts:
         say(f"    {text}")
     first = Files(replace(files.check, runs=files.check.runs[:1]), blank="UNIT")
     for change in issue.changes:
