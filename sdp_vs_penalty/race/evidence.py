@@ -292,7 +292,7 @@ class Evidence:
 
         Of each nominal link the mass is known to a half, its centre to a fifteenth of the
         joint's reach, its inertia to that of two fifths of it; of a guess to three times
-        as much.
+        as much, as the centre of a last link.
         """
         data, problem = self.log.data, self.log.problem
         if data.shared is None:
@@ -308,6 +308,7 @@ class Evidence:
         centres = np.zeros_like(spread)
         centres[:, 1:4] = _CENTRE * (mass * reach)[:, None]
         spread[:, 1:4] = 0.5 * np.abs(links[:, 1:4]) + centres[:, 1:4]
+        spread[-1, 1:4] += (_GUESSED - 1.0) * centres[-1, 1:4]  # it may carry a tool
         inertia = mass * (0.4 * reach) ** 2
         spread[:, 4:] = inertia[:, None] + np.abs(links[:, 4:])
         p = len(data.shared.parameters)
