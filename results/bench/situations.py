@@ -520,7 +520,7 @@ def limited_channel(arm: Arm, runs: list[Run]) -> Truth:
 def load_in_one_run(arm: Arm, runs: list[Run]) -> Truth:
     """The second run carries 1.5 kg."""
     runs[1].tau += arm.load(runs[1], 1.5)
-    return Truth("load|payload|another arm|two arms")
+    return Truth("load|payload|another arm|change within the run")
 
 
 @situation

@@ -15,7 +15,7 @@ SAME = (
     "gain|unit|current",
     "gravity|tilt|mount",
     "zero|offset",
-    "load|force|wrench|two arms|disturbance|event",
+    "load|force|wrench|change within the run|disturbance|event",
     "friction",
     "drift|step|warm|constant torque",
     "order|swap|coupl|motor",

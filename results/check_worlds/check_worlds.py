@@ -68,7 +68,7 @@ TRUE_OF = {
     "torque drift": ("drift", "warming", "temperature", "disturbance"),
     "torque step": ("disturbance", "step"),
     "saturation": ("saturation", "disturbance"),
-    "two arms": ("disturbance", "payload"),
+    "change within the run": ("disturbance", "payload"),
     "quantisation": ("encoder", "coarse", "quantis"),
     "low sample rate": ("rate",),
 }

@@ -84,7 +84,7 @@ class Arm:
                     _less(share * weight * mask),
                 )
                 yield Corruption("gravity removed", which, *how)
-        both = ("load step", "two arms")
+        both = ("load step", "change within the run")
         yield Corruption("load picked up", (), "2 kg", both, _less(-late * load))
         # No number makes one arm of the other: where only the weight that changes is seen,
         # that is a step, and both sentences say to cut the run there.

@@ -518,7 +518,7 @@ def drift(arm: Arm, runs: list[Run], j: int, rng: Rng):
     return f"{share:.3g}", "torque drift|torque step", (j,)
 
 
-LOADS = "another load|another arm|two arms"
+LOADS = "another load|another arm|change within the run"
 
 
 @change

@@ -52,7 +52,7 @@ UNSCALED = ("torque channel kind",)
 #: What competes there with whatever acts on several joints.
 OWN_GAINS = "each channel's own drive gain"
 #: What changes within a run.
-TWO_ARMS = "two arms"
+CHANGE = "change within the run"
 #: Of torques that are none of the arm's motors, nothing else is said.
 NO_TORQUE = "external torque"
 
@@ -222,13 +222,13 @@ class LoggerJudge:
                     continue
                 issue = issue_of_span(log, claim, begin, end)
             elif part.after is not None:
-                issue = _two_arms(log, claim, part.after, mass_unit)
+                issue = _change(log, claim, part.after, mass_unit)
             else:
                 issue = issue_of_difference(log, claim, run, mass_unit)
                 if (repair := repair_of(claim)) is not None:
                     undone = undone.followed_by(repair)
             issues.append(graded(issue, verdict, [claim]))
-        if issues and issues[0].kind == TWO_ARMS:
+        if issues and issues[0].kind == CHANGE:
             issues = issues[:1]
         return issues, undone
 
@@ -281,7 +281,7 @@ class LoggerJudge:
                 of_log.append(issue)
         # Of a motion of few directions what is left says nothing.
         unexplained = [] if self.is_poor_motion else [*unexplained_torque(log, net)]
-        if any(x.kind in (TWO_ARMS, EVENT, *NOT_REPAIRED) for x in differences):
+        if any(x.kind in (CHANGE, EVENT, *NOT_REPAIRED) for x in differences):
             # One arm for all rows leaves what the difference explains.
             is_left = not verdict.is_well_explained
             unexplained = [f for f in unexplained if f.kind != EVENT and is_left]
@@ -338,7 +338,7 @@ class LoggerJudge:
                 )
 
 
-def _two_arms(log: Likelihood, claim: Claim, t: float, mass_unit: str) -> Issue:
+def _change(log: Likelihood, claim: Claim, t: float, mass_unit: str) -> Issue:
     """Return the issue that a run ends with another arm than it begins with, from the
     instant t [s] on: a load was picked up, or the file holds the logs of two arms."""
     name = f"the part from t = {t:.4g} s on"
@@ -348,7 +348,7 @@ def _two_arms(log: Likelihood, claim: Claim, t: float, mass_unit: str) -> Issue:
         place = f"{issue.where}, {place}"
     return replace(
         issue,
-        kind=TWO_ARMS,
+        kind=CHANGE,
         where=place,
         remedy="cut the run there and use each part by itself",
         apply="",
@@ -367,7 +367,7 @@ def _kinds_corrected(
     Notes are none: laws of friction are the arm's. Another load or arm stays in the rows.
     """
     repaired = [issue for issue in facts if issue.repair is not None]
-    apart = (TWO_ARMS, *NOT_REPAIRED)
+    apart = (CHANGE, *NOT_REPAIRED)
     found = [issue for issue in explanations if issue.kind not in apart]
     kinds = [x.kind for x in [*repaired, *found] if x.severity != "note"]
     return tuple(dict.fromkeys(kinds))

@@ -422,17 +422,18 @@ class Race:
     ) -> list[_FirstLook]:
         """Look at loads and arms from instants ``away`` from that of the likeliest on, in
         shares of the rows: what is cut at a wrong instant explains little."""
-        instants = {
-            look.log_odds: part.after
+        instants = [
+            (look.log_odds, part.after)
             for look in looks
-            if (part := look.hypothesis.part) is not None
+            if look.hypothesis.further is not None
+            and (part := look.hypothesis.part) is not None
             and part.after is not None
             and part.until is None
-            and look.hypothesis.further is not None
-        }
+        ]
         if not instants or not (fit.shares > c.BADLY).any():
             return []
-        parts = of_one_part.parts_near(self.all, instants[max(instants)], away)
+        _, likeliest = max(instants)
+        parts = of_one_part.parts_near(self.all, likeliest, away)
         n_possible = round(1.0 / float(np.diff(away)[0]))
         of_parts = of_one_part.in_parts(self.all, fit, parts, n_possible)
         return self._look_to_first_order(few_fit, [], [*of_parts], _rows_over_few(fit))
@@ -653,8 +654,8 @@ def _size_of_columns(fit: ViewFit, further: Further, occam: float) -> _FoundSize
 
 
 def _is_same(one: Claim, other: Claim) -> bool:
-    """Whether two claims do the same to the log, but for a tenth of the positions' unit:
-    counts of an encoder may be thousandths of a degree."""
+    """Whether two claims do the same to the log, beside the same further torque, but for a
+    tenth of the positions' unit: counts of an encoder may be thousandths of a degree."""
     first, second = one.fit.chain, other.fit.chain
     if one.fit.view.parts != other.fit.view.parts:
         return False

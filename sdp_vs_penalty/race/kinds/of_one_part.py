@@ -18,10 +18,10 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: Instants at which a run may change, in shares of its rows.
 _CUTS = np.arange(3, 14) / 16.0
-#: Distances of instants from the likeliest, in shares of the rows; then of the likeliest
-#: of these.
 #: Standard deviation of a Gaussian low-pass that halves at its cutoff, times the cutoff.
 _SPREAD = 0.187
+#: Distances of instants from the likeliest, in shares of the rows; then of the likeliest
+#: of these.
 NEARER = np.arange(-3, 4) / 64.0, np.arange(-3, 4) / 256.0
 #: Changes that begin within a run.
 _WITHIN_A_RUN = "torque gain", "encoder offset"
