@@ -37,7 +37,7 @@ def with_signs(chain: LogTransform, kind: str, joints: tuple[int, ...]) -> LogTr
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield other signs: of all torques, of each torque, of positions of an arm that is
     poorly explained, and of sets: of torques where friction drives joints, and of joints
-    of an arm that is badly explained, whose mirror image may stand upside down."""
+    of such an arm, whose mirror image may stand upside down."""
     log, now, n = evidence.log, fit.chain, evidence.log.n
     every = tuple(range(n))
     turned = now.with_multiplied("gain", every, -1.0)
