@@ -641,7 +641,7 @@ class Estimate(Record):
         -------
         mujoco.MjSpec
             Made by :func:`~sdp_vs_penalty.exporters.simulators.to_mjspec`, to be edited
-            further.
+            further. A warning names the effects that it cannot hold.
         """
         return _SIMULATORS("to_mjspec")(self)
 

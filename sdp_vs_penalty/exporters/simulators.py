@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
-from sdp_vs_penalty.errors import InputError, missing_extra
+from sdp_vs_penalty.effects import effect_in_words
+from sdp_vs_penalty.errors import InputError, Remark, missing_extra
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.exporters import mjcf
 from sdp_vs_penalty.exporters.content import Content, Options
-from sdp_vs_penalty.exporters.mjcf import make_mjcf
 
 
 def to_pinocchio(estimate: Estimate) -> Any:
@@ -50,7 +52,8 @@ def to_pinocchio(estimate: Estimate) -> Any:
 
 def to_mjspec(estimate: Estimate) -> Any:
     """Return a model as MuJoCo's MjSpec: links, armature, damping, dry friction,
-    springs, offsets and gears.
+    springs, offsets and gears. A warning names the effects that MuJoCo cannot hold, as
+    ``export`` to .xml does.
 
     Parameters
     ----------
@@ -72,6 +75,8 @@ def to_mjspec(estimate: Estimate) -> Any:
         import mujoco
     except ImportError as error:
         raise missing_extra("An MjSpec needs", "engines") from error
-    content = Content.plausible(estimate, Options())
-    text = make_mjcf(estimate.robot, content).decode()
-    return mujoco.MjSpec.from_string(text)
+    content, lost = mjcf.write(estimate, Options())
+    if lost:
+        names = ", ".join(map(effect_in_words, lost))
+        warnings.warn(f"MuJoCo cannot hold {names}", Remark, stacklevel=3)
+    return mujoco.MjSpec.from_string(content.decode())

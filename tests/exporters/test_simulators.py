@@ -9,6 +9,7 @@ from small_runs import small_model
 
 from sdp_vs_penalty import InputError, export, load_problem
 from sdp_vs_penalty.effects import Motion
+from sdp_vs_penalty.errors import Remark
 from sdp_vs_penalty.exporters.export import friction_at_rest
 
 ARMS = ("two_link", "panda")
@@ -65,6 +66,22 @@ def test_mujoco_makes_the_whole_torque(name, tmp_path):
     made = by_mujoco(tmp_path / "robot.xml", robot, q, dq, ddq)
     expected = estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq))
     assert_allclose(made, expected, rtol=0.0, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("effects", "lost"),
+    [
+        (f"{FULL},torque_offset", ""),
+        (f"{FULL},load_dependent_friction:2", "load dependent friction on joint 2"),
+        (f"{FULL},torque_gain", "torque gain"),
+    ],
+)
+@pytest.mark.filterwarnings("always::sdp_vs_penalty.errors.Remark")
+def test_what_mujoco_cannot_hold_is_named(effects, lost, recwarn):
+    pytest.importorskip("mujoco")
+    estimate_of(load_problem("two_link").robot, effects, 3).to_mjspec()
+    said = [str(w.message) for w in recwarn if issubclass(w.category, Remark)]
+    assert said == ([f"MuJoCo cannot hold {lost}"] if lost else [])
 
 
 def test_a_model_without_links_is_no_pinocchio_model():
