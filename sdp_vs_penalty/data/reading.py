@@ -771,6 +771,12 @@ def _in_si(
     if found.order is not None and len(t):
         blocks = {group: x[:, found.order] for group, x in blocks.items()}
     found, blocks = _with_open_units(found, blocks)
+    if found.zeros:
+        from sdp_vs_penalty.data.hypotheses.weighing import is_in_one_unit
+
+        follow = [x for x in ("qcmd",) if x in blocks]
+        follow = [x for x in follow if is_in_one_unit(blocks["q"], blocks[x])]
+        blocks |= {x: blocks[x] - found.zeros for x in ("q", *follow)}
     if not choice.as_written:
         found = _with_unit_of_clock(found, t, blocks, choice.rate)
     if len(t) > 1 and "tau" in blocks:

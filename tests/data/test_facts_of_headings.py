@@ -8,6 +8,7 @@ from recorded import refusal
 
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.hypotheses.recognition import recognise
+from sdp_vs_penalty.data.hypotheses.renaming import choosing_words
 from sdp_vs_penalty.data.log import log_of_arrays
 from sdp_vs_penalty.data.reading import Choice, run_of
 from sdp_vs_penalty.data.words.names import facts_of_heading
@@ -21,6 +22,10 @@ FACTS = [
     ("Kt 110 mNm/A, gear ratio 101", {"constant": [0.11] * 2, "ratio": [101.0] * 2}),
     ("# gear_ratios = [101:1, 120:1]", {"ratio": [101.0, 120.0]}),
     ("# gear ratio 1:100", {"ratio": [100.0, 100.0]}),
+    ("encoder: 4096 counts per revolution, zero at 2048", {"zero": [2048.0] * 2}),
+    ("% Offset [counts] = 2048; 2100 (4096 ticks/rev)", {"zero": [2048.0, 2100.0]}),
+    ("# home position: 2048 counts", {"zero": [2048.0] * 2}),
+    ("# mid position of all joints is 2048", {"zero": [2048.0] * 2}),
     ("# max torque [Nm]: 60, 110", {}),
     ("# gear ratios: 101, 120, 101", {}),
     ("# gear ratios: see sheet 3 of 7", {}),
@@ -39,6 +44,8 @@ USED = [
     ("q_{}", "torque_{} [% of 50 Nm]", [], {"tau1": 0.5, "tau2": 0.5}),
     ("q_{}", "torque_{} (‰ of 2 mNm)", [], {"tau1": 2e-6, "tau2": 2e-6}),
     ("q_{}", "torque_{} [%]", [RATED], {"tau1": 0.6, "tau2": 0.3}),
+    ("q_{}", "torque_{}", [RATED, "# torque [‰]"], {"tau1": 0.06, "tau2": 0.03}),
+    ("q_{}", "torque_{} [mN]", [], {"tau1": 1e-3, "tau2": 1e-3}),
     ("q_{}", "torque_{} [%]", [RATIO], {}),
     ("q_{}", "torque_{} [Nm]", [RATED, RATIO], {}),
     ("q_{}", "current_{}", [KT], {"tau1": 2.0, "tau2": 3.0}),
@@ -197,9 +204,24 @@ def test_other_columns_without_torque_are_refused(n_joints, tmp_path):
     refusal(lambda: run_of(log, Choice(joints)), "different numbers of joints")
 
 
-def test_the_size_of_counts_stands_above_the_table():
-    line = "# encoder: 4096 counts per joint revolution"
+@pytest.mark.parametrize(
+    ("zero", "words"),
+    [
+        ("", "q=0.00153398078789"),
+        (", zero at 2048", "q=0.00153398078789@2048"),
+        (", offsets 5, 7", "q=0.00153398078789@5:0.00153398078789@7"),
+    ],
+)
+def test_size_and_zero_of_counts_stand_above_the_table(zero, words, tmp_path):
+    line = f"# encoder: 4096 counts per joint revolution{zero}"
     names = ["t", "enc_counts_1", "enc_counts_2", "torque_1_Nm", "torque_2_Nm"]
     found = recognise(names, heading=[line])
     assert found.scale == dict.fromkeys(("q1", "q2"), pytest.approx(np.pi / 2048.0))
     assert not any("whose size" in x for x in found.said)
+    assert choosing_words(found, names)[-1] == words
+    rows = [f"{k / 100},{3000 + k},{2000 - k},{k},1" for k in range(9)]
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join([line, ",".join(names), *rows]))
+    run = load_measurements(path)
+    at = [float(x.partition("@")[2] or 0.0) for x in words.split(":")]
+    assert run.q[0] * 2048.0 / np.pi == pytest.approx([3000 - at[0], 2000 - at[-1]])

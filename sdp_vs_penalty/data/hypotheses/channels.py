@@ -29,6 +29,8 @@ class Recognition:
     rename: dict[str, str]
     #: Factors to SI by our names, where they are not 1.
     scale: dict[str, float] = field(default_factory=dict)
+    #: Readings of encoders at zero, in the file's unit, of each joint's position.
+    zeros: tuple[float, ...] = ()
     #: The program that writes such files, or how the columns were recognised, in words.
     logger: str = BY_WORDS
     #: Unit of channel groups, with the reason.
@@ -122,6 +124,7 @@ class Recognition:
             units=units,
             inferred=inferred,
             unsaid=self.unsaid - {group},
+            zeros=() if group == "q" else self.zeros,
         )
 
     def factors(self, group: str, n: int) -> list[float]:

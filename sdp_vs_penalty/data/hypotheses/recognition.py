@@ -512,8 +512,15 @@ _AT_JOINTS = re.compile(r"(?i)\b(incl\w*|with|output|joint|gelenk|abtrieb)")
 def with_facts(
     found: Recognition, facts: Mapping[str, tuple[list[float], str]], n: int
 ) -> Recognition:
-    """Bring shares of rated torques, currents, and what n motors do behind gears, to joints
-    by the numbers that the lines above the table say (:func:`facts_of_heading`)."""
+    """Bring shares of rated torques, currents, what n motors do behind gears, and counts of
+    encoders, to joints by the numbers that the lines above the table say
+    (:func:`facts_of_heading`)."""
+    unit = found.units.get("q")
+    if "zero" in facts and unit is not None and SHARES.get(unit.answer) == 0.0:
+        numbers, line = facts["zero"]
+        found = replace(
+            found, zeros=tuple(numbers), said=(_said_above("q", [line]), *found.said)
+        )
     names = {x: " ".join(y.values()) for x, y in by_group(found.rename).items()}
     are_of_motors = {x for x, text in names.items() if "motor" in text.lower()}
     lines, factors = list[str](), dict[str, NDArray[Any]]()
@@ -538,10 +545,15 @@ def with_facts(
     if not factors:
         return found
     begins = tuple(f"{x} {y}" for x in factors for y in ("is ", "are the motors'"))
-    text = formatting.words([repr(x.strip("#/% ")[:80]) for x in lines])
-    said = f"{formatting.words([*factors])} of the joints in SI, as the lines above say: {text}"
+    said = _said_above(formatting.words([*factors]), lines)
     kept = [x for x in found.said if not x.startswith(begins)]
     return replace(found, said=(said, *kept), torque_unit="")
+
+
+def _said_above(groups: str, lines: Sequence[str]) -> str:
+    """Say which groups are in SI by which lines above the table."""
+    text = formatting.words([repr(x.strip("#/% ")[:80]) for x in lines])
+    return f"{groups} of the joints in SI, as the lines above say: {text}"
 
 
 def _joined(units: Mapping[str, tuple[str, float]]) -> tuple[str, dict[str, float]]:

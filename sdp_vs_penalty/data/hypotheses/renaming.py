@@ -5,6 +5,7 @@ import fnmatch
 import re
 import warnings
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from types import MappingProxyType
 from typing import Any
 
@@ -68,24 +69,33 @@ def _writable(name: str, names: Sequence[str]) -> str:
 
 
 def scale_words(
-    scale: Mapping[str, float], rename: Mapping[str, str], said: Mapping[str, str]
+    scale: Mapping[str, float],
+    rename: Mapping[str, str],
+    said: Mapping[str, str],
+    zeros: Sequence[float] = (),
 ) -> str:
     """Format factors to SI, by our names, as the value of ``--scale``:
     "q=deg,tau1=0.5".
 
     A factor that is a unit is written by its name, as ``said`` of its group, "deg and
     mm". A group is written once if all of its columns, which ``rename`` lists, have one
-    factor.
+    factor and, of ``zeros``, the joints' readings at zero, one.
     """
     words = list[str]()
     n_columns = {group: len(pairs) for group, pairs in by_group(rename).items()}
     for group, factors in by_group(scale).items():
-        if len({*factors.values()}) == 1 and n_columns.get(group, 0) == len(factors):
-            factors = {group: next(iter(factors.values()))}
-        words += [
-            f"{ours}={unit_of_factor(factor, group, said.get(group, '')) or f'{factor:.12g}'}"
+        texts = {
+            ours: unit_of_factor(factor, group, said.get(group, "")) or f"{factor:.12g}"
             for ours, factor in factors.items()
-        ]
+        }
+        if group == "q" and zeros and len(texts) in (1, len(zeros)):
+            pairs = zip(cycle(texts.values()), zeros)
+            at_zero = [f"{text}@{zero:g}" for text, zero in pairs]
+            joined = at_zero[0] if len({*at_zero}) == 1 else ":".join(at_zero)
+            texts = {"q": joined}
+        elif len({*texts.values()}) == 1 and n_columns.get(group, 0) == len(texts):
+            texts = {group: next(iter(texts.values()))}
+        words += [f"{ours}={text}" for ours, text in texts.items()]
     return ",".join(words)
 
 
@@ -99,7 +109,7 @@ def choosing_words(
     (factors that are ``given`` go before those that were found), --joints and --rate."""
     said = {group: x.answer for group, x in found.units.items()}
     scale = {x: y for x, y in found.scale.items() if x not in given}
-    factors = [scale_words(scale, found.rename, said)] if scale else []
+    factors = [scale_words(scale, found.rename, said, found.zeros)] if scale else []
     factors += [f"{name}={factor}" for name, factor in given.items()]
     options = {
         "--rename": rename_words(found.rename, names),

@@ -158,7 +158,11 @@ def units_of_heading(lines: Sequence[str]) -> dict[str, tuple[str, float]]:
     for line in lines:
         if match := _COUNTS_A_TURN.search(line):
             found["q"] = match[2], 2.0 * np.pi / int(match[1])
-        for word, text in _IN_UNIT.findall(line):
+        of_facts = [x.end() for x in _facts().finditer(line)]
+        for match in _IN_UNIT.finditer(line):
+            word, text = match.groups()
+            if match.end(1) in of_facts:  # "rated torque [Nm]" is no unit of a channel
+                continue
             quantity = _quantity(split_tokens(word)) or ""
             if unit := unit_of(text, quantity):
                 found.setdefault(quantity, unit)
@@ -180,13 +184,16 @@ def facts_of_heading(
     lines: Sequence[str], n: int
 ) -> dict[str, tuple[list[float], str]]:
     """Read numbers of n joints, or one of all, off the lines above a table, each with its
-    line: "rated" torques [N m], torque "constant"s [N m/A] and gears' "ratio"s, as in
-    "torque constants [Nm/A]: 0.12, 0.11" or "gear ratios = [101:1, 120:1]"."""
+    line: "rated" torques [N m], torque "constant"s [N m/A], gears' "ratio"s and encoders'
+    counts at "zero", as in "torque constants [Nm/A]: 0.12, 0.11", "gear ratios = [101:1,
+    120:1]" or "encoder: 4096 counts per revolution, zero at 2048"."""
     found = dict[str, tuple[list[float], str]]()
     for line in lines:
-        marks = [*_facts().finditer(line)]
+        line_of_facts = _COUNTS_A_TURN.sub(" ", line)
+        marks = [*_facts().finditer(line_of_facts)]
         for mark, behind in zip_longest(marks, marks[1:]):
-            text = line[mark.end() : behind.start() if behind else None]
+            end = behind.start() if behind else None
+            text = line_of_facts[mark.end() : end]
             if ";" in text:  # the commas are decimal
                 text = re.sub(r"(?<=\d),(?=\d)", ".", text)
             units = (unit_of(x, "tau") for x in re.findall(r"[^\W\d_]+", text))
@@ -225,7 +232,7 @@ def _facts() -> re.Pattern[str]:
 _IN_UNIT = re.compile(r"(\w+)(?:\s+in\s+|\s*[\[(])([^\s,;\])]+)")
 _COUNTS_A_TURN = re.compile(
     r"(?i)\b([0-9]{3,9})\s*(inc|increments|counts|ticks|pulses?|qc)"
-    r"\s*(?:/|per|a)\s*(?:joint\s+)?(?:turn|rev)"
+    r"\s*(?:/|per|a)\s*(?:joint\s+)?(?:turn|rev)\w*"
 )
 _LIST_OF_UNITS = re.compile(r"(?i)\b(?:units?|einheiten|unités|unidades)\s*[:=]\s*(.+)")
 
