@@ -1235,16 +1235,20 @@ class Session:
         """Give each run a use, so that some data are for training and, if possible,
         some for testing.
 
-        A single run is split into both if it is long enough. If all runs are new
-        (``new``) and their names make all of them for one use, the first is for training
-        and the last for testing: an error is one of unseen motion where there is any.
+        A single run is split into both if it is long enough. Of several that are all new
+        (``new``) the last is for testing, as `check` advises, unless no other is for
+        training; where their names make all of them for testing, the first is for training.
         """
         if len(self.runs) == 1:
             self.runs[0]["use"] = "split" if self.runs[0]["split"] else "train"
             return
-        has_only_new = bool(new) and len(new) == len(self.runs)
-        if has_only_new and len({run["use"] for run in new}) == 1:
+        if not new or len(new) < len(self.runs):
+            return
+        uses = [run["use"] for run in new]
+        if len({*uses}) == 1:
             new[0]["use"], new[-1]["use"] = "train", "test"
+        elif uses[-1] == "train" and "train" in uses[:-1]:
+            new[-1]["use"] = "test"
 
     async def use(self, file: str, use: str) -> None:
         """Use a run for "train", "test" or "split", or remove it ("").

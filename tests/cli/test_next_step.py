@@ -15,6 +15,7 @@ from sdp_vs_penalty.cli.main import import_verb
 from sdp_vs_penalty.cli.next_step import free_name, say_what_follows
 from sdp_vs_penalty.cli.options import Parser
 from sdp_vs_penalty.cli.runs import NamedRuns
+from sdp_vs_penalty.cli.verbs.check import _say_identify
 from sdp_vs_penalty.data import save
 
 
@@ -44,7 +45,6 @@ def folder(two_link, tmp_path_factory):
     seconds = {"run 1.csv": 10.0, "-run2.csv": 10.0, "new.csv": 2.5}
     for k, name in enumerate(seconds):
         save(small_run(two_link, seconds=seconds[name], seed=k), home / name)
-    (home / "copy of run 1.csv").write_bytes((home / "run 1.csv").read_bytes())
     runs = sdp.load_measurements(home / "run 1.csv", home / "-run2.csv")
     sdp.identify(two_link, runs, "ols").save(home / "model.json")
     return home
@@ -61,33 +61,46 @@ TRAIN = "--data 'run 1.csv' ./-run2.csv"
 
 
 @pytest.mark.parametrize(
-    ("recorded", "given", "options"),
+    ("recorded", "options"),
     [
-        # Judged on what is new, by whatever name it comes.
-        (RECORDED, ["new.csv"], f"{TRAIN} --test new.csv"),
-        (RECORDED, ["run 1.csv"], TRAIN),
-        (RECORDED, ["./run 1.csv"], TRAIN),
-        (RECORDED, ["copy of run 1.csv"], TRAIN),
-        (RECORDED, ["run 1.csv", "new.csv"], f"{TRAIN} --test new.csv"),
+        # The run that judged stays unseen.
+        (RECORDED, TRAIN),
         # Runs that are not there, and what is no run, are not named.
-        (["gone.csv"], ["new.csv"], "--data new.csv"),
-        ([], ["new.csv"], "--data new.csv"),
-        (["run 1.csv", "--json", "victim.json"], ["new.csv"], "--data new.csv"),
-        (["--json"], ["new.csv"], "--data new.csv"),
-        (["run 1.csv", "--window", "--json"], ["new.csv"], "--data new.csv"),
-        (["new.csv", "--window", "0:5"], ["new.csv"], "--data new.csv --window 0:5"),
+        (["gone.csv"], "--data new.csv"),
+        ([], "--data new.csv"),
+        (["run 1.csv", "--json", "victim.json"], "--data new.csv"),
+        (["--json"], "--data new.csv"),
+        (["run 1.csv", "--window", "--json"], "--data new.csv"),
+        (["run 1.csv", "--window", "0:5"], "--data 'run 1.csv' --window 0:5"),
     ],
 )
-def test_a_diagnosis_is_of_runs_that_exist(recorded, given, options, inside, capsys):
+def test_a_diagnosis_is_of_runs_that_exist(recorded, options, inside, capsys):
     estimate = sdp.load_estimate("model.json")
     estimate.provenance["data"] = recorded
-    runs = sdp.load_measurements(*given)
-    paths = [Path(name) for name in given]
-    say_what_follows(
-        Path("model.json"), estimate, None, NamedRuns(paths), measurements=runs
-    )
+    say_what_follows("model.json", estimate, None, NamedRuns([Path("new.csv")]))
+    printed = capsys.readouterr().out
     expected = f"diagnose model.json {options} --json findings.json"
-    assert next_words(capsys.readouterr().out) == shlex.split(expected)
+    assert next_words(printed) == shlex.split(expected)
+    assert ("unseen no longer" in printed) == ("new.csv" in options)
+
+
+@pytest.mark.parametrize(
+    ("given", "train", "kept"),
+    [
+        ("run1 run2 test new", "run1 run2", "test.csv and new.csv"),
+        ("run1 run2 test", "run1 run2", "test.csv"),
+        ("run1 run2", "run1", "run2.csv"),
+        ("test run1", "run1", "test.csv"),
+        ("run1", "run1", ""),
+        ("test", "test", ""),
+    ],
+)
+def test_the_last_of_several_runs_is_kept_to_judge(given, train, kept, capsys):
+    given, train = ([Path(f"{x}.csv") for x in y.split()] for y in (given, train))
+    _say_identify(given, "two_link", [])
+    printed = capsys.readouterr().out
+    assert next_words(printed)[3:-2] == [*map(str, train)]
+    assert re.findall("judge the model: (.*)[.]", printed) == [kept] * bool(kept)
 
 
 def test_nothing_is_diagnosed_where_nothing_is_missing(inside, capsys):

@@ -926,11 +926,23 @@ def test_a_question_that_is_cut_ends_as_one(wide):
     assert step.text.endswith("is the torque?")
 
 
-def test_of_several_runs_the_last_is_kept_for_testing(here, hidden, tmp_path):
+@pytest.mark.parametrize(
+    ("names", "uses"),
+    [
+        ("a b c", ["train", "train", "test"]),
+        ("a test new", ["train", "test", "test"]),
+        ("test a b", ["test", "train", "test"]),
+        ("test a", ["test", "train"]),
+    ],
+)
+def test_of_several_runs_the_last_is_kept_for_testing(
+    names, uses, here, hidden, tmp_path
+):
     """So that the errors that are shown are of motion that no model has seen."""
-    files = saved(tmp_path, hidden.runs[:3], "a.csv", "b.csv", "c.csv")
+    files = saved(tmp_path, hidden.runs[:3], *(f"{x}.csv" for x in names.split()))
     s = opened(here, "two_link", **files)
-    assert [run["use"] for run in s.runs] == ["train", "train", "test"]
+    in_order = {run["name"]: run["use"] for run in s.runs}
+    assert [in_order[f"{x}.csv"] for x in names.split()] == uses
 
 
 @pytest.mark.parametrize("button", ["next", "read-mapped-0"])

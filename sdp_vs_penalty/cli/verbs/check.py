@@ -192,12 +192,16 @@ def _refuse_unrepaired(reports: Sequence[Report], fix: Path) -> None:
 
 
 def _say_identify(files: Sequence[Path], problem: str, options: Sequence[str]) -> None:
-    """Print the command that identifies from all runs except those for testing."""
+    """Print the command that identifies from all runs except those for testing, and the
+    last of several: a model is judged by what it has not seen."""
     from sdp_vs_penalty.cli.next_step import free_name
     from sdp_vs_penalty.cli.runs import NamedRuns
     from sdp_vs_penalty.data.files import for_testing
 
-    train = [path for path in files if not for_testing(path)] or files
+    named = [path for path in files if not for_testing(path)] or files
+    train = [path for path in named if path != files[-1]] or named
+    if kept := [path.name for path in files if path not in train]:
+        console.say(f"Kept unseen, to judge the model: {formatting.words(kept)}.")
     words = ["--data", *NamedRuns(train).words, *options]
     words += ["--out", str(free_name("model.json"))]
     console.next_step(["identify", problem, *words])

@@ -62,7 +62,6 @@ def verb(
         },
     )
     verdict = results[-1].verdict
-    whole = runs_given.judged_recordings
     if estimate.method == NOMINAL:
         return
-    say_what_follows(newest, estimate, verdict, named, gravity, whole)
+    say_what_follows(newest, estimate, verdict, named, gravity)
