@@ -444,8 +444,8 @@ def check_again(job: JobRequest) -> Answer:
 
 def motion(job: JobRequest) -> Answer:
     """Write the motion that a remedy asks to record, or the one that tells the effects of
-    ``job["separate"]`` apart: within the robot's limits, and no faster than the fastest
-    joint in the runs.
+    ``job["separate"]`` apart: where the runs have been, and no faster than the fastest
+    joint in them.
 
     Returns {"file": its name, in the session's folder; "words": its length and speed, and
     what to do with it}.
@@ -454,7 +454,14 @@ def motion(job: JobRequest) -> Answer:
     name = "trajectory.csv"
     trajectory: FourierTrajectory | PointTrajectory
     how: dict[str, Any] = {"progress": job.progress}
-    how["limits"] = _limits_of_motion(job)
+    how["limits"] = limits = _limits_of_motion(job)
+    of_robot = Limits.from_robot(job.problem.robot)
+    is_free = (limits.lower == of_robot.lower) & (limits.upper == of_robot.upper)
+    free = [j + 1 for j in np.flatnonzero(is_free).tolist()]
+    where = "the limits of the robot's file"
+    if not is_free.all():
+        theirs = f" ({formatting.joints(free)}: the robot's file)" if free else ""
+        where = f"the positions of each joint in the runs{theirs}"
     if job["separate"]:
         trajectory = separate(job.model, ",".join(job["separate"]), **how).trajectory
     else:
@@ -469,23 +476,37 @@ def motion(job: JobRequest) -> Answer:
         "file": name,
         "words": (
             f"{name} is in your downloads: {trajectory.duration:.3g} s of t, q, dq and ddq"
-            f" within the limits of the robot's file, at most {formatting.number(speeds[fastest])}"
-            f" {unit} (joint {fastest + 1}). It begins at q = {begin}. The limits know"
-            " neither table nor cables: look at it in a simulator and keep its space free;"
+            f" within {where}, at most {formatting.number(speeds[fastest])}"
+            f" {unit} (joint {fastest + 1}). It begins at q = {begin}. All joints together"
+            " may be where no run has been, and nothing here knows"
+            " table or cables: look at it in a simulator and keep its space free;"
             " then run it, and bring the log under Measure."
         ),
     }
 
 
+#: Share of its range that a joint moves over in runs that bound where it may be.
+_MOVED = 0.02
+
+
 def _limits_of_motion(job: JobRequest) -> Limits:
-    """Return the robot's limits, with the speed of a joint at most that of the fastest one
-    of its kind in the runs; of joints none of which moves there the robot's."""
+    """Return the positions of each joint in the runs, and the speed of the fastest one of its
+    kind there; of joints that hardly move there the robot's limits."""
     robot = job.problem.robot
     limits = Limits.from_robot(robot)
-    views = [np.load(job.folder / run["view"])["dq"] for run in job["runs"]]
+    views = [np.load(job.folder / run["view"]) for run in job["runs"]]
     if not views:
         return limits
-    logged = np.nanquantile(np.abs(np.vstack(views)), 0.995, axis=0)
+    q = np.vstack([view["q"] for view in views])
+    low = np.maximum(np.nanmin(q, axis=0), limits.lower)
+    high = np.minimum(np.nanmax(q, axis=0), limits.upper)
+    has_moved = high - low > _MOVED * (limits.upper - limits.lower)
+    limits = replace(
+        limits,
+        lower=np.where(has_moved, low, limits.lower),
+        upper=np.where(has_moved, high, limits.upper),
+    )
+    logged = np.nanquantile(np.abs(np.vstack([x["dq"] for x in views])), 0.995, axis=0)
     units = np.array(robot.torque_units)
     fastest = np.array([logged[units == unit].max() for unit in units])
     velocity = np.minimum(limits.velocity, np.where(fastest > 0.0, fastest, np.inf))

@@ -965,7 +965,7 @@ def test_columns_that_cannot_be_read_say_why_beside_the_button(wide, button):
     assert said.partition(": ")[2] in wide.text("runs")
 
 
-def test_a_motion_is_no_faster_than_the_runs(here, hidden, tmp_path):
+def test_a_motion_goes_where_the_runs_have_been_and_no_faster(here, hidden, tmp_path):
     s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:1], "a.csv"))
     robot = load_problem("two_link").robot
     allowed = joint_limits(robot)[2]
@@ -973,6 +973,8 @@ def test_a_motion_is_no_faster_than_the_runs(here, hidden, tmp_path):
     logged = np.abs(np.gradient(run.q, run.t, axis=0)).max()
     limits = jobs._limits_of_motion(jobs.JobRequest(s._request("motion")))
     assert (limits.velocity <= np.minimum(allowed, logged)).all()
+    assert (limits.lower >= run.q.min(axis=0)).all()
+    assert (limits.upper <= run.q.max(axis=0)).all()
     s.runs = []
     job = jobs.JobRequest(s._request("motion"))
     assert np.array_equal(jobs._limits_of_motion(job).velocity, allowed)
