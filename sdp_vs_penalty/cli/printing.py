@@ -200,12 +200,16 @@ def comparison(
         console.table(tables.model_table(rows))
 
 
-def where_it_fails(failures: Failures, judged: Comparison) -> None:
-    """Print where a model's error is large, and what it depends on there."""
+def where_it_fails(
+    failures: Failures, judged: Comparison, is_last: bool = False
+) -> None:
+    """Print where a model's error is large, and what it depends on there; ``is_last``: as
+    the last of several."""
     from sdp_vs_penalty.render.words import describe_failures
 
     shares = "shares of the error on data left out; causes overlap"
-    say(f"Where {judged.name} fails ({shares})", style="italic")
+    model = f"{judged.name}, the last of these models," if is_last else judged.name
+    say(f"Where {model} fails ({shares})", style="italic")
     for line in describe_failures(failures, judged.errors.exceeds_noise):
         paragraph(line)
 

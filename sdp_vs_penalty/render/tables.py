@@ -92,7 +92,8 @@ def joint_table(
         columns += texts
         if k == 0 and len(models) > 1:  # the first fact is the error
             first, *_ = of_models.values()
-            heads.append("change")
+            begin, *between, end = models
+            heads.append(f"change {begin} to {end}" if between else "change")
             columns.append([*map(change_of, first.value, fact.value)])
     rows = [list(row) for row in zip(*columns, strict=True)]
     return Table(heads, rows, title=title, style="numbers history")

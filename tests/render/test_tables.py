@@ -56,6 +56,11 @@ def test_errors_of_two_models_stand_side_by_side_and_what_is_unknown_is_a_dash()
     assert table.rows[0] == ["1 [N]", "1", "0.5", "-50 %", "0.1", "-"]
 
 
+def test_the_change_of_several_models_says_which_two():
+    facts = {"a": BEFORE.facts(), "b": BEFORE.facts(), "c": AFTER.facts()}
+    assert joint_table(facts, ["N", "N"]).headings[4] == "change a to c"
+
+
 def test_what_is_the_same_of_two_models_stands_once():
     table = joint_table({"a": BEFORE.facts(), "b": BEFORE.facts()}, ["N", "N"])
     assert list(table.headings)[-1] == "noise floor"

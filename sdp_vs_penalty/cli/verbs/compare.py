@@ -40,7 +40,7 @@ def verb(
     printing.verdicts(results)
     units = estimate.torque_units
     printing.comparison(results, units)
-    printing.where_it_fails(failures, results[-1])
+    printing.where_it_fails(failures, results[-1], is_last=len(results) > 1)
     if verbose:
         printing.all_figures(failures, results[-1])
     # Runs without torque measured the motion only: under the loop of each model's servos.
