@@ -50,7 +50,7 @@ def _as_numbers(name: str, value: Any) -> Array:
 #: Fields of measurements that are a number or n numbers a sample.
 _CHANNELS = ("t", "q", "tau", "dq", "temperature")
 #: Those, and what counts a sample.
-_PER_SAMPLE = (*_CHANNELS, "run", "file_rows")
+_PER_SAMPLE = (*_CHANNELS, "run", "file_rows", "episode")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -95,6 +95,9 @@ class Measurements(Shown):
         Unit of q that the arm's torques have told, "" where they have told none.
     file_rows : (N,) array of int, optional
         Number in its file of each sample's row; default: sample k, from 0, is row k + 2.
+    episode : (N,) array of int, optional
+        Number of each sample's recording among those of its file that the reader put one
+        after the other: where it changes, the step of t is no fact of the file.
     """
 
     t: Array
@@ -112,6 +115,7 @@ class Measurements(Shown):
     unit_command: str = ""
     unit_by_arm: str = ""
     file_rows: NDArray[np.int64] | None = None
+    episode: NDArray[np.int64] | None = None
     #: Recordings that these samples are windows of; none: they are a whole recording. A
     #: changed copy (``dataclasses.replace``) is a recording of its own.
     _cut_from: tuple[Measurements, ...] = field(
@@ -129,8 +133,10 @@ class Measurements(Shown):
             blocks = {name: _as_numbers(name, x) for name, x in self.commanded.items()}
             object.__setattr__(self, "commanded", blocks)
         self._check_shapes()
-        if self.file_rows is not None and len(self.file_rows) != len(self.t):
-            object.__setattr__(self, "file_rows", None)  # of other samples
+        for name in ("file_rows", "episode"):
+            of_samples = getattr(self, name)
+            if of_samples is not None and len(of_samples) != len(self.t):
+                object.__setattr__(self, name, None)  # of other samples
         self._leave_out_masked_rows()
 
     def _leave_out_masked_rows(self) -> None:
@@ -218,6 +224,7 @@ class Measurements(Shown):
             unit_command=self.unit_command,
             unit_by_arm=self.unit_by_arm,
             file_rows=self.file_rows,
+            episode=self.episode,
         )
 
     def rows_of_file(self, places: Any) -> NDArray[np.int64]:
@@ -505,6 +512,12 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
         rows = concatenate_chunks(
             run.rows_of_file(np.arange(len(run.t))) for run in runs
         )
+    episode = None
+    if any(run.episode is not None for run in runs):
+        episode = concatenate_chunks(
+            np.zeros(len(run.t), np.int64) if run.episode is None else run.episode
+            for run in runs
+        )
     together = Measurements.from_channels(
         concatenate_chunks(run.t for run in runs),
         groups,
@@ -515,7 +528,11 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
     sentences = dict.fromkeys(run.reading for run in runs if run.reading)
     asked = next((run.unit_command for run in runs if run.unit_command), "")
     together = replace(
-        together, file_rows=rows, reading=" ".join(sentences), unit_command=asked
+        together,
+        file_rows=rows,
+        episode=episode,
+        reading=" ".join(sentences),
+        unit_command=asked,
     )
     if not any(part._cut_from for part in several):
         return together

@@ -802,6 +802,7 @@ def _in_si(
 
         blocks, told = in_one_unit(t, blocks, own)
         found = replace(found, said=(*found.said, *told))
+    episode = None
     if found.episode and len(t) > 1:
         steps = np.diff(t)
         begins = steps <= 0.0 if has_clock else np.diff(columns[found.episode]) != 0.0
@@ -810,9 +811,10 @@ def _in_si(
             n_episodes = formatting.count(int(np.sum(apart > 0)) + 1, "episode")
             _remark(log, f"{n_episodes} one after the other, a second apart")
             t = t + np.cumsum(np.append(0.0, apart))
+            episode = np.cumsum(np.append(0, begins))
     name = log.run_name or log.path.name
     run = Measurements.from_channels(t, blocks, (name,), None, found.torque_unit)
-    run = replace(run, joint_names=found.joints)
+    run = replace(run, joint_names=found.joints, episode=episode)
     return _without_others(log, run, choice), found
 
 

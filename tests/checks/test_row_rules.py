@@ -527,3 +527,13 @@ def test_what_is_wrong_with_rows_is_told(name):
         clean = SMOOTH if "last" in name else DERIVED
         np.testing.assert_allclose(issue.repair(run).t, clean.t)
         np.testing.assert_array_equal(issue.repair(run).tau, clean.tau)
+
+
+def test_a_step_that_the_reader_made_is_no_fact_of_the_file():
+    run = motion(periods=2)
+    half = len(run.t) // 2
+    number = (np.arange(len(run.t)) >= half).astype(int)
+    apart = replace(run, t=run.t + number)
+    assert found("clock step", apart)
+    assert not found("clock step", replace(apart, episode=number))
+    assert not found("gap in time", replace(apart, episode=number))

@@ -10,6 +10,7 @@ from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.hypotheses.recognition import recognise
 from sdp_vs_penalty.data.hypotheses.renaming import choosing_words
 from sdp_vs_penalty.data.log import log_of_arrays
+from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.data.reading import Choice, run_of
 from sdp_vs_penalty.data.words.names import facts_of_heading
 
@@ -105,6 +106,7 @@ def test_runs_of_one_file_stand_one_after_the_other(head, tmp_path):
     run = run_of(log_of_arrays(tmp_path / "runs.h5", arrays))
     assert run.t[[0, 49, 50, 99]] == pytest.approx([0.0, 0.49, 1.49, 1.98])
     assert run.q[[0, 50], 0] == pytest.approx([0.0, 1.0])
+    assert concatenate([run, run]).runs()[1].episode.tolist() == [0] * 50 + [1] * 50
 
 
 def test_joints_and_arms_are_no_runs(tmp_path):
