@@ -310,7 +310,8 @@ class Comparison(Record):
     @fact(column="links can exist")
     def links_can_exist(self) -> bool:
         """Whether the verdict says that the links can exist: each is physically consistent,
-        up to rounding, reaches no farther than its body, and weighs something."""
+        up to rounding, reaches no farther than its body, and weighs something. The last is
+        no constraint: a certificate's ``worst`` may be 0."""
         return not implausible(self.estimate.certificate, *self._masses)
 
     @property

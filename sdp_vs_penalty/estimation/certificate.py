@@ -52,7 +52,11 @@ class Certificate(Shown, JsonRecord):
 
     @property
     def worst(self) -> float:
-        """Largest violation of all families of constraints, each in its own unit."""
+        """Largest violation of all families of constraints, each in its own unit.
+
+        Zero says that the constraints hold. Whether links can exist is asked of the
+        verdict: it refuses a link that weighs next to nothing, too.
+        """
         return max(self.violations.values(), default=0.0)
 
     @property

@@ -638,7 +638,8 @@ def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
     if light:
         words = "Links {} weigh" if len(light) > 1 else "Link {} weighs"
         share = f"less than a thousandth of the arm ({float(np.sum(masses)):.3g} kg)"
-        return f"{words.format(formatting.words(light))} {share}."
+        allowed = "constraints allow that, but no arm is built so"
+        return f"{words.format(formatting.words(light))} {share}: {allowed}."
     return ""
 
 

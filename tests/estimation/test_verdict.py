@@ -125,8 +125,9 @@ def test_links_that_cannot_be_are_not_to_be_used():
     assert verdict(Certificate({}, 1.0, body_share=1.0)).grade == "good"  # fills it
     # Nor an estimate whose own certificate says so.
     assert verdict(Certificate({}, 1.0, gap=0.34)).grade == "do not use"
+    # The certificate is of the constraints, which allow a link of ten grams.
     assert (
-        "Link 2 weighs less than a thousandth"
+        "Link 2 weighs less than a thousandth of the arm (30 kg): constraints allow that"
         in verdict(masses=np.array([30.0, 0.01])).headline
     )
     # An upper bound on an inertia about the centre of mass is not convex, and rounding
