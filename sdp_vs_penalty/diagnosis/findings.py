@@ -682,9 +682,9 @@ class Diagnosis(Record, JsonRecord):
     ) -> Diagnosis:
         """Return the diagnosis with some of its findings only.
 
-        Re-estimated constants have no number: all stay, or those whose torque is
-        certain. Measured curves stay only with all findings, beside which they were
-        measured.
+        Re-estimated constants have no number: none stays beside numbers, since nothing is
+        added that was not chosen. Measured curves stay only with all findings, beside
+        which they were measured.
 
         Parameters
         ----------
@@ -710,7 +710,11 @@ class Diagnosis(Record, JsonRecord):
             if (numbers is None or finding.number in numbers)
             and (finding.torque_is_certain or not helpful)
         ]
-        retuned = [r for r in self.retuned if r.torque_is_certain or not helpful]
+        retuned = [
+            constant
+            for constant in self.retuned
+            if numbers is None and (constant.torque_is_certain or not helpful)
+        ]
         has_all = numbers is None and len(chosen) == len(self.effects)
         curves = self.curves if has_all else ()
         if not (chosen or retuned or curves or self.left_out):

@@ -16,6 +16,7 @@ from small_runs import small_model, write_run
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.diagnosis import Curve
 from sdp_vs_penalty.diagnosis.doubts import REASONS, Doubt
+from sdp_vs_penalty.diagnosis.findings import Retune
 from sdp_vs_penalty.effects import MeasuredCurve
 from sdp_vs_penalty.estimation.verdict import ErrorsBesideNoise
 from tests.cli.test_printed_commands import told
@@ -95,11 +96,31 @@ def test_confident_says_which_weak_findings_it_takes_and_why(doubts, run, two_li
     """Beside a sure finding, and where there is none."""
     said = add(run, springs(two_link, *doubts), "--helpful")
     assert (
-        "added, since its torque is certain: joint spring on joint 2 is weak"
+        "added, since the error on data left out falls with it: joint spring on joint 2"
+        " is weak"
         f" ({REASONS[UNCERTAIN]})"
     ) in said
     assert "--only" in said
     assert REASONS[SMALL] not in said
+
+
+def test_only_takes_no_constant_along_and_says_how_to_add_it(run, two_link):
+    sure = Retune(
+        "coulomb_friction",
+        1,
+        "v_s",
+        before=0.01,
+        after=0.016,
+        confidence="confident",
+        rmse_before=1.0,
+        rmse_after=0.5,
+        explanation="it is wider",
+    )
+    found = replace(springs(two_link, "", SMALL), retuned=(sure,))
+    for options, is_added in {"--helpful": True, "--only=1": False}.items():
+        said = add(run, found, options)
+        assert ("re-estimated constant: joint 1" in said) == is_added
+        assert (f"not added: {sure.text} (it has no number" in said) != is_added
 
 
 def test_confident_says_nothing_of_weak_findings_where_all_are_sure(run, two_link):

@@ -38,7 +38,7 @@ def verb(
     effect EFFECT[:joints][@shape=value]: Effects, separated by commas.
     --from findings.json: Effects found by `diagnose --json`.
     --helpful, --confident: Findings that help on data left out, also where name or size is in doubt.
-    --only 1,3: Numbers of the findings to add.
+    --only 1,3: Numbers of the findings to add; nothing else is added.
     """
     from sdp_vs_penalty.checks.gate import consented
     from sdp_vs_penalty.cli import printing
@@ -149,7 +149,8 @@ def _say_changes(
         console.paragraph(f"identified without the spans of what passes: {passes}")
     if diagnosis is not None and helpful:
         for line in diagnosis.weak_companions:
-            console.paragraph(f"added, since its torque is certain: {line}")
+            said = "added, since the error on data left out falls with it"
+            console.paragraph(f"{said}: {line}")
         if diagnosis.weak_companions:
             console.paragraph(
                 "To leave such findings out, name the others with --only."
@@ -228,6 +229,10 @@ def _effects(
     diagnosis = load_diagnosis(findings)
     numbers_wanted = None if only is None else numbers("--only", only)
     try:
-        return diagnosis.selected(numbers_wanted, helpful)
+        chosen = diagnosis.selected(numbers_wanted, helpful)
     except InputError as error:
         raise error.within(findings) from error
+    for constant in () if only is None else diagnosis.retuned:
+        why = "it has no number; to add it, name it as an effect"
+        console.paragraph(f"not added: {constant.text} ({why})")
+    return chosen
