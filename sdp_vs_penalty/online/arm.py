@@ -288,8 +288,8 @@ class ArmModel:
         return InputError(
             f"effect {effect.name} cannot run in the loop: it needs more than one"
             " joint's state and load at one instant",
-            "identify the arm without it for this purpose, or let `export` write a"
-            " model.h, which says at its top whether C holds it",
+            "make a model without it (`add --only` the other findings), or let `export`"
+            " write a model.h, which says at its top whether C holds it",
         )
 
     def _torque(

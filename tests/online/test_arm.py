@@ -98,10 +98,11 @@ def test_gains_scale_torque_and_columns():
 
 
 @pytest.mark.parametrize(
-    "effect", ["presliding_hysteresis", "elastic_joint", "torque_ripple"]
+    "effect",
+    ["presliding_hysteresis", "joint_elasticity", "torque_gain", "torque_ripple"],
 )
 def test_an_effect_that_needs_more_is_refused_by_name(effect):
-    with pytest.raises(InputError, match=effect):
+    with pytest.raises(InputError, match=f"{effect}.*add --only"):
         arm("two_link", f"rigid_body,{effect}")
 
 
