@@ -67,6 +67,12 @@ if TYPE_CHECKING:
 _SIMULATORS = lazy_exports(
     "sdp_vs_penalty.exporters", simulators="to_pinocchio to_mjspec"
 )
+#: What a nominal link without a file's inertial is drawn to, by its origin.
+_DRAWN_TO = {
+    "bounds": "its bounds",
+    "geometry": "its shapes",
+    "kinematics": "lengths and torque limits",
+}
 #: Ranges are of a later folder, frames of a later file.
 _RANGES = lazy_exports("sdp_vs_penalty.ranges", table="find_ranges")
 #: The control loop is of a later folder.
@@ -472,9 +478,12 @@ class Estimate(Record):
             f" with others; the value comes from the {source} (`ranges` says what else it"
             " can be)"
         )
-        if np.any(self.problem.guessed_links[undetermined]):
+        origins = self.problem.nominal_from or ()
+        drawn = {_DRAWN_TO.get(origins[i], "") for i in undetermined if origins} - {""}
+        if drawn:
             explanation += (
-                ", drawn to lengths, sizes and torque, not measured: no file states it"
+                f"; a nominal link that no file states is a guess, drawn to"
+                f" {formatting.words(sorted(drawn))}"
             )
         if not far_from_nominal:
             return f"{explanation}."

@@ -2,6 +2,7 @@
 each parameter."""
 
 import json
+import re
 from dataclasses import replace
 from functools import partial
 
@@ -193,6 +194,18 @@ def test_a_model_says_who_decides_and_export_what_is_implausible(scara_arm, tmp_
     # One sentence names the links that are not weighed, and a mass that is far from its
     # nominal value.
     assert "link" in made.unweighed
+    # And what a nominal link is drawn to, where no file states it.
+    for origin, drawn_to in [
+        ("inertial", []),
+        ("bounds", ["its bounds"]),
+        ("geometry", ["its shapes"]),
+        ("kinematics", ["lengths and torque limits"]),
+    ]:
+        problem = replace(
+            made.problem, nominal_from=(origin,) * made.problem.robot.links
+        )
+        said = replace(made, problem=problem).unweighed
+        assert re.findall("a guess, drawn to ([^;.]*)", said) == drawn_to
     heavy = np.where([name == "m1" for name in names], 40.0, made.theta)
     assert (
         "far from nominal: 40 kg for 8 (link 1)" in replace(made, theta=heavy).unweighed
