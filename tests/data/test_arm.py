@@ -511,18 +511,23 @@ def test_torques_can_be_the_joints_where_a_problem_declares_channels(
         np.testing.assert_allclose(run.tau, motion.tau)
 
 
-def test_arms_of_one_file_are_told_apart_by_a_word(tmp_path):
+@pytest.mark.parametrize(
+    ("arms", "mark"), [(("left", "right"), "_"), (("r1", "r2"), "/")]
+)
+def test_arms_of_one_file_are_told_apart_by_a_word(arms, mark, tmp_path):
     """The command takes the first one, in the robot's order of joints."""
     problem = limited_arm(tmp_path)
     motion = small_run(problem, seconds=2.0)
     columns = {
-        f"{arm}_{joint}.{name}": sign * block[:, k]
-        for arm, sign in (("left", 1.0), ("right", -1.0))
+        f"{arm}{mark}{joint}.{name}": sign * block[:, k]
+        for arm, sign in zip(arms, (1.0, -1.0), strict=True)
         for k, joint in reversed([*enumerate(problem.robot.joint_names)])
         for name, block in (("pos", motion.q), ("eff", motion.tau))
     }
     path = table(tmp_path / "run.csv", time=motion.t, **columns)
-    with pytest.raises(InputError, match=r"q could be left_.* or right_") as refused:
+    with pytest.raises(
+        InputError, match=f"q could be {arms[0]}.* or {arms[1]}"
+    ) as refused:
         reading(path, problem)
     command = re.findall("`(.*)`", str(refused.value))[0]
     words = [*shlex.split(command)[1:-1], str(tmp_path / "left.csv")]

@@ -91,7 +91,7 @@ EDITS = {
     },
     **{
         f"mark {x}": (lambda y, x=x: marked(y, x), 1, "1 row")
-        for x in ("null", "#N/A", "-")
+        for x in ("null", "#N/A", "-", "---")
     },
     "empty rows and a header": (
         lambda x: between(between(x, 90, x[0]), 40, "", ""),
@@ -276,6 +276,15 @@ def json_lines(folder, fields=("position", "effort"), order=(0, 1, 2), **more):
     return write(folder / "run.jsonl", [*map(json.dumps, samples), ""])
 
 
+def nested(k):
+    """A sample with an object a joint."""
+    joints = {
+        name: {"position": Q[k, j], "effort": TAU[k, j]}
+        for j, name in enumerate(JOINTS)
+    }
+    return {"time": T[k], "joints": joints}
+
+
 def long_line(folder, name):
     text = json.dumps({"t": T.tolist(), "position": Q.tolist(), "effort": TAU.tolist()})
     return write(folder / name, [text[0] + " " * (2 * PIECE) + text[1:]])
@@ -410,6 +419,16 @@ FORMS = {
         q=Q[:, SORTED],
         tau=TAU[:, SORTED],
     ),
+    "names beside, MATLAB": lambda x: saved(
+        savemat,
+        x / "run.mat",
+        {
+            "joint_names": np.array(NAMES, object),
+            "t": T,
+            "q": Q[:, SORTED],
+            "tau": TAU[:, SORTED],
+        },
+    ),
     "names and words": lambda x: saved(
         np.savez,
         x / "run.npz",
@@ -452,6 +471,9 @@ FORMS = {
         x, order=SORTED, name=list(NAMES)
     ),
     "JSON with empty fields": lambda x: json_lines(x, error=None),
+    "JSON, objects of joints": lambda x: write(
+        x / "run.json", [json.dumps({"log": list(map(nested, range(len(T))))})]
+    ),
     "JSON on a long line": lambda x: long_line(x, "run.json"),
     "JSON as text": lambda x: long_line(x, "run.txt"),
     **{

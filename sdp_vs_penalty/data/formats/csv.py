@@ -40,7 +40,20 @@ SUFFIXES: tuple[str, ...] = (".csv",)
 SAMPLE = "row"
 
 #: How programs write an empty cell.
-EMPTY = ("null", "NULL", "NA", "N/A", "n/a", "#N/A", "-", "--", "None", "none", "NaT")
+EMPTY = (
+    "null",
+    "NULL",
+    "NA",
+    "N/A",
+    "n/a",
+    "#N/A",
+    "-",
+    "--",
+    "---",
+    "None",
+    "none",
+    "NaT",
+)
 #: More rows than this below the samples are no footer.
 _LONGEST_FOOTER = 20
 #: Rows of a table: their numbers in the file, from 1, and their cells.

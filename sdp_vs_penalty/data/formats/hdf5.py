@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.formats.limits import parse_apart
+from sdp_vs_penalty.data.formats.limits import joint_names_in, parse_apart, texts_apart
 from sdp_vs_penalty.data.log import Log, log_of_arrays
 from sdp_vs_penalty.errors import missing_extra
 from sdp_vs_penalty.robot.arrays import Array
@@ -36,10 +36,11 @@ def read(path: Path) -> Log:
     except ImportError as error:
         raise missing_extra("HDF5 files need", "formats") from error
     remedy = "save its arrays with numpy.savez(path, t=..., q=..., tau=...)"
-    parts = parse_apart(numeric_data_sets, path, "h5py", "HDF5 file", remedy)
+    sent = parse_apart(numeric_data_sets, path, "h5py", "HDF5 file", remedy)
+    parts, texts = texts_apart(sent)
     own = [name.rpartition(_WITHIN)[2] for name in parts]
     names = own if len({*own}) == len(own) else [x.replace(_WITHIN, "/") for x in parts]
-    return log_of_arrays(path, dict(zip(names, parts.values(), strict=True)))
+    return log_of_arrays(path, dict(zip(names, parts.values(), strict=True)), texts)
 
 
 def numeric_data_sets(path: str) -> Iterator[dict[str, Array]]:
@@ -56,6 +57,8 @@ def numeric_data_sets(path: str) -> Iterator[dict[str, Array]]:
     with h5py.File(path, "r") as file:
         names = list[str]()
         file.visit(names.append)
+        for attribute, value in file.attrs.items():
+            yield from joint_names_in(attribute, value)
         for name in names:
             data_set = file[name]
             is_own = isinstance(data_set, h5py.Dataset) and not (
@@ -75,6 +78,9 @@ def _columns_of(file: Any, name: str, data_set: Any) -> Iterator[tuple[str, Arra
         if data_set.dtype[field].base.kind in "fiu":
             values = np.atleast_1d(np.asarray(data_set[field], float))
             yield f"{name}{_WITHIN}{field}", values
+    if data_set.dtype.kind == "O":
+        for part in joint_names_in(name.rpartition("/")[2], data_set[()]):
+            yield from part.items()
     if data_set.dtype.kind not in "fiu":
         return
     items = name.removesuffix(_VALUES) + _ITEMS

@@ -93,11 +93,12 @@ def _lists(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
             for number, run in enumerate(value):
                 yield from _lists(run, f"{name}[{number}].")
         elif isinstance(value, list | tuple) and len(value) > 1:
-            fields = value[0] if _are(Mapping, value) else ()
-            yield from (
-                (f"{name}.{x}", [item.get(x) for item in value]) for x in fields
-            )
-            yield from [] if fields else [(name, list(value))]
+            if not _are(Mapping, value):
+                yield name, list(value)
+                continue
+            samples = [dict(leaves(item)) for item in value]
+            for field in samples[0]:
+                yield f"{name}.{field}", [sample.get(field) for sample in samples]
         elif _is_number(value):  # a rate, beside the columns
             yield name, [value]
 
@@ -238,7 +239,11 @@ def leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
             or isinstance(value, str)
             or _is_number(value)
             or _are(str, value)
-            or (isinstance(value, list) and value and all(map(_is_number, value)))
+            or (
+                isinstance(value, list)
+                and value
+                and all(x is None or _is_number(x) for x in value)
+            )
         ):
             yield f"{prefix}{key}", value
 

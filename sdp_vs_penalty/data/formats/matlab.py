@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.data.formats.limits import parse_apart
+from sdp_vs_penalty.data.formats.limits import joint_names_in, parse_apart, texts_apart
 from sdp_vs_penalty.data.formats.npz import columns_of_array
 from sdp_vs_penalty.data.log import Log, log_of_arrays
 from sdp_vs_penalty.data.measurements import Measurements
@@ -41,13 +41,14 @@ def read(path: Path) -> Log:
             remedy = f"save it with save(..., '-v7'), or {error.remedy}"
             raise InputError(what, remedy, path) from error
     kind = ".mat file", "save it again, as version 7 or earlier"
-    variables = parse_apart(numeric_variables, path, "scipy.io", *kind)
+    sent = parse_apart(numeric_variables, path, "scipy.io", *kind)
+    variables, texts = texts_apart(sent)
     arrays = {name: np.atleast_1d(block) for name, block in variables.items()}
     if len(arrays) == 1:
         (block,) = arrays.values()
         if block.ndim > 1 and min(block.shape) > 1:
             arrays = columns_of_array(path, block)
-    return log_of_arrays(path, arrays)
+    return log_of_arrays(path, arrays, texts)
 
 
 def numeric_variables(path: str) -> Iterator[dict[str, Array]]:
@@ -62,6 +63,8 @@ def numeric_variables(path: str) -> Iterator[dict[str, Array]]:
     structs = [value for value in named.values() if isinstance(value, Mapping)]
     if len(structs) == 1 and len(named) == 1:
         named = dict(structs[0])
+    for name, value in named.items():
+        yield from joint_names_in(name, value)
     has_numbers = False
     for name, block in _leaves(named):
         has_numbers = True

@@ -73,6 +73,8 @@ _OUTPUT = re.compile(r"\boutput\b")
 _FEEDBACK = ("feedback", "actual")
 #: Words of torques that are currents.
 _CURRENTS = {"current", "currents", "curr", "cur", "amps", "i", "iq", "strom"}
+#: Share of the steps of a counter that are its usual one, where it counts time.
+_MOSTLY = 0.8
 #: What the channel groups are called in a sentence.
 _WORDS_OF_GROUPS = {"q": "positions", "dq": "velocities", "tau": "torques"}
 
@@ -231,7 +233,7 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
     fewest other words. Where no name says it, the only column of stamps is the clock, or
     else an index without a name that rises in fractions, or else the only column of
     unknown words that ends with a unit of time and rises ("run_minutes"), or a counter
-    that rises by the same in every row, and not by 1 ("tick").
+    that rises by the same in nearly every row, and not by 1 ("tick").
     """
     if not isinstance(columns, Mapping):
         columns = columns_called(columns)
@@ -294,9 +296,10 @@ def _rises(column: Column, unit: float = 0.0) -> bool:
 
 
 def _is_even(column: Column) -> bool:
-    """Return whether the first numbers of a column rise by the same step, other than 1."""
-    steps = {*np.diff(column.head).tolist()}
-    return len(steps) == 1 and steps != {1.0}
+    """Return whether the first numbers of a column rise by the same step, other than 1,
+    but where rows are lost."""
+    steps, counts = np.unique(np.diff(column.head), return_counts=True)
+    return bool(counts.max() > _MOSTLY * counts.sum() and steps[counts.argmax()] != 1.0)
 
 
 def _our_name(group: str, key: Hashable, number: int) -> str:

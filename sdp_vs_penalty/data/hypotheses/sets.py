@@ -86,7 +86,7 @@ def column_sets(
         for style, others in _styles_of(meaning):
             key = style, meaning.rank, others, len(meaning.words)
             groups.setdefault(key, []).append(name)
-    sets = list[ColumnSet]()
+    sets, is_of_arms = list[ColumnSet](), False
     for (style, rank, others, n_words), names in groups.items():
         if all(said[x].words and _FORCES.issuperset(said[x].words) for x in names):
             continue  # a tool's, but for those that complete others
@@ -103,12 +103,16 @@ def column_sets(
                 )
             ):
                 parts = _split(names, starred)
-        of_arms = _of_arms(names, said, n_joints) if style == "name" else {}
-        for further, part in of_arms.items() or ((others, x) for x in parts):
+        arms = _of_arms(names, said, n_joints) if style == "name" else {}
+        for further, part in arms.items() or ((others, x) for x in parts):
             if columns := _columns_by_joint(style, part, said, n_joints):
                 kind = "number" if all(isinstance(x, int) for x in columns) else style
                 found = ColumnSet(quantity, rank, kind, further, columns, n_words)
                 sets.append(found)
+                is_of_arms |= bool(arms)
+    if is_of_arms:
+        # Beside them "robot1/elbow" and "robot2/elbow" are no set: of one joint each.
+        sets = [x for x in sets if x.style != "number" or len(x.columns) == n_joints]
     sets = [replace(x, is_qualified=any(map(x.qualifies, sets))) for x in sets]
     return sorted(sets, key=lambda column_set: column_set.preference)
 
@@ -156,8 +160,9 @@ def _of_arms(
     names: Sequence[str], said: Mapping[str, Meaning], n_joints: int | None
 ) -> dict[tuple[str, ...], list[str]]:
     """Split the columns of several arms, each with the robot's number of joints, by the
-    word that tells the arms apart ("left" and "right"); empty where none does."""
-    words = {x: said[x].other_words for x in names}
+    word or number that tells the arms apart ("left" and "right", "robot1" and "robot2");
+    empty where none does."""
+    words = {x: _words_of(said[x]) for x in names}
     for place in range(min(map(len, words.values()))):
         arms = dict[tuple[str, ...], list[str]]()
         for name in names:
