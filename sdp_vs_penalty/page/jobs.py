@@ -28,8 +28,10 @@ from sdp_vs_penalty.api.remedies import (
     what_to_add,
 )
 from sdp_vs_penalty.checks import Report
+from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.check import check_runs
 from sdp_vs_penalty.checks.gate import Gate
+from sdp_vs_penalty.checks.issue import Issue, make_issue
 from sdp_vs_penalty.checks.long_runs import is_long
 from sdp_vs_penalty.checks.report import list_remedies
 from sdp_vs_penalty.data.catalogue import DATASETS, dataset
@@ -298,6 +300,7 @@ def read(job: JobRequest) -> Answer:
                     "in_commands": f"{Path(name).stem}_read.csv" if how else name,
                     "columns": names,
                     "stated": "scale" in how,
+                    "rougher": _rougher_block(path, how.get("rename", ""), names),
                 }
             )
             read_so.append({"file": file["name"], "options": how})
@@ -361,13 +364,14 @@ def _names_of_columns(path: Path) -> list[str]:
 
 def _kept_of(run: Mapping[str, Any]) -> Answer:
     """Return what stays in the record of a run, whatever is done to its samples: its use,
-    what commands call its file, the columns of that, and whether a person has stated its
-    units."""
+    what commands call its file, the columns of that, whether a person has stated its
+    units, and the columns that are rougher than its torque."""
     return {
         "use": run["use"],
         "in_commands": run["in_commands"],
         "columns": run.get("columns", []),  # older projects have none
         "stated": bool(run.get("stated")),
+        "rougher": run.get("rougher", ""),
     }
 
 
@@ -397,14 +401,32 @@ def _judged(job: JobRequest, state: State, kept: Sequence[Answer]) -> Answer:
     facts = robot_facts(job, problem)
     if facts["hold"] != job["robot"].get("hold", ""):  # joints have other numbers
         facts["meshes"] = _kept_meshes(job, problem)
+    records = [
+        keep(job, problem, run, report) | stays
+        for run, report, stays in zip(state.runs, reports, kept, strict=True)
+    ]
+    for record in records:
+        if rougher := record.get("rougher"):
+            record["findings"].insert(0, _computed_torque(rougher).to_dict())
     return {
-        "runs": [
-            keep(job, problem, run, report) | stays
-            for run, report, stays in zip(state.runs, reports, kept, strict=True)
-        ],
+        "runs": records,
         "remedies": to_json(list_remedies(reports)),
         "robot": facts,
     }
+
+
+def _computed_torque(rougher: str) -> Issue:
+    """Return the issue of a torque beside which ``rougher`` columns of its file are."""
+    return make_issue(
+        kind="torques of a model",
+        what="the torque was computed by a controller, not measured: it is smooth, and"
+        f" {rougher} of this file are rough as measured.",
+        certainty=likely("every measurement carries noise"),
+        remedy=f"undo, and choose {rougher} if they are the measured torque or current:"
+        " what is identified from a computed one is the controller's model, without"
+        " friction",
+        where="all torque channels",
+    )
 
 
 def change(job: JobRequest) -> Answer:
@@ -600,7 +622,7 @@ def _blocks(
             max(abs(one["low"]), abs(one["high"])) if one else 0.0 for one in found
         ]
         largest = formatting.number(max(sizes))
-        name = f"columns {block[0]} to {block[-1]}, up to {largest}"
+        name = f"{_block_in_words(block)}, up to {largest}"
         efforts = [joint.effort for joint in robot.joints]
         shares = [x / limit for x, limit in zip(sizes, efforts, strict=True) if limit]
         if shares and np.isfinite(efforts).all():
@@ -608,10 +630,40 @@ def _blocks(
             is_small = max(shares) < _LIKE_CURRENTS
             fits = "rather A; as N m" if is_small else "fits N m;"
             name += f": {fits} {share} of the joints' limits"
-        rough = np.median([one.get("roughness", 0.0) for one in found])
-        name += ", rough as measured" if rough > _ROUGH else ", smooth as computed"
+        computed = "smooth, computed by a controller"
+        name += f", {'rough as measured' if _is_rough(found) else computed}"
         blocks[name] = {**guessed, **dict(zip(tau, block, strict=True))}
     return blocks
+
+
+def _block_in_words(block: Sequence[str]) -> str:
+    """Name the columns of a block."""
+    return f"columns {block[0]} to {block[-1]}"
+
+
+def _is_rough(sketches: Sequence[Answer]) -> bool:
+    """Whether most columns of a block are as rough as what was measured."""
+    return bool(np.median([one.get("roughness", 0.0) for one in sketches]) > _ROUGH)
+
+
+def _rougher_block(path: Path, rename: str, names: Sequence[str]) -> str:
+    """Name the first block of columns which nothing was taken from and that is rough as
+    measured, where the torque of a table without names is smooth; "" without one."""
+    taken = _columns_tried(rename, names)
+    torques = [column for ours, column in taken.items() if ours.startswith("tau")]
+    report = describe_columns(path, None, None) if torques else None
+    if report is None:
+        return ""
+    columns = [row.name for row in report.rows]
+    sketches = dict(zip(columns, _sketches(path, report), strict=True))
+    if _is_rough([sketches[name] for name in torques]):
+        return ""
+    free = [name for name in columns if name not in taken.values()]
+    n = len(torques)
+    for block in (free[k : k + n] for k in range(0, len(free) - n + 1, n)):
+        if _is_rough([sketches[name] for name in block]):
+            return _block_in_words(block)
+    return ""
 
 
 #: Change of slope from sample to sample, as a share of a column's spread, above which it

@@ -69,7 +69,13 @@ class NextStep:
 def next_step(view: View) -> NextStep:
     """Return the verdict on a session, and its next step."""
     step = _find_step(view)
-    if view.session.model is not None or len(step.text) <= _MOST_IN_LINE:
+    if view.session.model is not None:
+        is_computed = any(run.get("rougher") for run in view.session.runs)
+        said = "The torque was computed by a controller, not measured. "
+        return (
+            replace(step, text=said + step.text, level="bad") if is_computed else step
+        )
+    if len(step.text) <= _MOST_IN_LINE:
         return step
     line = re.sub(r" [(][^)]*[)]", "", step.text).partition(". ")[0].rstrip(".")
     end = "" if line.endswith("?") else "."

@@ -247,6 +247,10 @@ def _mapping(session: Session, mapping: dict[str, Any]) -> None:
     k = session.mappings.index(mapping)
     if not mapping["run"] and mapping["torques"]:
         draw.tag("p", "Which of these blocks is the torque? Read with it:")
+        draw.note(
+            "Take the measured one, also where it is in A. A computed one gives back the"
+            " controller's model, without friction."
+        )
         with draw.tag("div", style="row"):
             for name in mapping["torques"]:
                 take = partial(session.start, session.read_mapped, columns, name)
