@@ -157,6 +157,7 @@ def log_of_arrays(
 
     texts, columns = texts or {}, dict[str, Column]()
     arrays = _one_after_the_other(arrays)
+    arrays, clock_of, clocks = _clocks_apart(arrays)
     # Few numbers beside columns, such as a period Ts or gears' ratios, say what lines
     # above a table do.
     count = max((len(x) for x in arrays.values()), default=0)
@@ -180,6 +181,7 @@ def log_of_arrays(
         head = (array if is_upright else array.T)[:ROWS_DESCRIBED]
         kind = "stamp" if name in texts else "list" if is_block else "number"
         columns[name] = Column(kind, cells_of_rows(head))
+    columns |= {x: replace(columns[x], clock=y) for x, y in clock_of.items()}
     for name, stated in (facts or {}).items():
         if name in columns:
             columns[name] = Column(**{**vars(columns[name]), **stated})
@@ -204,6 +206,7 @@ def log_of_arrays(
         return Values(chosen, rows, {x: gap for x, gap in missing.items() if gap.any()})
 
     more = {"heading": heading, "rate": rate_of_heading(heading), **more}
+    more |= {"clocks": clocks} if clocks else {}
     return Log(path, columns, read, rows_of_texts, **more)
 
 
@@ -239,6 +242,42 @@ def _one_after_the_other(arrays: Mapping[str, Array]) -> Mapping[str, Array]:
             together[name] = blocks
     out = {x: np.concatenate(together[x]) for x in parts[0] if x in together}
     return {**out, "episode_index": np.repeat(np.arange(float(len(parts))), counts)}
+
+
+def _clocks_apart(
+    arrays: Mapping[str, Array],
+) -> tuple[Mapping[str, Array], dict[str, str], dict[str, Array]]:
+    """Take the clocks of groups that differ, "position/time" and "torque/time", from among
+    the arrays. Returns the others, with a torque's clock under its own name, "time"; the
+    clock, called by its group, of each array; and the clocks."""
+    from sdp_vs_penalty.data.words.names import quantity_of
+
+    group_of = {x: re.split(r"[/.](?=[^/.]*$)", x)[0] for x in arrays}
+    of_groups = dict[str, str]()
+    for name, group in group_of.items():
+        leaf = name[len(group) + 1 :]
+        if leaf and arrays[name].ndim < 2 and quantity_of(leaf) == "t":
+            of_groups.setdefault(group, name)
+    clocks = {group: np.ravel(arrays[x]) for group, x in of_groups.items()}
+    several = [*clocks.values()]
+    clock_of = {
+        name: group
+        for name, group in group_of.items()
+        if group in clocks and name not in of_groups.values()
+    }
+    is_whole = all(
+        max(arrays[name].shape) == len(clocks[clock_of[name]])
+        if name in clock_of
+        else name in of_groups.values() or len(arrays[name]) < ROWS_DESCRIBED
+        for name in arrays
+    )
+    if not is_whole or all(np.array_equal(x, several[0]) for x in several):
+        return arrays, {}, {}
+    of_torque = (y for x, y in clock_of.items() if quantity_of(x) == "tau")
+    leading = next(of_torque, next(iter(clocks)))
+    leaf = of_groups[leading][len(leading) + 1 :]
+    others = {x: y for x, y in arrays.items() if x not in of_groups.values()}
+    return {leaf: clocks[leading], **others}, clock_of, clocks
 
 
 #: How an empty cell of a column of texts is written.

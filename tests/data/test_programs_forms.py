@@ -590,6 +590,34 @@ def test_a_workbook_s_longest_sheet_is_read(heads, tmp_path):
     assert len(read(path)[0].t) < N
 
 
+def test_sheets_of_a_quantity_each_are_read_side_by_side(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    for title, block in (("Position", Q), ("Torque", TAU)):
+        sheet = book.create_sheet(title)
+        for cells in (["time", *"abc"], *np.column_stack([T, block]).tolist()):
+            sheet.append(cells)
+    path = tmp_path / "run.xlsx"
+    book.save(path)
+    run, said = read(path)
+    same(run)
+    assert "sheets Position, Torque are read side by side" in said
+
+
+def test_groups_with_clocks_of_their_own_come_to_the_torque_s(tmp_path):
+    groups = {"position": (T, Q), "torque": (T[::2], TAU[::2])}
+    arrays = {
+        f"{x}/{leaf}": y
+        for x, pair in groups.items()
+        for leaf, y in zip(("time", "data"), pair, strict=True)
+    }
+    hdf5(tmp_path / "run.h5", {**arrays, "rated_current": np.ones(3)})
+    run, _ = read(tmp_path / "run.h5")
+    np.testing.assert_allclose(run.t, T[::2])
+    np.testing.assert_allclose(run.q, Q[::2])
+    np.testing.assert_allclose(run.tau, TAU[::2])
+
+
 @pytest.mark.parametrize("layout", ["records", "pandas"])
 def test_of_tables_with_columns_of_the_same_name_the_measured_one_is_read(
     layout, tmp_path
