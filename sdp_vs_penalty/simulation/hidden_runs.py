@@ -174,7 +174,8 @@ def simulate(
     problem : str, Path or Problem
         A built-in name, a folder with a problem.toml, a URDF file, or a Problem.
     hide : str or sequence of str
-        ``effect[:joints]``, several separated by commas or in a sequence, or none.
+        ``effect[:joints][@shape=value]``, several separated by commas or in a sequence,
+        or none. Constants that are not given are drawn; a plug-in's are its defaults.
     level : {"strong", "medium", "weak"} or float
         The hidden torque's RMS over that of the raw noise, or a name for it.
     seed : int
@@ -219,7 +220,8 @@ def planned(
     if not 0.0 <= link_error <= 1.0:
         raise InputError(f"link error {link_error!r}", "give a number from 0 to 1")
     effects = [
-        (e.name, list(e.asked_joints or ())) for e in parse_effects(hide, robot.robot)
+        (e.name, list(e.asked_joints or ()), {key: e.shape[key] for key in e.given})
+        for e in parse_effects(hide, robot.robot)
     ]
     return _plan(robot, effects, strength, seed, link_error=link_error)
 
@@ -319,13 +321,15 @@ def hidden_runs(
         For an effect that cannot be simulated, or that makes no torque on a named joint
         (such as backlash about a vertical axis).
     """
-    _, simulated = _plan(problem, effects, level, seed, count, world)
+    nothing_given: Mapping[str, float] = {}
+    drawn = [(name, joints, nothing_given) for name, joints in effects]
+    _, simulated = _plan(problem, drawn, level, seed, count, world)
     return simulated()
 
 
 def _plan(
     problem: Problem,
-    effects: Sequence[tuple[str, Sequence[int]]],
+    effects: Sequence[tuple[str, Sequence[int], Mapping[str, float]]],
     level: str | float,
     seed: int,
     count: int = len(RUN_FILES),
@@ -333,7 +337,7 @@ def _plan(
     link_error: float = 0.0,
 ) -> Plan:
     """Draw the motions and size the effects of :func:`hidden_runs`, which has the same
-    arguments.
+    arguments; each effect has the shape constants that were given, by name.
     """
     factor = LEVELS[level] if isinstance(level, str) else float(level)
     setup = experiment(problem)
@@ -341,7 +345,7 @@ def _plan(
     if link_error:
         links = deformed(setup.links, link_error, np.random.default_rng([seed, 3]))
         setup = replace(setup, links=links)
-    without = [name for name, _ in effects]
+    without = [name for name, *_ in effects]
     if world is None:
         world = true_world(problem, setup, seed, without)
     length = DURATION + 2.0 * _BLEND
@@ -358,10 +362,11 @@ def _plan(
         for k, trajectory in enumerate(trajectories)
     ]
     hidden = []
-    for name, joints in effects:
+    for name, joints, given in effects:
         hidden += _sized_effects(
             name,
             joints,
+            given,
             problem=problem,
             links=setup.links,
             world=world,
@@ -406,6 +411,7 @@ def _hash_of_robot(problem: Problem, setup: Experiment) -> str:
 def _sized_effects(
     name: str,
     joints: Sequence[int],
+    given: Mapping[str, float],
     *,
     problem: Problem,
     links: Array,
@@ -417,9 +423,10 @@ def _sized_effects(
     """Make one effect on each of its joints, scaled so that its torque has ``factor``
     times the RMS of the sensor noise.
 
-    ``joints`` count from 0. If none is named, the effect is made on every joint on
-    which it can act, and left out where it makes no torque. Raises InputError for an
-    effect that cannot be simulated, or that makes no torque on a joint that was named.
+    ``joints`` count from 0, ``given`` are shape constants. If no joint is named, the
+    effect is made on every joint on which it can act, and left out where it makes no
+    torque. Raises InputError for an effect that cannot be simulated, or that makes no
+    torque on a joint that was named.
     """
     kind = effect_types()[name]
     if name not in MAKERS and not issubclass(kind, JointEffect):
@@ -431,8 +438,10 @@ def _sized_effects(
     for joint in joints or all_joints:
         if name in MAKERS:
             unsized = make_hidden(name, world, joint, rng)
+            if given:
+                unsized = _with_constants(unsized, given, problem, links)
         else:
-            unsized = _of_its_own_file(kind(problem.robot, [joint]), links)
+            unsized = _of_its_own_file(kind(problem.robot, [joint], **given), links)
         sized = unsized.sized(world, motions, factor)
         if sized is not unsized:
             sized_effects.append(sized)
@@ -442,6 +451,23 @@ def _sized_effects(
                 f"{name} makes no torque {where}", "hide it elsewhere, or hide another"
             )
     return sized_effects
+
+
+def _with_constants(
+    drawn: Hidden, given: Mapping[str, float], problem: Problem, links: Array
+) -> Hidden:
+    """Return an effect with the shape constants that were given and the others as drawn,
+    by its own file. Raises InputError for a constant that is not drawn, or that depends
+    on a law that is drawn."""
+    kind = effect_types()[drawn.effect]
+    known = () if kind.joins else tuple(drawn.shape)
+    if unknown := sorted(given.keys() - known):
+        raise InputError(
+            f"{drawn.effect}: {', '.join(unknown)} cannot be chosen in a simulation",
+            f"choose {formatting.words(known)}" if known else "leave it out",
+        )
+    effect = kind(problem.robot, drawn.joints, **{**drawn.shape, **given})
+    return replace(_of_its_own_file(effect, links), channel=drawn.channel)
 
 
 def _of_its_own_file(effect: Effect, links: Array) -> Hidden:

@@ -12,7 +12,7 @@ from scipy import signal
 from small_runs import small_run
 from unchecked import identify
 
-from sdp_vs_penalty import Measurements, compare, follow, load_problem
+from sdp_vs_penalty import InputError, Measurements, compare, follow, load_problem
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation import (
@@ -26,7 +26,7 @@ from sdp_vs_penalty.simulation import (
     true_world,
 )
 from sdp_vs_penalty.simulation.experiments import simulate
-from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs, planned
 from sdp_vs_penalty.simulation.worlds.hidden import make_hidden
 
 
@@ -121,6 +121,50 @@ def test_a_torque_channel_carries_what_is_hidden_besides(two_link):
     assert_allclose(gain[:, 0], runs.truth["effects"][0]["size"] * whole[:, 0])
     assert not gain[:, 1].any()
     assert_array_equal(spring[:, 0], runs.hidden[1].size * motion.q[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("written", "given", "law"),
+    [
+        (
+            "stribeck_friction:2@vs=0.2",
+            {"vs": 0.2},
+            lambda q, dq: np.exp(-25.0 * dq**2),
+        ),
+        ("power_law_friction:2@alpha=3", {"alpha": 3.0}, lambda q, dq: dq**3),
+        ("end_stop:2@q0=0.1", {"q0": 0.1}, None),
+        ("presliding_hysteresis:2@d=0.02", {"d": 0.02}, None),
+    ],
+)
+def test_a_constant_that_is_given_is_hidden(written, given, law, two_link):
+    truth, _ = planned(two_link, written, seed=3)
+    (entry,) = truth["effects"]
+    assert entry["shape"].items() >= given.items()
+    name = written.partition(":")[0]
+    drawn = planned(two_link, f"{name}:2", seed=3)[0]["effects"][0]
+    others = drawn["shape"].keys() - given
+    assert all(entry["shape"][key] == drawn["shape"][key] for key in others)
+    if law is None:
+        return
+    runs = planned(two_link, written, seed=3)[1]()
+    t = np.arange(0.0, 0.1, 1e-2)
+    q, dq = np.outer(t, [1.0, 1.0]), np.outer(0.2 + t, [1.0, 1.0])
+    (torque,) = torques(runs.world, TrueMotion(t, q, dq, 0.0 * q), runs.hidden)
+    expected = entry["size"] * law(q[:, 1], dq[:, 1])
+    assert_allclose(torque[:, 1], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("written", "said"),
+    [
+        ("torque_delay:2@T=0.01", "T cannot be chosen.*leave it out"),
+        ("stribeck_friction:2@law=2", "law cannot be chosen.*choose vs and delta"),
+        ("transmission_friction:1+2@c1=2", "c1 cannot be chosen"),
+    ],
+)
+def test_a_constant_that_no_world_takes_is_refused(written, said, two_link):
+    with pytest.raises(InputError, match=said):
+        planned(two_link, written)
 
 
 def test_a_pickled_effect_adds_the_same_torque(two_link):

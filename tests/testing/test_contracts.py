@@ -88,16 +88,17 @@ def test_a_need_is_what_columns_read_however_small_they_are(registered):
         check_needs_are_declared(careless, lambda robot: variants(careless, robot))
 
 
-def test_an_effect_of_the_links_torque_hides_in_the_true_links(registered):
-    """In those of the world, which differ from the file's."""
-    runs = sdp.simulate("two_link", "load_stribeck:2", link_error=0.3)
+@pytest.mark.parametrize(("given", "v_ls"), [("", 0.2), ("@v_ls=0.4", 0.4)])
+def test_an_effect_of_the_links_torque_hides_in_the_true_links(given, v_ls, registered):
+    """In those of the world, which differ from the file's; with the constant given."""
+    runs = sdp.simulate("two_link", f"load_stribeck:2{given}", link_error=0.3)
     (hidden,) = runs.hidden
     t = np.linspace(0.0, 1.0, 50)
     q = np.sin(3.0 * t[:, None] + [0.0, 1.0])
     motion = TrueMotion(t, q, 3.0 * np.cos(3.0 * t[:, None] + [0.0, 1.0]), -9.0 * q)
     load = np.abs(runs.world.rigid(motion)[:, 1])
     dq = motion.dq[:, 1]
-    expected = hidden.size * load * np.tanh(dq / 0.01) * np.exp(-np.abs(dq) / 0.2)
+    expected = hidden.size * load * np.tanh(dq / 0.01) * np.exp(-np.abs(dq) / v_ls)
     torque = hidden.torque(runs.world, motion)
     np.testing.assert_allclose(torque[:, 1], expected, rtol=1e-6)
     assert not torque[:, 0].any()
@@ -109,12 +110,12 @@ def test_a_second_statement_may_be_a_plain_function(registered, monkeypatch):
         kind, "hidden_torque", lambda m, j, sign, q_0: q_0 * np.sinh(m.q[:, j] / q_0)
     )
     contracts(kind)["check_hidden_torque"]()
-    runs = sdp.simulate("two_link", "rubber_spring:2")
+    runs = sdp.simulate("two_link", "rubber_spring:2@q_0=0.7")
     (hidden,) = runs.hidden
     q = np.linspace(-1.0, 1.0, 50)[:, None] + [0.0, 0.2]
     motion = TrueMotion(np.arange(50.0), q, 0.0 * q, 0.0 * q)
     torque = hidden.torque(runs.world, motion)
-    np.testing.assert_allclose(torque[:, 1], hidden.size * 0.5 * np.sinh(q[:, 1] / 0.5))
+    np.testing.assert_allclose(torque[:, 1], hidden.size * 0.7 * np.sinh(q[:, 1] / 0.7))
     assert not torque[:, 0].any()
 
 

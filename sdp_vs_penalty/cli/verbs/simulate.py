@@ -26,7 +26,8 @@ def verb(
         model.
     --out DIR|OUT.csv: Folder for run1..3.csv, test.csv, truth.json; runs of another simulation are never
         replaced. With --follow the file of a free run.
-    --hide EFFECT[:joints]: Effect to hide; repeatable. Default: none.
+    --hide EFFECT[:joints][@shape=value]: Effect to hide; repeatable. Default: none. Constants that are
+        not given are drawn; a plug-in's are its defaults.
     --level: Size: strong, medium, weak, or the hidden torque's RMS over the raw noise.
     --follow RUN.csv ...: Runs along which the model is run forward.
     --drive: Drive: torque (as measured), pd (and a loop on the motion), or servo (the command).
