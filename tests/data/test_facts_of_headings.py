@@ -70,6 +70,15 @@ def test_numbers_a_joint_make_torques_of_what_was_logged(q, tau, heading, scale)
     assert bool(found.torque_unit) is ("[%]" in tau and not scale)
 
 
+def test_numbers_above_stand_in_the_order_of_the_columns():
+    names = [
+        "time",
+        *(f"{x}_{y}" for x in ("tip", "base") for y in ("pos", "torque_%")),
+    ]
+    found = recognise(names, ["base", "tip"], heading=[RATED])
+    assert found.scale == {"tau1": pytest.approx(0.3), "tau2": pytest.approx(0.6)}
+
+
 @pytest.mark.parametrize("rail", [1, 3])
 def test_a_rail_stands_among_turning_joints(rail):
     of = ["ft-lb", "lbf"], ["deg", "in"], ["Torque", "Force"]

@@ -201,7 +201,12 @@ def recognise(
         said |= {} if of_unit is None else {clock: of_unit}
     found = with_units(found, said, columns, logger, heading)
     n = len(keys) if "" not in keys else columns[choice.sets["q"].columns[""]].width
-    found = with_facts(found, facts_of_heading(heading, n), n)
+    facts = facts_of_heading(heading, n)
+    if choice.sets["q"].style == "name":  # numbers stand in the order of the columns
+        in_file = [[*columns].index(pairs[f"q{k}"]) for k in range(1, n + 1)]
+        places = np.argsort(np.argsort(in_file))
+        facts = {x: ([y[k] for k in places], line) for x, (y, line) in facts.items()}
+    found = with_facts(found, facts, n)
     found = replace(found, unsaid=_without_unit(found, said))
     return with_unit_of_clock(found, columns)
 
