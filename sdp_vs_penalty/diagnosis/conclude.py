@@ -4,7 +4,7 @@ verdict, and unexplained torque.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -195,10 +195,13 @@ class Conclusion:
             torque_units=self.explanation.estimate.torque_units,
             remains=tuple(Remaining(j + 1, x) for j, x in sorted(unexplained.items())),
         )
-        return replace(diagnosis, errors_with=self._errors_with(diagnosis.additions))
+        alone = self._errors_with(diagnosis.additions)
+        diagnosis = replace(diagnosis, errors_with=alone)
+        sure = self._errors_with(filter(None, [diagnosis.sure]))
+        return replace(diagnosis, errors_with=(*alone, *sure))
 
     def _errors_with(
-        self, additions: Sequence[Sequence[Finding | Retune]]
+        self, additions: Iterable[Sequence[Finding | Retune]]
     ) -> tuple[ErrorWith, ...]:
         """Return the errors on data left out with each of several additions alone."""
         texts = [*(r.text for r in self.retunes), *(f.text for f in self.findings)]

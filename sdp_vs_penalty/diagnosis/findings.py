@@ -53,6 +53,8 @@ if TYPE_CHECKING:
 FINDINGS_FORMAT = 2
 #: Effects besides the main one that a cause names; more are counted.
 _MOST_NAMED = 2
+#: Kinds of findings that a button names; more are counted.
+_MOST_ON_A_BUTTON = 3
 #: What is said where the residual was taken for noise, which it then equals.
 _MAY_HIDE = f"small effects may hide, since {NOISE_UNKNOWN}."
 #: Doubts about the size of a torque that is there, and of no other effect.
@@ -829,10 +831,10 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def additions(self) -> list[tuple[Finding | Retune, ...]]:
-        """What each remedy that adds takes together: each finding, all that helps, and
-        what surely is the effect that it is called."""
+        """What remedies that add take together: each finding, and all that helps. What is
+        sure is judged by these."""
         groups = [self.only_in_sum(f) or (f,) for f in self.effects]
-        return [*groups, *filter(None, (self.helpful, self.sure))]
+        return [*groups, *filter(None, (self.helpful,))]
 
     def only_in_sum(self, finding: Finding) -> tuple[Finding, ...]:
         """The findings of which these runs show the sum alone, this one among them; none
@@ -941,16 +943,20 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def sure(self) -> tuple[Finding | Retune, ...]:
-        """What helps and surely is the effect that it is called, in whatever law of it and
-        of whatever size; without constants where not all that helps is sure, since these
-        have no number."""
+        """What helps and surely is the effect that it is called, in whatever law of it.
+        Left out is what lowers no error by itself, what is of open size where the rest is
+        not, and constants where not all that helps is sure, since these have no number.
+        """
         sure = [
             f
             for f in self.helpful
             if f.rating == "confident"
             or (isinstance(f, Finding) and f.effect_is_certain)
             if not (isinstance(f, Finding) and self.only_in_sum(f))
+            if isinstance(f, Retune) or max(self._falls(f)) > 0.0
         ]
+        of_known_size = [f for f in sure if isinstance(f, Retune) or not f.size_is_open]
+        sure = of_known_size or sure
         is_all = len(sure) == len(self.helpful)
         return tuple(f for f in sure if is_all or isinstance(f, Finding))
 
@@ -1131,8 +1137,10 @@ class Diagnosis(Record, JsonRecord):
             if len(sure) < len(self.helpful):
                 which = [f.number for f in sure if isinstance(f, Finding)]
                 counted = f"the {len(sure)} surest"
-            words = f"add {counted if ';' in named else named}"
-            return self._remedy_of(sure, named, words, which, after)
+            names = named.split("; ")
+            if len(names) <= _MOST_ON_A_BUTTON:
+                counted = formatting.words(names)
+            return self._remedy_of(sure, named, f"add {counted}", which, after)
         return main.remedy(self) if main and self._falls(main)[0] else None
 
     @property
@@ -1227,16 +1235,14 @@ class Diagnosis(Record, JsonRecord):
         unit = self.torque_unit(worst)
         error = formatting.times_noise(float(over[worst - 1]), left, unit)
         above_noise = self.joints_above_noise
-        if self.is_undetermined:
-            return (
-                "No effect is missing, but these runs leave values of the model open: on"
-                f" data left out joint {worst} errs by {error}."
-            )
         if above_noise:
+            is_open = (
+                "; these runs leave values of the model open" * self.is_undetermined
+            )
             return (
                 "No effect of the library explains the torque beyond the noise on"
                 f" {formatting.joints(above_noise)}: joint {worst} errs by {error}, on data"
-                " left out."
+                f" left out{is_open}."
             )
         return (
             "Nothing is missing that these measurements could show:"

@@ -253,7 +253,7 @@ class ModelStep(JsonRecord):
         kind = (known.text if known else "") or "on unseen motion" * is_recorded
         fitted = {*self.runs[: len(self.runs) - len(self.judged_on)]}
         if known and known.text and fitted:
-            kind = "on other runs, mostly of the same motion"
+            kind = f"{kind}, in other runs"
         names = [*dict.fromkeys(name.partition(", ")[0] for name in self.judged_on)]
         runs = formatting.words(names)
         runs = runs if len(names) <= 3 else f"{len(names)} runs"

@@ -15,6 +15,7 @@ from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, named_on_joints
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
+from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
 from sdp_vs_penalty.page.model_step import joints_of
 from sdp_vs_penalty.page.session import MOTION, Session, asks_for_unit, is_refused
@@ -283,7 +284,7 @@ def _of_model(view: View) -> NextStep:
         if remedy is not None:
             change = remedy.change
             if change.verb != "transform":
-                return _to_add(session, diagnosis, remedy, level)
+                return _to_add(view, diagnosis, remedy, level)
             text = f"{of_model.word}. {graded(remedy.problem, remedy.certainty)}"
             do = partial(session.start, session.apply, change.to_dict())
             return NextStep(text, label_of(change.words), "check", do, **known)
@@ -313,8 +314,7 @@ def _without_remedy(session: Session, diagnosis: Diagnosis) -> str:
     """Say what a diagnosis that adds nothing has found; of an error beyond the noise what
     it follows."""
     model = session.current
-    is_explained = model.verdict.grade == "good" or diagnosis.is_undetermined
-    if is_explained or not model.failures:
+    if model.verdict.grade == "good" or not model.failures:
         return in_brief(spoken(diagnosis.cause))
     found = bool(diagnosis.effects)
     return describe_unexplained(model.where_it_fails, model.worst_joint, found)
@@ -343,10 +343,13 @@ def _curve_to_add(session: Session, diagnosis: Diagnosis) -> NextStep | None:
 
 
 def _to_add(
-    session: Session, diagnosis: Diagnosis, all_of_it: Remedy, level: str
+    view: View, diagnosis: Diagnosis, all_of_it: Remedy, level: str
 ) -> NextStep:
     """Return the step that adds what the line names: what is sure together, or what is read
-    first. The second choice is all that helps (``all_of_it``), or the first alone."""
+    first. The second choice is all that helps (``all_of_it``), or the first alone. It is
+    itself the second one, after the report, where it does not lower the largest error of a
+    model that can be used, or no file can hold it beside one that is good."""
+    session = view.session
     main = diagnosis.main_finding
     remedy = diagnosis.main_remedy or all_of_it
     change = remedy.change
@@ -366,7 +369,11 @@ def _to_add(
         text = f"Good already. Still to be won: {text}"
     text = formatting.sentence(text)
     number = ""
+    lacking = model.files_lacking(FILES, texts)
+    is_idle = level == "good" and {*FILES} - {*lacking} == {"report.html", "model.json"}
     if remedy.before is not None and remedy.after is not None:
+        falls = remedy.after[worst - 1] < (1.0 - CHANGES) * remedy.before[worst - 1]
+        is_idle = is_idle or (level != "bad" and not falls)
         added = changes_in_words(session, worst, remedy.before, remedy.after)
         n_added = {1: "it", 2: "both"}.get(len(texts), f"all {len(texts)}")
         is_judged = {*texts} == {found.text for found in diagnosis.helpful}
@@ -375,13 +382,20 @@ def _to_add(
         if over is not None and over[worst - 1] > ABOVE_NOISE:
             left = formatting.number(float(over[worst - 1]))
             number += f"; joint {worst} keeps {left} times its noise"
-    if lacking := model.files_lacking(FILES, texts):
+    if lacking:
         number += f". No place for it in {formatting.words(lacking)}"
     do = partial(session.start, session.apply, change.to_dict())
     label = label_of(change.words)
-    return NextStep(
-        text, label, "diagnose", do, level=level, other=other, number=number, more=more
-    )
+    said: dict[str, Any] = {
+        "text": text,
+        "level": level,
+        "number": number,
+        "more": more,
+    }
+    if is_idle and "report.html" not in session.taken:
+        other = NextStep("", f"Or {change.words}", "diagnose", do)
+        return replace(_report(view), other=other, **said)
+    return NextStep(label=label, stage="diagnose", do=do, other=other, **said)
 
 
 def _rest_to_add(session: Session) -> NextStep | None:

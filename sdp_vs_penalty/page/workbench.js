@@ -103,7 +103,7 @@ document.addEventListener("click", (event) => {
 
 document.addEventListener("click", (event) => {
   const back = event.target.closest?.("[data-key=undo], [data-key=redo]"); // seen at once, drawn anew when done
-  const words = back?.querySelector(".what");
+  const words = back?.querySelector(".what")?.firstChild;
   if (words) words.textContent = words.textContent.replace(/^Undo/, "Undoing").replace(/^Redo/, "Redoing");
 });
 addEventListener("popstate", (event) => {

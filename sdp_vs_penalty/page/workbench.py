@@ -271,7 +271,8 @@ class Workbench:
                 for label, _ in steps[-1:]:
                     with button("", do, word.lower(), "quiet", title=word):
                         tag("span", arrow, aria_hidden="true")
-                        tag("span", f"{word}: {label_of(label)}", "what")
+                        with tag("span", word, "what"):  # on a phone the word alone
+                            tag("span", f": {label_of(label)}")
 
         other = step.other and step.other.label
         words = [step.text, step.number, step.more]

@@ -224,8 +224,15 @@ def _card(
         number = "" if finding.torque_is_certain else f"{finding.number}. "
         title = f"{number}{words.title}"
         is_open = is_open and not is_added
-        with _head(title, f"card-{k}", is_open, words):
+        gain = "" if is_added else words.brief_gain  # the chart has what it did
+        with _head(title, f"card-{k}", is_open, words, gain):
             draw.tag("p", words.on_the_arm, "on-the-arm")
+            if finding.unit == "kg":
+                draw.note(
+                    "The ± leaves out an error of the gains: 10 % off, and the mass is 10 %"
+                    " off. A load whose mass you know tells them: sdp-vs-penalty identify"
+                    " --known-load LOAD.csv:KG, in a terminal."
+                )
             _picture(session, finding)
             draw.tag("h5", "Evidence")
             with draw.tag("ul", style="evidence"):
@@ -243,16 +250,20 @@ def _card(
 
 
 def _head(
-    title: str, key: str, is_open: bool, words: FindingWords | None = None
+    title: str,
+    key: str,
+    is_open: bool,
+    words: FindingWords | None = None,
+    gain: str = "",
 ) -> Any:
     """Draw the head of a card: its title, how sure it is, and what adding it does to the
-    error; fill what it unfolds in a ``with`` statement."""
+    error (``gain``); fill what it unfolds in a ``with`` statement."""
     unfolded = draw.tag("details", open=is_open)
     with unfolded, draw.tag("summary", style="head", data_key=key):
         draw.tag("h4", title)
         if words is not None:
             draw.tag("span", words.badge, f"badge {words.rating}")
-            draw.tag("span", words.brief_gain, "soft")
+            draw.tag("span", gain, "soft")
     return unfolded
 
 
