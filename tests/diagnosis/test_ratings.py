@@ -191,6 +191,8 @@ def test_what_is_sure_is_added_together():
     assert change.arguments == {"effects": [*texts], "findings": [1, 2]}
     change = replace(diagnosis(one, two), **errors).main_remedy.change
     assert change.arguments["findings"] == "helpful"
+    useless = finding("stiction", 3, held_out_rmse_after=np.full(7, 3.0), **loud)
+    assert [f.effect for f in diagnosis(useless, one, two).sure] == ["backlash"] * 2
 
 
 def test_the_cause_of_the_whole_robot_names_no_joint():

@@ -1485,3 +1485,19 @@ def test_a_new_run_in_another_unit_waits_for_its_unit(
     screen.click(key)
     assert s.runs[-1]["use"] == "test"
     assert s.current.judged_on == ["test.csv", s.runs[-1]["name"]]
+
+
+def test_a_computed_torque_beside_a_measured_one_is_known(tmp_path):
+    """By its smoothness, where columns have no names; the measured one is taken as it
+    is."""
+    t = np.linspace(0.0, 10.0, 1000)
+    smooth = np.sin(np.outer(t, [1.0, 2.0]))
+    rough = smooth + 0.1 * np.random.default_rng(0).standard_normal(smooth.shape)
+    table = np.column_stack([t, smooth, smooth, rough])
+    np.savetxt(file := tmp_path / "log.csv", table, delimiter=",")
+    names = [f"#{k}" for k in range(1, 8)]
+    begin = "t=#1,q1=#2,q2=#3,"
+    said = jobs._rougher_block(file, f"{begin}tau1=#4,tau2=#5", names)
+    assert said == "columns #6 to #7"
+    assert jobs._rougher_block(file, f"{begin}tau1=#6,tau2=#7", names) == ""
+    assert jobs._rougher_block(file, "", names) == ""
