@@ -105,7 +105,7 @@ def test_errors_on_a_test_run_are_of_fits_that_hold_a_known_value(two_link, run)
     assert fitted.errors(())[0] == pytest.approx(own, rel=0.1)
     # Without bounds and prior, it errs somewhat more.
     fits = least_squares_parameters, None
-    free, bound = (fitted._squares((), False, fit).sum(axis=0)[0] for fit in fits)
+    free, bound = (fitted._squares((), False, fit)[..., 0].sum() for fit in fits)
     assert np.sqrt(free / bound) == pytest.approx(1.0, rel=0.25)
 
 
