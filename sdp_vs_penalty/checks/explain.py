@@ -304,7 +304,7 @@ def issue_of_difference(
     rivals = []
     for hypothesis in [rival.hypothesis for rival in claim.rivals]:
         effect = hypothesis.effect
-        if h.kind != "another load":  # other links carry it too
+        if h.kind not in ("another load", hypothesis.kind):  # links carry a load too
             effect = _RIVALS.get(hypothesis.kind, effect)
         if effect:
             rivals.append(effect)

@@ -25,9 +25,9 @@ _SPREAD = 0.187
 NEARER = np.arange(-3, 4) / 64.0, np.arange(-3, 4) / 256.0
 #: Changes that begin within a run.
 _WITHIN_A_RUN = "torque gain", "encoder offset"
-#: Standard deviation beforehand of a load: of its mass as a share of the arm's mass, its centre
-#: [m], and its radius of gyration squared [m^2].
-_SHARE_OF_ARM, _CENTRE, _GYRATION = 1.0, 0.5, 0.3
+#: Standard deviation beforehand of a load: of its mass as shares of the arm's mass, for a
+#: heavy and a light one, its centre [m], and its radius of gyration squared [m^2].
+_SHARES_OF_ARM, _CENTRE, _GYRATION = (1.0, 0.05), 0.5, 0.3
 
 
 def parts_of(evidence: Evidence) -> list[Part]:
@@ -69,16 +69,19 @@ def in_parts(
     """Yield a load of each of some parts, and of an arm that leaves much another arm;
     ``n_possible`` are as likely beforehand."""
     none = evidence.log.as_logged
-    load = load_on_last_link(evidence, fit, fit.chain)
+    loads = loads_on_last_link(evidence, fit, fit.chain)
     arm = another_arm(evidence, fit) if (fit.shares > c.BADLY).any() else None
     odds = -c.LOG_ODDS_AGAINST_DIFFERENCE - float(np.log(n_possible))
     for part in parts:
         at = _share_of_rows(evidence, part)[None, :, None]
-        if load is not None:
+        for load in loads:
             # Of what follows an instant the load may have been put down.
             is_positive = part.run is not None
             further = Further(load.columns * at, load.sd, is_positive=is_positive)
-            yield Hypothesis("another load", (), odds, none, part=part, further=further)
+            one_of = odds - float(np.log(len(loads)))
+            yield Hypothesis(
+                "another load", (), one_of, none, part=part, further=further
+            )
         if arm is not None:
             further = Further(arm.columns * at, arm.sd)
             rare = odds - c.LOG_ODDS_AGAINST_DIFFERENCE
@@ -123,16 +126,16 @@ def another_arm(evidence: Evidence, fit: ViewFit) -> Further | None:
     return Further(columns @ spread, np.ones(columns.shape[2]))
 
 
-def load_on_last_link(
+def loads_on_last_link(
     evidence: Evidence, fit: ViewFit, chain: LogTransform
-) -> Further | None:
-    """Return the torque of a load on the last link under a transform; None for an arm
-    without links."""
+) -> list[Further]:
+    """List the torques of a heavy and of a light load on the last link under a transform;
+    none for an arm without links."""
     log = evidence.log
     model = log.data.shared
     if model is None or not len(model.rigid_indices):
-        return None
+        return []
     columns = log.columns(chain.arm_part)[:, :, model.rigid_indices[-10:]]
-    mass = _SHARE_OF_ARM * max(float(log.problem.prior_links[:, 0].sum()), 1.0)
+    mass = max(float(log.problem.prior_links[:, 0].sum()), 1.0)
     sd = np.array([1.0, *3 * (_CENTRE,), *6 * (_GYRATION,)])
-    return Further(columns, fit.scale * mass * sd)
+    return [Further(columns, share * fit.scale * mass * sd) for share in _SHARES_OF_ARM]

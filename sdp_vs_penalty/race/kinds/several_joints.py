@@ -16,7 +16,7 @@ from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import prior_of_one_of
-from sdp_vs_penalty.race.kinds.of_one_part import load_on_last_link
+from sdp_vs_penalty.race.kinds.of_one_part import loads_on_last_link
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Further, Hypothesis, Part
 from sdp_vs_penalty.robot.arrays import Indices
@@ -40,12 +40,13 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         return
     if any(fit.chain.gravity):
         weightless = replace(fit.chain, gravity=(0.0, 0.0, 0.0))
+        heavy, _ = loads_on_last_link(evidence, fit, weightless)
         yield Hypothesis(
             kind="tool weight removed",
             joints=(),
             log_prior=prior_of_one_of(1),
             chain=fit.chain,
-            further=load_on_last_link(evidence, fit, weightless),
+            further=heavy,
             effect="a load on the last link whose weight the controller subtracted",
             by_controller="the torques hold the inertia of a load on the last link without"
             " its weight: the controller subtracted that",
