@@ -17,7 +17,7 @@ torques are A^-T tau.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -240,19 +240,18 @@ class LogTransform:
         """Return this transform with what ``after`` changes of ``before``: its factors
         multiplied, its numbers added, and else its entries."""
         changed: dict[str, Any] = {}
-        for name in ("order", "scale", "zero", "tau_order", "gain", "lead", "ratio"):
-            entries = zip(
-                *(getattr(x, name) for x in (self, before, after)), strict=True
-            )
+        for name in (entry.name for entry in fields(self) if entry.compare):
+            own, old, new = (getattr(x, name) for x in (self, before, after))
             if name in ("scale", "gain", "ratio"):
-                changed[name] = tuple(x * new / old for x, old, new in entries)
+                changed[name] = tuple((np.array(own) * new / old).tolist())
             elif name in ("zero", "lead"):
-                changed[name] = tuple(x + new - old for x, old, new in entries)
+                changed[name] = tuple((np.array(own) + new - old).tolist())
+            elif isinstance(own, tuple) and name not in ("gravity", "events"):
+                of_joints = zip(own, old, new, strict=True)
+                changed[name] = tuple(x if b == a else b for x, a, b in of_joints)
             else:
-                changed[name] = tuple(
-                    x if new == old else new for x, old, new in entries
-                )
-        return replace(after, **changed)
+                changed[name] = own if new == old else new
+        return replace(self, **changed)
 
     @property
     def gravity_left(self) -> tuple[float, ...]:

@@ -43,12 +43,12 @@ def solve_tiny(solver: str | None) -> None:
 class ThroughCvxpy(Solver):
     """A solver of CVXPY's, called there by our name in capitals; group : the argument
     that holds its options, "" where each is an argument; licences : files of which it
-    needs one, or port@server."""
+    needs one, or port@server; none where it is free."""
 
     extra = "its vendor, with a licence"
     full_matrices = True
     group: ClassVar[str] = ""
-    licences: ClassVar[tuple[str, ...]]
+    licences: ClassVar[tuple[str, ...]] = ()
     status_meaning = CLAIMS
 
     @property
@@ -63,7 +63,7 @@ class ThroughCvxpy(Solver):
         has_licence = any("@" in path.name or path.is_file() for path in licence_files)
         if super().absent:
             return super().absent
-        return "" if has_licence else f"no licence in {', '.join(self.licences)}"
+        return "" if has_licence or not self.licences else f"no licence in {', '.join(self.licences)}"
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         """State a conic problem in CVXPY and solve it there by this class's solver.

@@ -3,7 +3,7 @@ likely."""
 
 import gc
 import weakref
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 
 import numpy as np
@@ -14,7 +14,7 @@ from small_runs import small_run
 
 from sdp_vs_penalty import check, load_problem
 from sdp_vs_penalty.race import Hypothesis, Likelihood, Number, Part, Race
-from sdp_vs_penalty.race.chain import LogTransform
+from sdp_vs_penalty.race.chain import LogEvent, LogTransform
 from sdp_vs_penalty.race.evidence import Evidence
 from sdp_vs_penalty.race.kinds import KINDS, mounting, several_joints
 from sdp_vs_penalty.race.race import HeldRaces
@@ -227,6 +227,26 @@ def test_what_is_changed_alike_is_changed_beside_another_unit():
         for x in units
     )
     assert units[1].changed_alike(units[0], first) == second
+
+
+@pytest.mark.parametrize(
+    "name", [x.name for x in fields(LogTransform) if x.compare and x.name != "gain"]
+)
+def test_what_is_changed_alike_keeps_what_is_its_own(name):
+    """A rival of gravity stays one beside the next claim, about a gain."""
+    none = LogTransform.unchanged(2, (0.0, 0.0, -9.81))
+    value = getattr(none, name)
+    if name == "events":
+        other = (LogEvent(0),)
+    elif "order" in name:
+        other = value[::-1]
+    else:
+        other = tuple(x + 1.0 for x in value) if isinstance(value, tuple) else value + 1
+    rival = replace(none, **{name: other})
+    claim = none.with_multiplied("gain", (1,), 2.0)
+    kept = rival.changed_alike(none, claim)
+    assert getattr(kept, name) == other
+    assert kept.gain == claim.gain
 
 
 def test_a_column_of_zeros_is_worth_less_than_nothing(evidence):
