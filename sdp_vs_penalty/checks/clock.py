@@ -382,9 +382,8 @@ def find_time_jumps(glance: RunSummary) -> Iterator[Issue]:
     is_long = glance.steps > max(GAP * glance.usual_step, shortest_pause)
     for first, end, _ in _slower_stretches(glance):
         is_long[first:end] = False
-    if (
-        glance.run.episode is not None
-    ):  # the reader made the step between two recordings
+    if glance.run.episode is not None:
+        # The reader made the step between two recordings.
         is_long &= np.diff(glance.run.episode) == 0
     long = np.flatnonzero(is_long)
     moves = glance.movement.moves

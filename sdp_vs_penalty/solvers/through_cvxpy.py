@@ -63,7 +63,11 @@ class ThroughCvxpy(Solver):
         has_licence = any("@" in path.name or path.is_file() for path in licence_files)
         if super().absent:
             return super().absent
-        return "" if has_licence or not self.licences else f"no licence in {', '.join(self.licences)}"
+        return (
+            ""
+            if has_licence or not self.licences
+            else f"no licence in {', '.join(self.licences)}"
+        )
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         """State a conic problem in CVXPY and solve it there by this class's solver.
