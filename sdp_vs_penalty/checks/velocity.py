@@ -10,9 +10,11 @@ from functools import partial
 
 import numpy as np
 
+from sdp_vs_penalty.checks.certainty import READ, likely
 from sdp_vs_penalty.checks.constants import GAP, RUN
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import Issue, make_issue
+from sdp_vs_penalty.data.hypotheses.weighing import CERTAIN, VELOCITY_UNITS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.words.units import UNITS
 from sdp_vs_penalty.race.kinds.clock_rate import stamps_text
@@ -25,19 +27,16 @@ _SAME = 0.05
 _CLOCK, _OVER_SCATTER = 0.02, 3.0
 #: The same of one joint alone.
 _OF_ONE_JOINT = 0.3
-#: Units that positions and velocities are logged in, in radians and in rad/s.
+#: Units that positions are logged in, by their names, in radians.
 _OF_POSITIONS = {"radians": 1.0, "degrees": UNITS["deg"], "turns": UNITS["turns"]}
-_OF_VELOCITIES = {
-    **{f"{name} a second": radians for name, radians in _OF_POSITIONS.items()},
-    "turns a minute": UNITS["turns"] / UNITS["min"],
-}
 #: Positions beyond are in another unit than radians, whatever their names say [rad].
 _TWO_TURNS = 4.0 * np.pi
 #: Ratios of a clock in another unit, or at another rate, from the derivative's.
 _OF_CLOCKS = (0.5, 2.0, *(10.0**k for k in (-6, -3, -2, -1, 1, 2, 3, 6)))
-#: A ratio is that of two units if it differs by less than this share: those of two pairs
-#: differ by more than twice as much.
-_EXACT = 0.02
+#: A known ratio is met to this share; one that a filter or another rate makes differs from
+#: one by mostly this share, rarely by any; one of an encoder's counts has any of so many
+#: sizes (natural logarithms).
+_EXACT, _OF_FILTERS, _OF_COUNTS = 0.01, 0.1, 28.0
 #: A velocity whose correlation with the derivative is lower is of something else.
 _PROPORTIONAL = 0.8
 #: Lags that are tried, to either side [samples].
@@ -113,36 +112,50 @@ def _scatter_allowed(ratios: Array) -> float:
     return max(_CLOCK, _OVER_SCATTER * scatter)
 
 
-def velocity_units(ratio: float) -> tuple[str, str] | None:
-    """Return the units of velocities and positions whose ratio is the given one of dq to
-    dq/dt, which no clock makes; None where no two have it, or both say the same unit."""
-    for of_velocity, per_second in _OF_VELOCITIES.items():
-        for of_position, radians in _OF_POSITIONS.items():
-            exact = radians / per_second
-            if exact != 1.0 and abs(ratio / exact - 1.0) < _EXACT:
-                return of_velocity, of_position
-    return None
-
-
 def _in_another_unit(ratio: float, is_unit_said: bool) -> Issue | None:
     """Return the note that velocities are in another unit than positions, by the ratio to
-    the derivative of the position; None where no two units have it, unless no name says
-    the unit of positions: then they may be an encoder's counts."""
-    units = velocity_units(ratio)
-    is_of_clock = min(abs(np.log(ratio / x)) for x in _OF_CLOCKS) < _EXACT
-    if units is None and (is_unit_said or is_of_clock):
+    the derivative of the position; None where a clock or a filter makes it as well.
+
+    Two units have one ratio, and so have clocks in another unit. Filters and other rates
+    have any ratio, mostly near one; so have an encoder's counts, where no name says the
+    unit of positions. A unit is certain by its odds against all that say otherwise.
+    """
+    pairs = {
+        (velocity, position): radians / per_second
+        for per_second, velocity in VELOCITY_UNITS.items()
+        for position, radians in _OF_POSITIONS.items()
+        if radians != per_second
+    }
+    of_units = {x: _density(ratio, exact) / len(pairs) for x, exact in pairs.items()}
+    counts = "another unit than the positions", "radians"
+    of_units[counts] = 0.0 if is_unit_said else 1.0 / _OF_COUNTS
+    of_clocks = sum(_density(ratio, x) for x in _OF_CLOCKS) / len(_OF_CLOCKS)
+    distance = np.log(ratio) / _OF_FILTERS
+    of_filters = 1.0 / (np.pi * _OF_FILTERS * (1.0 + distance**2))
+    (of_velocity, of_position), best = max(of_units.items(), key=lambda x: x[1])
+    if best <= max(of_clocks, of_filters):
         return None
-    of_velocity, of_position = units or ("another unit than the positions", "radians")
+    others = sum(of_units.values()) - best + of_clocks + of_filters
     beside = (
         "" if of_position == "radians" else f", where positions are in {of_position}"
     )
+    odds = best / others
+    of_odds = likely(f"{odds:.2g} times as likely as a clock, a filter or counts")
     return _note(
         kind="velocity unit",
         where="columns dq",
         what=f"the logged velocities are in {of_velocity}{beside}: {ratio:.4g} times the"
         " derivative of the position.",
+        certainty=READ if odds > CERTAIN else of_odds,
         factor=ratio,
     )
+
+
+def _density(ratio: float, exact: float) -> float:
+    """Return how densely ratios that are measured lie at one, by its logarithm, where the
+    exact one is known."""
+    distance = np.log(ratio / exact) / _EXACT
+    return float(np.exp(-0.5 * distance**2) / (np.sqrt(2.0 * np.pi) * _EXACT))
 
 
 def _against_the_clock(ratio: float, alike: str) -> Issue:

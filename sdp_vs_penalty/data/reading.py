@@ -218,7 +218,7 @@ def _confirmed_order(log: Log, found: Recognition, choice: Choice) -> Recognitio
     """Return the order of columns that values and arm confirm far more than others; without
     a robot the likeliest one. Raises its error where they confirm none, or several."""
     from sdp_vs_penalty.data.hypotheses.arm import N_PARTS
-    from sdp_vs_penalty.data.hypotheses.by_arm import CERTAIN
+    from sdp_vs_penalty.data.hypotheses.weighing import CERTAIN
 
     if getattr(choice.joints, "robot", None) is None:
         return found

@@ -111,6 +111,27 @@ def test_a_velocity_that_is_not_the_derivative_is_told(name):
         assert issue.figures[figure] == pytest.approx(value, rel=0.02)
 
 
+@pytest.mark.parametrize(
+    ("ratio", "grade"),
+    [
+        (180.0 / np.pi, "certain"),
+        (30.0 / np.pi, "likely"),  # a clock ten times too slow, 5 % off
+        (1.02 * 180.0 / np.pi, "likely"),
+        (1.1, None),
+        (0.9, None),
+    ],
+)
+def test_a_unit_of_velocity_is_as_sure_as_its_odds(ratio, grade):
+    """A ratio of 1.1 was an encoder's counts for certain, where no name said a unit: a clock
+    at another rate and a filter make it far more often."""
+    for unit_command in ("", "convert --units q=UNIT"):
+        run = replace(RUN, dq=ratio * RUN.dq, unit_command=unit_command)
+        (issue,) = find_wrong_velocities(summary(run))
+        assert (issue.kind == "velocity unit") == (grade is not None)
+        if grade is not None and not unit_command:
+            assert issue.certainty.grade == grade
+
+
 def test_a_velocity_of_the_other_sign_is_not_late():
     """Rows of two UR10e's logs in reverse were said to have velocities .4 s late."""
     found = [*find_wrong_velocities(summary(replace(RUN, dq=-RUN.dq)))]

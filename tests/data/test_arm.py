@@ -433,6 +433,19 @@ def test_of_two_torques_without_names_the_arm_takes_none(tmp_path):
         reading(path, problem)
 
 
+def test_no_gears_are_sought_of_columns_that_the_arm_has_to_confirm(
+    tmp_path, monkeypatch
+):
+    """Seventy fits of each order that is tried: 9 s of 11, and a ratio confirms none."""
+    problem = limited_arm(tmp_path)
+    run = small_run(problem, seconds=8.0)
+    path = tmp_path / "run.csv"
+    np.savetxt(path, np.hstack([run.t[:, None], run.tau, DEGREES * run.q]))
+    monkeypatch.delattr(by_arm, "_with_possible_gears")
+    got, _ = reading(path, problem)
+    np.testing.assert_allclose(got.q, run.q)
+
+
 def test_counts_whose_size_is_likely_bring_the_command(tmp_path):
     """Encoders of other sizes are as possible: the user decides."""
     problem = limited_arm(tmp_path)

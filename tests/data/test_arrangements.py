@@ -34,8 +34,8 @@ from written_logs import (
 from sdp_vs_penalty import convert, load_measurements
 from sdp_vs_penalty.data import describe_columns, read_run, unit_of_clock
 from sdp_vs_penalty.data.formats.text_file import PIECE
-from sdp_vs_penalty.data.hypotheses.by_arm import CERTAIN
 from sdp_vs_penalty.data.hypotheses.orders import layouts
+from sdp_vs_penalty.data.hypotheses.weighing import CERTAIN
 from sdp_vs_penalty.data.parsing import pairs
 from sdp_vs_penalty.data.words.units import unit_of_factor
 from sdp_vs_penalty.errors import ColumnsRemark, Remark

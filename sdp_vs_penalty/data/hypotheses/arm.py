@@ -111,14 +111,14 @@ def fit_arm(
             theta = np.linalg.lstsq(others[:, :-1], others[:, -1], rcond=1e-6)[0]
             left.append(np.ravel(part[:, :, -1] - part[:, :, :-1] @ theta))
     share = min(float(np.sqrt(np.mean(np.concatenate(left) ** 2))), 1.0)
+    if each_in_its_unit:
+        return ChannelFit(share, friction=0.0)
     of_friction = slice(-2 * n, None)
     power = own[:, :, of_friction] @ (theta / scale)[of_friction] * dq
     needed = float(np.linalg.norm(rigid.sum(axis=2) / spreads))
     factors_of_links = (theta / scale)[: rigid.shape[2]]
     size = float(np.linalg.norm(rigid @ factors_of_links / spreads))
     is_known = links is not None and needed > 0.0
-    if each_in_its_unit:
-        return ChannelFit(share, friction=0.0)
     return ChannelFit(
         share,
         float(np.mean(power / spreads / usual_speed)),

@@ -19,6 +19,7 @@ from sdp_vs_penalty.data.hypotheses.channels import Recognition
 from sdp_vs_penalty.data.hypotheses.recognition import is_current, with_torque
 from sdp_vs_penalty.data.hypotheses.renaming import factors_and_zeros
 from sdp_vs_penalty.data.hypotheses.weighing import (
+    CERTAIN,
     DEGREES_OR_PERCENT,
     EXPLAINS_NONE,
     ColumnHypothesis,
@@ -39,8 +40,8 @@ from sdp_vs_penalty.data.words.units import ENCODER_BITS, UNITS, unit_of_factor
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
-#: Odds from which a reading is certain; those of gears up to which a unit is possible.
-CERTAIN, _POSSIBLE = 1e3, 30.0
+#: Odds of gears up to which a unit is possible.
+_POSSIBLE = 30.0
 #: Shares of logs whose positions are in a unit, where no name says one: of numbers that are
 #: not radians; of a servo's; of turns, and of counts of one size.
 _DEGREES, _OF_SERVO, _RARE = 0.5, 0.5, 1e-2
@@ -183,6 +184,8 @@ def with_unit_of_positions(
             return replace(
                 found, said=(*found.said, may_be), possible_scale=scale
             ), blocks
+        if found.unless_confirmed is not None:  # gears of any ratio confirm no columns
+            return found, blocks
         return _with_possible_gears(found, robot, q, tau, fit, apart), blocks
     found = replace(found, unit_by_arm=best.words)
     if "tau" in found.unsaid and of_best.size > 0.0:

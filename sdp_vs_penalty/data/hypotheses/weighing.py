@@ -21,6 +21,8 @@ from sdp_vs_penalty.robot.arrays import Array
 ANGLE, CLOCK, SERVO = "angle", "clock", "servo"
 #: ... and of a clock whose name says no unit.
 TIME = "time"
+#: Odds from which a reading is certain.
+CERTAIN = 1e3
 #: The unit of positions that may be either.
 DEGREES_OR_PERCENT = "degrees or per cent of each joint's range"
 #: Rows from which the units and the rate of a long file are judged.
@@ -281,7 +283,7 @@ def rate_from_velocities(q: Array, dq: Array) -> float | None:
 
 
 #: Units that velocities are logged in beside positions in SI, by their factors.
-_OF_VELOCITIES = {
+VELOCITY_UNITS = {
     1.0: "SI",
     UNITS["deg"]: "deg/s",
     UNITS["rpm"]: "rpm",
@@ -330,14 +332,14 @@ def _unit_of_velocities(
     counted = [] if {*own} <= {*UNITS.values()} else [1.0 / usual]
     found = dict[int, float]()
     for j, ratio in ratios.items():
-        known = (1.0, own[j], *_OF_VELOCITIES, *counted)
+        known = (1.0, own[j], *VELOCITY_UNITS, *counted)
         found[j] = next((x for x in known if abs(ratio * x - 1.0) < _EXACT), 0.0)
     units = {*found.values()}
     if 0.0 in units or units <= {1.0} or (units == {UNITS["mm"]} != {*own}):
         return None
     most = max(units, key=[*found.values()].count)  # of joints at rest
     factors = [found.get(j, most) for j in range(q.shape[1])]
-    words = dict.fromkeys(_OF_VELOCITIES.get(x, f"steps of {x:.3g}") for x in factors)
+    words = dict.fromkeys(VELOCITY_UNITS.get(x, f"steps of {x:.3g}") for x in factors)
     return np.array(factors), " and ".join(words)
 
 
