@@ -925,8 +925,9 @@ def _with_unit_of_clock(
     of_velocities = w.rate_from_velocities(*moved) if len(moved) == 2 else None
     with np.errstate(all="ignore"):  # steps of numbers that are none
         ways = np.nan_to_num(np.abs(np.diff(moved[0], axis=0)))
-    # The logger of CLOCK writes seconds or milliseconds.
-    way = 0.0 if kind == w.CLOCK else float(np.max(ways.mean(axis=0)))
+    # The logger of CLOCK writes seconds or milliseconds; an arm at rest has no speed.
+    is_at_rest = np.ptp(moved[0], axis=0).max(initial=0.0) < _AT_REST
+    way = 0.0 if kind == w.CLOCK or is_at_rest else float(np.max(ways.mean(axis=0)))
     unit = w.unit_of_clock(t[part], of_velocities, way, kind=kind)
     is_said = kind == w.CLOCK or unit.answer != "s" or "t" in found.units
     return found.with_unit("t", unit) if is_said else found

@@ -609,7 +609,7 @@ def test_an_object_of_matlab_is_refused_by_its_class(kind, words, monkeypatch):
     refusal(lambda: list(numeric_variables("run.mat")), said, words)
 
 
-@pytest.mark.parametrize("name", [None, "stamp", "recorded"])
+@pytest.mark.parametrize("name", [None, "stamp", "recorded", "shijian"])
 @pytest.mark.parametrize("kind", ["dates", "zone", "durations", "texts", "seconds"])
 def test_indices_and_stamps_of_parquet(kind, name, tmp_path):
     durations = pd.to_timedelta(np.round(T * 1e6).astype(int), unit="us")
@@ -623,10 +623,7 @@ def test_indices_and_stamps_of_parquet(kind, name, tmp_path):
     }[kind]
     frame = pd.DataFrame(TABLE[:, 1:], index.rename(name), HEAD[1:])
     path = saved(lambda x: frame.to_parquet(x), tmp_path / "run.parquet")
-    if (kind, name) == ("seconds", "recorded"):  # nothing says that it is a clock
-        refusal(lambda: read(path), "no column t")
-    else:
-        same(read(path)[0])
+    same(read(path)[0])
 
 
 def named_rows(folder, layout):

@@ -454,7 +454,7 @@ def test_the_command_for_columns_without_names_reads_them(
 ):
     monkeypatch.chdir(tmp_path)
     said = refusal(
-        lambda: read(log(Path("run.csv"), row, head=head)), "where its columns are t, q"
+        lambda: read(log(Path("run.csv"), row, head=head)), "q, dq and tau, `"
     )
     (command,) = re.findall("`sdp-vs-penalty (.*?)`", said)
     assert run_cli(*shlex.split(command)) == 0

@@ -73,7 +73,7 @@ def layouts(
                 continue
             for layout in _of_joints(columns, names, n, known, stamps):
                 # A counter of rows is none: velocities tell the rate.
-                is_clock = clock is not None and not _counts(columns[clock])
+                is_clock = clock is not None and not counts_rows(columns[clock])
                 t_of = {"t": clock} if clock and is_clock else {}
                 found.append(Layout({**t_of, **layout.names}, layout.weight))
     return sorted(found, key=lambda x: -x.weight)
@@ -95,7 +95,7 @@ def _with_clock(
     ends = [x for x in ends if {*x} <= rising]
     most = max(map(len, ends), default=0)
     for outer in (x for x in ends if len(x) == most):
-        clocks = [x for x in outer if not _counts(columns[x])] or outer
+        clocks = [x for x in outer if not counts_rows(columns[x])] or outer
         inner = [x for x in names if x not in outer]
         yield clocks[0] if clocks and not is_known else None, inner
 
@@ -110,7 +110,7 @@ def rises(values: Array) -> bool:
     return bool(np.mean((rising > least) & (rising < most)) > 0.9)
 
 
-def _counts(values: Array) -> bool:
+def counts_rows(values: Array) -> bool:
     """Tell whether a column (N,) counts rows."""
     return bool(np.all(np.diff(values) == 1.0))
 

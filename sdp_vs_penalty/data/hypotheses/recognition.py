@@ -25,6 +25,7 @@ from sdp_vs_penalty.data.hypotheses.channels import (
     UNSAID_CURRENT,
     Recognition,
 )
+from sdp_vs_penalty.data.hypotheses.orders import counts_rows, rises
 from sdp_vs_penalty.data.hypotheses.renaming import by_group, rename_words
 from sdp_vs_penalty.data.hypotheses.sets import SetChoice, choose_sets, column_sets
 from sdp_vs_penalty.data.hypotheses.weighing import (
@@ -43,7 +44,7 @@ from sdp_vs_penalty.data.words.names import (
     Meaning,
     counts_runs,
     facts_of_heading,
-    is_counter,
+    is_no_measurement,
     read_bare_joint,
     read_commanded_torque,
     read_letter,
@@ -73,8 +74,6 @@ _OUTPUT = re.compile(r"\boutput\b")
 _FEEDBACK = ("feedback", "actual")
 #: Words of torques that are currents.
 _CURRENTS = {"current", "currents", "curr", "cur", "amps", "i", "iq", "strom"}
-#: Share of the steps of a counter that are its usual one, where it counts time.
-_MOSTLY = 0.8
 #: What the channel groups are called in a sentence.
 _WORDS_OF_GROUPS = {"q": "positions", "dq": "velocities", "tau": "torques"}
 
@@ -237,8 +236,7 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
     Among several, the best word wins ("time" before "tick"), then the name with the
     fewest other words. Where no name says it, the only column of stamps is the clock, or
     else an index without a name that rises in fractions, or else the only column of
-    unknown words that ends with a unit of time and rises ("run_minutes"), or a counter
-    that rises by the same in nearly every row, and not by 1 ("tick").
+    unknown words that rises evenly ("shijian").
     """
     if not isinstance(columns, Mapping):
         columns = columns_called(columns)
@@ -262,22 +260,18 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
         for name, x in said.items()
         if x is not None and x.quantity == "t" and x.number is None
     ]
+    # A counter of rows is none, unless its name says that it counts time.
+    heads = {x: y.head for x, y in columns.items() if y.kind == "number"}
+    rising = {x: y for x, y in heads.items() if rises(y)}
+    indices = [x for x in names if x.lower() in _NAMES_OF_INDICES]
     weaker = (
         [name for name in names if columns[name].kind == "stamp"],
+        [x for x in indices if x in rising and np.any(rising[x] % 1.0)][:1],
         [
             x
-            for x in names
-            if x.lower() in _NAMES_OF_INDICES and _rises(columns[x], 1.0)
-        ][:1],
-        [
-            x
-            for x in names
-            if not said.get(x) and read_time_by_unit(x) and _rises(columns[x])
-        ],
-        [
-            x
-            for x in names
-            if is_counter(x) and _rises(columns[x]) and _is_even(columns[x])
+            for x, head in rising.items()
+            if not (said[x] or is_no_measurement(x) or x in indices)
+            and (read_time_by_unit(x) or not counts_rows(head))
         ],
     )
     clock = min(clocks)[2] if clocks else None
@@ -289,22 +283,6 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
         fraction_column([name for name in names if name != clock]) if is_whole else None
     )
     return f"{clock}+{fraction}" if fraction is not None else clock
-
-
-def _rises(column: Column, unit: float = 0.0) -> bool:
-    """Return whether the first numbers of a column, three or more, never fall, rise, and
-    not in whole numbers of ``unit``; in a table with a row a joint they repeat."""
-    head = column.head if column.kind == "number" else np.zeros(0)
-    is_whole = unit > 0.0 and not np.any(head % unit)
-    rises = len(head) > 2 and bool(np.all(np.diff(head) >= 0.0)) and head[-1] > head[0]
-    return bool(rises) and not is_whole
-
-
-def _is_even(column: Column) -> bool:
-    """Return whether the first numbers of a column rise by the same step, other than 1,
-    but where rows are lost."""
-    steps, counts = np.unique(np.diff(column.head), return_counts=True)
-    return bool(counts.max() > _MOSTLY * counts.sum() and steps[counts.argmax()] != 1.0)
 
 
 def _our_name(group: str, key: Hashable, number: int) -> str:

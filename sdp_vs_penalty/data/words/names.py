@@ -65,12 +65,6 @@ def is_no_measurement(name: str) -> bool:
     return not _OTHERS.isdisjoint(split_tokens(name))
 
 
-def is_counter(name: str) -> bool:
-    """Return whether a name says nothing but a counter, which may count time: "tick"."""
-    words = {*split_tokens(name)}
-    return bool(words & _COUNTERS) and words <= _COUNTERS | _FILLERS
-
-
 def is_word_for_joint(words: Sequence[str]) -> bool:
     """Return whether words mean a joint: "joint", "arm axis"."""
     return not _JOINTS.isdisjoint(words) and _FILLERS.issuperset(words)
