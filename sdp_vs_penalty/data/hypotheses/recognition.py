@@ -260,12 +260,26 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
         for name, x in said.items()
         if x is not None and x.quantity == "t" and x.number is None
     ]
-    # A counter of rows is none, unless its name says that it counts time.
-    heads = {x: y.head for x, y in columns.items() if y.kind == "number"}
-    rising = {x: y for x, y in heads.items() if rises(y)}
-    indices = [x for x in names if x.lower() in _NAMES_OF_INDICES]
+    clock = min(clocks)[2] if clocks else _clock_by_values(columns, said)
+    if clock is None or columns[clock].kind != "stamp":
+        return clock
+    is_whole = not any(map(has_fraction, columns[clock].cells))
+    fraction = (
+        fraction_column([name for name in names if name != clock]) if is_whole else None
+    )
+    return f"{clock}+{fraction}" if fraction is not None else clock
+
+
+def _clock_by_values(
+    columns: Columns, said: Mapping[str, Meaning | None]
+) -> str | None:
+    """Find the clock that no name says, by its values; see :func:`find_clock`. A counter of
+    rows is none, unless its name says that it counts time."""
+    numbers = {x: y.head for x, y in columns.items() if y.kind == "number"}
+    rising = {x: head for x, head in numbers.items() if rises(head)}
+    indices = [x for x in columns if x.lower() in _NAMES_OF_INDICES]
     weaker = (
-        [name for name in names if columns[name].kind == "stamp"],
+        [x for x, y in columns.items() if y.kind == "stamp"],
         [x for x in indices if x in rising and np.any(rising[x] % 1.0)][:1],
         [
             x
@@ -274,15 +288,7 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
             and (read_time_by_unit(x) or not counts_rows(head))
         ],
     )
-    clock = min(clocks)[2] if clocks else None
-    clock = clock or next((found[0] for found in weaker if len(found) == 1), None)
-    if clock is None or columns[clock].kind != "stamp":
-        return clock
-    is_whole = not any(map(has_fraction, columns[clock].cells))
-    fraction = (
-        fraction_column([name for name in names if name != clock]) if is_whole else None
-    )
-    return f"{clock}+{fraction}" if fraction is not None else clock
+    return next((found[0] for found in weaker if len(found) == 1), None)
 
 
 def _our_name(group: str, key: Hashable, number: int) -> str:
