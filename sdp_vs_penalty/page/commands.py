@@ -1,32 +1,20 @@
 """The commands that make what a session made, to be run where its files are."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from sdp_vs_penalty.page.model_step import ModelStep
+from sdp_vs_penalty.page.run_issues import RunIssues
 
 
-def commands_of(
-    robot: Mapping[str, Any],
-    runs: Sequence[Mapping[str, Any]],
-    history: Sequence[ModelStep],
-    prepared: Sequence[Sequence[str]],
-    options: Mapping[str, str],
-    has_check: bool,
-) -> list[list[str]]:
+def commands_of(session: RunIssues) -> list[list[str]]:
     """Return the words of the command lines that repeat a session's work, one a step.
 
     They are what made the runs, `identify` unless the first model was opened from a
     file, and for each further model the `diagnose` that names its effects and `add`;
     `compare` judges the models on the run that is kept for testing.
-
-    prepared : words of the commands that simulated, converted and repaired the runs;
-    has_check : whether the data check came before identification.
     """
-    commands = [[*words] for words in prepared]
+    commands = [[*words] for words in session.prepared]
+    history, runs, robot = session.history, session.runs, session.robot
     if not history:
         return commands
     first = history[0]
@@ -39,9 +27,9 @@ def commands_of(
         """Return the words of the `identify` that makes a model with these effects as its
         file ``out``."""
         words = ["--method", first.method, "--effects", ",".join(effects)]
-        if not has_check:
+        if session.meaningless:
             words.append("--no-check")
-        given = {"hold": robot["hold"], **options}
+        given = {"hold": robot["hold"], **session.options}
         if robot["gravity"] != robot["own_gravity"]:
             given["gravity"] = ",".join(f"{g:g}" for g in robot["gravity"])
         for option, value in given.items():
@@ -52,7 +40,7 @@ def commands_of(
     if not first.opened:
         commands.append(identify_words(first.effects, name))
     # A model that was kept is the last of those that the commands before it made.
-    n_made = max(1, sum(words[0] in ("identify", "add") for words in prepared))
+    n_made = max(1, sum(words[0] in ("identify", "add") for words in session.prepared))
     for k, model in enumerate(history[1:], start=n_made + 1):
         frozen = ["--frozen"] if model.frozen else []
         how = [*data, *test, *frozen]

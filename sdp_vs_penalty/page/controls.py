@@ -13,7 +13,7 @@ from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from sdp_vs_penalty.page.model_step import ModelStep
-from sdp_vs_penalty.page.session import ENDINGS
+from sdp_vs_penalty.page.runs import ENDINGS
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.render.pieces import framed
 from sdp_vs_penalty.render.tables import model_table

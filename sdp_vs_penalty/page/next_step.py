@@ -18,7 +18,9 @@ from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
 from sdp_vs_penalty.page.model_step import joints_of
-from sdp_vs_penalty.page.session import MOTION, Session, asks_for_unit, is_refused
+from sdp_vs_penalty.page.models import MOTION
+from sdp_vs_penalty.page.run_issues import asks_for_unit, is_refused
+from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import label_of
 from sdp_vs_penalty.page.stages.use import FILES, models_taken
 from sdp_vs_penalty.page.view import (

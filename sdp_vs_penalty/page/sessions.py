@@ -18,13 +18,9 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.effects import effects_in_words
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import lives
-from sdp_vs_penalty.page.session import (
-    ENDINGS,
-    STATE_FILE,
-    Session,
-    kind_of,
-    read_state,
-)
+from sdp_vs_penalty.page.project import STATE_FILE, read_state
+from sdp_vs_penalty.page.runs import ENDINGS, kind_of
+from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import name_in_title
 from sdp_vs_penalty.page.view import Project
 from sdp_vs_penalty.page.worker import LEAST, WorkerPool

@@ -17,8 +17,9 @@ from sdp_vs_penalty.page.controls import (
     tag,
     take_presses,
 )
+from sdp_vs_penalty.page.job_queue import Working
 from sdp_vs_penalty.page.next_step import NextStep, next_step
-from sdp_vs_penalty.page.session import PageNotice, Working
+from sdp_vs_penalty.page.project import PageNotice
 from sdp_vs_penalty.page.sessions import title_of
 from sdp_vs_penalty.page.spoken import label_of, with_whole_amounts
 from sdp_vs_penalty.page.stages import STAGES

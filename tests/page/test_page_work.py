@@ -45,8 +45,8 @@ from sdp_vs_penalty.files import protecting
 from sdp_vs_penalty.formatting import sentence
 from sdp_vs_penalty.page import Sessions, WorkerPool, data_chart, guarded, jobs, worker
 from sdp_vs_penalty.page import sessions as tabs
+from sdp_vs_penalty.page.job_queue import Working
 from sdp_vs_penalty.page.next_step import next_step
-from sdp_vs_penalty.page.session import Working
 from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.render.words import describe_diagnosis, describe_remedy
 from sdp_vs_penalty.results import Change, Remedy

@@ -28,8 +28,7 @@ from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.formatting import number, sentence
-from sdp_vs_penalty.page import Sessions, jobs
-from sdp_vs_penalty.page import session as session_module
+from sdp_vs_penalty.page import Sessions, jobs, models
 from sdp_vs_penalty.page.next_step import next_step
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.page.stages import measure
@@ -248,7 +247,7 @@ def test_what_is_open_of_the_model_is_said_once(story, monkeypatch):
 def test_the_cause_that_is_chosen_is_the_one_that_is_drawn(story, monkeypatch):
     """Also where the error of a joint depends on none: it is drawn over time."""
     screen, session = story.screen, story.session
-    monkeypatch.setattr(session_module, "shown_cause", lambda *_: UNNAMED)
+    monkeypatch.setattr(models, "shown_cause", lambda *_: UNNAMED)
     for cause, axis in ((session.cause_of(2), "time [s]"), ("load", "modelled torque")):
         screen.view.select_joint(2, cause)
         (*_, against) = screen.charts("fit")

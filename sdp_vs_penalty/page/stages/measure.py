@@ -18,7 +18,10 @@ from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import ArmScene, chart_and_arm
 from sdp_vs_penalty.page.charts import data_chart
-from sdp_vs_penalty.page.session import ANGLES, ENDINGS, UNITS, Session, asks_for_unit
+from sdp_vs_penalty.page.repairs import ANGLES, UNITS
+from sdp_vs_penalty.page.run_issues import asks_for_unit
+from sdp_vs_penalty.page.runs import ENDINGS
+from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import heading_of, label_of, name_in_title, spoken
 from sdp_vs_penalty.page.view import (
     PagePart,
