@@ -51,6 +51,8 @@ GROUPS = ("q", "dq", "tau", "temp", *COMMANDED)
 _WHOLE = ("temp", "current", "voltage")
 #: Share of empty cells in a channel that competes with others.
 _MOST_GAPS = 0.1
+#: Whole numbers that stand for a missing measurement are as large.
+_LEAST_SENTINEL = 99.0
 #: How the set of columns that competes as the torques is told from our groups.
 _RIVAL = "torques: {}"
 #: A joint that moves by less does not move [rad, m].
@@ -264,16 +266,20 @@ def _run_of_columns(
     rivals = {x: list(y.values()) for x, y in torques.items()}
     values = log.read(list(dict.fromkeys(chain(names, *rivals.values()))))
     # Sets of torques compete where they have a value nearly whenever the first one does.
-    clock = log.columns[groups.get("tau", names)[0]].clock
+    of_torques = log.columns[groups.get("tau", names)[0]].clock
     groups |= {
         _RIVAL.format(label): columns
         for label, columns in rivals.items()
         if all(
-            log.columns[x].clock == clock
+            log.columns[x].clock == of_torques
             and np.mean(values.gaps.get(x, False)) < _MOST_GAPS
             for x in columns
         )
     }
+    if clock := groups.get("t"):
+        values = _without_padding(log, values, clock)
+    measured = [x for x in values.columns if x not in (*(clock or ()), found.episode)]
+    values = _without_sentinels(log, values, measured)
     values = _in_one_order(log, values, found, choice)
     t, columns, rows = _aligned(log, groups, values, found)
     order = None
@@ -590,6 +596,44 @@ def _say_unused(log: Log, names: Sequence[str]) -> None:
 
 
 # -- 2. values ------------------------------------------------------------------------
+
+
+def _without_padding(log: Log, values: Values, clock: Sequence[str]) -> Values:
+    """Leave out rows at the end that hold zeros alone, the clock's too: those of arrays that
+    were longer than the run."""
+    columns = values.columns
+    n = len(columns[clock[0]])
+    if n < 2 or any(len(x) != n or np.any(x[-2:]) for x in columns.values()):
+        return values
+    last = [np.flatnonzero(x.reshape(n, -1).any(axis=1))[-1:] for x in columns.values()]
+    n_rows = 1 + int(max(np.concatenate(last), default=n - 1))
+    many = formatting.count(n - n_rows, "row")
+    _remark(log, f"{many} of zeros at the end, the clock's too: left out")
+    rows = None if values.rows is None else values.rows[:n_rows]
+    gaps = {x: y[:n_rows] for x, y in values.gaps.items()}
+    return Values({x: y[:n_rows] for x, y in columns.items()}, rows, gaps)
+
+
+def _without_sentinels(log: Log, values: Values, names: Sequence[str]) -> Values:
+    """Take cells as empty that hold a number in place of a measurement, "-999": a whole one
+    that repeats in few rows of its column, far from all others there."""
+    gaps, numbers = dict(values.gaps), Counter[float]()
+    for name in names:
+        x = values.columns[name]
+        if x.ndim > 1 or len(x) < 2:
+            continue
+        size = np.where(np.isfinite(x), np.abs(x), 0.0)
+        largest = size.max()
+        if largest < _LEAST_SENTINEL or largest != np.round(largest):
+            continue
+        is_one = size == largest
+        rest = size[~is_one].max(initial=0.0)
+        if 1 < is_one.sum() < _MOST_GAPS * len(x) and 2.0 * rest < largest:
+            gaps[name] = gaps.get(name, False) | is_one
+            numbers.update(x[is_one].tolist())
+    for number, n in numbers.items():
+        _remark(log, f"{n} cells of {number:g} are no measurements: taken as empty")
+    return replace(values, gaps=gaps)
 
 
 def _in_one_order(

@@ -1,6 +1,7 @@
 """Numbers a joint above a table, a rail's units, and several runs of one file."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from sdp_vs_penalty.data.hypotheses.renaming import choosing_words
 from sdp_vs_penalty.data.log import log_of_arrays
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.data.reading import Choice, run_of
-from sdp_vs_penalty.data.words.names import facts_of_heading
+from sdp_vs_penalty.data.words.names import facts_of_heading, units_of_heading
+from sdp_vs_penalty.errors import Remark
 
 FACTS = [
     ("# rated torque [Nm]: 60 110", {"rated": [60.0, 110.0]}),
@@ -37,6 +39,67 @@ FACTS = [
 def test_numbers_a_joint_are_read_off_a_heading(line, said):
     found = {x: numbers for x, (numbers, _) in facts_of_heading([line], 2).items()}
     assert found == {x: pytest.approx(y) for x, y in said.items()}
+
+
+UNITS_ABOVE = {
+    "# torque [mNm], time in ms": {"t": "ms", "tau": "mnm"},
+    "# time: s; position: deg": {"t": "s", "q": "deg"},
+    "# units: time s, position deg, torque Nm": {"t": "s", "q": "deg", "tau": "nm"},
+    "# units: s deg deg/s Nm": {"t": "s", "q": "deg", "dq": "deg/s", "tau": "nm"},
+    "# load: 0.1 % of stall torque": {"tau": "0.1%"},
+    "# stall torque [Nm]: 3.15, 3.15": {},  # a number's unit is no channel's
+    "# torque limit in Nm, torque in Nm: 3.15": {},
+}
+
+
+@pytest.mark.parametrize("line", UNITS_ABOVE)
+def test_units_of_channels_are_read_off_a_heading(line):
+    found = {x: unit for x, (unit, _) in units_of_heading([line]).items()}
+    assert found == UNITS_ABOVE[line]
+
+
+ROBOT = ("waist", "shoulder", "elbow")
+
+
+@pytest.mark.parametrize(
+    ("line", "order"),
+    [
+        ("# joints: elbow, waist, shoulder", [2, 3, 1]),
+        ("% q1=shoulder q2=elbow q3=waist", [3, 1, 2]),
+        ("# arm of waist and shoulder", [1, 2, 3]),
+        ("# joints: elbow, elbow, waist", [1, 2, 3]),
+    ],
+)
+def test_the_joints_above_a_table_are_those_of_its_columns(line, order):
+    """And the numbers a joint above it stand in the same order."""
+    names = ["time", *(f"{x}_{k}" for x in ("pos", "current") for k in (1, 2, 3))]
+    found = recognise(names, ROBOT, [line, "# kt: 1, 2, 3"])
+    assert [found.rename[f"q{k}"] for k in (1, 2, 3)] == [f"pos_{k}" for k in order]
+    assert found.factors("tau", 3) == order
+
+
+def test_rows_of_zeros_behind_the_run_are_left_out():
+    """Of arrays that were made longer than the run."""
+    run = {x: np.zeros((30, 2)) for x in ("q", "tau")}
+    run = {"t": np.zeros(30), **run}
+    run["t"][:20] = 0.01 * np.arange(20)
+    for x in ("q", "tau"):
+        run[x][:20] = np.random.default_rng(1).normal(size=(20, 2))
+    log = log_of_arrays(Path("run.npz"), run)
+    with pytest.warns(Remark, match="10 rows of zeros at the end"):
+        assert run_of(log).samples == 20
+
+
+@pytest.mark.parametrize(
+    ("number", "n", "is_empty"), [(-999, 4, True), (-999, 1, False), (-9, 4, False)]
+)
+def test_numbers_in_place_of_measurements_are_empty_cells(number, n, is_empty):
+    t = 0.01 * np.arange(100)
+    run = {"t": t, "q1": np.sin(t), "tau1": np.cos(t)}
+    run["tau1"][10 : 10 + n] = number
+    read = run_of(log_of_arrays(Path("run.npz"), run))
+    assert read.samples == 100 - n * is_empty
+    assert np.any(read.tau == number) != is_empty
 
 
 RATIO, RATED, KT = "# gear ratios: 100, 50", "# rated torque [Nm]: 60, 30", "# kt: 2, 3"
@@ -236,3 +299,18 @@ def test_size_and_zero_of_counts_stand_above_the_table(zero, words, tmp_path):
     run = load_measurements(path)
     at = [float(x.partition("@")[2] or 0.0) for x in words.split(":")]
     assert run.q[0] * 2048.0 / np.pi == pytest.approx([3000 - at[0], 2000 - at[-1]])
+
+
+@pytest.mark.parametrize("n_damaged", [2, 20])
+def test_few_rows_of_another_length_are_left_out(n_damaged, tmp_path):
+    """As a line that two programs wrote at once; many are a table of another form."""
+    rows = [f"{0.01 * k:.2f},{np.sin(k):.6f},{np.cos(k):.6f}" for k in range(400)]
+    for k in range(n_damaged):
+        rows[10 * k + 9] = ["0.1,0.2", "0.1,0.2,0.3,0.4"][k % 2]
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join(["t,q1,tau1", *rows]) + "\n")
+    if n_damaged > 4:
+        refusal(lambda: load_measurements(path), "row 11 has 2 cells")
+    else:
+        with pytest.warns(Remark, match="2 damaged rows left out"):
+            assert load_measurements(path).samples == 398

@@ -56,6 +56,8 @@ EMPTY = (
 )
 #: More rows than this below the samples are no footer.
 _LONGEST_FOOTER = 20
+#: Share of rows with more or fewer cells than the table's that are left out.
+_MOST_DAMAGED = 0.01
 #: Rows of a table: their numbers in the file, from 1, and their cells.
 Rows = tuple[list[int], list[list[str]]]
 #: Values (N,) or (N, n) of a column, and (N,) whether its cell is empty; None without
@@ -240,10 +242,12 @@ def _value_rows(table: TextTable, first: int) -> Iterator[Rows]:
 
     Empty rows, comments and repeated headers are left out, and a remark counts them; so
     are the last rows where they are no samples: what a program writes below a table, and
-    a row in which it was stopped. Empty rows at the end of the file do not count. Raises
-    InputError for a row between others with more or fewer cells than the table has.
+    a row in which it was stopped. Empty rows at the end of the file do not count. Rows
+    between others with more or fewer cells than the table has are left out where one in a
+    hundred has at most; else InputError is raised for the first.
     """
     left_out = Counter[str]()
+    n_samples, damaged = 0, list[tuple[int, list[str]]]()
     n_trailing = 0  # empty rows since the last one that is not empty
     has_samples = first > table.first
     last = list[tuple[int, list[str]]]()  # rows since the last sample
@@ -268,12 +272,21 @@ def _value_rows(table: TextTable, first: int) -> Iterator[Rows]:
                     found += last
                     last = []
         has_samples = has_samples or bool(found)
+        damaged += [x for x in found if len(x[1]) != table.width]
+        found = [x for x in found if len(x[1]) == table.width]
+        n_samples += len(found)
         yield from _rows_of_width(table, found)
+    if len(damaged) > _MOST_DAMAGED * n_samples:
+        yield from _rows_of_width(table, damaged)
+    left_out["damaged row"] = len(damaged)
     if has_samples and len(last) <= _LONGEST_FOOTER:
         left_out["incomplete last row"] = len(last)
     else:
         yield from _rows_of_width(table, last)
-    kinds = ("empty row", "repeated header", "comment", "incomplete last row")
+    kinds = (
+        *("empty row", "repeated header", "comment"),
+        *("damaged row", "incomplete last row"),
+    )
     shown = [formatting.count(left_out[x], x) for x in kinds if left_out[x]]
     if shown:
         said = f"{table.path}: {' and '.join(shown)} left out"

@@ -37,7 +37,7 @@ from sdp_vs_penalty.data.hypotheses.weighing import (
     unit_of_dates,
 )
 from sdp_vs_penalty.data.log import Column
-from sdp_vs_penalty.data.words.joints import hide_joints, in_order_of
+from sdp_vs_penalty.data.words.joints import hide_joints, in_order_of, joints_of_heading
 from sdp_vs_penalty.data.words.loggers import clock_of, find_logger
 from sdp_vs_penalty.data.words.names import (
     AMPERES,
@@ -156,7 +156,9 @@ def recognise(
     if choice is None:
         return None
     pairs = {} if clock is None else {"t": clock}
-    joint_names, keys, order, is_known = _joints_of_words(choice, columns, joints)
+    joint_names, keys, order, is_known = _joints_of_words(
+        choice, columns, joints, heading
+    )
 
     def by_our_names(quantity: str, names: Mapping[Hashable, str]) -> dict[str, str]:
         return {
@@ -201,7 +203,7 @@ def recognise(
     found = with_units(found, said, columns, logger, heading)
     n = len(keys) if "" not in keys else columns[choice.sets["q"].columns[""]].width
     facts = facts_of_heading(heading, n)
-    if choice.sets["q"].style == "name":  # numbers stand in the order of the columns
+    if "" not in keys and joint_names:  # numbers stand in the order of the columns
         in_file = [[*columns].index(pairs[f"q{k}"]) for k in range(1, n + 1)]
         places = np.argsort(np.argsort(in_file))
         facts = {x: ([y[k] for k in places], line) for x, (y, line) in facts.items()}
@@ -355,7 +357,10 @@ def _torques_of(choice: SetChoice) -> list[str]:
 
 
 def _joints_of_words(
-    choice: SetChoice, columns: Columns, joints: Sequence[str] | None
+    choice: SetChoice,
+    columns: Columns,
+    joints: Sequence[str] | None,
+    heading: Sequence[str] = (),
 ) -> tuple[tuple[str, ...], list[Hashable], tuple[int, ...] | None, bool]:
     """Find the joints' names in a file that was recognised by words, and put the joints
     in the robot's order.
@@ -382,6 +387,8 @@ def _joints_of_words(
     else:
         named = [x for name in positions.columns.values() for x in columns[name].joints]
         in_file = named or joints_in_cells(columns)
+    if positions.style == "number" and not in_file:
+        in_file = joints_of_heading(heading, joints or (), len(keys))
     if positions.style == "number" and not in_file:
         in_file = _with_numbers(joints or (), positions.columns.values())
     in_order, is_known = in_order_of(joints, in_file)

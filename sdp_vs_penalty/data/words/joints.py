@@ -131,6 +131,18 @@ def in_order_of(
     return {name: name for name in names}, is_known
 
 
+def joints_of_heading(lines: Sequence[str], joints: Sequence[str], n: int) -> list[str]:
+    """Return the robot's n joints in the order in which one of the lines above a table names
+    all of them, "# joints: elbow, shoulder, wrist"; none where no line does."""
+    for line in lines if len(joints) == n > 1 else ():
+        words = re.findall(r"[^\W\d][\w/.-]*", line)
+        names = {y: x for x, y in match_joints(joints, words).items()}
+        in_file = [names[x] for x in words if x in names]
+        if len(in_file) == n == len({*in_file}):
+            return in_file
+    return []
+
+
 def _tokens(name: str) -> Tokens:
     """Split a name into words and numbers, "01" as "1"."""
     return tuple(

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import zip_longest
+from itertools import pairwise, zip_longest
 
 import numpy as np
 
@@ -146,22 +146,23 @@ def _sampling() -> re.Pattern[str]:
 
 def units_of_heading(lines: Sequence[str]) -> dict[str, tuple[str, float]]:
     """Read units off the lines above a table, by quantity, each with its factor to SI:
-    "time in s, positions in mdeg", "torque [mNm]", or "units: s deg deg/s Nm" in the order
-    of the quantities."""
+    "time in s, positions in mdeg", "torque [mNm]", "units: time s, position deg", or
+    "units: s deg deg/s Nm" in the order of the quantities."""
     found = dict[str, tuple[str, float]]()
     for line in lines:
         if match := _COUNTS_A_TURN.search(line):
             found["q"] = match[2], 2.0 * np.pi / int(match[1])
-        of_facts = [x.end() for x in _facts().finditer(line)]
         for match in _IN_UNIT.finditer(line):
             word, text = match.groups()
-            if match.end(1) in of_facts:  # "rated torque [Nm]" is no unit of a channel
-                continue
+            quantity = _quantity(split_tokens(word)) or ""
+            if unit := unit_of(text.replace(" ", ""), quantity):
+                found.setdefault(quantity, unit)
+        listed = _LIST_OF_UNITS.search(line)
+        texts = re.split(r"[\s,;:=]+", listed[1].strip()) if listed else []
+        for word, text in pairwise(texts):  # "time s, position deg"
             quantity = _quantity(split_tokens(word)) or ""
             if unit := unit_of(text, quantity):
                 found.setdefault(quantity, unit)
-        listed = _LIST_OF_UNITS.search(line)
-        texts = re.split(r"[\s,;]+", listed[1].strip()) if listed else []
         for quantity in ("t", "q", "dq", "tau"):
             while texts and quantity not in found:
                 if unit := unit_of(texts[0], quantity):
@@ -222,8 +223,11 @@ def _facts() -> re.Pattern[str]:
     return re.compile(rf"(?i)(?<![^\W_])(?:{'|'.join(kinds)})(?![^\W_])")
 
 
-#: A word and its unit, "positions in deg", "torque [Nm]"; units in a list.
-_IN_UNIT = re.compile(r"(\w+)(?:\s+in\s+|\s*[\[(])([^\s,;\])]+)")
+#: A word and its unit, "positions in deg", "torque [Nm]", "load: 0.1 % of stall torque",
+#: but for one of numbers that follow, "rated torque [Nm]: 60, 110"; units in a list.
+_IN_UNIT = re.compile(
+    r"(\w+)(?:\s+in\s+|\s*[\[(:=]\s*)(0\.1 ?%|[^\s,;\])]++)(?!\s*[\])]?\s*[:=]?\s*[-\d])"
+)
 _COUNTS_A_TURN = re.compile(
     r"(?i)\b([0-9]{3,9})\s*(inc|increments|counts|ticks|pulses?|qc)"
     r"\s*(?:/|per|a)\s*(?:joint\s+)?(?:turn|rev)\w*"
