@@ -213,7 +213,7 @@ def finding_chart(session: Session, found: Finding | Retune) -> dict[str, Any] |
         return None
     read = session.arrays(step.pictures)
     reads = [{**read, "torque": read["measured"], "modelled": read["before"]}]
-    if found.torque_is_certain:
+    if found.torque_is_certain and "after" in read:
         reads.append({**reads[0], "modelled": read["after"]})
     finding = found if isinstance(found, Finding) else None
     joint = found.joints[0] if finding is None else finding.main_joint

@@ -1135,18 +1135,17 @@ def _card_arrays(
     Returns
     -------
     dict
-        t (M,) [s]; q, dq, measured (M, n): motion and measured torque; before, after
-        (M, n): torque of ``model`` and of ``better``.
+        t (M,) [s]; q, dq, measured (M, n): motion and measured torque; before (M, n):
+        torque of ``model``; after: of ``better``, if there is one.
     """
     models = {"before": model}
     if better is not None:
         models["after"] = better
-    compared = compare(models, judged)
-    before = compared[0].signals
-    after = compared[-1].signals
+    signals = {judged.name: judged.signals for judged in compare(models, judged)}
+    before = signals["before"]
     rows = spread_rows(len(before.t), CARD_ROWS)
     arrays = {name: getattr(before, name) for name in ("q", "dq", "measured")}
-    arrays |= {"before": before.modelled, "after": after.modelled}
+    arrays |= {name: x.modelled for name, x in signals.items()}
     thinned = {
         name: np.asarray(values[rows], np.float32) for name, values in arrays.items()
     }

@@ -233,6 +233,16 @@ class ModelStep(JsonRecord):
         runs = self.errors_of_runs.items()
         return np.max([e for x, e in runs if x not in self.judged_on], axis=0)
 
+    def error_in(self, run: str) -> str:
+        """Say how far the model errs in one run alone, by the measure that it is graded by."""
+        alone = self.errors_of_runs.get(run)
+        floor = self.comparison["noise_floor"] if alone else None
+        over = over_noise(np.array(alone), floor)
+        if over is None:
+            return "its error is in that of all tests."
+        joint, most = int(over.argmax()) + 1, formatting.number(float(over.max()))
+        return f"there alone joint {joint} errs most, {most} times its noise."
+
     def change_in_words(self, units: Sequence[str]) -> str:
         """Say how the first of the changed runs differs; "" without one."""
         for name, j in self.changed_runs.items():

@@ -22,7 +22,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.commands import commands_of
 from sdp_vs_penalty.page.model_step import ModelStep, is_among, joints_of
 from sdp_vs_penalty.page.runs import RobotAndRuns
-from sdp_vs_penalty.page.spoken import spoken
+from sdp_vs_penalty.page.spoken import graded
 from sdp_vs_penalty.page.worker import sentence
 from sdp_vs_penalty.render.words import shown_cause, shown_finding
 from sdp_vs_penalty.results.remedy import Change
@@ -136,8 +136,21 @@ class Models(RobotAndRuns):
                 is_new = issue["severity"] == "warning" and issue["kind"] not in seen
                 is_likely = not issue["certainty"].startswith("possible")
                 if issue["severity"] == "error" or (is_new and is_likely):
-                    return f"{run['name']}: {spoken(issue['what'])}"
+                    grade = issue["certainty"].partition(":")[0]
+                    said = graded(
+                        issue["what"].partition(" only: ")[2] or issue["what"], grade
+                    )
+                    return f"{run['name']}: {said}"
         return ""
+
+    def is_of_held_model(self, text: str) -> bool:
+        """Whether an effect, as `add` writes it, was found beside a fixed model that has it
+        already: then it is another size of that, which is identified again."""
+        found = self.findings
+        is_fixed = found is not None and found.frozen
+        several = effect_types()[text.partition("@")[0].partition(":")[0]].several
+        is_own = bool(joints_of(text)) and is_among(text, self.current.effects)
+        return is_fixed and is_own and not several
 
     def answer(self, job: str) -> dict[str, Any] | None:
         """Return the last answer of a job, such as "methods", for the current model.
@@ -184,32 +197,41 @@ class Models(RobotAndRuns):
         uses = ["train" if run["name"] in names else "test" for run in self.runs]
         runs = [{**run, "use": use} for run, use in zip(self.runs, uses, strict=True)]
         which = formatting.words([*names]) if "test" in uses else "all runs"
-        step = await self._fit(
-            f"Identifying from {which}", f"identified from {which}", runs
-        )
-        self._begin(step)
+        title, label = f"Identifying from {which}", f"identified from {which}"
+        effects = self.current.effects if self.model else self.effects
+        self._begin(await self._fit(title, effects, label=label, runs=runs))
         self.runs = runs
+
+    async def set_aside(self) -> None:
+        """Identify without the runs that differ, and test on them too."""
+        training = [run for run in self.runs if run["use"] == "train"]
+        apart = self.differing_runs
+        await self.identify_from([x["name"] for x in training if x not in apart])
 
     async def identify(self) -> None:
         """Identify the first model of a new history with the chosen effects and
         method.
         """
-        self._begin(await self._fit("Identifying the model", "identified", self.runs))
+        title = "Identifying the model"
+        self._begin(await self._fit(title, self.effects, label="identified"))
 
     async def _fit(
-        self, title: str, label: str, runs: Sequence[Mapping[str, Any]]
+        self, title: str, effects: Sequence[str], label: str = "", **details: Any
     ) -> ModelStep:
-        """Return the model that is identified from runs, as a step of the history."""
-        if not self.effects:
+        """Return the model with these effects that is identified from the runs, as a step of
+        the history. What was found with a model fixed is in its last link."""
+        if not effects:
             raise InputError(
                 "No effect is chosen", f"choose at least {DEFAULT_EFFECTS[0]}"
             )
         self._refuse_meaningless()
+        known = effect_types()
+        free = [x for x in effects if not known[x.partition(":")[0]].frozen_only]
         request = {
-            "effects": ",".join(self.effects),
+            "effects": ",".join(free),
             "method": self.method,
             "anyway": self.anyway,
-            "runs": runs,
+            **details,
         }
         return await self._step(title, "fit", request, label=label)
 
@@ -278,9 +300,16 @@ class Models(RobotAndRuns):
         kept = {"label": "what has changed since", "opened": f"model{n_made}.json"}
         left = await self._job("Checking the runs", "check_again", runs=runs)
         step = await self._step("Testing the model", "open_model", request, **kept)
+        names = formatting.words([run["name"] for run in runs])
         self._begin(step)
         self._take(left)
         self.prepared = commands
+        self.effects = step.effects
+        self.say(
+            f"Only {names} is here now, beside the model as it was. Undo brings the other"
+            " runs back.",
+            error=False,
+        )
 
     async def find_change(self) -> None:
         """Look with the model as it is for a load, or for what else has changed since."""
@@ -357,19 +386,8 @@ class Models(RobotAndRuns):
         """Identify without the effects that a file cannot hold, for this file alone: the
         model stays as it is."""
         effects = self.current.exported[file]["effects"]
-        known = (
-            effect_types()
-        )  # what was found with the model fixed is in its last link
-        effects = [x for x in effects if not known[x.partition(":")[0]].frozen_only]
-        request = {
-            "effects": ",".join(effects),
-            "method": self.method,
-            "anyway": self.anyway,
-            "runs": self.runs,
-            "diagnosed": self.findings and self.findings.to_dict(),
-        }
-        title = f"Identifying for {file}"
-        again = await self._step(title, "fit", request)
+        found = self.findings and self.findings.to_dict()
+        again = await self._fit(f"Identifying for {file}", effects, diagnosed=found)
         self._step_from_here(f"identified for {file}", keeps_models=True)
         self.history = [*self.history[:-1], self.current.beside(file, again)]
         self.new = ("use", "take-away")

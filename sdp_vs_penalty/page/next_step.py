@@ -21,7 +21,7 @@ from sdp_vs_penalty.page.model_step import joints_of
 from sdp_vs_penalty.page.models import MOTION
 from sdp_vs_penalty.page.run_issues import asks_for_unit, is_refused
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.spoken import label_of
+from sdp_vs_penalty.page.spoken import label_of, spoken
 from sdp_vs_penalty.page.stages.use import FILES, models_taken
 from sdp_vs_penalty.page.view import (
     View,
@@ -35,7 +35,6 @@ from sdp_vs_penalty.page.view import (
     look_in_words,
     measured_on,
     set_aside_in_words,
-    spoken,
 )
 from sdp_vs_penalty.records import from_json, to_json
 from sdp_vs_penalty.render.words import describe_finding, describe_unexplained
@@ -191,9 +190,9 @@ def _as_logged(session: Session, said: str = "") -> NextStep:
     is_open = any(map(asks_for_unit, session.runs))
     if is_open and not session.meaningless:
         return _unit(session, of_check.level)
-    for run in session.differing_runs:
-        do = partial(session.start, session.use, run["file"], "test")
-        label = set_aside_in_words(run)
+    if apart := session.differing_runs:
+        do = partial(session.start, session.set_aside)
+        label = set_aside_in_words(apart)
         return NextStep(of_check.text, label, "check", do, level=of_check.level)
     kinds = {*session.kinds_of_issue}
     if len(kinds) > bool(said) and not kinds <= {*session.seen_issues}:
@@ -265,13 +264,15 @@ def _of_model(view: View) -> NextStep:
         text += describe_unexplained(failures, session.current.worst_joint, None)
     is_done = session.current.servo or (level == "good" and not is_first)
     if changed := session.current.change_in_words(session.robot["units"]):
+        text = f"{of_model.word}. {changed}"
+        look, do = look_in_words(session), partial(session.start, session.find_change)
         if found := session.fault_of_changed_run:
             text = f"{of_model.word}. {found}"
             label, see = "See what Check found", session.see_issues
-            return NextStep(text, label, "check", see, level=level)
-        do = partial(session.start, session.find_change)
-        text = f"{of_model.word}. {changed}"
-        return NextStep(text, look_in_words(session), "diagnose", do, level=level)
+            step = NextStep(text, label, "check", see, level=level)
+            second = NextStep("", f"Or {look[0].lower()}{look[1:]}", "diagnose", do)
+            return replace(step, other=second)
+        return NextStep(text, look, "diagnose", do, level=level)
     if diagnosis is None and not is_done:
         do = partial(session.start, session.diagnose)
         label = "Diagnose: what is missing?" if is_first else "Diagnose again"
@@ -370,6 +371,9 @@ def _to_add(
     if level == "good":
         text = f"Good already. Still to be won: {text}"
     text = formatting.sentence(text)
+    if texts and all(map(session.is_of_held_model, texts)):
+        text = f"Since then changed, beside what the model has: {text}"
+        return _identify_again(session, text, level, more)
     number = ""
     lacking = model.files_lacking(FILES, texts)
     is_idle = level == "good" and {*FILES} - {*lacking} == {"report.html", "model.json"}
@@ -398,6 +402,14 @@ def _to_add(
         other = NextStep("", f"Or {change.words}", "diagnose", do)
         return replace(_report(view), other=other, **said)
     return NextStep(label=label, stage="diagnose", do=do, other=other, **said)
+
+
+def _identify_again(session: Session, text: str, level: str, more: str) -> NextStep:
+    """Return the step that identifies the effects of a model, which was fixed, again."""
+    names = [run["name"] for run in session.runs]
+    label = f"Identify again from {formatting.words(names)}"
+    do = partial(session.start, session.identify)
+    return NextStep(text, label, "identify", do, level=level, more=more)
 
 
 def _rest_to_add(session: Session) -> NextStep | None:

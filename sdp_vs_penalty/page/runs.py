@@ -261,8 +261,10 @@ class RobotAndRuns(RunIssues):
             self.new = ("check", "check")
         tested = [run["name"] for run in new if run not in waiting]
         if tested and self.history:
-            names = formatting.words(tested)
-            remarks.append(f"The model is tested on {names} as well.")
+            remarks += [
+                f"Tested on {name} as well: {self.current.error_in(name)}"
+                for name in tested
+            ]
         remarks += dropped
         self.say(*refused, *remarks, error=bool(refused), has_left_out=has_left_out)
 

@@ -4,6 +4,7 @@ import re
 from pathlib import PureWindowsPath
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.results.remedy import SURE
 
 #: Words of the command line, and what the page has for them.
 _STAGES = {
@@ -57,6 +58,13 @@ def spoken(text: str) -> str:
         text = text.replace(word, stage)
     text = text.replace("`", "").strip()
     return f"{text}." if text and text[-1] not in ".!?)" else text
+
+
+def graded(text: str, grade: str) -> str:
+    """Return what check or diagnosis says as a sentence, with how sure that is unless it
+    is certain or confident."""
+    text = spoken(text)
+    return formatting.sentence(text if grade in SURE else f"{grade}: {text}")
 
 
 def label_of(words: str) -> str:

@@ -18,9 +18,8 @@ from sdp_vs_penalty.diagnosis.causes import VELOCITY
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.page.model_step import level_of
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.spoken import heading_of, label_of, spoken
+from sdp_vs_penalty.page.spoken import graded, heading_of, label_of
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
-from sdp_vs_penalty.results.remedy import SURE
 from sdp_vs_penalty.robot.arrays import nonzero_or_one
 
 #: Options of the command line by the step that offers them.
@@ -176,16 +175,10 @@ def look_in_words(session: Session) -> str:
     return f"Find a load, or what else has changed, in {names}"
 
 
-def set_aside_in_words(run: Mapping[str, Any]) -> str:
-    """Return what keeps a run that differs out of the model."""
-    return f"Identify without {run['name']}, and test on it"
-
-
-def graded(text: str, grade: str) -> str:
-    """Return what check or diagnosis says as a sentence, with how sure that is unless it
-    is certain or confident."""
-    text = spoken(text)
-    return formatting.sentence(text if grade in SURE else f"{grade}: {text}")
+def set_aside_in_words(runs: Sequence[Mapping[str, Any]]) -> str:
+    """Return what keeps runs that differ out of the model."""
+    names = formatting.words([run["name"] for run in runs])
+    return f"Identify without {names}, and test on {'it' if len(runs) == 1 else 'them'}"
 
 
 def checked(session: Session) -> StageVerdict:

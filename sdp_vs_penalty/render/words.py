@@ -44,7 +44,7 @@ from sdp_vs_penalty.diagnosis.where_it_fails import (
     dependences,
     sentences,
 )
-from sdp_vs_penalty.effects import effect_name, effects_in_words
+from sdp_vs_penalty.effects import EFFECTS, effect_name, effects_in_words
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -244,7 +244,9 @@ def _size_in_words(finding: Finding, size: str) -> str:
     """Say a finding's size with its interval, also relative, and of a mass what that
     interval leaves out."""
     share = formatting.percent(abs(finding.half_width_95 / finding.size), 2)
-    text = f"Size {size}: known to {share}."
+    kind = EFFECTS.find(finding.effect)
+    is_half = kind is not None and "{twice}" in kind.on_the_arm
+    text = f"{'Half of that' if is_half else 'Size'} {size}: known to {share}."
     if plain_unit(finding.unit).startswith("kg"):
         text += (
             " That leaves out the scale of the torques: gains that are 1 % off make the"

@@ -17,6 +17,7 @@ from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import finding_chart, missing_chart
 from sdp_vs_penalty.page.model_step import is_among
 from sdp_vs_penalty.page.session import Session
+from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.page.view import (
     PagePart,
     Stage,
@@ -27,7 +28,6 @@ from sdp_vs_penalty.page.view import (
     look_in_words,
     measured_on,
     requires_model,
-    spoken,
 )
 from sdp_vs_penalty.render.pieces import bars
 from sdp_vs_penalty.render.tables import joint_table
@@ -138,7 +138,7 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     """
     session = view.session
     opened = diagnosis.main_finding
-    if opened is None or session.findings_of_current is not diagnosis:
+    if opened is None:
         worst = session.current.worst_joint
         on_worst = (f for f in diagnosis.in_order_of_reading if f.main_joint == worst)
         opened = next((f for f in on_worst if f.text not in session.added), None)
@@ -223,16 +223,9 @@ def _card(
         # What is said of several weak findings at once calls them by their numbers.
         number = "" if finding.torque_is_certain else f"{finding.number}. "
         title = f"{number}{words.title}"
-        is_open = is_open and not is_added
         gain = "" if is_added else words.brief_gain  # the chart has what it did
         with _head(title, f"card-{k}", is_open, words, gain):
             draw.tag("p", words.on_the_arm, "on-the-arm")
-            if finding.unit == "kg":
-                draw.note(
-                    "The ± leaves out an error of the gains: 10 % off, and the mass is 10 %"
-                    " off. A load whose mass you know tells them: sdp-vs-penalty identify"
-                    " --known-load LOAD.csv:KG, in a terminal."
-                )
             _picture(session, finding)
             draw.tag("h5", "Evidence")
             with draw.tag("ul", style="evidence"):
@@ -272,6 +265,7 @@ def _picture(session: Session, found: Finding | Retune) -> None:
     drawn = finding_chart(session, found)
     if drawn is not None:
         draw.chart(drawn, f"Error that {found.title} explains, against its cause")
+        draw.note("Added: by how much the model changes, all its numbers fitted again.")
 
 
 def _telling(view: View, finding: Finding, words: str, key: str) -> None:
@@ -296,6 +290,8 @@ def _adding(
     """
     if text in session.added:
         draw.tag("p", "✓ Added", "chosen")
+    elif session.is_of_held_model(text):
+        draw.note("The model has it, of another size: identify it again.")
     else:
         add = partial(session.start, session.apply, change)
         draw.button("Add", add, key, aria_label=label)

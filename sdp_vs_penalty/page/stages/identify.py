@@ -27,14 +27,8 @@ from sdp_vs_penalty.page.charts import (
 )
 from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.view import (
-    PagePart,
-    Stage,
-    View,
-    identified,
-    requires_model,
-    spoken,
-)
+from sdp_vs_penalty.page.spoken import spoken
+from sdp_vs_penalty.page.view import PagePart, Stage, View, identified, requires_model
 from sdp_vs_penalty.render import pieces
 from sdp_vs_penalty.render.charts import Curves, friction_figure
 from sdp_vs_penalty.render.tables import joint_table

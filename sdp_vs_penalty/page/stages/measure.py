@@ -201,6 +201,8 @@ _USES = (
 def runs(view: View) -> None:
     """Draw the ways to get measurements, and the runs that are loaded."""
     ways = {"Your runs": _your_runs, "Simulated, with a hidden effect": _simulated}
+    if view.session.runs and not view.session.hidden:  # they would take a log's place
+        ways.popitem()
     if view.session.robot["data"]:
         ways["Measured, by others"] = _measured_by_others
     for mapping in _of_each_kind(view.session.refused):
@@ -560,9 +562,10 @@ def _apart(session: Session, runs: list[dict[str, Any]], k: int) -> bool:
     or, where that is so already, to look for what has changed in it; return whether
     there is one."""
     apart = [run for run in runs if run in session.differing_runs]
+    if apart:
+        aside = partial(session.start, session.set_aside)
+        draw.button(set_aside_in_words(session.differing_runs), aside, f"aside-{k}")
     for run in apart:
-        aside = partial(session.start, session.use, run["file"], "test")
-        draw.button(set_aside_in_words(run), aside, f"aside-{k}")
         alone = partial(session.start, session.identify_from, [run["name"]])
         draw.button(f"Identify from {run['name']} alone", alone, f"alone-{k}")
     is_tested = all(run["use"] == "test" for run in runs)

@@ -177,7 +177,7 @@ def _used(session: Session) -> StageVerdict | None:
     names = models_taken(session)
     model, first = session.current, session.history[0]
     levels = {model.level_of_file(name, first) for name in names}
-    level = next(x for x in ("bad", "usable", "good") if x in levels)
+    level = levels.pop() if len(levels) == 1 else "usable"
     if level == verdict.level:
         return verdict
     word = f"{verdict.word}, not in every file"
