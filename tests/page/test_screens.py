@@ -409,7 +409,10 @@ def test_everything_is_offered_and_every_control_does_what_it_says(story, monkey
         *(f"run-{k}.csv" for k in (1, 2, 3)),
     }
     assert takes == files
+    assert "simulate" not in keys
     assert " ".join(session.commands()) in story.said["compared"]["use"]
+    monkeypatch.setattr(session, "hidden", "none")  # a log is not replaced so
+    screen.do(session.changed)
     called = recorded(screen, monkeypatch)
     fields = {
         "hide-effect": "joint_spring",

@@ -194,7 +194,7 @@ _USES = (
     lambda s: (
         s.robot["source"],
         [[run[name] for name in ("name", "use", "split")] for run in s.runs],
-        s.model is None,
+        (s.model is None, s.hidden),
         [(m["path"], m["run"], m["reason"]) for m in s.mappings],
     ),
 )
