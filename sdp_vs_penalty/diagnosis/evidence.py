@@ -48,7 +48,7 @@ from sdp_vs_penalty.diagnosis.linear_fit import (
 )
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.regression.evidence import price, rows_worth_one
-from sdp_vs_penalty.robot.arrays import Array, Mask
+from sdp_vs_penalty.robot.arrays import Array, Mask, nonzero_or_one
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +134,7 @@ class Trial:
         log L is the deviance, and the last term is that of the prior.
         """
         beta = self.beta
-        rss = self.products.rss_with(beta * self.is_visible, self.squares)
+        rss = self.products.rss_with(beta * self.is_visible)
         deviance_before = self.fit.own_deviance
         before = self.fit_to_beat
         if before is not self.fit:  # with the degrees of freedom of this fit
@@ -164,17 +164,12 @@ class _BatchProducts(NamedTuple):
     """Products of the columns Z of F candidates, of k coefficients each, weighted by each
     joint's residual as a fit's rows are."""
 
-    #: (r, F, k) Q'Z with the fit's r columns Q.
-    along_fit: Array
+    #: (F, k) squares of the columns.
+    energy: Array
     #: (F, k) Z'r with the fit's residual r.
     with_residual: Array
-    #: (F, k, k) Z'Z of each candidate.
-    grams: Array
-
-    @property
-    def energy(self) -> Array:
-        """(F, k) squares of the columns."""
-        return np.diagonal(self.grams, axis1=1, axis2=2)
+    #: (F, k, k) Gram matrices of what the fit leaves of each candidate.
+    grams_left: Array
 
 
 class EvidenceScorer(WhiteFitter):
@@ -306,7 +301,7 @@ class EvidenceScorer(WhiteFitter):
         if form.replaces_own_constant or not signed:
             return None
         refined = {(name, form.key[1]) for name in form.effect.refines}
-        change = fit.whitener @ (trial.products.along_fit @ trial.beta)
+        change = trial.products.change(trial.beta)
         for key in refined & signed.keys():
             for number in fit.design.columns_of_model[key]:
                 is_fitted = number in fit.columns_kept
@@ -422,32 +417,31 @@ class EvidenceScorer(WhiteFitter):
     # Many candidates at once.
 
     def absorbed(self, fit: WhiteFit, batch: Batch) -> Array:
-        """Return the share (F,) of each candidate's torque that the fit can explain.
-
-        It is |Q'Z|^2 / |Z|^2 for the fit's orthonormal columns Q and the candidate's
-        weighted columns Z, from 0 to 1; 1 for a candidate without any torque.
+        """Return the share (F,) of each candidate's torque that the fit can explain, of
+        the squares of its weighted columns, from 0 to 1; 1 for one without any torque.
         """
         products = self._products(fit, batch)
         energy = products.energy.sum(axis=1)
-        explained = np.sum(products.along_fit**2, axis=(0, 2))
-        every = np.ones(len(energy))
-        return np.divide(explained, energy, out=every, where=energy > 0.0)
+        left = np.trace(products.grams_left, axis1=1, axis2=2)
+        return 1.0 - left / nonzero_or_one(energy)
 
     @staticmethod
     def _products(fit: WhiteFit, batch: Batch) -> _BatchProducts:
         """Multiply the columns of a batch's F candidates with those of a fit."""
-        shape = len(batch.forms), batch.forms[0].n_coefficients
         weights = fit.level[list(batch.joints)] ** -2.0
-        # Of each joint the products A'Z and Z'y with the fit's columns A and the torque y.
-        pairs = fit.design.products_with(batch)
-        AZ = sum(w * with_A for w, (with_A, _) in zip(weights, pairs, strict=True))
-        Zy = sum(w * with_y for w, (_, with_y) in zip(weights, pairs, strict=True))
-        Zr = Zy - fit.theta @ AZ  # the residual is r = y - A theta
-        QZ = fit.whitener.T @ AZ
+        # Of each joint [A y]'Z and Z'Z, of what its own columns leave.
+        pairs = fit.design.products_with(batch, fit.reduced)
+        with_shared = sum(w * x for w, (x, _) in zip(weights, pairs, strict=True))
+        grams = sum(w * x for w, (_, x) in zip(weights, pairs, strict=True))
+        AZ, Zy = with_shared[:-1], with_shared[-1]
+        Zr = Zy - fit.theta[: len(AZ)] @ AZ  # the residual is r = y - A theta
+        QZ = np.reshape(fit.shared_whitener.T @ AZ, (-1, *grams.shape[:2]))
+        ZQ = QZ.transpose(1, 2, 0)  # (F, k, s)
+        squares = np.diagonal(batch.grams, axis1=2, axis2=3)
         return _BatchProducts(
-            along_fit=np.reshape(QZ, (-1, *shape)),
-            with_residual=np.reshape(Zr, shape),
-            grams=np.tensordot(weights, batch.grams, axes=1),
+            energy=np.tensordot(weights, squares, axes=1),
+            with_residual=np.reshape(Zr, grams.shape[:2]),
+            grams_left=grams - ZQ @ ZQ.transpose(0, 2, 1),
         )
 
     def screened(self, fit: WhiteFit, batch: Batch) -> Array:
@@ -472,8 +466,8 @@ class EvidenceScorer(WhiteFitter):
         """Return how much each candidate of a batch lowers the weighted squared error.
 
         The F candidates of a batch have k coefficients each, and are added to ``fit``
-        one at a time. With D = Z'Z - (Q'Z)'Q'Z, what the fit's columns Q leave of a
-        candidate's Gram matrix, and its residual r, the coefficients are beta = A^-1
+        one at a time. With D, what the fit leaves of a candidate's Gram matrix Z'Z,
+        and its residual r, the coefficients are beta = A^-1
         Z'r with A = D + diag(prior_std^-2), or the constrained minimiser where beta
         violates a sign. drop = 2 beta'Z'r - beta'A beta. Columns that the fit absorbs
         are ignored.
@@ -487,8 +481,7 @@ class EvidenceScorer(WhiteFitter):
         """
         products = self._products(fit, batch)
         energy = products.energy
-        ZQ = products.along_fit.transpose(1, 2, 0)  # (F, k, r)
-        D = products.grams - ZQ @ ZQ.transpose(0, 2, 1)  # (F, k, k)
+        D = products.grams_left
         is_visible = np.diagonal(D, axis1=1, axis2=2) > ABSORBED * energy
         D = D * is_visible[:, :, None] * is_visible[:, None, :]
         Zr = products.with_residual * is_visible

@@ -12,7 +12,7 @@ folds, the choice of effects and constants from all rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import combinations, groupby
@@ -50,9 +50,23 @@ from sdp_vs_penalty.robot.constraint import ConstraintSet
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 
+class JudgedRows(NamedTuple):
+    """Rows to judge on, in stretches."""
+
+    #: (n joints, M rows, p + 1) columns, the target last.
+    columns: Array
+    #: (n, S, M) 1 for the rows of each stretch that count for a joint, else 0.
+    stretches: Array
+
+    @classmethod
+    def from_masks(cls, columns: Array, masks: Sequence[Mask]) -> JudgedRows:
+        """Take the rows of S stretches by their flags (M, n)."""
+        return cls(columns, np.array(masks, float).transpose(2, 0, 1))
+
+
 @dataclass(frozen=True)
 class HeldOutSplit:
-    """Rows to fit to, and rows to judge on, as regressions.
+    """Rows to fit to, as regressions, and rows to judge on.
 
     Their columns are those of the model, then those of ``effects``; the target is the
     torque. If the model is held fixed (``frozen``), the columns are those of the
@@ -63,17 +77,22 @@ class HeldOutSplit:
     effects: tuple[Effect, ...]
     #: The rows to fit to.
     train: Regression
-    #: The rows to judge on, one regression a stretch, recording after recording.
-    tests: tuple[Regression, ...]
-    #: Of the rows of each stretch and, last, of those fitted to, the ones in which the
-    #: joints slide.
-    sliding: tuple[Regression, ...]
+    #: Those of them in which the joints slide.
+    sliding: Regression
+    #: The rows to judge on: S stretches, recording after recording, then those of their
+    #: rows in which the joints slide, then the sliding rows fitted to.
+    judged: tuple[JudgedRows, ...]
     #: Whether the model is held fixed.
     frozen: bool
 
     def fitted_rows(self, sliding: bool) -> Regression:
         """Return the rows to fit to: all, or those in which the joints slide."""
-        return self.sliding[-1] if sliding else self.train
+        return self.sliding if sliding else self.train
+
+    @property
+    def n_rows(self) -> Array:
+        """(2 S + 1, n) numbers of the rows to judge on, joint by joint."""
+        return np.hstack([x.stretches.sum(axis=2) for x in self.judged]).T
 
     def columns_of(self, estimate: Estimate, chosen: Sequence[int]) -> Columns:
         """Select the columns of a model with some of the effects.
@@ -113,7 +132,7 @@ class HeldOutSplit:
         own = slice(end - len(effect.parameters), end)
         in_all, in_sliding = (
             np.sum(rows.column_norms()[:, own] ** 2)
-            for rows in (self.train, self.sliding[-1])
+            for rows in (self.train, self.sliding)
         )
         return bool(in_sliding < 0.5 * in_all)
 
@@ -199,9 +218,13 @@ class HeldOut:
     def _by_stretch(self, values: Array, sliding: bool) -> Array:
         """Return sums (S, n) over all splits of values (splits, 2 S + 1, n) of S stretches
         left out: those of all their rows, or of the ones in which the joints slide."""
-        n_tests = len(self.splits[0].tests)
-        first = n_tests if sliding else 0
-        return values[:, first : first + n_tests].sum(axis=0)
+        first = self._n_tests if sliding else 0
+        return values[:, first : first + self._n_tests].sum(axis=0)
+
+    @property
+    def _n_tests(self) -> int:
+        """The number S of stretches to judge on."""
+        return self._n_rows.shape[1] // 2
 
     def errors_by_recording(self, chosen: Sequence[int]) -> Array:
         """Return the RMS errors (R + 1, n) [N m or N] of each of R recordings left out,
@@ -212,7 +235,7 @@ class HeldOut:
         one, the searched ones, of which all folds are taken together. ``chosen`` are
         the numbers of the effects.
         """
-        n_tests = len(self.splits[0].tests)
+        n_tests = self._n_tests
         first_stretches = np.arange(0, n_tests + 1, self.n_stretches)
         squares, n_rows = (
             np.add.reduceat(values[:, n_tests:].sum(axis=0), first_stretches)
@@ -225,10 +248,7 @@ class HeldOut:
         """(splits, 2 S + 1, n) number of rows, joint by joint: of each split those of
         its stretches in order, then those where the joints slide.
         """
-        return np.array(
-            [[x.joint_rows() for x in (*s.tests, *s.sliding)] for s in self.splits],
-            float,
-        )
+        return np.array([split.n_rows for split in self.splits])
 
     def _squares(
         self, chosen: Sequence[int], sliding: bool, fitted: _Fitted | None = None
@@ -251,11 +271,8 @@ class HeldOut:
                 columns = alike[0].columns_of(self.estimate, sorted(chosen))
                 trains = [s.fitted_rows(sliding).keeping(columns.kept) for s in alike]
                 fits = fit(self.estimate, columns.own, columns.new, trains)
-                for split, theta in zip(alike, fits, strict=True):
-                    parameters = columns.with_zeros(theta)
-                    rows = (*split.tests, *split.sliding)
-                    squares.append([x.joint_losses(parameters) for x in rows])
-            self._known_squares[key] = np.array(squares)
+                squares.append(_squared_errors(alike, map(columns.with_zeros, fits)))
+            self._known_squares[key] = np.concatenate(squares)
         return self._known_squares[key]
 
     def change(
@@ -521,6 +538,18 @@ class HeldOut:
         return accepted
 
 
+def _squared_errors(splits: Sequence[HeldOutSplit], thetas: Iterable[Array]) -> Array:
+    """Return the sums (splits, 2 S + 1, n) of squared errors on the rows to judge on, of
+    splits of the same rows with parameters (p,) each."""
+    signed = np.stack([np.append(theta, -1.0) for theta in thetas], axis=1)
+    out = []
+    for of_splits in zip(*(split.judged for split in splits), strict=True):
+        squares = (of_splits[0].columns @ signed) ** 2  # (n, M, splits)
+        sums = [rows.stretches @ squares[:, :, [k]] for k, rows in enumerate(of_splits)]
+        out.append(np.stack(sums)[..., 0])
+    return np.concatenate(out, axis=2).transpose(0, 2, 1)
+
+
 def _without(accepted: Sequence[int], k: int) -> list[int]:
     """Return the numbers of the effects without effect k."""
     return [number for number in accepted if number != k]
@@ -574,7 +603,7 @@ class _Table:
         #: The effects of the last call, and the columns with them.
         self._last: tuple[tuple[Effect, ...], Array] | None = None
 
-    def _columns(self, effects: tuple[Effect, ...]) -> Array:
+    def columns(self, effects: tuple[Effect, ...]) -> Array:
         """Return the columns (n joints, M rows, p + 1) of the model and of effects.
 
         The last column is the target: the torque, or the residual of a fixed model. The
@@ -587,7 +616,7 @@ class _Table:
             self._last = effects, np.concatenate(blocks, axis=2)
         return self._last[1]
 
-    def compressed(self, effects: Sequence[Effect], keep: Mask) -> Regression:
+    def compressed(self, effects: tuple[Effect, ...], keep: Mask) -> Regression:
         """Return the regression of some rows, compressed to the products of its columns.
 
         Parameters
@@ -597,10 +626,9 @@ class _Table:
         keep
             (M, n) flags: which rows count for which joint.
         """
-        effects = tuple(effects)
         own_effects = () if self.frozen else self.estimate.model.effects
         parameters = tuple(p for e in (*own_effects, *effects) for p in e.parameters)
-        of_joints = self._columns(effects)
+        of_joints = self.columns(effects)
         rows = [x[kept] for x, kept in zip(of_joints, keep.T, strict=True)]
         return ProductRegression.from_rows(parameters, rows)
 
@@ -612,17 +640,22 @@ def _make_split(
     test: _Table,
     stretches: Sequence[Mask],
 ) -> HeldOutSplit:
-    """Make the regressions of a split for a model with effects: of the rows to fit to,
-    and of the stretches to judge on, (M, n) flags each."""
+    """Make a split for a model with effects: of the rows to fit to, and of the stretches
+    to judge on, (M, n) flags each."""
     slides = where_joints_slide(test.rows)
-    train_slides = where_joints_slide(train.rows)
+    sliding_rows = train_rows & where_joints_slide(train.rows)
+    judged = [(test, [*stretches, *(rows & slides for rows in stretches)])]
+    if test is train:
+        judged[0][1].append(sliding_rows)
+    else:
+        judged.append((train, [sliding_rows]))
     return HeldOutSplit(
         effects=effects,
         train=train.compressed(effects, train_rows),
-        tests=tuple(test.compressed(effects, rows) for rows in stretches),
-        sliding=(
-            *(test.compressed(effects, rows & slides) for rows in stretches),
-            train.compressed(effects, train_rows & train_slides),
+        sliding=train.compressed(effects, sliding_rows),
+        judged=tuple(
+            JudgedRows.from_masks(table.columns(effects), masks)
+            for table, masks in judged
         ),
         frozen=train.frozen,
     )
@@ -880,11 +913,10 @@ def fitted_parameters(
     model = replace(estimate.model, effects=effects, reference=None)
     method = estimator_beside(estimate) if frozen else estimate.estimator
     weighting = estimate.weighting
-    out = list[Array]()
-    for rows in data:
-        if frozen:
-            task = task_beside(estimate, model, rows)
-        else:
-            task = make_task(estimate.problem, model, rows, weighting)
-        out.append(model.with_known(method.fit(task).theta))
-    return out
+    tasks = [
+        task_beside(estimate, model, rows)
+        if frozen
+        else make_task(estimate.problem, model, rows, weighting)
+        for rows in data
+    ]
+    return [model.with_known(fit.theta) for fit in method.fit_each(tasks)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -99,29 +100,31 @@ Term = ScoredEffect | Nuisance
 class BasisProducts:
     """Products of candidates' columns with the model's columns and with the torque."""
 
-    #: (n joints, M, r) the model's columns.
-    basis: Array
-    #: (n, M) white torque.
-    y: Array
+    #: (n joints, M, r + 1) the model's columns B and, last, the white torque y.
+    columns: Array
     #: The products computed so far, by batch of candidates.
-    computed: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
+    computed: dict[Batch, list[Array]] = field(default_factory=dict)
+
+    @property
+    def basis(self) -> Array:
+        """(n joints, M, r) the model's columns."""
+        return self.columns[:, :, :-1]
 
     @cached_property
-    def with_torque(self) -> Array:
-        """(n, r) the products B'y of the model's columns and the torque."""
-        return (self.basis.transpose(0, 2, 1) @ self.y[:, :, None])[:, :, 0]
+    def gram(self) -> Array:
+        """(n, r + 1, r + 1) products of the columns and the torque."""
+        return self.columns.transpose(0, 2, 1) @ self.columns
 
-    def with_batch(self, batch: Batch) -> list[tuple[Array, Array]]:
-        """Return the products B'Z (r, F k) and Z'y (F k,), one pair a joint of a batch.
+    def with_columns(self, joint: int, z: Array) -> Array:
+        """Return the products [B y]'Z (r + 1, K) of columns Z (M, K) on a joint."""
+        return self.columns[joint].T @ z
 
-        B are the model's r columns, Z the white columns of the batch's F candidates of
-        k coefficients each, y the torque. They are computed once for each batch.
-        """
+    def with_batch(self, batch: Batch) -> list[Array]:
+        """Return the products [B y]'Z (r + 1, F k) on each joint of a batch of F candidates
+        of k coefficients; they are computed once for each batch."""
         if batch not in self.computed:
             pairs = zip(batch.joints, batch.whitened_columns, strict=True)
-            self.computed[batch] = [
-                (self.basis[j].T @ Z, Z.T @ self.y[j]) for j, Z in pairs
-            ]
+            self.computed[batch] = [self.with_columns(j, Z) for j, Z in pairs]
         return self.computed[batch]
 
 
@@ -130,8 +133,6 @@ class ModelBasis(NamedTuple):
 
     #: (n joints, M, r) the vectors B of the basis.
     columns: Array
-    #: (n, r, r) products B'B.
-    gram: Array
     #: Which of the r columns belong to the effect with a key (name, joint); all columns
     #: without a key of their own are under None.
     columns_by_key: dict[Key | None, list[int]]
@@ -147,79 +148,171 @@ class JointTerms(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
+class Reduced:
+    """A joint's rows without what the columns that act on this joint alone explain.
+
+    Their coefficients are the best for any coefficients of the shared columns, and no
+    weight of the joint changes that. So a fit has to solve for the shared ones only.
+    """
+
+    #: (o,) numbers of the joint's own columns that take part.
+    own: Indices
+    #: (M, o) these columns O L^-T, with L L' = O'O and their priors.
+    whitened: Array
+    #: (o, o) L^-1.
+    inverse: Array
+    #: (o, q + 1) L^-1 O'[A y], of the q shared columns A and the torque y.
+    along_own: Array
+    #: (q + 1, q + 1) products of what is left of [A y].
+    products: Array
+    #: Products of batches of candidates, computed so far.
+    by_batch: dict[Batch, tuple[Array, Array]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
 class Design:
     """White columns of the model and of some terms, with products.
 
-    The design A (n joints, M, p) has columns of unit length, the model's r first. Most
-    terms act on one joint: A is kept as the model's columns and, by joint, those of the
-    terms that act there. Coefficients of tolerated errors have a prior about zero, whose
-    precision is in the joint's products: with it A'A is the information on all
-    coefficients.
+    The design A (n joints, M, p) has columns of unit length. The q shared columns come
+    first: the model's r, then those of terms that act on several joints. Those of a term
+    that acts on one joint follow, joint by joint. Coefficients of tolerated errors have
+    a prior about zero, whose precision is in the joint's products: with it A'A is the
+    information on all coefficients.
     """
 
     #: The model's columns with their products.
     basis_products: BasisProducts
-    #: The terms' columns on each of the n joints.
-    terms_by_joint: Sequence[JointTerms]
-    #: (n, p) precisions of the priors; zero where there is none.
+    #: Columns of terms that act on several joints, on each of the n joints.
+    shared_terms: Sequence[JointTerms]
+    #: Columns of terms that act on one joint, by that joint.
+    own_terms: Sequence[JointTerms]
+    #: (p,) precisions of the priors, on their own joints; zero where there is none.
     precision: Array
     #: (n, M) white torque.
     y: Array
-    #: (n, p, p) products A'A, with the precisions of the priors.
-    gram: Array
-    #: (n, p) products A'y.
-    Ay: Array
+    #: The number q of shared columns.
+    n_shared: int
     #: Numbers of the model's columns, by key of an effect with a shape constant that
     #: might be re-estimated, all others under None.
     columns_of_model: Mapping[Key | None, list[int]]
     #: Numbers of each term's columns, by its text.
     columns_by_text: dict[str, list[int]]
-    #: Products of batches of candidates, computed so far.
-    _by_batch: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
-
-    @property
-    def n_columns(self) -> int:
-        """The number p of columns."""
-        return self.Ay.shape[1]
+    #: What is left of the joints' rows, by joint and own columns that take part.
+    _reduced: dict[tuple[int, bytes], Reduced] = field(default_factory=dict)
 
     @cached_property
+    def gram(self) -> Array:
+        """(n, q + 1, q + 1) products of the shared columns and, last, the torque."""
+        if self.n_shared == self.basis_products.basis.shape[2]:
+            return self.basis_products.gram
+        of_model = [*range(self.basis_products.basis.shape[2]), self.n_shared]
+        out = np.zeros((len(self.y), self.n_shared + 1, self.n_shared + 1))
+        out[np.ix_(range(len(out)), of_model, of_model)] = self.basis_products.gram
+        for j, (numbers, columns) in enumerate(self.shared_terms):
+            out[j][:, numbers] = self.shared_products(j, columns)
+            out[j][numbers] = out[j][:, numbers].T
+        return out
+
+    @cached_property
+    def with_own(self) -> list[Array]:
+        """By joint the products (o, q + 1) of its own columns with the shared ones and the
+        torque."""
+        return [
+            self.shared_products(j, terms.columns).T
+            for j, terms in enumerate(self.own_terms)
+        ]
+
+    @cached_property
+    def own_ends(self) -> Indices:
+        """(n + 1,) numbers of the joints' first own columns, and the number p."""
+        counts = [len(terms.numbers) for terms in self.own_terms]
+        return np.cumsum([self.n_shared, *counts])
+
+    @cached_property
+    def shared_squares(self) -> Array:
+        """(n, q) squares of the shared columns."""
+        return np.diagonal(self.gram, axis1=1, axis2=2)[:, :-1]
+
+    @property
     def torque_squared(self) -> Array:
         """(n,) the squares y'y of each joint's torque."""
-        return np.sum(self.y**2, axis=1)
+        return self.gram[:, -1, -1]
 
     def times(self, coefficients: Array) -> Array:
         """Return A C (n, M, K) for coefficients C (p, K)."""
         B = self.basis_products.basis
-        r = B.shape[2]
-        out = B @ coefficients[:r]
-        for j, terms in enumerate(self.terms_by_joint):
-            if len(terms.numbers):
-                out[j] += terms.columns @ coefficients[terms.numbers]
+        out = B @ coefficients[: B.shape[2]]
+        for terms_by_joint in (self.shared_terms, self.own_terms):
+            for j, terms in enumerate(terms_by_joint):
+                if len(terms.numbers):
+                    out[j] += terms.columns @ coefficients[terms.numbers]
         return out
 
-    def products_on(self, joint: int, z: Array) -> Array:
-        """Return A'Z (p, K) for columns Z (M, K) on a joint (from 0)."""
-        out = np.zeros((self.n_columns, z.shape[1]))
-        B = self.basis_products.basis[joint]
-        out[: B.shape[1]] = B.T @ z
-        terms = self.terms_by_joint[joint]
+    def reduced(self, columns: Indices) -> list[Reduced]:
+        """Return what is left of each joint's rows; ``columns`` : the numbers of those
+        that take part, in order."""
+        ends = np.searchsorted(columns, self.own_ends)
+        return [
+            self._reduced_on(j, columns[start:end])
+            for j, (start, end) in enumerate(pairwise(ends.tolist()))
+        ]
+
+    def _reduced_on(self, joint: int, own: Indices) -> Reduced:
+        """Return what is left of the rows of a joint by some of its own columns; it is
+        computed once for the same ones."""
+        key = joint, own.tobytes()
+        if key not in self._reduced:
+            places = own - self.own_ends[joint]
+            kept_columns = self.own_terms[joint].columns[:, places]
+            gram = kept_columns.T @ kept_columns + np.diag(self.precision[own])
+            inverse = _inverse_triangle(_triangle(gram, np.diagonal(gram)))
+            along_own = inverse @ self.with_own[joint][places]
+            self._reduced[key] = Reduced(
+                own=own,
+                whitened=kept_columns @ inverse.T,
+                inverse=inverse,
+                along_own=along_own,
+                products=self.gram[joint] - along_own.T @ along_own,
+            )
+        return self._reduced[key]
+
+    def shared_products(
+        self, joint: int, z: Array, with_model: Array | None = None
+    ) -> Array:
+        """Return the products [A y]'Z (q + 1, K) of columns Z (M, K) on a joint with the
+        shared columns and the torque; ``with_model`` : those with the model's columns
+        and the torque, where they are known."""
+        if with_model is None:
+            with_model = self.basis_products.with_columns(joint, z)
+        terms = self.shared_terms[joint]
+        out = np.zeros((self.n_shared + 1, z.shape[1]))
+        out[: len(with_model) - 1] = with_model[:-1]
         out[terms.numbers] = terms.columns.T @ z
+        out[-1] = with_model[-1]
         return out
 
-    def products_with(self, batch: Batch) -> list[tuple[Array, Array]]:
-        """Return the products A'Z (p, F k) and Z'y (F k,), one pair a joint of a batch
-        of F candidates of k coefficients; they are computed once for each batch."""
-        if batch not in self._by_batch:
-            pairs = []
-            for place, joint in enumerate(batch.joints):
-                BZ, Zy = self.basis_products.with_batch(batch)[place]
-                AZ = np.zeros((self.n_columns, BZ.shape[1]))
-                AZ[: len(BZ)] = BZ
-                terms = self.terms_by_joint[joint]
-                AZ[terms.numbers] = terms.columns.T @ batch.whitened_columns[place]
-                pairs.append((AZ, Zy))
-            self._by_batch[batch] = pairs
-        return self._by_batch[batch]
+    def products_with(
+        self, batch: Batch, reduced: Sequence[Reduced]
+    ) -> list[tuple[Array, Array]]:
+        """Return the products of what is left of each joint's rows of a batch of F
+        candidates Z of k coefficients: [A y]'Z (q + 1, F k) and Z'Z (F, k, k).
+
+        They are computed once for the same own columns.
+        """
+        pairs = []
+        for place, joint in enumerate(batch.joints):
+            known = reduced[joint].by_batch
+            if batch not in known:
+                Z = batch.whitened_columns[place]
+                with_model = self.basis_products.with_batch(batch)[place]
+                along_own = reduced[joint].whitened.T @ Z
+                products = self.shared_products(joint, Z, with_model)
+                products -= reduced[joint].along_own.T @ along_own
+                F, k, _ = batch.grams[place].shape
+                E = along_own.reshape(len(along_own), F, k).transpose(1, 2, 0)
+                known[batch] = products, batch.grams[place] - E @ E.transpose(0, 2, 1)
+            pairs.append(known[batch])
+        return pairs
 
     def holds(self, terms: Sequence[Term]) -> bool:
         """Return whether the design has all terms (effects, nuisances)."""
@@ -233,9 +326,14 @@ class WhiteFit:
     #: The columns A (n joints, M rows, p) and the torque y.
     design: Design
     #: Numbers of those of the p columns that take part.
-    columns_kept: tuple[int, ...]
-    #: (p, r) matrix W for which W' (sum_j A_j'A_j / level_j^2) W = 1, priors included.
-    whitener: Array
+    columns_kept: Indices
+    #: What the joints' own columns leave of their rows.
+    reduced: Sequence[Reduced]
+    #: (n, q + 1, q + 1) products of what is left of the shared columns A and the torque.
+    products: Array
+    #: (q, s) matrix W for which W' (sum_j A_j'A_j / level_j^2) W = 1, of the s shared
+    #: columns that take part.
+    shared_whitener: Array
     #: (p,) coefficients.
     theta: Array
     #: (n,) standard deviation of each joint's residual, by which its rows are divided.
@@ -278,22 +376,46 @@ class WhiteFit:
         return self.design.times(self.whitener) / self.level[:, None, None]
 
     @property
+    def whitener(self) -> Array:
+        """(p, r) matrix W for which W' (sum_j A_j'A_j / level_j^2) W = 1, priors
+        included: of the shared columns, then of each joint's own."""
+        W = [self.with_own_coefficients(self.shared_whitener, {})]
+        for x, level in zip(self.reduced, self.level.tolist(), strict=True):
+            of_own = np.zeros((len(self.theta), len(x.own)))
+            of_own[x.own] = level * x.inverse.T
+            W.append(of_own)
+        return np.hstack(W)
+
+    @property
     def precision(self) -> Array:
         """(r, r) precision of the priors, of coefficients of ``basis``."""
-        summed = self.level**-2.0 @ self.design.precision
-        return (self.whitener.T * summed) @ self.whitener
+        summed = np.zeros(len(self.theta))
+        for x, level in zip(self.reduced, self.level.tolist(), strict=True):
+            summed[x.own] = self.design.precision[x.own] / level**2
+        W = self.whitener
+        return (W.T * summed) @ W
 
     @property
     def along_torque(self) -> Array:
         """(r,) the products Q'y with the weighted torque, of Q the ``basis``."""
-        return self.whitener.T @ (self.level**-2.0 @ self.design.Ay)
+        return np.tensordot(self.basis, self.target, axes=((0, 1), (0, 1)))
 
-    @cached_property
-    def design_with_residual(self) -> Array:
-        """(n, p) the products A'r / level of the weighted design and residual, less the
-        pull of the priors."""
-        left = self.design.Ay - self.design.gram @ self.theta
-        return left / self.level[:, None] ** 2
+    def with_own_coefficients(
+        self, shared: Array, along_own: Mapping[int, Array]
+    ) -> Array:
+        """Return all coefficients (p, K) of columns Z of rows, with the best ones of each
+        joint's own columns beside the ``shared`` ones (q, K).
+
+        along_own : by joint the products (o, K) of Z with ``Reduced.whitened``; zero on
+        other joints.
+        """
+        out = np.zeros((len(self.theta), shared.shape[1]))
+        out[: len(shared)] = shared
+        for j, x in enumerate(self.reduced):
+            out[x.own] = x.inverse.T @ (
+                along_own.get(j, 0.0) - x.along_own[:, :-1] @ shared
+            )
+        return out
 
     def deviance(self, rss: Array) -> Array:
         """Return the deviance -2 log L (...,) for sums of squared errors rss (..., n).
@@ -328,88 +450,102 @@ class ColumnProducts:
     fit: WhiteFit
     #: Columns Z (M, K), divided by the joint's level, by joint (from 0).
     columns: dict[int, Array]
-    #: A'Z (p, K) with the fit's weighted design A, by joint.
-    with_design: dict[int, Array]
+    #: By joint the squares (K,) of the columns.
+    squares: dict[int, Array]
+    #: By joint the products (o, K) of its own columns, ``Reduced.whitened``, and Z times
+    #: the level.
+    along_own: dict[int, Array]
+    #: By joint [A y]'Z (q + 1, K) of what its own columns leave of the fit's weighted
+    #: shared columns A, of the torque y and of Z.
+    with_shared: dict[int, Array]
+    #: By joint Z'Z (K, K) of the same.
+    grams: dict[int, Array]
 
     @classmethod
     def from_columns(cls, fit: WhiteFit, columns: dict[int, Array]) -> ColumnProducts:
         """Multiply weighted columns, (M, K) by joint (from 0), with those of a fit."""
-        with_design = {
-            j: fit.design.products_on(j, z) / fit.level[j] for j, z in columns.items()
-        }
-        return cls(fit, columns, with_design)
+        design = fit.design
+        squares, along_own, with_shared, grams = {}, {}, {}, {}
+        for j, z in columns.items():
+            reduced = fit.reduced[j]
+            gram = z.T @ z
+            squares[j] = np.diagonal(gram)
+            e = reduced.whitened.T @ z
+            along_own[j] = e * fit.level[j]
+            products = design.shared_products(j, z) - reduced.along_own.T @ e
+            with_shared[j] = products / fit.level[j]
+            grams[j] = gram - e.T @ e
+        return cls(fit, columns, squares, along_own, with_shared, grams)
 
-    @cached_property
-    def grams(self) -> dict[int, Array]:
-        """Z'Z (K, K), by joint."""
-        return {j: z.T @ z for j, z in self.columns.items()}
-
-    @cached_property
+    @property
     def energy(self) -> Array:
         """(K,) squares of the columns."""
-        return np.diagonal(sum(self.grams.values()))
+        return np.asarray(sum(self.squares.values()))
+
+    @cached_property
+    def _with_all_joints(self) -> Array:
+        """(q + 1, K) ``with_shared``, summed over the joints."""
+        return np.asarray(sum(self.with_shared.values()))
 
     @cached_property
     def along_fit(self) -> Array:
-        """(r, K) the products Q'Z with the fit's r columns Q, its ``basis``."""
-        return self.fit.whitener.T @ sum(self.with_design.values())
+        """(s, K) the products Q'Z with the fit's s orthonormal shared columns Q."""
+        return self.fit.shared_whitener.T @ self._with_all_joints[:-1]
 
     @cached_property
     def gram_left(self) -> Array:
-        """(K, K) the Gram matrix of what the fit leaves of Z: Z'Z - (Q'Z)'Q'Z."""
-        gram = sum(self.grams.values())
-        return gram - self.along_fit.T @ self.along_fit
-
-    @cached_property
-    def with_residuals(self) -> dict[int, Array]:
-        """Z'r (K,) by joint, with the fit's residual r."""
-        fit = self.fit
-        out = {}
-        for j, z in self.columns.items():
-            with_torque = z.T @ fit.design.y[j] / fit.level[j]
-            out[j] = with_torque - self.with_design[j].T @ fit.theta
-        return out
+        """(K, K) the Gram matrix of what the fit leaves of Z."""
+        return sum(self.grams.values()) - self.along_fit.T @ self.along_fit
 
     @cached_property
     def with_residual(self) -> Array:
         """(K,) the products Z'r over all joints, with the fit's residual r."""
-        return np.asarray(sum(self.with_residuals.values()))
+        with_columns, with_torque = (
+            self._with_all_joints[:-1],
+            self._with_all_joints[-1],
+        )
+        return with_torque - self.fit.theta[: len(with_columns)] @ with_columns
 
     @property
     def residual(self) -> Array:
-        """(n, M, K) what the fit leaves of Z: Z - Q Q'Z."""
+        """(n, M, K) what the fit leaves of Z."""
         fit = self.fit
-        explained = fit.whitener @ self.along_fit
+        shared = fit.shared_whitener @ self.along_fit
+        explained = fit.with_own_coefficients(shared, self.along_own)
         left = fit.design.times(explained) / -fit.level[:, None, None]
         for j, z in self.columns.items():
             left[j] += z
         return left
 
+    def change(self, beta: Array) -> Array:
+        """Return by how much the coefficients (q,) of the shared columns fall once Z beta
+        joins the fit, with coefficients beta (K,)."""
+        return self.fit.shared_whitener @ (self.along_fit @ beta)
+
     def squares_with(self, beta: Array) -> Array:
         """Return the squares (n,) of T beta on each joint for coefficients beta (K,),
         with T what the fit leaves of Z, in units of the joint's level."""
-        fit = self.fit
-        # T beta = Z beta - A d on each joint, with the weighted design A.
-        d = fit.whitener @ (self.along_fit @ beta)
-        squares = (fit.design.gram @ d) @ d / fit.level**2
-        for j, gram in self.grams.items():
-            along_design = float((self.with_design[j] @ beta) @ d)
-            squares[j] += float(beta @ gram @ beta) - 2.0 * along_design
-        return np.maximum(squares, 0.0)
+        return self._squares(np.append(-self.change(beta), 0.0), beta)
 
-    def rss_with(self, beta: Array, squares_of_torque: Array) -> Array:
+    def rss_with(self, beta: Array) -> Array:
         """Return the squared errors (n,) of the joints once T beta joins the fit, with
-        coefficients beta (K,) and the squares (n,) of T beta (:meth:`squares_with`).
+        coefficients beta (K,).
 
         T is what the fit leaves of Z. Errors are not weighted.
         """
+        theta = self.fit.theta[: self.fit.design.n_shared] - self.change(beta)
+        return self._squares(np.append(theta, -1.0), beta) * self.fit.level**2
+
+    def _squares(self, shared: Array, beta: Array) -> Array:
+        """Return the squares (n,) of the joints' torque, in units of their levels: of the
+        shared columns and the measured torque with coefficients (q + 1,), and of Z beta.
+        """
         fit = self.fit
-        d = fit.whitener @ (self.along_fit @ beta)
-        squares = fit.rss / fit.level**2 + squares_of_torque
-        squares += 2.0 * fit.design_with_residual @ d
-        for j, products in self.with_residuals.items():
-            squares[j] -= 2.0 * float(products @ beta)
-        return np.maximum(squares, 0.0) * fit.level**2
+        squares = (fit.products @ shared) @ shared / fit.level**2
+        for j, gram in self.grams.items():
+            along = float(shared @ (self.with_shared[j] @ beta))
+            squares[j] += float(beta @ gram @ beta) + 2.0 * along
+        return np.maximum(squares, 0.0)
 
 
 class WhiteFitter:
@@ -445,7 +581,7 @@ class WhiteFitter:
 
     @cached_property
     def _model_basis(self) -> ModelBasis:
-        """A basis B (n, M, r) of the model's white columns, with B'B (n, r, r).
+        """A basis B (n, M, r) of the model's white columns.
 
         An effect with a shape constant that might be re-estimated, or a parameter that
         must not be negative, keeps its column, scaled to unit length, so that a fit can
@@ -465,15 +601,13 @@ class WhiteFitter:
         columns_by_key: dict[Key | None, list[int]] = {None: list(range(n_shared))}
         for k, key in enumerate(own_effects):
             columns_by_key[key] = [n_shared + k]
-        return ModelBasis(B, B.transpose(0, 2, 1) @ B, columns_by_key)
+        return ModelBasis(B, columns_by_key)
 
     @cached_property
     def _basis_products(self) -> BasisProducts:
-        """Products of candidates' columns with the model's basis and the torque.
-
-        They are computed when a batch of candidates is first scored.
-        """
-        return BasisProducts(self._model_basis.columns, self.data.y)
+        """The model's basis and the torque, with their products."""
+        y = self.data.y[:, :, None]
+        return BasisProducts(np.concatenate([self._model_basis.columns, y], axis=2))
 
     def fit(self, terms: Sequence[Term], near: WhiteFit | None = None) -> WhiteFit:
         """Fit the model with some terms; each joint is weighted by its own residual.
@@ -493,13 +627,12 @@ class WhiteFitter:
             design = self._design(terms)
         effects = [t for t in terms if isinstance(t, ScoredEffect)]
         replaced = {t.key for t in effects if t.form.replaces_own_constant}
-        columns = list[int]()
+        columns = [i for t in terms for i in design.columns_by_text[t.text]]
         for key, its_columns in design.columns_of_model.items():
             if key not in replaced:
                 columns += its_columns
-        columns += sorted(i for t in terms for i in design.columns_by_text[t.text])
         level = np.ones(len(design.y)) if near is None else near.level
-        return self._fitted(design, tuple(columns), level)
+        return self._fitted(design, np.sort(columns), level)
 
     def at_level(self, fit: WhiteFit, level: Array) -> WhiteFit:
         """Return a fit of the same columns with given levels (n,), standard deviations
@@ -524,7 +657,7 @@ class WhiteFitter:
         """Return the fit without the column of one of the model's effects on a joint."""
         if key not in fit.fits_without:
             replaced = fit.design.columns_of_model[key]
-            columns_left = tuple(i for i in fit.columns_kept if i not in replaced)
+            columns_left = np.setdiff1d(fit.columns_kept, replaced)
             fit.fits_without[key] = self._fitted(
                 fit.design,
                 columns_left,
@@ -534,114 +667,120 @@ class WhiteFitter:
         return fit.fits_without[key]
 
     def _design(self, terms: Sequence[Term]) -> Design:
-        """Assemble the design A of the model and of terms, with A'A and A'y.
+        """Assemble the design A of the model and of terms, with its products.
 
-        The r columns of the model's basis come first, then those of the terms, scaled
-        to unit length over all joints.
+        Columns are scaled to unit length over all joints.
         """
-        model = self._model_basis
-        n, M, r = model.columns.shape
+        basis_products = self._basis_products
+        n, M, r = basis_products.basis.shape
         y = self.data.y
+        shared = [t for t in terms if len(t.columns) > 1]
+        on_one = [[t for t in terms if [*t.columns] == [j]] for j in range(n)]
         columns_by_text = dict[str, list[int]]()
         p = r
-        for term in terms:
+        for term in [*shared, *(t for of_joint in on_one for t in of_joint)]:
             columns_by_text[term.text] = list(range(p, p + _width(term)))
             p += _width(term)
-        blocks = [_columns_on(j, terms, columns_by_text, M) for j in range(n)]
+        q = r + sum(map(_width, shared))
+        shared_terms = [_columns_on(j, shared, columns_by_text, M) for j in range(n)]
+        own_terms = [_columns_on(j, on_one[j], columns_by_text, M) for j in range(n)]
         energy = np.zeros(p)
-        for numbers, unscaled in blocks:
+        for numbers, unscaled in [*shared_terms, *own_terms]:
             energy[numbers] += np.sum(unscaled**2, axis=0)
         scale = 1.0 / nonzero_or_one(np.sqrt(energy))
-        precision = np.zeros((n, p))
+        shared_terms, own_terms = (
+            [JointTerms(numbers, x * scale[numbers]) for numbers, x in of_joints]
+            for of_joints in (shared_terms, own_terms)
+        )
+        precision = np.zeros(p)
         for term in terms:
             if isinstance(term, Nuisance):
-                (joint,) = term.columns
                 its_own = columns_by_text[term.text]
-                precision[joint, its_own] = (scale[its_own] / term.deviations) ** 2
-        G = np.zeros((n, p, p))
-        G[:, :r, :r] = model.gram
-        Ay = np.zeros((n, p))
-        Ay[:, :r] = self._basis_products.with_torque
-        scaled_blocks = []
-        for j, (numbers, unscaled) in enumerate(blocks):
-            columns = unscaled * scale[numbers]
-            scaled_blocks.append(JointTerms(numbers, columns))
-            if len(numbers):
-                cross = model.columns[j].T @ columns
-                G[j][:r, numbers] = cross
-                G[j][numbers, :r] = cross.T
-                G[j][np.ix_(numbers, numbers)] = columns.T @ columns
-                G[j][numbers, numbers] += precision[j, numbers]
-                Ay[j, numbers] = columns.T @ y[j]
-        return Design(
-            basis_products=self._basis_products,
-            terms_by_joint=scaled_blocks,
+                precision[its_own] = (scale[its_own] / term.deviations) ** 2
+        design = Design(
+            basis_products=basis_products,
+            shared_terms=shared_terms,
+            own_terms=own_terms,
             precision=precision,
             y=y,
-            gram=G,
-            Ay=Ay,
-            columns_of_model=model.columns_by_key,
+            n_shared=q,
+            columns_of_model=self._model_basis.columns_by_key,
             columns_by_text=columns_by_text,
         )
+        return design
 
     def _fitted(
-        self, design: Design, columns: tuple[int, ...], level: Array, rounds: int = 20
+        self, design: Design, columns: Indices, level: Array, rounds: int = 20
     ) -> WhiteFit:
         """Estimate the coefficients and the joints' levels in turn, until these settle.
 
         A joint's level is the standard deviation of its residual; the rows of joint j
         are weighted by 1 / level_j. theta solves (sum_j A_j'A_j / level_j^2) theta =
         sum_j A_j'y_j / level_j^2, then level_j^2 is the joint's squared error over
-        its rows; each prior is one row more of its joint.
+        its rows; each prior is one row more of its joint. A and y are what is left by
+        the joints' own columns, whose coefficients follow.
 
         Parameters
         ----------
         design
             All columns and the torque.
         columns
-            Numbers of the columns that take part.
+            Numbers of the columns that take part, in order.
         level
             (n,) the levels to begin with.
         rounds
             The most iterations, each of which raises the likelihood (six were needed at
             most on three arms); one leaves the levels as they are.
         """
-        columns_kept = np.array(columns, np.intp)
-        n, p = design.Ay.shape
-        # Of all columns: a selection from each joint's Gram matrix would cost more.
-        flat_gram = design.gram.reshape(n, -1)
-        # Places of the products of the kept columns in a flat (p, p) matrix.
-        among_kept = columns_kept[:, None] * p + columns_kept
-        all_theta = np.zeros(p)  # zero for columns that take no part
-        n_priors = np.count_nonzero(design.precision[:, columns_kept], axis=1)
+        reduced = design.reduced(columns)
+        products = np.stack([x.products for x in reduced])
+        q = design.n_shared
+        kept = columns[: np.searchsorted(columns, q)]
+        # Of all columns: a selection from each joint's products would cost more.
+        flat = products.reshape(len(level), -1)
+        # Places of the products of the kept columns, and of their squares before.
+        among_kept = kept[:, None] * (q + 1) + kept
+        squares = design.shared_squares[:, kept]
+        signed = np.zeros(q + 1)  # zero for columns that take no part
+        signed[-1] = -1.0
+        n_priors = np.array(
+            [np.count_nonzero(design.precision[x.own]) for x in reduced]
+        )
         for _ in range(rounds):
             weights = level**-2.0
-            L = _triangle((weights @ flat_gram)[among_kept])
-            all_theta[columns_kept] = _solve(L, (weights @ design.Ay)[columns_kept])
-            rss = design.torque_squared - 2.0 * design.Ay @ all_theta
-            rss += (design.gram @ all_theta) @ all_theta
+            weighted = weights @ flat
+            L = _triangle(weighted[among_kept], weights @ squares)
+            signed[kept] = _solve(L, weighted[kept * (q + 1) + q])
+            rss = (products @ signed) @ signed
             rss = np.maximum(rss, 0.0)  # rounding may make it negative
             level_of_fit = level
             mean = rss / (self.data.count + n_priors)
             level = np.sqrt(np.maximum(mean, self.floor))
             if np.all(np.abs(level - level_of_fit) < 1e-2 * level):
                 break
-        # With the weighted Gram matrix L L', the columns A L^-T are orthonormal.
+        # With the weighted products L L', the columns A L^-T are orthonormal.
         L_inverse = _inverse_triangle(L)
-        W = np.zeros((p, len(columns_kept)))
-        W[columns_kept] = L_inverse.T
+        W = np.zeros((q, len(kept)))
+        W[kept] = L_inverse.T
         # The trace of the joint's block of the projection on the fit's columns.
-        covariance = np.zeros(p * p)
+        covariance = np.zeros((q + 1) ** 2)
         covariance[among_kept] = L_inverse.T @ L_inverse
-        rank_of_joint = flat_gram @ covariance / level_of_fit**2 - n_priors
+        rank = flat @ covariance / level_of_fit**2
+        rank += [len(x.own) for x in reduced] - n_priors
+        theta = np.zeros(len(design.precision))
+        theta[:q] = signed[:-1]
+        for x in reduced:
+            theta[x.own] = -x.inverse.T @ (x.along_own @ signed)
         return WhiteFit(
             design=design,
             columns_kept=columns,
-            whitener=W,
-            theta=all_theta,
+            reduced=reduced,
+            products=products,
+            shared_whitener=W,
+            theta=theta,
             level=level_of_fit,
             rss=rss,
-            degrees=np.maximum(self.data.count - rank_of_joint, 1.0),
+            degrees=np.maximum(self.data.count - rank, 1.0),
             floor=self.floor,
         )
 
@@ -689,16 +828,14 @@ def _unit(columns: Array) -> Array:
     return columns / nonzero_or_one(np.sqrt(np.sum(columns**2, axis=(0, 1))))
 
 
-def _triangle(gram: Array) -> Array:
+def _triangle(gram: Array, squares: Array) -> Array:
     """Return the lower Cholesky factor L (p, p) of a Gram matrix, with a small ridge.
 
-    L L' = gram + DEPENDENT^2 diag(gram). The ridge keeps it positive where one column
-    depends on others.
+    L L' = gram + DEPENDENT^2 diag(squares), the squares (p,) of the columns before others
+    were taken from them. The ridge keeps it positive where one column depends on others.
     """
-    regular = gram.copy()
-    diagonal = regular.ravel()[:: len(gram) + 1]  # a view
-    diagonal += DEPENDENT**2 * nonzero_or_one(diagonal)
-    return np.asarray(np.linalg.cholesky(regular))
+    ridge = DEPENDENT**2 * nonzero_or_one(squares)
+    return np.asarray(np.linalg.cholesky(gram + np.diag(ridge)))
 
 
 def with_ridge(A: Array) -> Array:

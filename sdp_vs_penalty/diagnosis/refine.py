@@ -167,7 +167,7 @@ class _Lattice:
             self.spacing = abs(self.origin) + 1e-3
         else:
             self.spacing = float(np.log(2.0))
-        self._drops = dict[float, float]()  # by position x
+        self._drops = {0.0: start.drop}  # by position x
 
     def _scale(self, value: float) -> float:
         """Return the constant on its scale: itself, or its logarithm."""
@@ -188,8 +188,6 @@ class _Lattice:
 
     def _candidate(self, x: float) -> Candidate:
         """Return the candidate at position x of the constant."""
-        if x == 0.0:
-            return self.start.form
         return self.start.form.with_shape(**{self.name: self.value(x)})
 
     def climb(self, x: float, step: float) -> float:
@@ -213,7 +211,7 @@ class _Lattice:
         """
         if x not in self._drops:
             low, high = self.bounds
-            is_within = x == 0.0 or low <= self.value(x) <= high
+            is_within = low <= self.value(x) <= high
             self._drops[x] = -np.inf
             if is_within:
                 self._drops[x] = self.judge.drop(self._candidate(x))

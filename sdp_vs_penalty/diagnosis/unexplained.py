@@ -13,7 +13,6 @@ from itertools import chain
 
 import numpy as np
 import scipy
-import scipy.signal
 
 from sdp_vs_penalty.diagnosis.causes import (
     JointError,

@@ -6,7 +6,7 @@ neither files nor robots.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar
@@ -216,6 +216,10 @@ class Estimator(ABC):
         InputError
             Where the constraints admit no parameters.
         """
+
+    def fit_each(self, tasks: Sequence[Task]) -> list[Fit]:
+        """Estimate the parameters of tasks that differ in their data alone."""
+        return [self.fit(task) for task in tasks]
 
 
 def fitted(estimator: Estimator, task: Task) -> Fit:

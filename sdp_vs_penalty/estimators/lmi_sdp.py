@@ -92,7 +92,14 @@ class LmiSdp(Estimator):
 
     def fit(self, task: Task) -> Fit:
         """Solve the torque SDP of a task."""
-        return PosedSdp(task, self.posed(task), self.solver).fit(self.accuracy)
+        return self.fit_each([task])[0]
+
+    def fit_each(self, tasks: Sequence[Task]) -> list[Fit]:
+        """Solve the SDPs of tasks that differ in their data alone, with one set of
+        cones."""
+        problems = [self.posed(task) for task in tasks]
+        first = PosedSdp(tasks[0], problems[0], self.solver)
+        return [first.with_problem(problem).fit(self.accuracy) for problem in problems]
 
     @property
     def undetermined_by(self) -> str:

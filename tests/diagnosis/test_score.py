@@ -260,9 +260,7 @@ def test_squared_errors_from_products_are_those_of_the_rows(search):
     beta = np.full(batch.forms[0].n_coefficients, 0.3)
     residual = search.fit.residual - search.fit.residual_of(scaled) @ beta
     of_rows = np.sum(residual**2, axis=1) * search.fit.level**2
-    np.testing.assert_allclose(
-        products.rss_with(beta, products.squares_with(beta)), of_rows, rtol=1e-6
-    )
+    np.testing.assert_allclose(products.rss_with(beta), of_rows, rtol=1e-6)
 
 
 def test_parameters_beyond_those_of_any_model_contradict_themselves(search):

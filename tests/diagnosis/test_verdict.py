@@ -14,6 +14,7 @@ from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.held_out import (
     ErrorChange,
     HeldOutSplit,
+    JudgedRows,
     change_of,
     rows_by_stretch,
 )
@@ -272,25 +273,19 @@ def test_a_torque_of_sliding_is_judged_where_joints_slide(monkeypatch):
     def of_rows(rows):
         squares, norms = regressions[rows]
         return SimpleNamespace(
-            joint_rows=lambda: np.array([1]),
-            column_norms=lambda: np.array([norms]),
-            squares=squares,
-            rows=rows,
+            column_norms=lambda: np.array([norms]), squares=squares, rows=rows
         )
 
+    one_row = JudgedRows(np.ones((1, 1, 6)), np.ones((1, 3, 1)))
     split = HeldOutSplit(
-        tuple(effects),
-        of_rows("all"),
-        (of_rows("all"),),
-        (of_rows("sliding"),) * 2,
-        False,
+        tuple(effects), of_rows("all"), of_rows("sliding"), (one_row,), False
     )
     held_out = HeldOut(None, False, [split], "test")
     fitted = []
 
     def squares_of_fit(self, chosen, sliding, fitted_by):
         fitted.append(split.fitted_rows(sliding).rows)
-        rows = (*split.tests, *split.sliding)
+        rows = split.train, split.sliding, split.sliding
         return np.array([[[x.squares ** len(chosen)] for x in rows]])
 
     monkeypatch.setattr(HeldOut, "_squares", squares_of_fit)
@@ -322,10 +317,10 @@ def two_recordings(monkeypatch):
         ]
         for f in (0, 1)
     ]
-    splits = []
-    for rows in rows_of_splits:
-        parts = [SimpleNamespace(joint_rows=lambda x=x: x.sum(axis=0)) for x in rows]
-        splits.append(HeldOutSplit((), None, (*parts[:8],), (*parts[8:],), False))
+    splits = [
+        HeldOutSplit((), None, None, (JudgedRows.from_masks(None, rows),), False)
+        for rows in rows_of_splits
+    ]
     squares = np.random.default_rng(0).uniform(1.0, 2.0, (2, 10, 2))
 
     def sums(self, chosen, sliding, fitted=None):
