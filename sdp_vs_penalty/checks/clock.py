@@ -16,9 +16,14 @@ from sdp_vs_penalty.checks.velocity import velocity_ratio
 from sdp_vs_penalty.data.files import is_last_row_first
 from sdp_vs_penalty.data.hypotheses.weighing import unit_of_dates
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.stretches.gaps import is_set_back, order_of_time, spaced_evenly
+from sdp_vs_penalty.data.stretches.gaps import (
+    goes_on,
+    is_set_back,
+    order_of_time,
+    spaced_evenly,
+)
 from sdp_vs_penalty.data.words.units import UNITS
-from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.signals.runs import spans
 
 #: Time steps [s] of a log that somebody would identify from.
@@ -106,16 +111,6 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     )
 
 
-def _goes_on(glance: RunSummary, rows: Indices) -> Rows:
-    """Return at which of K steps (numbers of the rows before them) the arm moves no
-    farther than in the ten steps before and behind: the motion goes on there."""
-    scaled = glance.run.q / nonzero_or_one(np.ptp(glance.run.q, axis=0))
-    travel = np.linalg.norm(np.diff(scaled, axis=0), axis=1)
-    usual = [float(np.median(travel[max(k - 10, 0) : k + 11])) for k in rows]
-    # A thousandth of the range allows for noise at rest.
-    return travel[rows] < 3.0 * np.array(usual) + 1e-3
-
-
 def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error about rows whose time lies before that of an earlier row, and a
     warning where the clock was set back, or several runs are in the file: each stretch
@@ -157,7 +152,7 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
         severity = "warning"
         seen = "The motion continues without a break: the clock was set back."
         otherwise, step = CONTINUE, glance.usual_step
-        if not _goes_on(glance, bad).all():
+        if not goes_on(glance.run.q, bad).all():
             seen = "The motion breaks there: several runs are in the file."
             otherwise = "let each begin a second after the end of the one before"
             step = max(1.0, 50.0 * step)
@@ -388,7 +383,7 @@ def find_time_jumps(glance: RunSummary) -> Iterator[Issue]:
     long = np.flatnonzero(is_long)
     moves = glance.movement.moves
     in_motion = [bool(moves[max(k - 10, 0) : k + 11].all()) for k in long]
-    is_set = np.array(in_motion, bool) & _goes_on(glance, long)
+    is_set = np.array(in_motion, bool) & goes_on(glance.run.q, long)
     is_set &= glance.steps[long] > 2.0 * GAP * glance.usual_step
     if is_set.any():
         yield _clock_step(glance, long[is_set])

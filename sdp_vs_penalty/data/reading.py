@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
+from string import ascii_lowercase
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,13 @@ from sdp_vs_penalty.data.store import (
     concatenate_chunks,
     iter_chunks,
 )
-from sdp_vs_penalty.data.stretches.gaps import order_of_time, spaced_evenly
+from sdp_vs_penalty.data.stretches.gaps import (
+    goes_on,
+    is_set_back,
+    order_of_time,
+    spaced_evenly,
+    usual_step,
+)
 from sdp_vs_penalty.data.words.tokens import brief_names, group_of, parts_of
 from sdp_vs_penalty.errors import ColumnsRemark, InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
@@ -356,18 +363,28 @@ def channels_of(log: Log, choice: Choice) -> tuple[Log, Recognition]:
 
             episode = episode_of(log.columns, ours)
         order = _order(log, joints)
-        return log, Recognition(
+        known = Recognition(
             ours,
             logger="by our names",
             episode=episode,
             order=order,
             inferred={"t": _OF_OURS},
         )
-    if log.names[:1] == ["#1"]:
+        if log.heading and not choice.as_written:
+            from sdp_vs_penalty.data.hypotheses import recognition
+
+            n = sum(re.fullmatch("q[0-9]+", x) is not None for x in ours)
+            known = recognition.units_of_chosen(known, log.columns, log.heading)
+            known = recognition.with_facts(known, log.columns, log.heading, n)
+        return log, known
+    letters = [*ascii_lowercase[: len(log.names)]]
+    is_lettered = len(letters) > 3 and [x.lower() for x in log.names] == letters
+    if is_lettered or log.names[:1] == ["#1"]:
         from sdp_vs_penalty.data.hypotheses.proposals import names_by_values
 
         n_joints = None if joints is None else len(joints)
         problem = "row 1 holds numbers instead of a header"
+        problem = "row 1 holds letters alone" if is_lettered else problem
         return log, names_by_values(log, log.names, n_joints, problem, rate=choice.rate)
     found = recognised_in(log, joints)
     if wide := _of_wide_block(log, found, joints):
@@ -847,13 +864,24 @@ def _in_si(
         blocks, told = in_one_unit(t, blocks, own)
         found = replace(found, said=(*found.said, *told))
     episode = None
-    if found.episode and len(t) > 1:
-        steps = np.diff(t)
-        begins = steps <= 0.0 if has_clock else np.diff(columns[found.episode]) != 0.0
-        apart = np.where(begins, 1.0 - steps, 0.0)
+    is_read = has_clock and not choice.as_written
+    if len(t) > 1 and (found.episode or (is_read and is_set_back(t))):
+        steps, seconds = np.diff(t), np.ones(len(t) - 1)
+        begins = steps <= 0.0
+        if found.episode and not has_clock:
+            begins = np.diff(columns[found.episode]) != 0.0
+        if not found.episode:
+            begins = steps < 0.0
+            rows = np.flatnonzero(begins)
+            seconds[rows[goes_on(blocks["q"], rows)]] = usual_step(t)
+        apart = np.where(begins, seconds - steps, 0.0)
         if apart.any():
-            n_episodes = formatting.count(int(np.sum(apart > 0)) + 1, "episode")
-            _remark(log, f"{n_episodes} one after the other, a second apart")
+            begins &= seconds == 1.0
+            n_episodes = formatting.count(int(np.sum(begins)) + 1, "episode")
+            said = f"{n_episodes} one after the other, a second apart"
+            if not begins.any():
+                said = "the clock was set back while the motion goes on: continued"
+            _remark(log, said)
             t = t + np.cumsum(np.append(0.0, apart))
             episode = np.cumsum(np.append(0, begins))
     name = log.run_name or log.path.name

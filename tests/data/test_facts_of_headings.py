@@ -29,6 +29,8 @@ FACTS = [
     ("% Offset [counts] = 2048; 2100 (4096 ticks/rev)", {"zero": [2048.0, 2100.0]}),
     ("# home position: 2048 counts", {"zero": [2048.0] * 2}),
     ("# mid position of all joints is 2048", {"zero": [2048.0] * 2}),
+    ("# position in ticks, 16384 ticks per turn, 8192 = 0 deg", {"zero": [8192.0] * 2}),
+    ("# joint torque = current * k, k [Nm/A] = 6, 4", {"constant": [6.0, 4.0]}),
     ("# max torque [Nm]: 60, 110", {}),
     ("# gear ratios: 101, 120, 101", {}),
     ("# gear ratios: see sheet 3 of 7", {}),

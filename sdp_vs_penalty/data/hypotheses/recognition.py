@@ -202,12 +202,7 @@ def recognise(
         said |= {} if of_unit is None else {clock: of_unit}
     found = with_units(found, said, columns, logger, heading)
     n = len(keys) if "" not in keys else columns[choice.sets["q"].columns[""]].width
-    facts = facts_of_heading(heading, n)
-    if "" not in keys and joint_names:  # numbers stand in the order of the columns
-        in_file = [[*columns].index(pairs[f"q{k}"]) for k in range(1, n + 1)]
-        places = np.argsort(np.argsort(in_file))
-        facts = {x: ([y[k] for k in places], line) for x, (y, line) in facts.items()}
-    found = with_facts(found, facts, n)
+    found = with_facts(found, columns, heading, n)
     found = replace(found, unsaid=_without_unit(found, said))
     return with_unit_of_clock(found, columns)
 
@@ -508,12 +503,21 @@ def with_units(
 _AT_JOINTS = re.compile(r"(?i)\b(incl\w*|with|output|joint|gelenk|abtrieb)")
 
 
+#: What says that all was logged at the motors.
+_AT_MOTORS = re.compile(r"(?i)\b(motor side|motorseit\w*|at the motors?)\b")
+
+
 def with_facts(
-    found: Recognition, facts: Mapping[str, tuple[list[float], str]], n: int
+    found: Recognition, columns: Columns, heading: Sequence[str], n: int
 ) -> Recognition:
     """Bring shares of rated torques, currents, what n motors do behind gears, and counts of
     encoders, to joints by the numbers that the lines above the table say
-    (:func:`facts_of_heading`)."""
+    (:func:`facts_of_heading`), in the order of the columns."""
+    facts = facts_of_heading(heading, n)
+    if found.joints and {"q1", f"q{n}"} <= {*found.rename}:
+        in_file = [[*columns].index(found.rename[f"q{k}"]) for k in range(1, n + 1)]
+        places = np.argsort(np.argsort(in_file))
+        facts = {x: ([y[k] for k in places], line) for x, (y, line) in facts.items()}
     unit = found.units.get("q")
     if "zero" in facts and unit is not None and SHARES.get(unit.answer) == 0.0:
         numbers, line = facts["zero"]
@@ -521,7 +525,10 @@ def with_facts(
             found, zeros=tuple(numbers), said=(_said_above("q", [line]), *found.said)
         )
     names = {x: " ".join(y.values()) for x, y in by_group(found.rename).items()}
-    are_of_motors = {x for x, text in names.items() if "motor" in text.lower()}
+    are_all = any(map(_AT_MOTORS.search, heading))
+    are_of_motors = {
+        x for x, text in names.items() if are_all or "motor" in text.lower()
+    }
     lines, factors = list[str](), dict[str, NDArray[Any]]()
     kind = "constant" if found.torque_unit == "A" else "rated"
     if found.torque_unit and kind in facts and SHARES.get(found.torque_unit, 1.0):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.store import PART, iter_chunks
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 #: A step this long is no sampling but a gap [s], and so many usual steps are.
 GAP = 0.05
@@ -76,6 +76,16 @@ def is_set_back(t: Array) -> bool:
     rows = np.concatenate(back)
     lengths = np.diff(rows, prepend=0, append=len(t) - 1)
     return len(rows) > 0 and bool(np.all(lengths > FEWEST_ROWS))
+
+
+def goes_on(q: Array, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return at which of K steps (numbers of the rows before them) the arm moves no
+    farther than in the ten steps before and behind: the motion q (N, n) goes on there."""
+    scaled = q / nonzero_or_one(np.ptp(q, axis=0))
+    travel = np.linalg.norm(np.diff(scaled, axis=0), axis=1)
+    usual = [float(np.median(travel[max(k - 10, 0) : k + 11])) for k in rows]
+    # A thousandth of the range allows for noise at rest.
+    return np.asarray(travel[rows] < 3.0 * np.array(usual) + 1e-3)
 
 
 def order_of_time(t: Array, q: Array) -> NDArray[np.intp] | None:

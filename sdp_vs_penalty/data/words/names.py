@@ -184,7 +184,7 @@ def facts_of_heading(
     120:1]" or "encoder: 4096 counts per revolution, zero at 2048"."""
     found = dict[str, tuple[list[float], str]]()
     for line in lines:
-        line_of_facts = _COUNTS_A_TURN.sub(" ", line)
+        line_of_facts = _AT_ZERO.sub(r" zero \1 ", _COUNTS_A_TURN.sub(" ", line))
         marks = [*_facts().finditer(line_of_facts)]
         for mark, behind in zip_longest(marks, marks[1:]):
             end = behind.start() if behind else None
@@ -231,6 +231,10 @@ _IN_UNIT = re.compile(
 _COUNTS_A_TURN = re.compile(
     r"(?i)\b([0-9]{3,9})\s*(inc|increments|counts|ticks|pulses?|qc)"
     r"\s*(?:/|per|a)\s*(?:joint\s+)?(?:turn|rev)\w*"
+)
+#: A reading at zero, "8192 = 0 deg".
+_AT_ZERO = re.compile(
+    r"(?i)\b([0-9]+)\s*(?:inc|counts|ticks|pulses?)?\s*(?:=|is|at)\s*0(?:\.0*)?\s*(?:deg|rad|°)"
 )
 _LIST_OF_UNITS = re.compile(r"(?i)\b(?:units?|einheiten|unités|unidades)\s*[:=]\s*(.+)")
 
