@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli import console
@@ -24,6 +24,7 @@ if TYPE_CHECKING:  # `identify` needs no diagnosis
     from sdp_vs_penalty.checks.report import Report
     from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
     from sdp_vs_penalty.diagnosis.where_it_fails import Failures
+    from sdp_vs_penalty.estimation.model_file import LoopFields, ServoFields
     from sdp_vs_penalty.problem.check_command import CheckCommand
     from sdp_vs_penalty.ranges.table import Ranges
     from sdp_vs_penalty.render.words import DiagnosisWords
@@ -91,25 +92,25 @@ def gains(result: Estimate) -> None:
             "gains of the torque channels, from the known load (± 95 %):"
             f" {', '.join(values)}"
         )
-    if law := result.details.get("servo"):
+    if law := result.report.servo:
         servo(result, law)
-    if loop := result.details.get("loop"):
+    if loop := result.report.loop:
         servo_loop(result, loop)
 
 
-def servo_loop(result: Estimate, loop: dict[str, Any]) -> None:
+def servo_loop(result: Estimate, loop: LoopFields) -> None:
     """Print how much of the logged torque the servos' control loop explains, and its
     gains.
 
     loop : share of the torque of each joint, and the loop's delay [s].
     """
-    shares = ", ".join(map(formatting.percent, loop["share"]))
-    delay = formatting.milli(loop["delay"], "s", 2)
+    shares = ", ".join(map(formatting.percent, loop.share))
+    delay = formatting.milli(loop.delay, "s", 2)
     say(f"the servos' law, {delay} late, makes {shares} of the joints' logged torque")
     console.table(tables.gain_table("Gains, of the logged torque", loop_gains(result)))
 
 
-def servo(result: Estimate, law: dict[str, Any]) -> None:
+def servo(result: Estimate, law: ServoFields) -> None:
     """Print the servo law that replaced a logged torque, its gains, and what sets the
     scale.
 
@@ -118,18 +119,18 @@ def servo(result: Estimate, law: dict[str, Any]) -> None:
     from sdp_vs_penalty.render.words import drive_torque_sentence
 
     delay = "no delay"
-    if law["delay"] > 0.0:
-        delay = f"commands act {formatting.milli(law['delay'], 's', 2)} late"
-    say(f"servo law, in place of a torque: {law['law']}, {delay}")
-    if law["held_out"]:
-        errors = [f"{name} {error:.4g}" for name, error in law["held_out"].items()]
+    if law.delay > 0.0:
+        delay = f"commands act {formatting.milli(law.delay, 's', 2)} late"
+    say(f"servo law, in place of a torque: {law.law}, {delay}")
+    if law.held_out:
+        errors = [f"{name} {error:.4g}" for name, error in law.held_out.items()]
         say(f"error of each law on data left out, over the least: {', '.join(errors)}")
-    say(f"scale: {law['scale']}")
-    if law.get("motion"):
+    say(f"scale: {law.scale}")
+    if law.motion:
         units = result.robot.position_units
         distances = [
             formatting.milli(distance, unit)
-            for distance, unit in zip(law["motion"], units, strict=True)
+            for distance, unit in zip(law.motion, units, strict=True)
         ]
         say(
             "motion simulated from the command, RMS from the measured:"

@@ -32,6 +32,7 @@ from sdp_vs_penalty.estimation.identify import (
     on_bounds,
     versions,
 )
+from sdp_vs_penalty.estimation.model_file import Details
 from sdp_vs_penalty.estimation.sensitivity import (
     fit_constants_jointly,
     free_constants,
@@ -130,11 +131,9 @@ def add(
         all_effects = [*_own(estimate, retuned), *new]
         extended = again.identified_jointly(all_effects, to_estimate)
     searched = _searched_constants(added, _findings_of(effects))
-    of_model = {tuple(key) for key in estimate.details.get("at_ends") or ()}
-    searched |= of_model - {change.key for change in retuned}
-    at_ends = [key for key in constants_at_ends(extended.model) if key in searched]
-    details = {**extended.details, "at_ends": at_ends}
-    extended = replace(extended, details=details)
+    searched |= set(estimate.report.at_ends or ()) - {change.key for change in retuned}
+    at_ends = tuple(k for k in constants_at_ends(extended.model) if k in searched)
+    extended = replace(extended, report=replace(extended.report, at_ends=at_ends))
     extended = with_intervals_of_search(extended, _findings_of(effects))
     if noise := estimate.provenance.get("noise"):
         extended.provenance["noise"] = noise
@@ -289,8 +288,7 @@ class _Again:
             return extended
         model, shapes = together
         extended = self.identified(model.effects)
-        details = {**extended.details, "shapes": [s.to_dict() for s in shapes]}
-        return replace(extended, details=details)
+        return replace(extended, report=replace(extended.report, shapes=tuple(shapes)))
 
 
 def _retunes(
@@ -357,11 +355,7 @@ def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
     retuned
         Constants with new values, at which they stay fixed.
     """
-    free = {
-        (s["effect"], s["joint"] - 1, s["shape"])
-        for s in estimate.details.get("shapes", ())
-    }
-    free -= {r.key for r in retuned}
+    free = {s.key for s in estimate.report.shapes} - {r.key for r in retuned}
     out = []
     for effect in with_shapes(estimate.model.effects, retuned):
         its_free = [
@@ -393,7 +387,7 @@ def _add_frozen(
     Returns
     -------
     Estimate
-        The extended model. Certificate, details and provenance are of both together.
+        The extended model. Certificate, report and provenance are of both together.
     """
     fit = _fit_new_effects(estimate, new, runs, seed, progress)
     theta = np.concatenate([estimate.theta, fit.theta])
@@ -408,15 +402,12 @@ def _add_frozen(
         fit.estimator.undetermined_by,
         nominal=fit.task.nominal,
     )
-    old = estimate.details
-    details = {
-        "undetermined": {**old.get("undetermined", {}), **sources["undetermined"]},
-        "base_parameters": [
-            *old.get("base_parameters", []),
-            *sources["base_parameters"],
-        ],
-        "on_bounds": on_bounds(problem.constraints(fit.model), theta),
+    old = estimate.report
+    of_both = {
+        "undetermined": {**old.undetermined, **sources["undetermined"]},
+        "base_parameters": old.base_parameters + sources["base_parameters"],
     }
+    bounds = on_bounds(problem.constraints(fit.model), theta)
     provenance = {
         **estimate.provenance,
         "seed": seed,
@@ -431,9 +422,9 @@ def _add_frozen(
         estimate,
         model=fit.model,
         theta=theta,
-        uncertainty=uncertainty.named_by_sources(details),
+        uncertainty=uncertainty.named_by_sources(**of_both),
         certificate=certify_beside(estimate, fit.model, theta, fit.certificate),
-        details=details,
+        report=Details(on_bounds=bounds, **of_both),
         provenance=provenance,
         training_motion=_joined_motion(estimate, runs),
     )
@@ -669,7 +660,7 @@ def joint_optimum_of_constants(
         them. None where no own constant changes by more than three standard deviations:
         the model then stays as it is.
     """
-    shapes = [ShapeEstimate.from_dict(s) for s in extended.details.get("shapes", ())]
+    shapes = extended.report.shapes
     free_of_added = _free_constants_of(added)
     joints_of_added = {joint for _, joint, _ in free_of_added}
     own_constants = {s.key: s for s in shapes if s.index in joints_of_added}

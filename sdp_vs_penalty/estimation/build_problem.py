@@ -35,7 +35,12 @@ from sdp_vs_penalty.estimation.known_load import (
     gains_from_loads,
     with_scale,
 )
-from sdp_vs_penalty.estimation.model_file import Recipe
+from sdp_vs_penalty.estimation.model_file import (
+    ChannelGains,
+    Details,
+    Recipe,
+    ServoFields,
+)
 from sdp_vs_penalty.estimation.servo import loop_beside_torque, servo_filters, servo_log
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimation.uncertainty import independent_gains
@@ -146,9 +151,8 @@ class PoseOptions:
                 options[name] = read(options[name])
         return cls(**options)
 
-    def recipe(self) -> dict[str, Any]:
-        """Return the options as plain JSON of a Recipe, from which :meth:`following`
-        poses the problem again.
+    def recipe(self) -> Recipe:
+        """Return the options from which :meth:`following` poses the problem again.
 
         Of the effects' shape constants only those that the user gave are kept: the
         others are estimated again.
@@ -160,21 +164,17 @@ class PoseOptions:
                 for e in self.effects
                 if isinstance(e, Effect)
             )
-        return Recipe(**chosen).to_dict()
+        return Recipe(**chosen)
 
     @classmethod
-    def following(
-        cls, recipe: Mapping[str, Any], robot: Robot, **others: Any
-    ) -> PoseOptions:
+    def following(cls, recipe: Recipe, robot: Robot, **others: Any) -> PoseOptions:
         """Return the options that a recipe states, the inverse of :meth:`recipe`.
 
-        ``others`` are further fields of the options. Raises InputError for a damaged
-        recipe.
+        ``others`` are further fields of the options.
         """
-        stated = Recipe.from_dict(recipe)
-        chosen = {f.name: getattr(stated, f.name) for f in fields(Recipe)}
-        if stated.effects is not None:
-            chosen["effects"] = [make_effect(e, robot) for e in stated.effects]
+        chosen = dict(vars(recipe))
+        if recipe.effects is not None:
+            chosen["effects"] = [make_effect(e, robot) for e in recipe.effects]
         return cls(**chosen, **others)
 
     @classmethod
@@ -189,8 +189,7 @@ class PoseOptions:
             "weighting": model.weighting,
             "gain_uncertainty": model.uncertainty.gain_errors,
         }
-        recipe = model.details.get("recipe")
-        if recipe is not None:
+        if recipe := model.report.recipe:
             return cls.following(recipe, model.robot, **stored)
         return cls(model.model.effects, known=model.model.known, **stored)
 
@@ -213,10 +212,10 @@ class EstimationProblem:
     weighting: str
     #: (n, e) factor of the covariance of the gains' relative errors.
     gain_errors: Array | None = None
-    #: Shapes and gains as plain JSON; where the rows are made with a servo's law, also
-    #: the "recipe" (:meth:`PoseOptions.recipe`) from which the same problem follows,
-    #: with the scale that known loads gave a log without torque.
-    details: dict[str, Any] = field(default_factory=dict)
+    #: Shapes and gains; where the rows are made with a servo's law, also the recipe from
+    #: which the same problem follows, with the scale that known loads gave a log without
+    #: torque.
+    report: Details = field(default_factory=Details)
 
 
 def build_problem(
@@ -295,12 +294,12 @@ def _pose_linear(
     runs: FilteredRuns,
     options: PoseOptions,
     gain_errors: Array,
-    details: dict[str, Any],
+    report: Details,
 ) -> EstimationProblem:
     """Compress and weight the rows of a model in which all parameters are linear.
 
     runs : the filtered log, with instruments where they are used; gain_errors and
-    details : fields of the EstimationProblem.
+    report : fields of the EstimationProblem.
     """
     compressed = partial(in_columns, runs, workers=options.workers)
     model = with_reference(
@@ -319,7 +318,7 @@ def _pose_linear(
         task=task,
         weighting=options.weighting,
         gain_errors=gain_errors,
-        details=details,
+        report=report,
     )
 
 
@@ -366,24 +365,23 @@ def _pose_torque_log(
     """
     log = runs.measurements
     gain_errors = independent_gains(options.gain_uncertainty, problem.robot.n)
-    details: dict[str, Any] = {}
+    found: dict[str, Any] = {}
     # 1. Servo effects are fitted to the torque apart; they are no part of the arm.
     drives = [e for e in model.effects if e.forward == "drive"]
     if drives:
-        details["loop"] = loop_beside_torque(drives, log, runs.settings)
+        found["loop"] = loop_beside_torque(drives, log, runs.settings)
         model = model.without_drives
     model = with_known(model, options.known)
     # 2. Shape constants, such as a Stribeck velocity, are nonlinear: estimate them now.
     options.progress("estimating shape constants")
     shapes = estimate_shapes(model, runs, options.weighting, workers=options.workers)
     model = replace(model, effects=with_shapes(model.effects, shapes))
-    if shapes:
-        details["shapes"] = [s.to_dict() for s in shapes]
+    found["shapes"] = tuple(shapes)
     # 3. Instruments: commands, which are free of the sensors' noise, give the motion.
     if options.instruments == "command":
         runs = FilteredRuns.filtering(commanded_motion(log), runs.settings)
         if not options.known_loads:
-            details["recipe"] = options.recipe()
+            found["recipe"] = options.recipe()
     # 4. Runs with known loads determine the gains of the torque channels.
     if options.known_loads:
         options.progress("determining the gains from the known loads")
@@ -392,9 +390,9 @@ def _pose_torque_log(
         problem = replace(problem, gains=tuple(gain.tolist()))
         model = replace(model, gains=problem.gains)
         std = gain * np.linalg.norm(gain_errors, axis=1)
-        details["gains"] = {"gain": gain.tolist(), "std": std.tolist()}
+        found["gains"] = ChannelGains(tuple(gain.tolist()), tuple(std.tolist()))
     # 5. What remains is linear.
-    return _pose_linear(problem, model, runs, options, gain_errors, details)
+    return _pose_linear(problem, model, runs, options, gain_errors, Details(**found))
 
 
 def _pose_servo_log(
@@ -425,8 +423,8 @@ def _pose_servo_log(
         options = replace(options, known=scale["known"])
     common = np.full(problem.robot.n, scale["scale_error"])
     gain_errors = np.column_stack([errors, common])
-    details = {"servo": {**servo, **scale}, "recipe": options.recipe()}
-    return _pose_linear(problem, model, runs, options, gain_errors, details)
+    report = Details(servo=ServoFields(**servo, **scale), recipe=options.recipe())
+    return _pose_linear(problem, model, runs, options, gain_errors, report)
 
 
 def with_known(model: Model, known: Mapping[str, float]) -> Model:

@@ -30,11 +30,13 @@ from sdp_vs_penalty.estimation.link_figures import (
 )
 from sdp_vs_penalty.estimation.model_file import (
     FORMAT,
+    BaseEntry,
     CovarianceBlock,
+    Details,
     ModelFile,
     ParameterEntry,
 )
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate, constants_in_words
+from sdp_vs_penalty.estimation.shapes import constants_in_words
 from sdp_vs_penalty.estimation.uncertainty import (
     Interval,
     Uncertainty,
@@ -120,8 +122,8 @@ class Estimate(Record):
         The filters, resolved.
     settings : dict
         Those of the method.
-    details : dict
-        What else the method and the posing report, plain JSON.
+    report : Details
+        What else the method and the posing report.
     provenance : dict or Provenance
         Versions, hash of the data, seed, verdict on the training runs, their noise.
     training_motion : MotionRecord, optional
@@ -146,8 +148,8 @@ class Estimate(Record):
     preprocessing: Preprocessing
     #: The settings of the method.
     settings: dict[str, Any]
-    #: What else the method and the posing report, plain JSON.
-    details: dict[str, Any]
+    #: What else the method and the posing report.
+    report: Details
     #: Versions, hash of the data, seed, verdict on the training runs, their noise.
     provenance: MutableMapping[str, Any]
     #: The path of the motion that it was identified from, where that was recorded.
@@ -208,24 +210,22 @@ class Estimate(Record):
             standard=_given_intervals(old.standard, values.tolist()),
             base=_given_intervals(old.base, base_values),
         )
-        entries = list(self.details.get("base_parameters") or ())
-        if entries:
-            entries = [
-                {**entry, "value": value, "source": "given"}
-                for entry, value in zip(entries, base_values, strict=True)
-            ]
-        details = {
-            **self.details,
-            "undetermined": {q.name: "given" for q in self.model.parameters},
-            "base_parameters": entries,
-            "on_bounds": [],
-        }
+        entries = self.report.base_parameters
+        report = replace(
+            self.report,
+            undetermined={q.name: "given" for q in self.model.parameters},
+            base_parameters=tuple(
+                replace(entry, value=value, source="given")
+                for entry, value in zip(entries, base_values, strict=bool(entries))
+            ),
+            on_bounds=(),
+        )
         known = {k: x for k, x in self.provenance.items() if k != "verdict"}
         return replace(
             self,
             theta=values,
             uncertainty=uncertainty,
-            details=details,
+            report=report,
             provenance=known,
             certificate=certificate_without_data(self.problem, self.model, values),
         )
@@ -294,6 +294,11 @@ class Estimate(Record):
         return self.uncertainty.covariance
 
     @property
+    def details(self) -> dict[str, Any]:
+        """The report as plain JSON, as a model.json holds it."""
+        return self.report.to_dict()
+
+    @property
     def torque_units(self) -> tuple[str, ...]:
         """(n,) "N*m" or "N" of each joint; what the training runs' torques are in where
         they are none, such as "A"."""
@@ -303,7 +308,7 @@ class Estimate(Record):
     @property
     def sources(self) -> tuple[str, ...]:
         """(p,) what determines each parameter: "data", "prior", "bounds" or "given"."""
-        undetermined = self.details.get("undetermined", {})
+        undetermined = self.report.undetermined
         return tuple(undetermined.get(p.name, "data") for p in self.model.parameters)
 
     def range(self, function: str, level: float = 0.95, data: Any = None) -> Any:
@@ -363,7 +368,7 @@ class Estimate(Record):
             for k, ends in enumerate(self.problem.assumed_masses, start=1)
             if ends.any()
         }
-        on_bounds = self.details.get("on_bounds") or []
+        on_bounds = self.report.on_bounds or ()
         if stated := [bound for bound in on_bounds if bound not in assumed]:
             advice = f"{', '.join(stated)}: widen the bounds, or measure more"
             lines.append(("on their bounds", advice))
@@ -392,9 +397,8 @@ class Estimate(Record):
     def constants_at_ends(self) -> str:
         """Which estimated shape constants lie at an end of the range in which they were
         looked for, and what that means; "" where none does."""
-        shapes = [ShapeEstimate.from_dict(s) for s in self.details.get("shapes") or ()]
-        keys = {s.key for s in shapes if s.at_end}
-        keys |= {tuple(key) for key in self.details.get("at_ends") or ()}
+        keys = {s.key for s in self.report.shapes if s.at_end}
+        keys.update(self.report.at_ends or ())
         lines = constants_in_words(self.model, keys)
         if not lines:
             return ""
@@ -413,13 +417,12 @@ class Estimate(Record):
         determine has no standard deviation, there is one line that says so. Empty for a
         model without base parameters.
         """
-        base = self.details.get("base_parameters") or []
+        base = self.report.base_parameters
         if not base:
             return []
         std_by_name = {x.name: x.std for x in self.uncertainty.base}  # NaN: unknown
         n_without_std = sum(
-            entry["source"] == "data"
-            and bool(np.isnan(std_by_name.get(entry["name"], 0.0)))
+            entry.source == "data" and bool(np.isnan(std_by_name.get(entry.name, 0.0)))
             for entry in base
         )
         if n_without_std:
@@ -429,9 +432,9 @@ class Estimate(Record):
             )
             return [("determined by the data", text)]
         undetermined = {
-            entry["name"]: entry["source"]
+            entry.name: entry.source
             for entry in base
-            if entry["source"] not in ("data", "given")
+            if entry.source not in ("data", "given")
         }
         text = (
             f"{self.n_base_from_data} of {self.n_base} base parameters,"
@@ -572,15 +575,15 @@ class Estimate(Record):
     @fact("", digits=9, name="n base parameters")
     def n_base(self) -> int:
         """Number of base parameters, the combinations that torques depend on."""
-        return len(self.details.get("base_parameters") or ())
+        return len(self.report.base_parameters)
 
     @fact("", digits=9, name="n base parameters from data")
     def n_base_from_data(self) -> int:
         """Number of base parameters that the data determine, or that are given; prior or
         bounds determine the others.
         """
-        base = self.details.get("base_parameters") or ()
-        return sum(entry["source"] in ("data", "given") for entry in base)
+        base = self.report.base_parameters
+        return sum(entry.source in ("data", "given") for entry in base)
 
     @fact("kg")
     def total_mass(self) -> float | None:
@@ -870,7 +873,7 @@ class Estimate(Record):
             effects=tuple(e.entry for e in self.model.effects),
             preprocessing=self.preprocessing,
             uncertainty=self.uncertainty,
-            details=self.details,
+            details=self.report,
             provenance={**self.provenance, **self._plugins()},
             known=dict(self.model.known),
             reference=self.model.reference,
@@ -919,14 +922,11 @@ class Estimate(Record):
     @property
     def base_entries(self) -> tuple[ParameterEntry, ...]:
         """What is known of each base parameter."""
-        listed = {x["name"]: x for x in self.details.get("base_parameters") or ()}
-        known = [listed.get(interval.name, {}) for interval in self.uncertainty.base]
+        listed = {entry.name: entry for entry in self.report.base_parameters}
+        unlisted = BaseEntry("", np.nan)
+        known = [listed.get(x.name, unlisted) for x in self.uncertainty.base]
         return tuple(
-            ParameterEntry(
-                **vars(interval),
-                nominal=np.nan if x.get("nominal") is None else x["nominal"],
-                source=x.get("source", "data"),
-            )
+            ParameterEntry(**vars(interval), nominal=x.nominal, source=x.source)
             for interval, x in zip(self.uncertainty.base, known, strict=True)
         )
 
@@ -1030,7 +1030,7 @@ def estimate_of_file(data: Mapping[str, Any]) -> Estimate:
         certificate=file.certificate,
         preprocessing=file.preprocessing,
         settings=dict(file.settings),
-        details=dict(file.details),
+        report=file.details,
         provenance=dict(file.provenance),
         training_motion=file.training_motion,
     )

@@ -54,10 +54,10 @@ def channel_gains(estimate: Estimate) -> list[GainInterval]:
     list of GainInterval
         One a joint; empty if no known load determined them.
     """
-    gains = estimate.details.get("gains")
-    if not gains:
+    gains = estimate.report.gains
+    if gains is None:
         return []
-    pairs = zip(gains["gain"], gains["std"], strict=True)
+    pairs = zip(gains.gain, gains.std, strict=True)
     return [
         GainInterval(f"joint {j}", gain, NORMAL_95 * std, "")
         for j, (gain, std) in enumerate(pairs, start=1)
@@ -77,10 +77,10 @@ def loop_gains(estimate: Estimate) -> list[GainInterval]:
     list of GainInterval
         In the order of the model's drives; empty without servo effects.
     """
-    loop = estimate.details.get("loop") or {"gains": {}}
+    loop = estimate.report.loop
     return [
-        GainInterval(name, gain["value"], NORMAL_95 * gain["std"], gain["unit"])
-        for name, gain in loop["gains"].items()
+        GainInterval(name, gain.value, NORMAL_95 * gain.std, gain.unit)
+        for name, gain in (loop.gains.items() if loop else ())
     ]
 
 
@@ -107,7 +107,8 @@ def drive_gains(estimate: Estimate) -> Iterator[GainInterval]:
         One entry a servo gain, in the order of the model's parameters.
     """
     model = estimate.model
-    scale_error = estimate.details["servo"].get("scale_error", 0.0)
+    servo = estimate.report.servo
+    scale_error = servo.scale_error if servo else 0.0
     limited = limited_drives(estimate)
     parameters = zip(
         model.parameters,
@@ -175,8 +176,8 @@ def limited_drives(estimate: Estimate) -> tuple[int, ...]:
 
     Empty for an estimate from runs with torque.
     """
-    servo = estimate.details.get("servo") or {}
-    return tuple(servo.get("limited", ()))
+    servo = estimate.report.servo
+    return servo.limited if servo else ()
 
 
 def open_torques(estimate: Estimate) -> dict[int, float]:
@@ -185,10 +186,10 @@ def open_torques(estimate: Estimate) -> dict[int, float]:
     Values are the half-widths of the 95 % interval over the torque's size; joints below
     OPEN_TORQUE (20 %) are left out. Empty for an estimate from runs with torque.
     """
-    servo = estimate.details.get("servo") or {}
+    servo = estimate.report.servo
     half_widths = [
         np.inf if std is None else NORMAL_95 * std
-        for std in servo.get("torque_error", ())
+        for std in (servo.torque_error if servo else ())
     ]
     return {
         joint: half_width

@@ -85,16 +85,18 @@ def build_estimate(
     uncertainty = (
         uncertainty_of(workers) if is_long else LateUncertainty(uncertainty_of)
     )
-    bounds = (
-        [] if fit.multipliers is None else on_bounds(fit.problem.constraints, theta)
-    )
     settings = {**asdict(estimator), "weighting": posed.weighting}  # type: ignore[call-overload]
-    details = {**fit.details, "on_bounds": bounds, **sources, **posed.details}
-    if "servo" in details:
+    bounds = (
+        () if fit.multipliers is None else on_bounds(fit.problem.constraints, theta)
+    )
+    report = replace(posed.report, of_method=fit.details, on_bounds=bounds, **sources)
+    if report.servo is not None:
         errors = drive_torque_errors(
             task.model, theta, uncertainty.covariance, posed.regression
         )
-        details["servo"] = {**details["servo"], "torque_error": errors}
+        report = replace(
+            report, servo=replace(report.servo, torque_error=tuple(errors))
+        )
     provenance = {
         "seed": task.seed,
         "data_hash": measurements.data_hash,
@@ -114,7 +116,7 @@ def build_estimate(
         certificate=certificate,
         preprocessing=problem.preprocessing if runs is None else runs.settings,
         settings=settings,
-        details=details,
+        report=report,
         provenance=provenance,
         training_motion=None if runs is None else record_motion(runs),
         training=None if runs is None or is_long else Training(posed),
@@ -150,27 +152,27 @@ def _uncertainty(
             constrained=is_feasible,
             gain_errors=posed.gain_errors,
         )
-        .named_by_sources(sources)
+        .named_by_sources(**sources)
         .in_unit(getattr(posed.measurements, "torque_unit", ""))
     )
 
 
-def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
+def on_bounds(constraints: ConstraintSet, theta: Array) -> tuple[str, ...]:
     """List the masses, extents and ranges that lie on their bounds.
 
     There the bound determines the value, not the data.
 
     Returns
     -------
-    list of str
+    tuple of str
         Such as "mass of link 3".
     """
     families = ("mass", "bounding ellipsoid", "body", "range")
-    return [
+    return tuple(
         f"{c.family} of {c.name}"
         for c in constraints.convex
         if c.family in families and c.is_reached(theta)
-    ]
+    )
 
 
 def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:

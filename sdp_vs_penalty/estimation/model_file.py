@@ -70,8 +70,8 @@ class BaseEntry:
 
     name: str
     value: float
-    nominal: float | None
-    source: Source
+    nominal: float = np.nan
+    source: Source = "data"
 
 
 @dataclass(frozen=True)
@@ -87,8 +87,11 @@ class LoopGain:
 class LoopFields:
     """The control loop beside a logged torque."""
 
+    #: Delay of the command [s].
     delay: float
+    #: Gains by name.
     gains: Mapping[str, LoopGain]
+    #: (n,) share of each joint's squared torque that the law explains [-].
     share: tuple[float, ...]
 
 
@@ -138,28 +141,44 @@ class Recipe(JsonRecord):
 
 
 @dataclass(frozen=True)
-class DetailsFields:
-    """Those details of an estimate that the package reads again."""
+class Details(JsonRecord):
+    """What method and posing report of an estimate.
 
-    #: What determines the parameters that the data do not, by their names.
-    undetermined: Mapping[str, Source] | None = None
-    #: Where base parameters are from.
-    base_parameters: tuple[BaseEntry, ...] | None = None
-    #: Bounds that the estimate lies on, in words.
+    The method's own figures are plain JSON, beside the fields in a file.
+    """
+
+    #: Figures of the method, by name; nothing reads them again.
+    of_method: Mapping[str, Any] = field(default_factory=dict)
+    #: Bounds that the estimate lies on, in words; None without an optimisation.
     on_bounds: tuple[str, ...] | None = None
-    #: Shape constants that were estimated.
-    shapes: tuple[ShapeEstimate, ...] = ()
-    #: Shape constants of effects that were added, which lie at an end of their range:
-    #: effect, joint from 0, name.
-    at_ends: tuple[tuple[str, int, str], ...] = ()
-    #: The servo law, without a logged torque.
-    servo: ServoFields | None = None
+    #: What determines the parameters that the data do not, by their names.
+    undetermined: Mapping[str, Source] = field(default_factory=dict)
+    #: Where base parameters are from.
+    base_parameters: tuple[BaseEntry, ...] = ()
     #: The servo's loop, beside a logged torque.
     loop: LoopFields | None = None
-    #: Gains of the torque channels.
-    gains: ChannelGains | None = None
+    #: Shape constants that were estimated.
+    shapes: tuple[ShapeEstimate, ...] = ()
+    #: The servo law, without a logged torque.
+    servo: ServoFields | None = None
     #: How the log was prepared.
     recipe: Recipe | None = None
+    #: Gains of the torque channels.
+    gains: ChannelGains | None = None
+    #: Shape constants of effects that were added, which lie at an end of their range:
+    #: effect, joint from 0, name; None for a model to which nothing was added.
+    at_ends: tuple[tuple[str, int, str], ...] | None = None
+
+    @classmethod
+    def upgraded(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Gather what is no field as figures of the method."""
+        names = {f.name for f in fields(cls)}
+        return {**data, "of_method": {k: x for k, x in data.items() if k not in names}}
+
+    def as_written(self) -> dict[str, Any]:
+        """Return the figures of the method beside the fields that have a value."""
+        stated = {k: x for k, x in vars(self).items() if x is not None}
+        return stated.pop("of_method") | stated
 
 
 @dataclass(frozen=True)
@@ -232,8 +251,8 @@ class ModelFile(JsonRecord):
     preprocessing: Preprocessing
     #: What the training runs say of the parameters, less the intervals above.
     uncertainty: Uncertainty
-    #: What method and posing report, as plain JSON; DetailsFields are read again.
-    details: Mapping[str, Any]
+    #: What method and posing report.
+    details: Details
     #: Where the model is from, as plain JSON; ProvenanceFields are read again.
     provenance: Mapping[str, Any]
     #: Values of known parameters, by name.
@@ -261,7 +280,6 @@ class ModelFile(JsonRecord):
         """Raise InputError for parts that are of another type, or belong to another
         robot."""
         _require(ProvenanceFields, self.provenance, "provenance")
-        _require(DetailsFields, self.details, "details")
         _require(_Weighting, self.settings, "settings")
         # A method that is not installed here is not known: its settings stay unchecked.
         kind = ESTIMATORS.find(self.method)
@@ -273,9 +291,9 @@ class ModelFile(JsonRecord):
         """Raise InputError for arrays with another number of joints than the robot."""
         n = self.robot.n
         provenance = from_json(ProvenanceFields, self.provenance)
-        details = from_json(DetailsFields, self.details)
         noise, verdict = provenance.noise, provenance.verdict
-        servo, loop, gains = details.servo, details.loop, details.gains
+        servo, loop = self.details.servo, self.details.loop
+        gains = self.details.gains
         lists: dict[str, Any] = {
             "uncertainty.torque_noise": self.uncertainty.torque_noise,
             "provenance.noise.floor": noise and noise.floor,

@@ -7,6 +7,7 @@ import numpy as np
 
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate, load_estimate
 from sdp_vs_penalty.estimation.link_figures import certificate_without_data
+from sdp_vs_penalty.estimation.model_file import Details
 from sdp_vs_penalty.estimation.uncertainty import Interval, Uncertainty
 from sdp_vs_penalty.problem.load import load_problem, problem_names
 from sdp_vs_penalty.problem.problem import Problem
@@ -50,9 +51,7 @@ def nominal_model(problem: Problem) -> Estimate:
         certificate=certificate_without_data(problem, model, theta),
         preprocessing=problem.preprocessing,
         settings={},
-        details={
-            "undetermined": {parameter.name: "given" for parameter in model.parameters}
-        },
+        report=Details(undetermined={q.name: "given" for q in model.parameters}),
         provenance={
             "data_hash": "",
             "runs": [],

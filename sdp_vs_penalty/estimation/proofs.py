@@ -206,7 +206,7 @@ def posed_again(model: Estimate, data: Measurements) -> EstimationProblem | None
     None for a log without torque whose recipe (how the servos' law and scale were
     found) the model does not keep.
     """
-    if "recipe" not in model.details and not data.torque_logged:
+    if model.report.recipe is None and not data.torque_logged:
         return None
     return build_problem(model.problem, data, PoseOptions.posing(model))
 

@@ -31,6 +31,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation import constants as c
 from sdp_vs_penalty.estimation.drive_torque import with_simulated_motion
 from sdp_vs_penalty.estimation.known_load import fit_up_to_scale
+from sdp_vs_penalty.estimation.model_file import LoopFields, LoopGain
 from sdp_vs_penalty.estimation.sensitivity import prior_deviation, with_sensitivities
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
@@ -558,12 +559,12 @@ def servo_log(
     delay = model.effects[-1].shape["T"]
     _, theta = loop.fitted_at_delay(delay)
     details = {
-        "limited": find_limited_drives(model, theta, runs),
+        "limited": tuple(find_limited_drives(model, theta, runs)),
         "law": "as given" if drives else law.name,
         "delay": delay,
         "held_out": law.held_out,
-        "shapes": [s.to_dict() for s in shapes],
-        "motion": distance.tolist(),
+        "shapes": tuple(shapes),
+        "motion": tuple(distance.tolist()),
     }
     return model, rows, details
 
@@ -710,7 +711,7 @@ def _refined(
 
 def loop_beside_torque(
     drives: Sequence[Effect], data: Measurements, settings: Preprocessing
-) -> dict[str, Any]:
+) -> LoopFields:
     """Fit a servo's law to a logged torque, to see whether the loop is as stated.
 
     Least squares of the torque, joint by joint, in the columns of the law and a
@@ -724,9 +725,9 @@ def loop_beside_torque(
 
     Returns
     -------
-    dict
-        "delay" [s]; "gains": value, standard deviation and unit by name; "share": of
-        each joint's squared torque that the law explains [-].
+    LoopFields
+        Delay and gains of the law, and the share of each joint's squared torque that it
+        explains.
 
     Raises
     ------
@@ -774,13 +775,11 @@ def loop_beside_torque(
     noise = np.sqrt(rows.oversampling * losses / np.maximum(rows.joint_rows(), 1))
     std = deviations(data_of_all.R)
     gains = {
-        parameter.name: {
-            "value": float(theta[k]),
-            "std": float(std[k] * noise[parameter.joint - 1]),
-            "unit": parameter.unit,
-        }
+        parameter.name: LoopGain(
+            float(theta[k]), float(std[k] * noise[parameter.joint - 1]), parameter.unit
+        )
         for k, parameter in enumerate(model.parameters)
         if model.drives[k]
     }
     shares = 1.0 - losses / at_least_tiny(losses_of_constant)
-    return {"delay": delay, "gains": gains, "share": shares.tolist()}
+    return LoopFields(delay, gains, tuple(shares.tolist()))

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from sdp_vs_penalty.estimation.model_file import BaseEntry
 from sdp_vs_penalty.estimators.estimator import Task, sample_variance
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.regression.base_parameters import BaseParameters
@@ -25,8 +26,8 @@ DATA = "data"
 def parameter_sources(
     task: Task, theta: Array, base: BaseParameters, undetermined_by: str, nominal: Array
 ) -> dict[str, Any]:
-    """Return what determines each standard and base parameter, as fields of an
-    estimate's details.
+    """Return what determines each standard and base parameter, as fields of
+    :class:`~sdp_vs_penalty.estimation.model_file.Details`.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ def parameter_sources(
     -------
     dict
         "undetermined": source by name of each standard parameter that the data do not
-        determine; "base_parameters": name, value, nominal value and source of each.
+        determine; "base_parameters": BaseEntry of each.
     """
     # Standard parameters are linear functions of theta, too: first them, then the base.
     rows = np.vstack([np.eye(len(theta)), base.rows])
@@ -56,17 +57,14 @@ def parameter_sources(
         source = DATA if is_determined else undetermined_by
         if name in task.model.known:
             source = "given"
-        entries.append(
-            {"name": name, "value": value, "nominal": stated_value, "source": source}
-        )
+        entry = BaseEntry(name, value, stated_value, source)  # type: ignore[arg-type]
+        entries.append(entry)
     standard = entries[: len(theta)]
     return {
         "undetermined": {
-            entry["name"]: entry["source"]
-            for entry in standard
-            if entry["source"] != DATA
+            entry.name: entry.source for entry in standard if entry.source != DATA
         },
-        "base_parameters": entries[len(theta) :],
+        "base_parameters": tuple(entries[len(theta) :]),
     }
 
 

@@ -552,10 +552,12 @@ class Uncertainty(JsonRecord):
         standard = with_new_gains(self.standard, self.gain_response)
         return replace(self, standard=standard, base=combined, gain_errors=errors)
 
-    def named_by_sources(self, details: Mapping[str, Any]) -> Uncertainty:
+    def named_by_sources(
+        self, undetermined: Mapping[str, str], base_parameters: Sequence[Any]
+    ) -> Uncertainty:
         """Return the uncertainty with verdicts that agree with what determines each
-        parameter (:func:`named_by_source`), as an estimate's ``details`` say it."""
-        base = {entry["name"]: entry["source"] for entry in details["base_parameters"]}
+        parameter (:func:`named_by_source`), as an estimate's report says it."""
+        base = {entry.name: entry.source for entry in base_parameters}
 
         def with_verdicts(
             intervals: Sequence[Interval], source_by_name: Mapping[str, str]
@@ -568,7 +570,7 @@ class Uncertainty(JsonRecord):
 
         return replace(
             self,
-            standard=with_verdicts(self.standard, details["undetermined"]),
+            standard=with_verdicts(self.standard, undetermined),
             base=with_verdicts(self.base, base),
         )
 

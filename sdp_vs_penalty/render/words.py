@@ -721,10 +721,10 @@ def caveats(estimate: Estimate) -> list[str]:
     """
     sources = estimate.sources
     lines = []
-    if law := estimate.details.get("servo"):
+    if law := estimate.report.servo:
         lines.append(
-            f"No torque was logged: the servos' law ({law['law']}) stands for it."
-            f" Scale: {law['scale']}."
+            f"No torque was logged: the servos' law ({law.law}) stands for it."
+            f" Scale: {law.scale}."
         )
         lines.append(drive_torque_sentence(estimate))
     others = [source for source in sources if source not in ("data", "given")]

@@ -61,7 +61,7 @@ def with_payload(model, theta, std):
     return replace(
         model,
         theta=np.concatenate([model.theta[:-10], theta]),
-        details={**model.details, "undetermined": {}},
+        report=replace(model.report, undetermined={}),
         uncertainty=uncertainty,
     )
 
@@ -85,9 +85,9 @@ def test_a_payload_that_no_material_could_make_is_doubted(loaded):
     light = with_payload(loaded, ball(1e-3, 0.035, (0.1, 0.02, 0.0)), 0.01)
     (doubt,) = doubts_of_payload(light)
     assert "its mass of 0.001 kg may be zero (± 0.02 kg)" in doubt
-    unseen = {"undetermined": {"payload_m": "prior"}}
     guessed = with_payload(loaded, STEEL, 0.01)
-    guessed = replace(guessed, details={**guessed.details, **unseen})
+    unseen = replace(guessed.report, undetermined={"payload_m": "prior"})
+    guessed = replace(guessed, report=unseen)
     (doubt,) = doubts_of_payload(guessed)
     assert "do not determine its mass of 1.5 kg" in doubt
     assert "1.5 kg (not from the data: prior)" in payload_in_words(guessed)

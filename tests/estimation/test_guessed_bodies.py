@@ -60,8 +60,9 @@ def test_at_a_limit_that_nobody_stated_the_advice_is_to_state_one(runs):
     stated = replace(problem, box=box)
     assert stated.assumed_masses.all(axis=1).tolist() == [True, False]
     model = identify("two_link", runs.train, check=False)
-    details = {**model.details, "on_bounds": ["mass of link 1", "mass of link 2"]}
-    on = replace(model, problem=stated, details=details).held_by_bounds
+    bounds = ("mass of link 1", "mass of link 2")
+    report = replace(model.report, on_bounds=bounds)
+    on = replace(model, problem=stated, report=report).held_by_bounds
     texts = {label: text for label, text in on if label != "guessed bodies"}
     assert "mass of link 2: widen the bounds" in texts["on their bounds"]
     assert "mass of link 1: " in texts["at our widest limits"]

@@ -16,6 +16,7 @@ import sdp_vs_penalty as sdp
 from sdp_vs_penalty.cli import printing
 from sdp_vs_penalty.data import Runs, concatenate
 from sdp_vs_penalty.estimation import driven, verify_proof_file
+from sdp_vs_penalty.estimation.estimate import estimate_of_file
 from sdp_vs_penalty.estimation.gains import drive_gains
 from sdp_vs_penalty.page import JobRequest, summary
 from sdp_vs_penalty.problem.load import with_bounds
@@ -275,12 +276,11 @@ def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
     holds, said = verify_proof_file(path, model, run)
     assert holds
     assert "these measurements make its numbers" in said
-    other = replace(
-        model,
-        details=model.details | {"recipe": {"known": {"m1": 5.0}, "effects": None}},
-    )
-    refusal(lambda: verify_proof_file(path, other, run), "'instruments' is missing")
-    other.details["recipe"] |= {"instruments": "none"}
+    saved = model.to_dict()
+    saved["details"]["recipe"] = {"known": {"m1": 5.0}, "effects": None}
+    refusal(lambda: estimate_of_file(saved), "'instruments' is missing")
+    saved["details"]["recipe"]["instruments"] = "none"
+    other = estimate_of_file(saved)
     holds, said = verify_proof_file(path, other, run)
     assert not holds
     assert "these measurements make another problem" in said
@@ -294,7 +294,9 @@ def test_the_page_shows_the_torque_that_the_servos_make(found, tmp_path):
     asked = type("AskedOfRuns", (JobRequest,), {"runs": given})(
         {"out": tmp_path / "model.json", "runs": [{"use": "train"}]}
     )
-    bounded = replace(found, details=found.details | {"on_bounds": ["mass of link 1"]})
+    bounded = replace(
+        found, report=replace(found.report, on_bounds=("mass of link 1",))
+    )
     shown = summary(asked, bounded)
     assert shown["servo"]
     (on_bounds,) = shown["on_bounds"]
@@ -338,8 +340,8 @@ def test_what_encoders_leave_open_is_said(found, capsys):
     ("error", "said"), [(0.2, "by 39.2 %"), (None, "not determined")]
 )
 def test_a_torque_that_the_gains_do_not_determine_is_no_size(found, error, said):
-    details = {**found.details["servo"], "torque_error": [error]}
-    unsure = replace(found, details={**found.details, "servo": details})
+    servo = replace(found.report.servo, torque_error=(error,))
+    unsure = replace(found, report=replace(found.report, servo=servo))
     (sentence,) = [x for x in caveats(unsure) if "leave the drives' torque open" in x]
     assert said in sentence
 

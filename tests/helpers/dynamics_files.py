@@ -14,6 +14,7 @@ from lxml import etree
 from sdp_vs_penalty import Estimate
 from sdp_vs_penalty.effects import Model, parse_effects
 from sdp_vs_penalty.estimation import Certificate, Interval, Uncertainty
+from sdp_vs_penalty.estimation.model_file import Details
 from sdp_vs_penalty.robot import load_urdf
 from sdp_vs_penalty.signals import Preprocessing
 
@@ -198,7 +199,7 @@ def estimate_of(robot, effects, seed, links=None):
     unknown = Uncertainty((), *nothing, standard=intervals)
     made = Certificate({}, 0.0)
     provenance = {"data_hash": "", "runs": [], "samples": 0, "versions": {}}
-    settings = (Preprocessing(), {}, {}, provenance)
+    settings = (Preprocessing(), {}, Details(), provenance)
     return Estimate(
         random_robots.bare(robot), model, theta, unknown, "by hand", made, *settings
     )
