@@ -26,6 +26,8 @@ Rows = Mask
 
 #: A joint that rests does so for so long [s], or as long as it is asked about.
 _QUARTER_SECOND = 0.25
+#: A slide moves along such a share of its range.
+_OF_RANGE = 0.1
 #: What the arm says of rows that it does not explain.
 _BY_ARM = "the arm that explains the other rows does not explain these"
 #: What to do about a clock that jumps.
@@ -66,8 +68,14 @@ class RunSummary:
 
     @cached_property
     def moving(self) -> Rows:
-        """(n,) which joints move in this run at all."""
-        return moving_joints(self.run)
+        """(n,) which joints move in this run at all: a slide does along a tenth of its range,
+        for its metres are few beside the others' radians."""
+        joints = self.robot.joints
+        lengths = [
+            x.upper - x.lower if x.kind == "prismatic" else np.inf for x in joints
+        ]
+        is_far = np.ptp(self.run.q, axis=0) > _OF_RANGE * np.array(lengths)
+        return moving_joints(self.run) | is_far
 
     @cached_property
     def movement(self) -> Movement:

@@ -69,7 +69,7 @@ def files_of_run(path: Path, joints: Sequence[str] = ()) -> list[Path]:
         if format_of(path):
             return []
         tables = [p for p in sorted(path.iterdir()) if p.suffix.lower() in _TABLES]
-        of_joints = _files_of_joints(tables) or files_called_by(joints, tables)
+        of_joints = files_called_by(joints, tables) or _files_of_joints(tables)
         return of_joints or _files_of_quantities(tables)
     names = str(path).split(FILE_SEPARATOR)
     if len(names) < 2 or path.exists() or not all(names):

@@ -283,10 +283,7 @@ def _run_of_columns(
             for x in columns
         )
     }
-    if clock := groups.get("t"):
-        values = _without_padding(log, values, clock)
-    measured = [x for x in values.columns if x not in (*(clock or ()), found.episode)]
-    values = _without_sentinels(log, values, measured)
+    values = _without_sentinels(log, values, groups.get("t", ()))
     values = _in_one_order(log, values, found, choice)
     t, columns, rows = _aligned(log, groups, values, found)
     order = None
@@ -558,7 +555,8 @@ def _require_channels(log: Log, rename: Mapping[str, str], choice: Choice) -> No
     if missing := _missing_channels(rename):
         from sdp_vs_penalty.data.hypotheses.proposals import lacking
 
-        raise lacking(log, f"no column {' or '.join(missing)}", missing, choice.joints)
+        what = f"no column {' or '.join(missing)}"
+        raise lacking(log, what, missing, choice.joints, rename)
 
 
 def _groups(
@@ -615,42 +613,30 @@ def _say_unused(log: Log, names: Sequence[str]) -> None:
 # -- 2. values ------------------------------------------------------------------------
 
 
-def _without_padding(log: Log, values: Values, clock: Sequence[str]) -> Values:
-    """Leave out rows at the end that hold zeros alone, the clock's too: those of arrays that
-    were longer than the run."""
-    columns = values.columns
-    n = len(columns[clock[0]])
-    if n < 2 or any(len(x) != n or np.any(x[-2:]) for x in columns.values()):
-        return values
-    last = [np.flatnonzero(x.reshape(n, -1).any(axis=1))[-1:] for x in columns.values()]
-    n_rows = 1 + int(max(np.concatenate(last), default=n - 1))
-    many = formatting.count(n - n_rows, "row")
-    _remark(log, f"{many} of zeros at the end, the clock's too: left out")
-    rows = None if values.rows is None else values.rows[:n_rows]
-    gaps = {x: y[:n_rows] for x, y in values.gaps.items()}
-    return Values({x: y[:n_rows] for x, y in columns.items()}, rows, gaps)
-
-
-def _without_sentinels(log: Log, values: Values, names: Sequence[str]) -> Values:
-    """Take cells as empty that hold a number in place of a measurement, "-999": a whole one
-    that repeats in few rows of its column, far from all others there."""
-    gaps, numbers = dict(values.gaps), Counter[float]()
-    for name in names:
-        x = values.columns[name]
-        if x.ndim > 1 or len(x) < 2:
+def _without_sentinels(log: Log, values: Values, clock: Sequence[str]) -> Values:
+    """Take cells as empty that hold a number in place of a measurement: zeros at the end of
+    a clock (of an array that was longer than the run), and a whole number that repeats in
+    few rows of a channel, far from all others there, "-999"."""
+    columns, gaps, numbers = {**values.columns}, {**values.gaps}, Counter[float]()
+    for name, x in values.columns.items():
+        if x.ndim > 1 or not x.any():
             continue
+        is_empty = np.zeros(len(x), bool)
         size = np.where(np.isfinite(x), np.abs(x), 0.0)
         largest = size.max()
-        if largest < _LEAST_SENTINEL or largest != np.round(largest):
-            continue
-        is_one = size == largest
-        rest = size[~is_one].max(initial=0.0)
-        if 1 < is_one.sum() < _MOST_GAPS * len(x) and 2.0 * rest < largest:
-            gaps[name] = gaps.get(name, False) | is_one
-            numbers.update(x[is_one].tolist())
+        if clock == [name]:
+            is_empty[len(np.trim_zeros(size, "b")) :] = True
+        elif largest >= _LEAST_SENTINEL and largest == np.round(largest):
+            is_empty = size == largest
+            rest = size[~is_empty].max(initial=0.0)
+            is_empty &= (is_empty.mean() < _MOST_GAPS) & (2.0 * rest < largest)
+        if is_empty.sum() > 1:
+            columns[name] = np.where(is_empty, np.nan, x)
+            gaps[name] = gaps.get(name, False) | is_empty
+            numbers.update(x[is_empty].tolist())
     for number, n in numbers.items():
         _remark(log, f"{n} cells of {number:g} are no measurements: taken as empty")
-    return replace(values, gaps=gaps)
+    return replace(values, columns=columns, gaps=gaps)
 
 
 def _in_one_order(
@@ -832,12 +818,14 @@ def _in_si(
     if found.order is not None and len(t):
         blocks = {group: x[:, found.order] for group, x in blocks.items()}
     found, blocks = _with_open_units(found, blocks)
-    if found.zeros:
+    follows = False
+    if "qcmd" in blocks:
         from sdp_vs_penalty.data.hypotheses.weighing import is_in_one_unit
 
-        follow = [x for x in ("qcmd",) if x in blocks]
-        follow = [x for x in follow if is_in_one_unit(blocks["q"], blocks[x])]
-        blocks |= {x: blocks[x] - found.zeros for x in ("q", *follow)}
+        follows = is_in_one_unit(blocks["q"], blocks["qcmd"])
+    if found.zeros:
+        of_q = ["q", *["qcmd"] * follows]
+        blocks |= {x: blocks[x] - found.zeros for x in of_q}
     if not choice.as_written:
         found = _with_unit_of_clock(found, t, blocks, choice.rate)
     if len(t) > 1 and "tau" in blocks:
@@ -846,11 +834,8 @@ def _in_si(
     found = _without_given_units(found, choice)
     own = found.factors("q", blocks["q"].shape[1])
     given = {*map(group_of, choice.scale or {})}
-    if "qcmd" in blocks and not {*map(group_of, found.scale), *given} & {"qcmd"}:
-        from sdp_vs_penalty.data.hypotheses.weighing import is_in_one_unit
-
-        if any(x != 1.0 for x in own) and is_in_one_unit(blocks["q"], blocks["qcmd"]):
-            found = found.with_factors("qcmd", own)
+    if follows and "qcmd" not in {*map(group_of, found.scale), *given}:
+        found = found.with_factors("qcmd", own)
     for group, x in blocks.items():
         factors = found.factors(group, x.shape[1])
         if any(factor != 1.0 for factor in factors):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -66,6 +67,17 @@ def test_whole_seconds_give_the_rate_that_is_said_and_written(first):
     assert "samples come every 0.002 s" in issue.what
     assert issue.figures["step"] == pytest.approx(0.002, rel=1e-4)
     np.testing.assert_allclose(np.diff(issue.repair(written).t), 0.002, atol=1e-6)
+
+
+@pytest.mark.parametrize(("travel", "moves"), [(0.08, True), (0.01, False)])
+def test_a_slide_moves_along_its_range_beside_wide_turns(travel, moves):
+    """A finger of 45 mm that moved by 32 was held, for certain: radians beside metres."""
+    problem = load_problem(Path(__file__).parents[1] / "helpers/slide_arm.urdf")
+    t = 0.01 * np.arange(800)
+    wide = 1.9 * np.sin(np.outer(t, [1.0, 1.3, 1.7]))
+    q = np.column_stack([wide[:, 0], 0.2 + 0.5 * travel * np.sin(2.0 * t), wide[:, 2]])
+    run = Measurements.from_channels(t, {"q": q, "tau": wide}, ("log",))
+    assert RunSummary(run, problem).moving.tolist() == [True, moves, True]
 
 
 def late(samples):

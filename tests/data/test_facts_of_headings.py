@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from recorded import refusal
 
-from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.data.files import load_measurements, read_run
 from sdp_vs_penalty.data.hypotheses.recognition import recognise
 from sdp_vs_penalty.data.hypotheses.renaming import choosing_words
 from sdp_vs_penalty.data.log import log_of_arrays
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.data.reading import Choice, run_of
 from sdp_vs_penalty.data.words.names import facts_of_heading, units_of_heading
-from sdp_vs_penalty.errors import Remark
+from sdp_vs_penalty.errors import InputError, Remark
 
 FACTS = [
     ("# rated torque [Nm]: 60 110", {"rated": [60.0, 110.0]}),
@@ -88,7 +88,7 @@ def test_rows_of_zeros_behind_the_run_are_left_out():
     for x in ("q", "tau"):
         run[x][:20] = np.random.default_rng(1).normal(size=(20, 2))
     log = log_of_arrays(Path("run.npz"), run)
-    with pytest.warns(Remark, match="10 rows of zeros at the end"):
+    with pytest.warns(Remark, match="10 cells of 0 are no measurements"):
         assert run_of(log).samples == 20
 
 
@@ -316,3 +316,26 @@ def test_few_rows_of_another_length_are_left_out(n_damaged, tmp_path):
     else:
         with pytest.warns(Remark, match="2 damaged rows left out"):
             assert load_measurements(path).samples == 398
+
+
+def test_a_header_that_comes_again_may_have_another_order(tmp_path):
+    t = 0.01 * np.arange(60)
+    rows = [f"{x:.2f},{np.sin(x):.6f},{np.cos(x):.6f}" for x in t]
+    rows[30:] = [",".join(x.split(",")[k] for k in (2, 0, 1)) for x in rows[30:]]
+    path = tmp_path / "run.csv"
+    path.write_text(
+        "\n".join(["t,q1,tau1", *rows[:30], "tau1,t,q1", *rows[30:]]) + "\n"
+    )
+    with pytest.warns(Remark, match="1 repeated header"):
+        run = load_measurements(path)
+    np.testing.assert_allclose(run.t, t)
+    np.testing.assert_allclose(run.q[:, 0], np.sin(t), atol=1e-6)
+
+
+def test_a_command_keeps_the_columns_that_it_names(tmp_path):
+    """It lost t=clk, and asked for t again."""
+    path = tmp_path / "run.csv"
+    rows = "0.1,1,2,3,4\n0.1,2,3,4,5\n0.3,1,2,5,6\n"
+    path.write_text("clk,P1,P2,M1,M2\n" + rows)
+    with pytest.raises(InputError, match=r"--rename 't=clk,q\*=P\*,tau\*=M\*"):
+        read_run(path, rename={"t": "clk"})

@@ -248,6 +248,10 @@ def _value_rows(table: TextTable, first: int) -> Iterator[Rows]:
     """
     left_out = Counter[str]()
     n_samples, damaged = 0, list[tuple[int, list[str]]]()
+    # A header that comes again may have the columns in another order.
+    header = split_cells(table.header_row, table.delimiter)
+    is_clear = len({*header}) == len(header)
+    in_order, order = sorted(header), list[int]()
     n_trailing = 0  # empty rows since the last one that is not empty
     has_samples = first > table.first
     last = list[tuple[int, list[str]]]()  # rows since the last sample
@@ -264,10 +268,14 @@ def _value_rows(table: TextTable, first: int) -> Iterator[Rows]:
             n_trailing = 0
             if is_comment(text):
                 left_out["comment"] += 1
-            elif text == table.header_row:
+                continue
+            cells = split_cells(line, table.delimiter)
+            if cells[0] in header and sorted(cells) == in_order:
                 left_out["repeated header"] += 1
+                order = [cells.index(x) for x in header] if is_clear else []
             else:
-                last.append((number, split_cells(line, table.delimiter)))
+                is_moved = len(cells) == len(order) != 0 and order != sorted(order)
+                last.append((number, [cells[k] for k in order] if is_moved else cells))
                 if _is_sample(table, last[-1][1]):
                     found += last
                     last = []

@@ -8,22 +8,13 @@ import numpy as np
 
 from sdp_vs_penalty.data.hypotheses.recognition import find_clock
 from sdp_vs_penalty.data.log import Column, Log, Values
+from sdp_vs_penalty.data.words import table
 from sdp_vs_penalty.data.words.names import quantity_of
 from sdp_vs_penalty.data.words.tokens import parts_of, split_tokens
 from sdp_vs_penalty.errors import InputError
 
-#: Words of which the name of a column is made that says which joint a row is of.
-_JOINT_WORDS = {
-    *("joint", "joints", "name", "names", "axis", "motor", "actuator", "servo"),
-    *("dof", "id", "index", "idx", "number", "nr", "no", "channel", "link"),
-}
-#: ... or which channel, whose number is in a column of the other words.
-_CHANNEL_WORDS = {
-    *("variable", "field", "signal", "channel", "key", "metric", "quantity", "tag"),
-    *("measurement", "topic", "property", "item", "type", "name"),
-}
-_UNIT_WORDS = {"unit", "units", "uom", "einheit", "unidad", "unite"}
-_VALUE_WORDS = {"value", "values", "val", "reading"}
+#: Words of the columns that say what a row is of, by "joints", "channels" and so on.
+_WORDS: dict[str, list[str]] = table()["rows"]
 #: Robots have no more joints, and logs no more channels.
 _MOST_JOINTS, _MOST_CHANNELS = 100, 1000
 
@@ -45,7 +36,7 @@ def widened(log: Log) -> Log:
         raise InputError(what, "write the stamp into each row", log.path)
     clocks = parts_of(clock, log.names)
     is_by_channel = log.columns[labels[-1]].kind == "text" and len(_values(log)) == 1
-    is_by_channel &= _has_words(labels[-1], _CHANNEL_WORDS) and "q" not in map(
+    is_by_channel &= _has_words(labels[-1], _WORDS["channels"]) and "q" not in map(
         quantity_of, log.names
     )
     numeric = [
@@ -80,7 +71,7 @@ def widened(log: Log) -> Log:
             "number", [f"{x:.9g}" for x in wide[name][~gaps[name]][:50]]
         )
     columns = {name: columns[name] for name in wide}
-    unit_column = [x for x in log.columns if _has_words(x, _UNIT_WORDS)][:1]
+    unit_column = [x for x in log.columns if _has_words(x, _WORDS["units"])][:1]
     units = []
     if is_by_channel and unit_column:
         units = [row[0] for row in log.texts(unit_column)]
@@ -114,7 +105,7 @@ def _label_columns(log: Log) -> list[str]:
         name
         for name, x in log.columns.items()
         if x.kind == "text"
-        and _has_words(name, _CHANNEL_WORDS)
+        and _has_words(name, _WORDS["channels"])
         and _repeats(log, name, _MOST_CHANNELS)
     ]
     if not channels:
@@ -124,13 +115,13 @@ def _label_columns(log: Log) -> list[str]:
 
 def _values(log: Log) -> list[str]:
     """List the columns whose names mean a value of anything."""
-    return [name for name in log.columns if _has_words(name, _VALUE_WORDS)]
+    return [name for name in log.columns if _has_words(name, _WORDS["values"])]
 
 
-def _has_words(name: str, words: set[str]) -> bool:
+def _has_words(name: str, words: Sequence[str]) -> bool:
     """Return whether a column's name consists of some of these words only."""
     tokens = split_tokens(name)
-    return bool(tokens) and words.issuperset(tokens)
+    return bool(tokens) and {*words}.issuperset(tokens)
 
 
 def _names_joints(log: Log, name: str) -> bool:
@@ -138,7 +129,7 @@ def _names_joints(log: Log, name: str) -> bool:
     and its cells are texts or whole numbers."""
     column = log.columns[name]
     is_whole = column.kind == "number" and all(x.isdigit() for x in column.cells)
-    return _has_words(name, _JOINT_WORDS) and (column.kind == "text" or is_whole)
+    return _has_words(name, _WORDS["joints"]) and (column.kind == "text" or is_whole)
 
 
 def _repeats(log: Log, name: str, most: int) -> bool:

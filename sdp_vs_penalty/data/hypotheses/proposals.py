@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -47,7 +48,11 @@ _HEADER = (
 
 
 def lacking(
-    log: Log, problem: str, missing: Sequence[str], joints: Sequence[str] | None
+    log: Log,
+    problem: str,
+    missing: Sequence[str],
+    joints: Sequence[str] | None,
+    chosen: Mapping[str, str] = MappingProxyType({}),
 ) -> InputError:
     """Return the error of a log that has no column for some groups of channels.
 
@@ -56,11 +61,13 @@ def lacking(
     columns, or how arrays are written.
 
     problem : what is wrong, in words; missing : groups among t, q and tau; joints : names
-    of the robot's joints, None where no robot is known.
+    of the robot's joints, None where no robot is known; chosen : columns that the command
+    names already, by our names.
     """
     how = log.remedy or fetch_remedy(log.path)
     if not how and log.names:
         found = _propose(log, missing, joints)
+        found = replace(found, rename={**chosen, **found.rename})
         how = _rename_remedy(log, missing, found)
         counts = Counter(map(group_of, found.rename))
         few = [counts[x] for x in ("q", "tau") if 1 < counts[x] < len(joints or ())]

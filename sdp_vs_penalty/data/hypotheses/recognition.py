@@ -37,7 +37,13 @@ from sdp_vs_penalty.data.hypotheses.weighing import (
     unit_of_dates,
 )
 from sdp_vs_penalty.data.log import Column
-from sdp_vs_penalty.data.words.joints import hide_joints, in_order_of, joints_of_heading
+from sdp_vs_penalty.data.words import table
+from sdp_vs_penalty.data.words.joints import (
+    hide_joints,
+    in_order_of,
+    joints_of_heading,
+    match_joints,
+)
 from sdp_vs_penalty.data.words.loggers import clock_of, find_logger
 from sdp_vs_penalty.data.words.names import (
     AMPERES,
@@ -73,7 +79,7 @@ _IN_BRACKETS = re.compile(r"[\[(]\s*([^\W\d][^\[\]()]{0,11})[\])]\s*$")
 _OUTPUT = re.compile(r"\boutput\b")
 _FEEDBACK = ("feedback", "actual")
 #: Words of torques that are currents.
-_CURRENTS = {"current", "currents", "curr", "cur", "amps", "i", "iq", "strom"}
+_CURRENTS = frozenset(table()["currents"])
 #: What the channel groups are called in a sentence.
 _WORDS_OF_GROUPS = {"q": "positions", "dq": "velocities", "tau": "torques"}
 
@@ -400,13 +406,11 @@ def _with_numbers(joints: Sequence[str], names: Collection[str]) -> list[str]:
     """Name numbered columns, in the order of their numbers, by the robot's joints that
     have these numbers, where all others have none: a gripper that was not logged. None
     named otherwise."""
-    by_number = {x[-1]: name for name in joints if (x := re.findall("[0-9]+", name))}
-    numbers = sorted(by_number, key=int)
-    if not len(numbers) == len(names) < len(joints):
-        return []
-    pairs = zip(numbers, names, strict=True)
-    is_clear = all(number in re.findall("[0-9]+", name) for number, name in pairs)
-    return [by_number[number] for number in numbers] if is_clear else []
+    numbers = ["".join(re.findall("[0-9]+", x)[-1:]) for x in names]
+    found = match_joints(joints, numbers, by_numbers=True)
+    by_number = {y: x for x, y in found.items()}
+    is_clear = len(by_number) == len(numbers) < len(joints)
+    return [by_number[x] for x in numbers] if is_clear else []
 
 
 def with_units(

@@ -13,6 +13,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.hypotheses.arm import N_PARTS, ChannelFit
+from sdp_vs_penalty.data.words import table
 from sdp_vs_penalty.data.words.units import LARGEST_PERCENT, UNITS
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -36,19 +37,6 @@ _SLOWEST_STEP = 0.1
 _USUAL_SPEED, _DECADES, _OTHER_UNIT = 0.5, 0.5, 3e-3
 #: Seconds since 1970 in the years 2001 and 2128: stamps in between are plausible [s].
 _EARLIEST_STAMP, _LATEST_STAMP = 1e9, 5e9
-#: Units of clocks that count from a date, the stamp of 1970 in that unit, and since when
-#: they count: Unix, Windows and .NET, spreadsheets, MATLAB, astronomers, Matplotlib.
-_EPOCHS = (
-    ("ms", 0.0, "1970"),
-    ("us", 0.0, "1970"),
-    ("ns", 0.0, "1970"),
-    ("100ns", 116_444_736_000_000_000.0, "1601"),
-    ("100ns", 621_355_968_000_000_000.0, "the year 1"),
-    ("day", 25_569.0, "1900"),
-    ("day", 719_529.0, "the year 0"),
-    ("day", 2_440_587.5, "4713 BC"),
-    ("day", 0.0, "1970"),
-)
 #: Steps of a clock in seconds are longer: no arm is logged at 50 kHz [s].
 _SHORTEST_STEP = 2e-5
 #: From this share of repeated stamps on, a clock is rounded to more than a row.
@@ -160,7 +148,7 @@ def _likelihood(ratio: float) -> float:
 def unit_of_dates(stamps: Array) -> ColumnHypothesis | None:
     """Return the unit of a clock whose stamps (N,) count from a calendar date, else None.
 
-    The first stamp tells: counted as a program of _EPOCHS does, it is a moment between
+    The first stamp tells: counted as a program of the table does, it is a moment between
     2001 and 2128. A clock of seconds may by chance show such a number of days. It is
     one of days only if, in seconds, it would step faster than any arm is logged.
     """
@@ -169,7 +157,7 @@ def unit_of_dates(stamps: Array) -> ColumnHypothesis | None:
     steps = np.diff(stamps)
     steps = steps[steps > 0.0]
     may_be_days = len(steps) > 0 and float(np.median(steps)) < _SHORTEST_STEP
-    for unit, stamp_of_1970, since in _EPOCHS:
+    for unit, stamp_of_1970, since in table()["epochs"]:
         seconds = UNITS[unit] * (float(stamps[0]) - stamp_of_1970)
         is_dated = _EARLIEST_STAMP < seconds < _LATEST_STAMP
         if is_dated and (unit != "day" or may_be_days):

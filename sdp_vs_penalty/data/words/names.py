@@ -28,11 +28,11 @@ _FILLERS, _JOINTS, _COUNTERS, _OTHERS, _COMMANDS = (
     for name in ("fillers", "joints", "counters", "others", "commands")
 )
 _RUNS = frozenset(table()["runs"])
-_INDICES = frozenset({"index", "idx", "id", "no", "nr", "number", "num"})
+_INDICES = frozenset(table()["indices"])
 #: Units of time that alone may mean anything else, such as a length or a minimum.
 _OTHER_SYMBOLS = ("s", "min", "mins", "h", "day")
 #: Units by which a torque is a current.
-AMPERES = ("a", "amps", "amp", "ampere", "amperes", "ma", "milliamps")
+AMPERES: list[str] = table()["amperes"]
 #: Letters of each quantity.
 INITIALS: dict[str, str] = table()["initials"]
 #: Two words that mean one.

@@ -15,10 +15,7 @@ ENCODER_BITS = range(10, 21)
 #: Units whose size a file does not say: shares of a rating with their size, and steps of an
 #: encoder (0).
 SHARES: dict[str, float] = {
-    **dict.fromkeys(("%", "percent", "pct"), 1e-2),
-    **dict.fromkeys(("permil", "permille", "promille", "‰", "0.1%"), 1e-3),
-    **dict.fromkeys(("ticks", "tick", "counts", "inc", "increments"), 0.0),
-    **dict.fromkeys(("pulse", "pulses"), 0.0),
+    x: size for text, size in table()["shares"].items() for x in text.split()
 }
 _PER_SECOND = ("{}/s", "{}/sec", "{}_s", "{} s", "{}_per_s", "{}_per_sec", "{}*s^-1")
 _BETWEEN = ("", " ", "_", ".", "*", "·", "-")
