@@ -490,10 +490,11 @@ class EvidenceScorer(WhiteFitter):
         A = with_ridge(D + np.eye(k) * prior_std[:, :, None] ** -2.0)
         inverse = np.linalg.inv(A)
         beta = (inverse @ Zr[:, :, None])[:, :, 0]
-        nonnegative = np.array([f.nonnegative for f in batch.forms])
-        has_wrong_sign = np.any(nonnegative & (beta < 0.0), axis=1)
-        for f in np.flatnonzero(has_wrong_sign).tolist():
-            beta[f] = bounded_least_squares(A[f], Zr[f], nonnegative[f])
+        has_wrong_sign = batch.nonnegative & (beta < 0.0)
+        if k == 1:
+            beta[has_wrong_sign] = 0.0
+        for f in np.flatnonzero(np.any(has_wrong_sign, axis=1) & (k > 1)).tolist():
+            beta[f] = bounded_least_squares(A[f], Zr[f], batch.nonnegative[f])
         # For each candidate f: beta'A beta, and the trace of A^-1 D.
         squares = np.einsum("fa,fab,fb->f", beta, A, beta)
         freedom = np.einsum("fab,fba->f", inverse, D)

@@ -12,7 +12,7 @@ from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model, depends
 from sdp_vs_penalty.estimation.constants import TURNS
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 
 #: Torque of a unit of an effect, in standard deviations of the noise, beyond which it
 #: is an instability; its square is still a number.
@@ -159,6 +159,11 @@ class Batch:
         NaN: the effect declares none.
         """
         return np.array([f.plausible for f in self.forms])
+
+    @cached_property
+    def nonnegative(self) -> Mask:
+        """(F, k) flags: which coefficients must not be negative."""
+        return np.array([f.nonnegative for f in self.forms], bool)
 
     @cached_property
     def grams(self) -> Array:

@@ -834,8 +834,10 @@ def _triangle(gram: Array, squares: Array) -> Array:
     L L' = gram + DEPENDENT^2 diag(squares), the squares (p,) of the columns before others
     were taken from them. The ridge keeps it positive where one column depends on others.
     """
-    ridge = DEPENDENT**2 * nonzero_or_one(squares)
-    return np.asarray(np.linalg.cholesky(gram + np.diag(ridge)))
+    regular = gram.copy()
+    diagonal = regular.ravel()[:: len(gram) + 1]  # a view
+    diagonal += DEPENDENT**2 * nonzero_or_one(squares)
+    return np.asarray(np.linalg.cholesky(regular))
 
 
 def with_ridge(A: Array) -> Array:

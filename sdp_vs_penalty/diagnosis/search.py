@@ -245,12 +245,14 @@ class Search:
         """
         # By law: cheap score, candidate at its best grid point, and white columns.
         best = dict[Hashable, tuple[float, Candidate, dict[int, Array]]]()
+        excluded = self.refused | self.barred
         for batch in self.library.batches:
             scores = self.score.screened(fit, batch)
-            is_allowed = may_join(batch.forms, picked, self.data.estimate.model)
-            for f in np.flatnonzero(scores > 0.0).tolist():
-                form = batch.forms[f]
-                if form.key in self.refused | self.barred or not is_allowed[f]:
+            explaining = np.flatnonzero(scores > 0.0).tolist()
+            forms = [batch.forms[f] for f in explaining]
+            is_allowed = may_join(forms, picked, self.data.estimate.model)
+            for f, form, allowed in zip(explaining, forms, is_allowed, strict=True):
+                if form.key in excluded or not allowed:
                     continue
                 score = float(scores[f])
                 law = form.discrete_choice
