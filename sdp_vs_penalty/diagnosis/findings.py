@@ -1179,7 +1179,7 @@ class Diagnosis(Record, JsonRecord):
             return f"Left: {unexplained}."
         if self.is_open:
             findings = "finding" if len(self.effects) == 1 else "findings"
-            return f"Nothing is sure: {rating_counts(self.effects)} {findings}."
+            return f"No effect is sure beside the model's: {rating_counts(self.effects)} {findings}."
         return self._missing
 
     @property

@@ -44,12 +44,16 @@ from sdp_vs_penalty.data.files import (
     save,
     windowed,
 )
+from sdp_vs_penalty.data.formats import FILE_SEPARATOR, open_log
 from sdp_vs_penalty.data.formats import format_of as log_format_of
-from sdp_vs_penalty.data.formats import open_log
+from sdp_vs_penalty.data.hypotheses.recognition import recognise
 from sdp_vs_penalty.data.hypotheses.report import ColumnReport, describe_columns
+from sdp_vs_penalty.data.joined import files_of_run
 from sdp_vs_penalty.data.measurements import Measurements, Runs, columns_of, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.data.plausibility import check_torque, find_idle_joints
+from sdp_vs_penalty.data.words.names import quantity_of
+from sdp_vs_penalty.data.words.tokens import split_tokens
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import (
     Comparison,
@@ -270,7 +274,7 @@ def read(job: JobRequest) -> Answer:
     refused = list[str]()
     remarks = list[str]()
     mappings = list[Answer]()
-    for file in job["files"]:
+    for file in _joined(job["files"]):
         job.progress(f"reading {file['name']}, and what its columns are")
         path = Path(file["path"])
         how = dict[str, str]()
@@ -335,6 +339,39 @@ def read(job: JobRequest) -> Answer:
     return answer | {"read": read_so} | judged
 
 
+def _joined(files: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
+    """Return the files to read, {path, name} each: those whose names say that one holds the
+    positions of a run and others its other quantities, as one ("a_q.csv+a_tau.csv"), unless
+    a file is a run by itself."""
+    groups = dict[tuple[str, ...], dict[str, Mapping[str, str]]]()
+    for file in files:
+        tokens = split_tokens(Path(file["name"]).stem)
+        said = [quantity for quantity in map(quantity_of, tokens) if quantity]
+        key = tuple(token for token in tokens if not quantity_of(token))
+        places = (*key, "")
+        is_new = len(said) == 1 and said[0] not in groups.get(places, ())
+        is_part = is_new and not _is_run(Path(file["path"]))
+        places = places if is_part else (file["path"],)
+        groups.setdefault(places, {})[said[0] if is_part else file["path"]] = file
+    runs = list[dict[str, str]]()
+    for group in groups.values():
+        together = [[*group.values()]] if {"q", "tau"} <= group.keys() else []
+        for those in together or [[file] for file in group.values()]:
+            both = {
+                x: FILE_SEPARATOR.join(f[x] for f in those) for x in ("path", "name")
+            }
+            runs.append({**those[0], **both})
+    return runs
+
+
+def _is_run(path: Path) -> bool:
+    """Whether the columns of a file are recognised as those of a run."""
+    with suppress(InputError), warnings.catch_warnings():
+        warnings.simplefilter("ignore", Remark)  # it is heard when the file is read
+        return recognise(open_log(path).columns) is not None
+    return False
+
+
 def _news_of(remark: Remark) -> str:
     """Return what a reader says, but that columns with our names are those."""
     text = str(remark)
@@ -356,8 +393,9 @@ def _columns_tried(rename: str, columns: Sequence[str]) -> dict[str, str]:
 
 
 def _names_of_columns(path: Path) -> list[str]:
-    """Return the names of a file's columns; none of a bag, whose messages have them."""
-    if hasattr(log_format_of(path), "HAS_TOPICS"):
+    """Return the names of a file's columns; none of a bag, whose messages have them, nor
+    of several files."""
+    if files_of_run(path) or hasattr(log_format_of(path), "HAS_TOPICS"):
         return []
     return [*open_log(path).names]
 

@@ -25,6 +25,7 @@ from sdp_vs_penalty.page.spoken import label_of, spoken
 from sdp_vs_penalty.page.stages.use import FILES, models_taken
 from sdp_vs_penalty.page.view import (
     View,
+    arm_in_words,
     changes_in_words,
     checked,
     graded,
@@ -169,7 +170,8 @@ def _of_runs(session: Session) -> NextStep:
     text = graded(remedy.problem, remedy.certainty)
     if faults := session.faults_in_words(change.to_dict()):
         text = graded(f"{faults}.", remedy.certainty)
-    number = session.outcome_of(change.to_dict()).get("sentence", "")
+    why = formatting.sentence(spoken(remedy.why))  # until it was tried
+    number = session.outcome_of(change.to_dict()).get("sentence", why)
     said: dict[str, Any] = {"number": number, "figure": ("check", "check")}
     if not (_may_help(session, change.to_dict()) or session.meaningless):
         other = NextStep("", f"Or {label[0].lower()}{label[1:]}", "check", do)
@@ -250,7 +252,8 @@ def _of_model(view: View) -> NextStep:
     number = formatting.sentence(f"measured {measured_on(session)}")
     if added := _taken(session):
         lesser = session.current.lesser_files(models_taken(session))
-        number = f"{added}. {lesser}".removesuffix(". ")
+        said = (added.rstrip("."), lesser.rstrip("."), arm_in_words(session))
+        number = ". ".join(filter(None, said))
     diagnosis = session.findings_of_current
     known: dict[str, Any] = {"level": level, "number": number}
     if of_noise:
@@ -362,6 +365,7 @@ def _to_add(
         if second and {*second.change.arguments["effects"]} != {*texts}:
             add = partial(session.start, session.apply, second.change.to_dict())
             other = other or NextStep("", f"Or {second.change.words}", "diagnose", add)
+    is_all = {*texts} == {found.text for found in diagnosis.helpful}
     more = spoken(diagnosis.cause)
     model = session.current
     worst = model.worst_joint
@@ -382,8 +386,7 @@ def _to_add(
         is_idle = is_idle or (level != "bad" and not falls)
         added = changes_in_words(session, worst, remedy.before, remedy.after)
         n_added = {1: "it", 2: "both"}.get(len(texts), f"all {len(texts)}")
-        is_judged = {*texts} == {found.text for found in diagnosis.helpful}
-        number = f"With {n_added}{'' if is_judged else ' (estimate)'}, {added}"
+        number = f"With {n_added}{'' if is_all else ' (estimate)'}, {added}"
         over = over_noise(np.array(remedy.after), diagnosis.known_floor)
         if over is not None and over[worst - 1] > ABOVE_NOISE:
             left = formatting.number(float(over[worst - 1]))

@@ -8,7 +8,7 @@ from typing import Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import for_testing
-from sdp_vs_penalty.data.formats import suffixes
+from sdp_vs_penalty.data.formats import FILE_SEPARATOR, suffixes
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.page.commands import option_words
@@ -125,7 +125,11 @@ class RobotAndRuns(RunIssues):
         finally:
             # Uploaded copies are deleted, except for files whose columns the person
             # still has to assign.
-            unassigned = {mapping["path"] for mapping in self.mappings}
+            unassigned = {
+                path
+                for mapping in self.mappings
+                for path in mapping["path"].split(FILE_SEPARATOR)
+            }
             for path in files.values():
                 if path.parent == self.folder and str(path) not in unassigned:
                     path.unlink(missing_ok=True)

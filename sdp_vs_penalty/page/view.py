@@ -175,6 +175,14 @@ def look_in_words(session: Session) -> str:
     return f"Find a load, or what else has changed, in {names}"
 
 
+def arm_in_words(session: Session) -> str:
+    """Say which arm a model is of, where the rest was held when it was extended; else ""."""
+    if not session.current.frozen:
+        return ""
+    names = formatting.words([run["name"] for run in session.runs])
+    return f"This model is of the arm as in {names}; Undo leads back to the one before."
+
+
 def set_aside_in_words(runs: Sequence[Mapping[str, Any]]) -> str:
     """Return what keeps runs that differ out of the model."""
     names = formatting.words([run["name"] for run in runs])

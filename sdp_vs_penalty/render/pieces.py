@@ -90,6 +90,7 @@ def bars(
     scope: str = "",
     chosen: int | None = None,
     torque: Sequence[float] | Array = (),
+    colours: str = "before (grey), after (blue)",
 ) -> Markup:
     """Draw one bar for each joint: its error over its noise, or as a share of its torque
     where no noise is known, before (grey), after (blue), and both in N m or N.
@@ -109,6 +110,8 @@ def bars(
         Index of the joint that is shown, where each bar is a button; None: no buttons.
     torque : (n,) sequence
         RMS torque of each joint [N m or N]; empty: not known.
+    colours : str
+        What the two colours are, where there is an ``after``.
     """
     errors_of_both = np.array([before, before if after is None else after], float)
     ratios = over_noise(errors_of_both, floor)
@@ -141,7 +144,10 @@ def bars(
     return piece(
         "bars.html",
         caption=_caption_of_bars(
-            scope, new_errors if is_known else None, bool(unit), after is not None
+            scope,
+            new_errors if is_known else None,
+            bool(unit),
+            "" if after is None else colours,
         ),
         rows=rows,
         has_buttons=chosen is not None,
@@ -180,10 +186,10 @@ def _bar(
 
 
 def _caption_of_bars(
-    scope: str, over_noise: Array | None, is_share: bool, has_change: bool
+    scope: str, over_noise: Array | None, is_share: bool, colours: str
 ) -> str:
-    """Return the caption of bars: what the errors are of, their scale, and the colours
-    where two models are drawn. Errors are multiples of the noise (``over_noise``, None
+    """Return the caption of bars: what the errors are of, their scale, and the
+    ``colours``. Errors are multiples of the noise (``over_noise``, None
     where that is not known), or shares of the torque."""
     what = f"Error of each joint {scope}".rstrip()
     unit = "% of its torque (RMS)" if is_share else "RMS"
@@ -192,9 +198,7 @@ def _caption_of_bars(
         is_bound = float(over_noise.min()) < 1.0
         bound = "an upper bound, since an error is below it; " if is_bound else ""
         caption = f"{what}, in multiples of its noise ({bound}shaded; logarithmic)"
-    if has_change:
-        caption += "; before (grey), after (blue)"
-    return caption
+    return "; ".join(filter(None, (caption, colours)))
 
 
 def _kind_of_change(before: float, after: float) -> str:

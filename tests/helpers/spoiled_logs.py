@@ -31,7 +31,7 @@ SPOILED = {
     "percent": lambda run: replace(run, q=run.q / 0.025, dq=None),
 }
 #: Those that are made otherwise.
-OTHERS = ("mounting", "two rates", "headerless", "hold")
+OTHERS = ("mounting", "two rates", "two files", "headerless", "hold")
 KINDS = (*SPOILED, *OTHERS)
 
 _FINGER = """
@@ -54,6 +54,18 @@ def write_logs(kind, folder):
     if kind == "headerless":
         for run, path in zip(runs, paths, strict=True):
             _write_table(run, path, "")
+    elif kind == "two files":  # positions in one, torques in another at half their rate
+        halves = [path.with_stem(f"{path.stem}_pos") for path in paths]
+        others = [path.with_stem(f"{path.stem}_tau") for path in paths]
+        for run, of_q, of_tau in zip(runs, halves, others, strict=True):
+            for file, name, values in ((of_q, "q", run.q), (of_tau, "tau", run.tau)):
+                header = ",".join(["t", *(f"{name}{j}" for j in range(1, 4))])
+                step = 1 + (name == "tau")
+                table = np.column_stack([run.t, values])[::step]
+                np.savetxt(
+                    file, table, delimiter=",", fmt="%.9g", header=header, comments=""
+                )
+        paths = [*halves, *others]
     elif kind == "hold":
         text = urdf.read_text("utf-8").replace("</robot>", "")
         link = text.split('<link name="')[-1].partition('"')[0]

@@ -1149,6 +1149,36 @@ def test_a_new_run_tests_the_model_that_is_there(identified, hidden, tmp_path):
 
 
 @pytest.mark.long
+def test_what_has_changed_of_a_model_is_identified_again(here, tmp_path):
+    """The dry friction of one joint rose: the model has that effect, and none is added
+    twice. What was added to the model stays."""
+    urdf = write_urdf(tmp_path / "arm.urdf", "arm", THREE)
+    problem = load_problem(urdf)
+    runs = [small_run(problem, 20.0, seed, 200.0) for seed in range(3)]
+    more = np.array([0.0, 0.8, 0.0]) * np.tanh(runs[2].dq / 0.02)
+    runs[2] = replace(runs[2], tau=runs[2].tau + more)
+    files = saved(tmp_path, runs, "run1.csv", "run2.csv", "worn.csv")
+    worn = files.pop("worn.csv")
+    screen = Screen(here.new())
+    s = screen.session
+    s.arrived = {urdf.name: urdf, **files}
+    screen.do(s.read_arrived)
+    do(s, s.identify)
+    do(s, lambda: s.add("joint_spring:1"))
+    s.arrived = {"worn.csv": worn}
+    screen.do(s.read_arrived)
+    assert "joint 2 errs most" in s.notice.texts[-1]
+    do(s, s.find_change)
+    assert "Undo brings the other runs back" in s.notice.texts[-1]
+    assert s.findings.effects[0].text.startswith("coulomb_friction:2")
+    assert screen.text("diagnose").count("The model has it, of another size") == 1
+    assert "Identify again from worn.csv" in screen.text("next")
+    screen.click("next")
+    assert screen.text("next").startswith("Good. ")
+    assert "joint_spring:1" in s.current.effects
+
+
+@pytest.mark.long
 def test_a_load_is_weighed_by_the_next_step(here, tmp_path):
     """The run with it tests the model, which errs in it alone; what a diagnosis said of
     the runs before is dropped. A terminal does the same."""
@@ -1172,7 +1202,7 @@ def test_a_load_is_weighed_by_the_next_step(here, tmp_path):
     s.taken = {"trajectory.csv"}  # whatever was asked for before
     screen.do(s.read_arrived)
     assert s.findings is None
-    assert "in loaded.csv (after)" in screen.text("fit")
+    assert "in loaded.csv (blue)" in screen.text("fit")
     assert "in loaded.csv, and by" in screen.text("next")
     screen.click("next")
     (found,) = s.findings.effects
@@ -1180,6 +1210,8 @@ def test_a_load_is_weighed_by_the_next_step(here, tmp_path):
     assert found.size == pytest.approx(load, rel=0.02)
     screen.click("next")
     assert screen.text("next").startswith("Good. ")
+    assert "of the arm as in loaded.csv" in screen.text("next")
+    assert "of the arm as in loaded.csv" in screen.text("use")
     *_, add, _ = s.commands()
     assert "add model1.json --from findings1.json" in add
     s.undo()
@@ -1193,7 +1225,8 @@ def test_a_load_is_weighed_by_the_next_step(here, tmp_path):
     assert s.differing_runs == [s.runs[2]]
     assert "Identify without loaded.csv, and test on it" in screen.text("check")
     screen.click("next")
-    assert s.runs[2]["use"] == "test"
+    assert [run["use"] for run in s.runs] == ["train", "test", "test"]
+    assert s.current.file != arm  # one press identifies
     do(s, lambda: s.use(s.runs[2]["file"], ""))
     assert not s.warnings
 
@@ -1216,7 +1249,7 @@ def test_an_issue_of_two_runs_is_said_once_and_repaired_together(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["headerless", "hold"])
+@pytest.mark.parametrize("kind", ["headerless", "hold", "two files"])
 def test_the_next_step_leads_to_a_good_model(here, tmp_path, kind):
     """Twelve kinds of log go the same way in a browser: test_spoiled_logs.py."""
     urdf, runs = write_logs(kind, tmp_path)

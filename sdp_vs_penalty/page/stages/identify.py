@@ -266,11 +266,11 @@ class _Fit:
         before = history[0].comparison["rmse"]
         floor = comparison["noise_floor"]
         scope = self.model.scope
+        how = {}
         for name in [*self.model.changed_runs][:1]:
             before, after = self.model.usual_error, self.model.errors_of_runs[name]
-            scope = (
-                f"in {name} (after), and in the runs that the model is from (before)"
-            )
+            scope = ""
+            how["colours"] = f"in the model's own runs (grey), in {name} (blue)"
         self.bars.content = pieces.bars(
             before,
             after,
@@ -279,6 +279,7 @@ class _Fit:
             scope,
             chosen=j,
             torque=self.model.comparison["torque_rms"],
+            **how,
         )
 
     def _draw_torques(

@@ -538,8 +538,8 @@ def _findings(view: View) -> None:
             grade, _, why = issue["certainty"].partition(": ")
             draw.tag("strong", f"{names}: {heading_of(issue['kind'])}. ")
             draw.tag("span", graded(issue["what"], grade))
-            verbs = {remedy["change"]["verb"] for remedy in issue["remedies"]}
-            if why and "transform" not in verbs:  # its trial says more
+            is_tried = any(session.outcome_of(x["change"]) for x in issue["remedies"])
+            if why and not is_tried:  # a trial says more
                 draw.note(formatting.sentence(spoken(why)))
             mends = [x for x in issue["remedies"] if x["change"]["verb"] != "cut"]
             is_tested = all(run["use"] == "test" for run in runs)

@@ -16,6 +16,7 @@ from sdp_vs_penalty.page.view import (
     Stage,
     StageVerdict,
     View,
+    arm_in_words,
     identified,
     requires_model,
 )
@@ -65,6 +66,8 @@ def take_away(view: View) -> None:
                 take = partial(session.download, name, view.download, flange)
                 _file_card(session, name, use, take)
 
+    if arm := arm_in_words(session):
+        draw.tag("p", arm, "words")
     if grades := session.current.facts.get("grades"):  # none of older projects
         draw.note(grades.text)
     findings_file = (
