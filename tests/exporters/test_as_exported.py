@@ -178,16 +178,24 @@ def test_each_file_makes_the_torque_of_the_model_that_is_judged(
     check_that_file_is_what_is_judged(estimate, tmp_path / f"out{ending}")
 
 
-def with_every_effect():
-    """A model of two joints with every effect that acts without a servo."""
-    more = [name for name in NAMES if name not in FULL.split(",")]
-    robot = load_problem("two_link").robot
-    return estimate_of(robot, ",".join([FULL, *more]), 5)
+def with_every_effect(choice=None):
+    """A model of two joints with every effect that acts without a servo; of constants
+    with few values the default, or that of a number (from 0, then from the first again).
+    """
+    texts = [FULL]
+    for name in NAMES:
+        shapes = {} if choice is None else effect_types()[name].shapes
+        values = {k: s.choices for k, s in shapes.items() if s.choices}
+        chosen = [f"@{k}={v[choice % len(v)]:g}" for k, v in values.items()]
+        if name not in FULL.split(","):
+            texts.append(name + "".join(chosen))
+    return estimate_of(load_problem("two_link").robot, ",".join(texts), 5)
 
 
+@pytest.mark.parametrize("choice", range(5))
 @pytest.mark.parametrize("ending", READERS)
-def test_a_model_with_every_effect_is_what_its_file_holds(ending, tmp_path):
-    estimate = with_payload_that_exists(with_every_effect())
+def test_a_model_with_every_effect_is_what_its_file_holds(ending, choice, tmp_path):
+    estimate = with_payload_that_exists(with_every_effect(choice))
     check_that_file_is_what_is_judged(estimate, tmp_path / f"out{ending}")
 
 
