@@ -632,7 +632,7 @@ class WhiteFitter:
             if key not in replaced:
                 columns += its_columns
         level = np.ones(len(design.y)) if near is None else near.level
-        return self._fitted(design, np.sort(columns), level)
+        return self._fitted(design, np.sort(np.array(columns, int)), level)
 
     def at_level(self, fit: WhiteFit, level: Array) -> WhiteFit:
         """Return a fit of the same columns with given levels (n,), standard deviations
