@@ -88,6 +88,16 @@ def test_a_fit_is_least_squares_on_weighted_rows():
     assert np.sum(both.degrees) == pytest.approx(n * M - p - 1, abs=1e-6)
 
 
+def test_beside_a_fixed_model_a_fit_has_no_columns_but_those_of_effects():
+    data, z = made(size=1.0)
+    data.X = data.X[:, :, :0]
+    score = EvidenceScorer(data, 10)
+    fit = score.fit(())
+    np.testing.assert_allclose(fit.residual * fit.level[:, None], data.y)
+    both = score.fit([score.evidence_of(fit, form(), {0: z})])
+    np.testing.assert_allclose(both.residual, plain(data, both, z), atol=1e-9)
+
+
 def test_the_score_is_the_coarsened_drop_less_its_price():
     data, z = made(size=1.0)
     score = EvidenceScorer(data, 50)
