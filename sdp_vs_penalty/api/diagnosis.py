@@ -12,6 +12,7 @@ from sdp_vs_penalty.api.identification import gate_of
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.checks.certainty import POSSIBLE
 from sdp_vs_penalty.checks.check import check_runs
+from sdp_vs_penalty.checks.explain import FRICTION
 from sdp_vs_penalty.checks.gate import Gate, issues_by_run, needs_check, raise_on_errors
 from sdp_vs_penalty.checks.issue import EXPLANATION
 from sdp_vs_penalty.data.files import Source, as_measurements, training_runs
@@ -205,7 +206,8 @@ def _beside_check(
         remedies = [Remedy.from_dict(x) for x in issue["remedies"]]
         if repairs := [x for x in remedies if x.change.verb in ("transform", "mount")]:
             faults[issue["what"]] = repairs
-        elif "log_odds" in issue["figures"]:  # it names a cause
+        elif "log_odds" in issue["figures"] and issue["kind"] != FRICTION:
+            # It names a cause, which is not what findings on the arm's friction say too.
             named = issue["kind"], issue["what"]
             explained[named] = issue["figures"].get("joints", ())
     for (kind, what), joints in explained.items():

@@ -204,7 +204,7 @@ class LoggerJudge:
             self._report_run(number, stated, verdict, size, net)
 
     def _differences(
-        self, number: int, verdict: RaceOutcome, mass_unit: str
+        self, number: int, verdict: RaceOutcome, supposed: str
     ) -> tuple[list[Issue], LogTransform]:
         """List the issues about what differs in one run, or from an instant of it on,
         with what undoes those that a change of its log does."""
@@ -222,10 +222,11 @@ class LoggerJudge:
                     continue
                 issue = issue_of_span(log, claim, begin, end)
             elif part.after is not None:
-                issue = _change(log, claim, part.after, mass_unit)
+                issue = _change(log, claim, part.after, supposed)
             else:
-                issue = issue_of_difference(log, claim, run, mass_unit)
-                if (repair := repair_of(claim)) is not None:
+                issue = issue_of_difference(log, claim, run, supposed)
+                repair = repair_of(claim)
+                if repair is not None and issue.repair is not None:
                     undone = undone.followed_by(repair)
             issues.append(graded(issue, verdict, [claim]))
         if issues and issues[0].kind == CHANGE:
@@ -260,8 +261,8 @@ class LoggerJudge:
         log = self.logs[number]
         report = self.reports[number]
         is_unscaled = any(issue.kind in UNSCALED for issue in size)
-        mass_unit = "kg, were the torques in N m" if is_unscaled else "kg"
-        differences, undone = self._differences(number, verdict, mass_unit)
+        supposed = ", were the torques in N m" * is_unscaled
+        differences, undone = self._differences(number, verdict, supposed)
         net = self._of_run(number, net)
         repaired = undone.followed_by(net)
         if undone != log.as_logged:
@@ -338,11 +339,11 @@ class LoggerJudge:
                 )
 
 
-def _change(log: Likelihood, claim: Claim, t: float, mass_unit: str) -> Issue:
+def _change(log: Likelihood, claim: Claim, t: float, supposed: str) -> Issue:
     """Return the issue that a run ends with another arm than it begins with, from the
     instant t [s] on: a load was picked up, or the file holds the logs of two arms."""
     name = f"the part from t = {t:.4g} s on"
-    issue = issue_of_difference(log, claim, name, mass_unit)
+    issue = issue_of_difference(log, claim, name, supposed)
     place = f"t = {t:.4g} s"
     if issue.figures["joints"]:
         place = f"{issue.where}, {place}"

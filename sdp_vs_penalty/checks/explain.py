@@ -28,6 +28,8 @@ from sdp_vs_penalty.results.remedy import Change
 #: Standard deviations of a 95 % interval; what the model lacks widens it (Student's t of
 #: the parts of a log).
 _INTERVAL = 2.4
+#: What a joint's friction has more in one run: diagnosis names its law.
+FRICTION = "another friction"
 #: What no change of the log can undo, in words with the size {x}, and what to do.
 _DIFFERENCES = {
     "another load": (
@@ -37,6 +39,11 @@ _DIFFERENCES = {
     "another arm": (
         "masses and inertias of other links explain {run}, beside the others.",
         "identify the runs apart, or log with the same arm",
+    ),
+    FRICTION: (
+        "{joint} has {size:.2g} {unit} {more} friction in {run} than in the others (wear,"
+        " another temperature).",
+        "identify the runs apart, or log them as warm",
     ),
 }
 #: Differences that no change of the log can undo.
@@ -48,7 +55,12 @@ LITTLE = "something that the model lacks, since the log tells little of it"
 #: What competes with a claim that friction's sign alone tells.
 FRICTION_ALONE = "friction that the controller subtracts, or that the model lacks"
 #: What they are as rivals of others.
-_RIVALS = {"another load": "a load on the last link", "another arm": "other links"}
+_RIVALS = {
+    "another load": "a load on the last link",
+    "another arm": "other links",
+    FRICTION: "that joint's friction, which wear and temperature change",
+    "torque gain": "a gain of that torque channel",
+}
 
 
 def issues_of_all(
@@ -273,9 +285,10 @@ def repair_of(claim: Claim) -> LogTransform | None:
 
 
 def issue_of_difference(
-    log: Likelihood, claim: Claim, name: str, mass_unit: str
+    log: Likelihood, claim: Claim, name: str, supposed: str
 ) -> Issue:
-    """Return the issue about what is different in one part of a log.
+    """Return the issue about what is different in one part of a log; what the arm itself
+    may do as well is not repaired.
 
     Parameters
     ----------
@@ -283,8 +296,8 @@ def issue_of_difference(
         Rows of the part's run.
     name : str
         Of the run, or of the part in words.
-    mass_unit : str
-        Of a load's mass.
+    supposed : str
+        Of torques that are in no known unit: what a size supposes of them.
     """
     h = claim.hypothesis
     repair = repair_of(claim)
@@ -294,8 +307,17 @@ def issue_of_difference(
     apply = ""
     if repair is None:
         what, remedy = _DIFFERENCES[h.kind]
-        weight = "lighter" if size < 0.0 else "heavier"
-        what = what.format(run=name, x=size, weight=weight, unit=mass_unit)
+        more, weight = ("less", "lighter") if size < 0.0 else ("more", "heavier")
+        unit = log.problem.robot.torque_units[h.joints[0]] if h.joints else "kg"
+        what = what.format(
+            run=name,
+            x=size,
+            size=abs(size),
+            more=more,
+            weight=weight,
+            unit=unit + supposed,
+            joint=joints_text(h.joints) if h.joints else "",
+        )
     else:
         faults = list_faults(log, repair)
         what = f"in {name} only: {' '.join(fault.what for fault in faults)}"
@@ -304,13 +326,17 @@ def issue_of_difference(
     rivals = []
     for hypothesis in [rival.hypothesis for rival in claim.rivals]:
         effect = hypothesis.effect
-        if h.kind not in ("another load", hypothesis.kind):  # links carry a load too
-            effect = _RIVALS.get(hypothesis.kind, effect)
-        if effect:
+        if hypothesis.kind != h.kind:
+            effect = effect or _RIVALS.get(hypothesis.kind, "")
+        # Links carry a load too.
+        if effect and (h.kind, hypothesis.kind) != ("another load", "another arm"):
             rivals.append(effect)
     if h.kind == "encoder offset" and h.joints == (log.n - 1,):
         # A load is put on anew from run to run, and a zero is not set.
         rivals.insert(0, "what that joint carries, turned as much about its axis")
+    if _RIVALS[FRICTION] in rivals:
+        repair, apply = None, ""
+        remedy = "identify the runs apart: diagnosis tells friction from a gain"
     return _of_claim(
         claim,
         rivals,

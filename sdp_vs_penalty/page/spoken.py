@@ -117,6 +117,7 @@ _HEADINGS = {
     "torque channel kind": "torques that are not in N m",
     "another load": "another load than in the other runs",
     "another arm": "another arm than in the other runs",
+    "another friction": "another friction than in the other runs",
     "torques of a model": "torque that was computed, not measured",
 }
 

@@ -74,6 +74,8 @@ CALIBRATED = float(np.radians(1.5))
 #: Drives, the rate of clocks and the size of gravity are known to so much (natural
 #: logarithm).
 CALIBRATED_GAIN = 0.06
+#: Friction differs by such a share from run to run, by the temperature of its grease [-].
+USUAL_FRICTION = 0.25
 #: Drives and their drivers take as long; a command is ahead of its torque by more than
 #: clocks are of each other [s].
 USUAL_DELAY = 0.01

@@ -30,6 +30,7 @@ from sdp_vs_penalty.race.arm_fit import RepairedRows, orthonormal
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.likelihood import ROWS_AT_A_TIME, Likelihood, recent
 from sdp_vs_penalty.race.records import Hypothesis, LogView, Number, Part
+from sdp_vs_penalty.race.rows import OFFSET
 from sdp_vs_penalty.regression.evidence import independent_rows, jackknifed
 from sdp_vs_penalty.regression.normal_equations import NormalEquations
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, nonzero_or_one
@@ -44,8 +45,6 @@ _GUESSED = 3.0
 _CENTRE = 1.0 / 15.0
 #: A logarithm's argument, a divisor: no smaller than this.
 _TINY = 1e-280
-#: Place of the offset among a joint's own columns, which has no direction.
-_OFFSET = 1
 
 
 class _Prior(NamedTuple):
@@ -405,7 +404,7 @@ class Evidence:
         sign = np.sign(np.array(part.scale) / np.array(whole.scale))
         of_time = np.where(data.turns, -1.0 if part.reversed else 1.0, 1.0)
         turned = columns * (sign[:, None] * of_time)[:, None, :]
-        turned[:, :, _OFFSET] = columns[:, :, _OFFSET]
+        turned[:, :, OFFSET] = columns[:, :, OFFSET]
         return turned
 
     def _states(self, chain: LogTransform) -> tuple[Array, Array]:

@@ -101,10 +101,12 @@ class Claim:
     @property
     def is_usual(self) -> bool:
         """Whether its size is one that arms and loggers differ by themselves."""
-        number = self.hypothesis.number
+        number, further = self.hypothesis.number, self.hypothesis.further
+        reach = c.SIGMAS_BEYOND_USUAL * self.spread
+        if further is not None and further.usual:
+            return abs(self.size) <= further.usual + reach
         if number is None:
             return self.hypothesis.is_usual
-        reach = c.SIGMAS_BEYOND_USUAL * self.spread
         below = number.usual if number.usual_below is None else number.usual_below
         return -below - reach <= self.size <= number.usual + reach
 

@@ -122,6 +122,8 @@ class Further:
     sd: Array
     #: Whether the first size is positive: a mass that is added.
     is_positive: bool = False
+    #: First size that arms differ by themselves, to either side: up to there it is no fault.
+    usual: float = 0.0
     #: Span of time outside of which they are zero; None where it is all.
     span: Part | None = None
     #: The same under another transform, where they hold channels of the log.

@@ -35,6 +35,9 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_ro
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints, split_at_gaps
 from sdp_vs_penalty.signals.standstill import is_sliding
 
+#: Places among a joint's own columns: of a rotor, the offset, which has no direction,
+#: viscous friction, and dry friction of the middle width.
+ROTOR, OFFSET, VISCOUS, DRY = 0, 1, 2, 4
 #: Time between the end of a log and the next one's begin, put together as one log.
 _SECONDS_BETWEEN_LOGS = 1.0
 
@@ -341,13 +344,13 @@ def _filter_stretch(
 
 def _own_columns(motion: Motion, frictions: Sequence[JointEffect]) -> list[Array]:
     """List the columns (N, n) that each joint's own motion makes, for parameters of
-    that joint alone: a rotor's inertia, a torque offset, viscous friction, the model's
-    frictions, Coulomb friction of several widths, gear bristles."""
+    that joint alone: a rotor's inertia, a torque offset, viscous friction, Coulomb
+    friction of several widths, the model's frictions, gear bristles."""
     columns = [motion.ddq, np.ones_like(motion.q), motion.dq]
+    columns += [np.tanh(motion.dq / width) for width in COULOMB_WIDTHS]
     for effect in frictions:
         of_joints = [effect.column(motion, j) for j in effect.joints]
         columns.append(np.column_stack(of_joints))
-    columns += [np.tanh(motion.dq / width) for width in COULOMB_WIDTHS]
     return columns + _bristles(motion, TRAVELS["gear"])
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from corruptions.arms import drawn, simulated
 
 from sdp_vs_penalty.checks import check
 from sdp_vs_penalty.checks.fixing import fix_runs
@@ -113,6 +114,54 @@ def with_load(problem, run, mass):
         for x in (links, problem.nominal_links)
     )
     return replace(run, tau=run.tau + loaded - empty)
+
+
+def rubbing(run, of_speed):
+    """The run with more friction of joint 2, a function of its speed."""
+    speed = np.gradient(run.q[:, 1], run.t)
+    more = np.sign(speed) * of_speed(np.abs(speed))
+    return replace(run, tau=run.tau + np.outer(more, [0.0, 1.0]))
+
+
+@pytest.mark.parametrize(
+    ("changed", "kind"),
+    [
+        (lambda run: rubbing(run, lambda v: 1.0 + 0.0 * v), "another friction"),
+        (lambda run: rubbing(run, lambda v: 2.0 * v), "another friction"),
+        (lambda run: scaled(run, 2, 1.5), "torque gain"),
+    ],
+)
+def test_friction_and_gain_of_one_run_are_told_apart(
+    changed, kind, two_link, three_runs
+):
+    reports = judged(two_link, *three_runs[:2], changed(three_runs[2]))
+    assert not [issue for report in reports[:2] for issue in explanations(report)]
+    (issue,) = explanations(reports[2])
+    assert (issue.kind, issue.figures["joints"]) == (kind, [2])
+    assert issue.certainty.grade == "likely"
+    assert bool(issue.apply) == (kind == "torque gain")
+
+
+@pytest.mark.parametrize("factor", [0.6, 1.6])
+def test_a_gain_that_friction_explains_as_well_is_not_repaired(factor):
+    """Little but friction loads a light link about its own axis, and noise hides the rest."""
+    first, second, (_, _, origin, *_) = drawn(14, 3, 3)
+    arm = simulated(
+        "last", (first, second, ("revolute", "0 0 1", origin, 0.05, "0 0 0")), 14
+    )
+    rng = np.random.default_rng(1)
+    noisy = [
+        replace(run, tau=run.tau + rng.normal(0.0, 0.03, run.tau.shape))
+        for run in (arm.train, scaled(arm.test, 3, factor))
+    ]
+    reports = judged(arm.problem, *noisy)
+    (issue,) = [x for report in reports for x in explanations(report)]
+    assert issue.figures["joints"] == [3]
+    assert issue.certainty.grade == "possible"
+    assert "friction" in issue.what
+    assert "gain" in issue.what or "times too" in issue.what
+    assert not issue.apply
+    assert issue.repair is None
 
 
 def test_currents_of_runs_with_different_loads_are_no_external_torque(two_link, runs):
