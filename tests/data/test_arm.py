@@ -382,6 +382,16 @@ CERTAIN = {
 }
 
 
+@pytest.mark.parametrize("name", ["tau_ext", "contact_torque", "residual_torque"])
+def test_a_part_of_the_torque_is_asked_for_and_not_taken(name, tmp_path):
+    """An arm confirms what is external, too: its friction is a part of it."""
+    problem = limited_arm(tmp_path)
+    motion = small_run(problem, seconds=8.0)
+    path = table(tmp_path / "run.csv", time=motion.t, q=motion.q, **{name: motion.tau})
+    with pytest.raises(InputError, match=rf"tau\*={name}_\*.*if they are that"):
+        reading(path, problem)
+
+
 @pytest.mark.parametrize("case", CERTAIN)
 def test_what_the_arm_tells_for_certain_is_taken_and_said(case, tmp_path):
     """Of a file that is read as it is written nothing is told: the same is refused later,

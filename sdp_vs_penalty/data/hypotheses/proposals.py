@@ -26,6 +26,7 @@ from sdp_vs_penalty.data.words.joints import families_of_joints
 from sdp_vs_penalty.data.words.names import (
     INITIALS,
     is_no_measurement,
+    is_part_of_torque,
     quantity_of,
     read_name,
 )
@@ -102,6 +103,8 @@ def proposed(
                 return names_by_values(log, free, n_joints, error.what, known)
         raise error
     pairs = {x: y for x, y in found.rename.items() if y != "NAME"}
+    if any(is_part_of_torque(y) for x, y in pairs.items() if group_of(x) == "tau"):
+        raise error  # an arm confirms what is external, too: friction is part of it
     return replace(
         found,
         rename={**ours, **pairs},

@@ -23,9 +23,9 @@ WORDS: dict[str, list[str]] = table()["quantities"]
 #: Words that say nothing about a quantity; those of them that say "joint"; those of
 #: clocks whose names say the unit, and of counters otherwise; those of columns that are
 #: something else than was measured, and those of them that say what was commanded.
-_FILLERS, _JOINTS, _COUNTERS, _OTHERS, _COMMANDS = (
+_FILLERS, _JOINTS, _COUNTERS, _OTHERS, _COMMANDS, _PARTS = (
     frozenset(table()[name])
-    for name in ("fillers", "joints", "counters", "others", "commands")
+    for name in ("fillers", "joints", "counters", "others", "commands", "parts")
 )
 _RUNS = frozenset(table()["runs"])
 _INDICES = frozenset(table()["indices"])
@@ -63,6 +63,12 @@ def is_no_measurement(name: str) -> bool:
     """Return whether a column holds something that was not measured, such as a target,
     a limit or an error."""
     return not _OTHERS.isdisjoint(split_tokens(name))
+
+
+def is_part_of_torque(name: str) -> bool:
+    """Return whether a column is by its name a part of a joint's torque, such as what is
+    external."""
+    return not _PARTS.isdisjoint(split_tokens(name))
 
 
 def is_word_for_joint(words: Sequence[str]) -> bool:
