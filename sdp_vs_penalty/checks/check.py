@@ -29,6 +29,7 @@ from sdp_vs_penalty.checks.issue import (
     make_refusal,
     mended_unasked,
     no_surer,
+    rules_out,
 )
 from sdp_vs_penalty.checks.long_runs import issues_of_run, windows_of
 from sdp_vs_penalty.checks.position_units import units_as_facts
@@ -228,7 +229,7 @@ def _facts_of(problem: Problem, run: Measurements, only_sure: bool = False) -> R
             issues += magnitude.find_model_torques(glance)
             if not work.torque_unit:
                 issues += channels.find_torques_in_counts(glance)
-        if not any(f.kind in NO_DYNAMICS for f in issues):
+        if not rules_out(NO_DYNAMICS, issues):
             issues += channels.find_coarse_sampling(glance)
     filters = None if glance.filtered is None else glance.filtered.settings
     return replace(report, issues=tuple(issues), lockstep=lockstep, filters=filters)

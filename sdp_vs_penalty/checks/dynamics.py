@@ -21,7 +21,12 @@ from sdp_vs_penalty.checks.explain import (
     issues_of_all,
     repair_of,
 )
-from sdp_vs_penalty.checks.issue import Issue, make_refusal, with_rival_effects
+from sdp_vs_penalty.checks.issue import (
+    Issue,
+    make_refusal,
+    rules_out,
+    with_rival_effects,
+)
 from sdp_vs_penalty.checks.position_units import unit_asked_for
 from sdp_vs_penalty.checks.problem_units import problem_units
 from sdp_vs_penalty.checks.report import Report
@@ -103,7 +108,7 @@ class LoggerJudge:
         self.logs: dict[int, Likelihood] = {}
         for k, report in enumerate(reports):
             run = report.repaired_all
-            is_ruled_out = any(f.kind in NO_DYNAMICS for f in report.issues)
+            is_ruled_out = rules_out(NO_DYNAMICS, report.issues)
             if is_ruled_out or not run.torque_logged:
                 continue
             try:

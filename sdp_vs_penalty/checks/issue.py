@@ -7,6 +7,7 @@ from typing import Any
 
 from sdp_vs_penalty.checks.certainty import (
     CERTAIN,
+    POSSIBLE,
     READ,
     RIVAL_EFFECT,
     Certainty,
@@ -209,6 +210,12 @@ def mended_unasked(run: Measurements, issues: Sequence[Issue]) -> Measurements:
             assert issue.repair is not None
             run = issue.repair(run)
     return run
+
+
+def rules_out(kinds: Sequence[str], issues: Sequence[Issue]) -> bool:
+    """Return whether issues are of kinds after which nothing is judged; one that is only
+    possible leaves the judgement to the arm."""
+    return any(f.kind in kinds and f.certainty.grade != POSSIBLE for f in issues)
 
 
 def no_surer(issues: Sequence[Issue], others: Sequence[Issue]) -> tuple[Issue, ...]:

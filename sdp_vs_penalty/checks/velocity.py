@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from sdp_vs_penalty.checks.certainty import READ, likely
+from sdp_vs_penalty.checks.certainty import READ, likely, possible
 from sdp_vs_penalty.checks.constants import GAP, RUN
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import Issue, make_issue
@@ -37,6 +37,10 @@ _OF_CLOCKS = (0.5, 2.0, *(10.0**k for k in (-6, -3, -2, -1, 1, 2, 3, 6)))
 #: one by mostly this share, rarely by any; one of an encoder's counts has any of so many
 #: sizes (natural logarithms).
 _EXACT, _OF_FILTERS, _OF_COUNTS = 0.01, 0.1, 28.0
+#: Leading digits of the rates that programs sample at [1/s], and how near one is to them that
+#: was set, or that the ratio of the velocity yields.
+_ROUND_RATES = np.array((1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0))
+_OF_A_SET_RATE, _OF_A_RATIO = 1e-3, 0.01
 #: A velocity whose correlation with the derivative is lower is of something else.
 _PROPORTIONAL = 0.8
 #: Lags that are tried, to either side [samples].
@@ -97,7 +101,7 @@ def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
         largest = np.abs(glance.run.q).max()
         is_unit_said = not glance.run.unit_command and largest < _TWO_TURNS
         by_unit = _in_another_unit(ratio, is_unit_said)
-        yield by_unit or _against_the_clock(ratio, alike)
+        yield by_unit or _against_the_clock(glance, ratio, alike)
         return
     for j in known.tolist():
         yield from _of_one_joint(j, float(ratios[j]))
@@ -158,23 +162,55 @@ def _density(ratio: float, exact: float) -> float:
     return float(np.exp(-0.5 * distance**2) / (np.sqrt(2.0 * np.pi) * _EXACT))
 
 
-def _against_the_clock(ratio: float, alike: str) -> Issue:
-    """Return the warning that the clock or the velocity is off by one factor.
+def _against_the_clock(glance: RunSummary, ratio: float, alike: str) -> Issue:
+    """Return the issue that the clock or the velocity is off by one factor.
+
+    The rate of the clock decides where it is a usual one with one of the two only: a clock
+    that is right leaves a note about the velocity. Otherwise both are possible and nothing
+    is repaired: the arm judges a clock at another rate, by inertia beside weight.
 
     ratio : velocity over the derivative of the position; alike : the sentence that says
     in how many joints.
     """
-    return make_issue(
+    rate = 1.0 / glance.usual_step
+    is_usual = _is_round(rate, _OF_A_SET_RATE)
+    would_be_usual = _is_round(rate * ratio, _OF_A_RATIO)
+    if is_usual and not would_be_usual:
+        return _note(
+            kind="velocity scale",
+            where="columns dq",
+            what=f"{alike} The clock is right: {rate:.4g} samples a second are a usual rate.",
+            cause="a filter, a gear or another unit of the velocity",
+            factor=ratio,
+        )
+    remedy = f"multiply t by {1.0 / ratio:.3g}, or divide dq by {ratio:.3g}"
+    issue = make_issue(
         kind="clock against velocity",
         where="columns t and dq",
         what=alike,
-        cause=f"{stamps_text(1.0 / ratio)}, or velocities are in another unit",
-        remedy=f"find out the log's rate: multiply t by {1.0 / ratio:.3g}, or divide dq"
-        f" by {ratio:.3g}",
-        repair=partial(_stretched, factor=1.0 / ratio),
-        apply="clock:t",
+        certainty=possible(
+            "a velocity in another unit, of a filter or gear, has it too"
+        ),
+        cause=f"{stamps_text(1.0 / ratio)}, or velocities are in another unit or filtered",
+        remedy=f"find out the log's rate: {remedy}",
         factor=1.0 / ratio,
     )
+    if is_usual or not would_be_usual:
+        return issue
+    usual = f"it makes the rate a usual one: {rate * ratio:.4g} samples a second"
+    return replace(
+        issue,
+        certainty=likely(usual),
+        repair=partial(_stretched, factor=1.0 / ratio),
+        apply="clock:t",
+    )
+
+
+def _is_round(rate: float, tolerance: float) -> bool:
+    """Return whether a rate is one that programs sample at, to a share of it."""
+    digits = 10.0 ** (np.log10(rate) % 1.0)
+    usual = np.append(_ROUND_RATES, 10.0)
+    return bool(np.min(np.abs(digits / usual - 1.0)) < tolerance)
 
 
 def _stretched(run: Measurements, factor: float) -> Measurements:

@@ -95,6 +95,13 @@ VELOCITIES = {
         )
         for x in (0.1, 0.5, 0.95, 1.05, 2.0, 10.0)
     },
+    **{
+        f"filtered to {x}": (
+            replace(RUN, dq=x * RUN.dq),
+            ("velocity scale", "note", "factor", x),
+        )
+        for x in (0.9, 0.95)
+    },
     **{f"{k} samples late": (late(k), None) for k in (-4, 12)},
     **{
         f"in {unit}": (
@@ -121,6 +128,25 @@ def test_a_velocity_that_is_not_the_derivative_is_told(name):
         kind, severity, figure, value = told
         assert (issue.kind, issue.severity) == (kind, severity)
         assert issue.figures[figure] == pytest.approx(value, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("clock", "ratio", "grade", "mends"),
+    [
+        (1.05, 1.0, "likely", True),  # 95.2 rows a second; without the factor 100
+        (2.0, 1.0, "possible", False),  # 50 and 100: both are usual
+        (1.0, 0.5, "possible", False),
+        (1.037, 1.15, "possible", False),  # neither is
+    ],
+)
+def test_a_clock_is_mended_where_its_rate_says_so_too(clock, ratio, grade, mends):
+    """A velocity of 0.9 and 0.95 of the derivative, behind a filter, was a wrong clock for
+    certain, and `--fix` stretched it."""
+    run = replace(RUN, t=clock * RUN.t, dq=ratio * RUN.dq)
+    (issue,) = find_wrong_velocities(summary(run))
+    assert issue.certainty.grade == grade
+    assert (issue.repair is not None) == bool(issue.apply) == mends
+    assert not issue.can_fix
 
 
 @pytest.mark.parametrize(
