@@ -27,6 +27,7 @@ from sdp_vs_penalty.page.view import (
     View,
     arm_in_words,
     changes_in_words,
+    changes_of_data_in_words,
     checked,
     graded,
     identified,
@@ -73,6 +74,10 @@ def next_step(view: View) -> NextStep:
     """Return the verdict on a session, and its next step."""
     step = _find_step(view)
     if view.session.model is not None:
+        if changed := changes_of_data_in_words(view.session):
+            number = step.number and f"{step.number.rstrip('.')}. "
+            figure = step.figure if number else ("check", "check")
+            step = replace(step, number=f"{number}{changed}", figure=figure)
         is_computed = any(run.get("rougher") for run in view.session.runs)
         said = "The torque was computed by a controller, not measured. "
         return (

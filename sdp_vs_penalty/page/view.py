@@ -183,6 +183,15 @@ def arm_in_words(session: Session) -> str:
     return f"This model is of the arm as in {names}; Undo leads back to the one before."
 
 
+def changes_of_data_in_words(session: Session) -> str:
+    """Say which changes of runs and robot a model is judged with, without what is advised
+    beside them; "" without any."""
+    words = [re.sub(r" \(and [^)]*\)", "", words) for words, *_ in session.repairs]
+    labels = map(label_of, words)
+    done = "; ".join(f"{label[:1].lower()}{label[1:]}" for label in labels)
+    return f"Judged with the data changed: {done}." if done else ""
+
+
 def set_aside_in_words(runs: Sequence[Mapping[str, Any]]) -> str:
     """Return what keeps runs that differ out of the model."""
     names = formatting.words([run["name"] for run in runs])

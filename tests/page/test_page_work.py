@@ -47,6 +47,7 @@ from sdp_vs_penalty.page import Sessions, WorkerPool, data_chart, guarded, jobs,
 from sdp_vs_penalty.page import sessions as tabs
 from sdp_vs_penalty.page.job_queue import Working
 from sdp_vs_penalty.page.next_step import next_step
+from sdp_vs_penalty.page.view import changes_of_data_in_words
 from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.render.words import describe_diagnosis, describe_remedy
 from sdp_vs_penalty.results import Change, Remedy
@@ -1278,9 +1279,19 @@ def test_a_repair_of_a_test_run_keeps_the_model(here, hidden, tmp_path):
     made = [load_estimate(step.file) for step in (before, s.current)]
     np.testing.assert_array_equal(made[0].theta, made[1].theta)
     assert max(s.current.comparison["rmse"]) < max(before.comparison["rmse"])
+    screen = Screen(s)
+    words, *_ = s.repairs[0]
+    for part in ("next", "take-away"):  # it stays said beside every verdict
+        assert f"Judged with the data changed: {words}." in screen.text(part)
     do(s, lambda: s.mount("0,9.81,0"))
     assert not s.history
     assert "dropped" in s.notice.texts[0]
+    shift = "shift tau1 12 ms earlier (and log all channels from one source)"
+    s.repairs = [[shift, {}, {}], ["set gravity to (0, 0, 9) m/s^2", {}, {}]]
+    assert changes_of_data_in_words(s) == (
+        "Judged with the data changed: shift joint 1's torque 12 ms earlier; set gravity"
+        " to (0, 0, 9) m/s^2."
+    )
 
 
 def test_a_model_that_was_brought_stays_where_training_runs_change(

@@ -17,6 +17,7 @@ from sdp_vs_penalty.page.view import (
     StageVerdict,
     View,
     arm_in_words,
+    changes_of_data_in_words,
     identified,
     requires_model,
 )
@@ -51,7 +52,11 @@ def models_taken(session: Session) -> list[str]:
 @requires_model(
     "take-away",
     "Download",
-    lambda s: (s.findings is None, s.runs, [step.exported for step in s.history]),
+    lambda s: (
+        s.findings is None,
+        *(s.runs, s.repairs),
+        [step.exported for step in s.history],
+    ),
 )
 def take_away(view: View) -> None:
     """Draw the files to download and the command lines that repeat the session's
@@ -66,8 +71,10 @@ def take_away(view: View) -> None:
                 take = partial(session.download, name, view.download, flange)
                 _file_card(session, name, use, take)
 
-    if arm := arm_in_words(session):
-        draw.tag("p", arm, "words")
+    for said in filter(
+        None, (arm_in_words(session), changes_of_data_in_words(session))
+    ):
+        draw.tag("p", said, "words")
     if grades := session.current.facts.get("grades"):  # none of older projects
         draw.note(grades.text)
     findings_file = (

@@ -68,9 +68,9 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
                 when = "later" if seconds > 0.0 else "earlier"
                 late = _milliseconds(abs(seconds))
                 what = f"{late} {when} than the motion: {channel}; {others} have not moved."
-                remedy = (
-                    f"shift {channel} in time (and log all channels from one source)"
-                )
+                back = "earlier" if seconds > 0.0 else "later"
+                shift = f"shift {channel} {late} {back}"
+                remedy = f"{shift} (and log all channels from one source)"
             else:
                 hertz = 1.0 / (2.0 * np.pi * max(seconds, 1e-6))  # corner frequency
                 low_pass = f"{hertz:.2g} Hz ({_milliseconds(seconds)})"
