@@ -48,7 +48,7 @@ from sdp_vs_penalty.data.formats import FILE_SEPARATOR, open_log
 from sdp_vs_penalty.data.formats import format_of as log_format_of
 from sdp_vs_penalty.data.hypotheses.recognition import recognise
 from sdp_vs_penalty.data.hypotheses.report import ColumnReport, describe_columns
-from sdp_vs_penalty.data.joined import files_of_run
+from sdp_vs_penalty.data.joined import files_of_run, joined_log
 from sdp_vs_penalty.data.measurements import Measurements, Runs, columns_of, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.data.plausibility import check_torque, find_idle_joints
@@ -340,35 +340,57 @@ def read(job: JobRequest) -> Answer:
 
 
 def _joined(files: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
-    """Return the files to read, {path, name} each: those whose names say that one holds the
-    positions of a run and others its other quantities, as one ("a_q.csv+a_tau.csv"), unless
-    a file is a run by itself."""
-    groups = dict[tuple[str, ...], dict[str, Mapping[str, str]]]()
+    """Return the files to read, {path, name} each: those that hold one run together as one
+    ("a_encoder.csv+a_drive.csv"). Their names differ in one word, none is a run by itself,
+    one holds positions, another torques, and their stamps, or rows, belong together."""
+    alike = dict[tuple[str, ...], list[Mapping[str, str]]]()
     for file in files:
         tokens = split_tokens(Path(file["name"]).stem)
-        said = [quantity for quantity in map(quantity_of, tokens) if quantity]
-        key = tuple(token for token in tokens if not quantity_of(token))
-        places = (*key, "")
-        is_new = len(said) == 1 and said[0] not in groups.get(places, ())
-        is_part = is_new and not _is_run(Path(file["path"]))
-        places = places if is_part else (file["path"],)
-        groups.setdefault(places, {})[said[0] if is_part else file["path"]] = file
+        for k, token in enumerate(tokens):
+            if not token.isdigit():  # numbers count runs
+                alike.setdefault((*tokens[:k], "", *tokens[k + 1 :]), []).append(file)
+    run_of = dict[str, Sequence[Mapping[str, str]]]()
+    for group in alike.values():
+        is_new = not any(file["path"] in run_of for file in group)
+        parts = [(f, _held_in_part(f)) for f in group if is_new and len(group) > 1]
+        together = [file for file, held in parts if held]
+        quantities = [quantity for _, held in parts for quantity in held]
+        is_whole = quantities.count("q") == quantities.count("tau") == 1
+        if is_whole and _are_one_run(together):
+            run_of |= {file["path"]: together for file in together}
     runs = list[dict[str, str]]()
-    for group in groups.values():
-        together = [[*group.values()]] if {"q", "tau"} <= group.keys() else []
-        for those in together or [[file] for file in group.values()]:
+    for file in files:
+        those = run_of.get(file["path"], [file])
+        if file is those[0]:
             both = {
                 x: FILE_SEPARATOR.join(f[x] for f in those) for x in ("path", "name")
             }
-            runs.append({**those[0], **both})
+            runs.append({**file, **both})
     return runs
 
 
-def _is_run(path: Path) -> bool:
-    """Whether the columns of a file are recognised as those of a run."""
+def _held_in_part(file: Mapping[str, str]) -> set[str | None]:
+    """Return the quantities that a file holds, as its columns say, or where these say none
+    its name; none of a run by itself, or of a file that cannot be read."""
     with suppress(InputError), warnings.catch_warnings():
         warnings.simplefilter("ignore", Remark)  # it is heard when the file is read
-        return recognise(open_log(path).columns) is not None
+        columns = open_log(Path(file["path"])).columns
+        if recognise(columns) is None:
+            tokens = split_tokens(Path(file["name"]).stem)
+            said = {*map(quantity_of, columns)} - {None, "t"}
+            return said or {*map(quantity_of, tokens)} - {None, "t"}
+    return set()
+
+
+def _are_one_run(files: Sequence[Mapping[str, str]]) -> bool:
+    """Whether files can be joined to one run, by their stamps or row by row."""
+    if len(files) < 2:
+        return False
+    paths = [Path(file["path"]) for file in files]
+    with suppress(InputError), warnings.catch_warnings():
+        warnings.simplefilter("ignore", Remark)
+        joined_log(paths[0], paths)
+        return True
     return False
 
 

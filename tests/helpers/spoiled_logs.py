@@ -55,8 +55,8 @@ def write_logs(kind, folder):
         for run, path in zip(runs, paths, strict=True):
             _write_table(run, path, "")
     elif kind == "two files":  # positions in one, torques in another at half their rate
-        halves = [path.with_stem(f"{path.stem}_pos") for path in paths]
-        others = [path.with_stem(f"{path.stem}_tau") for path in paths]
+        halves = [path.with_stem(f"{path.stem}_encoder") for path in paths]
+        others = [path.with_stem(f"{path.stem}_drive") for path in paths]
         for run, of_q, of_tau in zip(runs, halves, others, strict=True):
             for file, name, values in ((of_q, "q", run.q), (of_tau, "tau", run.tau)):
                 header = ",".join(["t", *(f"{name}{j}" for j in range(1, 4))])

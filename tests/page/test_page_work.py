@@ -1249,6 +1249,33 @@ def test_an_issue_of_two_runs_is_said_once_and_repaired_together(
     assert not s.meaningless
 
 
+@pytest.mark.parametrize(
+    ("tables", "runs"),
+    [
+        ({"a_encoder": "t,q1", "a_drive": "time,tau1"}, ["a_encoder+a_drive"]),
+        ({"a_q": "t,joint1", "a_tau": "t,joint1"}, ["a_q+a_tau"]),
+        ({"q_a": "t,q1", "v_a": "t,dq1", "tau_a": "t,tau1"}, ["q_a+v_a+tau_a"]),
+        ({"a1": "t,q1", "a2": "t,tau1"}, ["a1", "a2"]),  # two runs
+        ({"a_x": "t,q1", "b_y": "t,tau1"}, ["a_x", "b_y"]),
+        ({"a_x": "t,q1,tau1", "a_y": "t,tau1"}, ["a_x", "a_y"]),  # a run by itself
+        ({"a_x": "t,q1", "a_y": "t,q1"}, ["a_x", "a_y"]),
+        ({"a_x": "t,q1", "a_y": "t,q1", "a_z": "t,tau1"}, ["a_x", "a_y", "a_z"]),
+        ({"a_x": "t,q1", "a_late": "t,tau1"}, ["a_x", "a_late"]),  # stamps apart
+    ],
+)
+def test_files_of_one_run_are_known_by_what_they_hold(tmp_path, tables, runs):
+    files = []
+    for stem, header in tables.items():
+        path = tmp_path / f"{stem}.csv"
+        begin = 100.0 if stem == "a_late" else 0.0
+        rows = [[begin + 0.1 * k] + [k**2] * header.count(",") for k in range(9)]
+        lines = [",".join(map(str, row)) for row in rows]
+        path.write_text("\n".join([header, *lines]), "utf-8")
+        files.append({"path": str(path), "name": path.name})
+    joined = [file["name"].replace(".csv", "") for file in jobs._joined(files)]
+    assert joined == runs
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["headerless", "hold", "two files"])
 def test_the_next_step_leads_to_a_good_model(here, tmp_path, kind):
