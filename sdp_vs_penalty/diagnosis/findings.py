@@ -1077,7 +1077,7 @@ class Diagnosis(Record, JsonRecord):
             noticed = "; ".join(notice.sentence for notice in self.notices)
             sentences.append(f"Taken in by the model: {noticed}.")
         if self.noise_source == SPECTRUM:
-            sentences.append(f"The noise is {SPECTRUM_KNOWN}: no motion repeats.")
+            sentences.append(f"The noise is {SPECTRUM_KNOWN}.")  # why: a remark
         return tuple(sentences)
 
     @property
