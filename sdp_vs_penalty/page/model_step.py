@@ -22,15 +22,20 @@ from sdp_vs_penalty.results.facts import Fact
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import said_before
 
-#: Colours of grades that are not called like these.
-_LEVELS = {"do not use": "bad"}
+#: Colours of grades.
+_LEVELS: dict[Grade, str] = {"good": "good", "usable": "usable", "do not use": "bad"}
 #: So many times the error of the runs that a model is from: something has changed since.
 CHANGED = 5.0
 
 
 def level_of(grade: Grade) -> str:
     """Return the colour of a grade: "good", "usable" or "bad"."""
-    return _LEVELS.get(grade, grade)
+    return _LEVELS[grade]
+
+
+def grade_of(level: str) -> Grade:
+    """Return the grade of a colour: a badge has one word and one colour."""
+    return next(grade for grade, colour in _LEVELS.items() if colour == level)
 
 
 def joints_of(text: str) -> set[int]:

@@ -10,6 +10,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.effects import standard_effect
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.page import controls as draw
+from sdp_vs_penalty.page.model_step import grade_of
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import with_whole_amounts
 from sdp_vs_penalty.page.view import (
@@ -117,12 +118,14 @@ def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) 
             draw.tag("h4", name)
             if is_model:
                 level = model.level_of_file(name, first)
-                word = "worse" if worse else model.verdict_on(name).grade
-                text = ", ".join(filter(None, (word, errors.get("error"))))
+                grade = grade_of(level)
+                text = ", ".join(filter(None, (grade, errors.get("error"))))
                 draw.tag("span", formatting.sentence(text), f"badge {level}")
         draw.note(use)
         if record is not None:
             _lacking(session, name, record, worse)
+        elif worse:
+            draw.tag("p", with_whole_amounts(worse), "worst")
         draw.button(
             "Download", take, f"take-{name}", "free", aria_label=f"Download {name}"
         )
