@@ -22,20 +22,15 @@ from sdp_vs_penalty.results.facts import Fact
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import said_before
 
-#: Colours of grades.
-_LEVELS: dict[Grade, str] = {"good": "good", "usable": "usable", "do not use": "bad"}
+#: Colours of grades that are not called like these.
+_LEVELS = {"do not use": "bad"}
 #: So many times the error of the runs that a model is from: something has changed since.
 CHANGED = 5.0
 
 
 def level_of(grade: Grade) -> str:
     """Return the colour of a grade: "good", "usable" or "bad"."""
-    return _LEVELS[grade]
-
-
-def grade_of(level: str) -> Grade:
-    """Return the grade of a colour: a badge has one word and one colour."""
-    return next(grade for grade, colour in _LEVELS.items() if colour == level)
+    return _LEVELS.get(grade, grade)
 
 
 def joints_of(text: str) -> set[int]:
@@ -181,13 +176,6 @@ class ModelStep(JsonRecord):
             for name in names
             if any(is_among(text, self.not_held.get(name, ())) for text in effects)
         ]
-
-    def level_of_file(self, name: str, first: ModelStep) -> str:
-        """The colour of a file that holds a model: that of its verdict, and not good where
-        it errs more than the robot's own file or the first model."""
-        level = level_of(self.verdict_on(name).grade)
-        errors = self.exported.get(name) or self.errors
-        return "usable" if level == "good" and self.worse_than(errors, first) else level
 
     def lesser_files(self, names: Collection[str]) -> str:
         """Say which of these files of `export` err more than the model, since they cannot

@@ -46,7 +46,6 @@ from sdp_vs_penalty.formatting import sentence
 from sdp_vs_penalty.page import Sessions, WorkerPool, data_chart, guarded, jobs, worker
 from sdp_vs_penalty.page import sessions as tabs
 from sdp_vs_penalty.page.job_queue import Working
-from sdp_vs_penalty.page.model_step import grade_of
 from sdp_vs_penalty.page.next_step import next_step
 from sdp_vs_penalty.page.view import changes_of_data_in_words
 from sdp_vs_penalty.records import to_json
@@ -1504,9 +1503,8 @@ def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(identified):
     poor = replace(model, factory={**model.errors, "size": 0.0, "error": "0x noise"})
     s.history = [*s.history[:-1], poor]
     text = Screen(s).text("take-away")
-    first = s.history[0]
-    for name in ("model.h", "robot.urdf"):  # a badge has the word of its colour
-        grade = sentence(grade_of(poor.level_of_file(name, first)))
+    for name in ("model.h", "robot.urdf"):  # a badge has the grade that the file says
+        grade = sentence(poor.verdict_on(name).grade)
         error = (poor.exported.get(name) or poor.errors)["error"]
         card = text.partition(f"{name} ")[2]
         assert card.startswith(f"{grade}, {error}")

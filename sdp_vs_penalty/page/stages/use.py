@@ -10,7 +10,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.effects import standard_effect
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.model_step import grade_of
+from sdp_vs_penalty.page.model_step import level_of
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import with_whole_amounts
 from sdp_vs_penalty.page.view import (
@@ -111,16 +111,15 @@ def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) 
     record = model.exported.get(name)
     errors = record or model.errors
     is_model = name in _MODELS
-    first = session.history[0]
-    worse = model.worse_than(errors, first) if is_model else ""
+    worse = model.worse_than(errors, session.history[0]) if is_model else ""
     with draw.tag("div", style="card file-card"):
         with draw.tag("div", style="head"):
             draw.tag("h4", name)
             if is_model:
-                level = model.level_of_file(name, first)
-                grade = grade_of(level)
+                grade = model.verdict_on(name).grade
                 text = ", ".join(filter(None, (grade, errors.get("error"))))
-                draw.tag("span", formatting.sentence(text), f"badge {level}")
+                badge = f"badge {level_of(grade)}"
+                draw.tag("span", formatting.sentence(text), badge)
         draw.note(use)
         if record is not None:
             _lacking(session, name, record, worse)
@@ -188,8 +187,8 @@ def _used(session: Session) -> StageVerdict | None:
     if verdict is None:
         return None
     names = models_taken(session)
-    model, first = session.current, session.history[0]
-    levels = {model.level_of_file(name, first) for name in names}
+    model = session.current
+    levels = {level_of(model.verdict_on(name).grade) for name in names}
     level = levels.pop() if len(levels) == 1 else "usable"
     if level == verdict.level:
         return verdict
