@@ -58,7 +58,7 @@ class TorqueGain(JointEffect):
         " inertia."
     )
     on_the_arm = "the torque reading of {joint} is {share} too {sign:large|small}"
-    seen_against = "load"
+    seen_against = "modelled torque"
     reference = "Gautier, Briot, ASME J. Dynamic Systems 2014 (drive gains)"
     symbol = "g"
     units = ("-", "-")

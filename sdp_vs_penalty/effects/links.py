@@ -458,7 +458,7 @@ class Backlash(LinkDeviation):
         " not show."
     )
     on_the_arm = "the gear of {joint} has play: {length} to either side"
-    seen_against = "load"
+    seen_against = "modelled torque"
     reference = "Nordin, Gutman, Automatica 2002"
     symbol = "b"
     units = ("rad", "m")
@@ -510,7 +510,7 @@ class BacklashInFlight(LinkDeviation):
         "the gear of {joint} has play, {length} to either side, and its link flies "
         "from flank to flank"
     )
-    seen_against = "load"
+    seen_against = "modelled torque"
     reference = "Nordin, Gutman, Automatica 2002; Moreau 1988 (impacts without rebound)"
     symbol = "b_f"
     units = ("rad", "m")
@@ -594,7 +594,7 @@ class JointElasticity(LinkDeviation):
     on_the_arm = (
         "the gear of {joint} yields by {length} for each {torque} that it carries"
     )
-    seen_against = "load"
+    seen_against = "modelled torque"
     reference = "Spong, ASME J. Dynamic Systems 1987"
     symbol = "c_e"
     units = ("rad/(N*m)", "m/N")
@@ -648,7 +648,7 @@ class JointResonance(LinkDeviation):
         "the gear of {joint} yields by {length} for each {torque} that it carries, "
         "and its link swings on it"
     )
-    seen_against = "load"
+    seen_against = "modelled torque"
     reference = "Spong, ASME J. Dynamic Systems 1987"
     symbol = "c_r"
     units = ("rad/(N*m)", "m/N")

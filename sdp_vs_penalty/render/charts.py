@@ -490,7 +490,10 @@ def cause_axis(
         return CauseAxis(x, ones, f"acceleration [{position_unit}/s^2]")
     torque = signals.modelled[:, j]
     unit = "N" if position_unit == "m" else "N m"
-    if cause in (LOAD, MODELLED_TORQUE):
+    if cause == LOAD:  # friction that grows with it is one straight line
+        direction = np.sign(signals.dq[:, j])
+        return CauseAxis(np.abs(torque), direction, f"load: size of torque [{unit}]")
+    if cause == MODELLED_TORQUE:
         return CauseAxis(torque, ones, f"modelled torque [{unit}]")
     if cause in (TORQUE_RATE, TORQUE_CURVATURE):
         return _axis_of_torque_change(signals.t, torque, cause, unit)
@@ -606,7 +609,7 @@ def cause_figure(
     if floor is not None and floor[j]:
         plot.update_layout(shapes=[noise_band(float(floor[j] or 0.0))])
     plot.update_axes("x", title=axis.label)
-    along = " along motion" if cause in (REVERSAL, BY_DIRECTION) else ""
+    along = " along motion" if cause in (REVERSAL, BY_DIRECTION, LOAD) else ""
     title = f"joint {joint}: error{along} [{plain_unit(units[j])}]"
     return plot.update_axes("y", title=title)
 

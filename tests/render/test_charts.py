@@ -21,6 +21,18 @@ def test_a_ripple_is_drawn_over_one_of_its_waves():
     assert np.nanmax(means) == pytest.approx(1.6, rel=0.05)
 
 
+def test_friction_by_load_is_drawn_as_a_straight_line():
+    """Over the torque itself its two branches crossed, and their mean showed neither."""
+    t = np.linspace(0.0, 20.0, 40_000)
+    dq, torque = np.sin(3.1 * t), 100.0 * np.sin(t)
+    error = 0.08 * np.abs(torque) * np.sign(dq)
+    columns = (np.sin(t), dq, torque + error, torque)
+    signals = Signals(t, *(column[:, None] for column in columns))
+    axis = cause_axis(signals, 1, causes.LOAD, "rad")
+    centres, means = mean_curve(axis.x, signals.residual[:, 0] * axis.sign)
+    assert means == pytest.approx(0.08 * centres)
+
+
 @pytest.mark.parametrize(
     ("cause", "x", "label"),
     [
@@ -28,7 +40,8 @@ def test_a_ripple_is_drawn_over_one_of_its_waves():
         (causes.TURN, lambda t: np.sin(t) % (2.0 * np.pi), "angle within a turn [rad]"),
         (causes.VELOCITY, lambda t: np.cos(t), "velocity [rad/s]"),
         (causes.ACCELERATION, lambda t: -np.sin(t), "acceleration [rad/s^2]"),
-        (causes.LOAD, lambda t: np.exp(t), "modelled torque [N m]"),
+        (causes.LOAD, lambda t: np.exp(t), "load: size of torque [N m]"),
+        (causes.MODELLED_TORQUE, lambda t: np.exp(t), "modelled torque [N m]"),
         (causes.TORQUE_RATE, lambda t: np.exp(t), "rate of the modelled torque"),
         (causes.TORQUE_CURVATURE, lambda t: np.exp(t), "second derivative of the"),
         (causes.TIME, lambda t: t, "time [s]"),
