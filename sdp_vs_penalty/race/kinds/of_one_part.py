@@ -2,8 +2,8 @@
 need, there alone; a load on the last link, another arm, the friction of a joint.
 
 A load phi adds Y_last phi on the part's rows, Y_last the regressor of the last link; joint j's
-friction adds x_1 c + x_2 (w - c) + ..., c its dry friction, w its velocity over the root mean
-square (then c of other widths): x_1 is what it has more at that velocity.
+friction adds x_1 c + x_2 (w - c), c its dry friction, w its velocity over the root mean square:
+x_1 is what it has more at that velocity.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -32,9 +32,8 @@ _WITHIN_A_RUN = "torque gain", "encoder offset"
 #: Standard deviation beforehand of a load: of its mass as shares of the arm's mass, for a
 #: heavy and a light one, its centre [m], and its radius of gyration squared [m^2].
 _SHARES_OF_ARM, _CENTRE, _GYRATION = (1.0, 0.05), 0.5, 0.3
-#: The same of friction, as a share of a joint's; and the least that a joint has, as a share
-#: of what links leave of its torque [-].
-_SHARE_OF_FRICTION, _LEAST_FRICTION = 0.5, 0.01
+#: The same of friction, as a share of what links leave of the joint's torque [-].
+_SHARE_OF_TORQUE = 0.5
 
 
 def parts_of(evidence: Evidence) -> list[Part]:
@@ -62,16 +61,15 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     if parts[0].run is None:
         return
     none = evidence.log.as_logged
-    n_possible = 2 * len(parts) * evidence.log.n
-    odds = -c.LOG_ODDS_AGAINST_DIFFERENCE - float(np.log(n_possible))
+    odds = -c.LOG_ODDS_AGAINST_DIFFERENCE - float(np.log(len(parts) * evidence.log.n))
     for j in evidence.log.joints:
-        for friction in frictions_of(evidence, fit, j):
-            for part in parts:
-                at = evidence.rows_of(part)[None, :, None]
-                further = replace(friction, columns=friction.columns * at)
-                yield Hypothesis(
-                    "another friction", (j,), odds, none, part=part, further=further
-                )
+        friction = friction_of(evidence, fit, j)
+        for part in parts:
+            at = evidence.rows_of(part)[None, :, None]
+            further = replace(friction, columns=friction.columns * at)
+            yield Hypothesis(
+                "another friction", (j,), odds, none, part=part, further=further
+            )
 
 
 def _share_of_rows(evidence: Evidence, part: Part) -> Array:
@@ -147,27 +145,20 @@ def another_arm(evidence: Evidence, fit: ViewFit) -> Further | None:
     return Further(columns @ spread, np.ones(columns.shape[2]))
 
 
-def frictions_of(evidence: Evidence, fit: ViewFit, j: int) -> list[Further]:
-    """List the torques of a joint's friction: as it is, so that all of it changes alike,
-    and of each of its laws."""
+def friction_of(evidence: Evidence, fit: ViewFit, j: int) -> Further:
+    """Return the torque of a joint's friction, dry and viscous."""
     log, chain = evidence.log, fit.chain
     own = log.data.own_columns[chain.order[j]] * np.sign(chain.scale[j])
-    dry, velocity = own[:, [DRY]], own[:, [VISCOUS]]
+    dry, velocity = own[:, DRY], own[:, VISCOUS]
     velocity = velocity / nonzero_or_one(float(np.sqrt(np.mean(velocity**2))))
-    laws = np.column_stack([velocity, own[:, [DRY - 1, DRY + 1]]])
-    of_laws = np.column_stack([dry, laws - dry])
-    beside = np.column_stack([of_laws, own[:, [ROTOR, OFFSET]]])
+    of_friction = np.column_stack([dry, velocity - dry])
+    beside = np.column_stack([of_friction, own[:, [ROTOR, OFFSET]]])
     torque = log.unexplained(chain, fit.links)[j]
-    present = min_norm_lstsq(beside, torque)[: of_laws.shape[1]]
-    least = _LEAST_FRICTION * float(np.sqrt(np.mean(torque**2)))
-    size = max(abs(float(present[0])), least)
-    frictions = []
-    for laws in ((of_laws @ present)[:, None] / size, of_laws):
-        columns = np.zeros((log.n, *laws.shape))
-        columns[j] = laws
-        sd = np.full(laws.shape[1], _SHARE_OF_FRICTION * size)
-        frictions.append(Further(columns, sd, usual=c.USUAL_FRICTION * size))
-    return frictions
+    present = float(min_norm_lstsq(beside, torque)[0])
+    columns = np.zeros((log.n, log.data.count, 2))
+    columns[j] = of_friction
+    sd = np.full(2, _SHARE_OF_TORQUE * float(np.sqrt(np.mean(torque**2))))
+    return Further(columns, sd, usual=c.USUAL_FRICTION * abs(present))
 
 
 def loads_on_last_link(
