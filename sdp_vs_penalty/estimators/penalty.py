@@ -14,18 +14,24 @@ to a quarter. Each minimisation is one of nonlinear least squares, by Gauss-Newt
 semismooth Newton steps (Zhao, Sun, Toh, SIAM J. Optim. 2010; :func:`projected_rows`). Where they do not
 settle, MINPACK's Levenberg-Marquardt method goes on. A weak pull to the last x keeps the rows of full
 rank where the data leave directions open (Rockafellar 1976: the proximal method of multipliers).
+
+Where the data leave much open, stages do not settle. Then the convex relaxation (the same SDP without
+the limits that are not convex) bounds the optimum, and its own optimum is the next start.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from typing import Any, ClassVar
 
 import numpy as np
 import scipy
 
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint_prior
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, interior_point
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, PosedSdp, interior_point
 from sdp_vs_penalty.regression.linalg import InTurn
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
@@ -271,6 +277,27 @@ class ShiftedPenalty:
                 by_constraint[self.received.convex[place]] = multiplier
         return constraints.stack_multipliers(by_constraint)
 
+    def shifts(
+        self, constraints: ConstraintSet, multipliers: Array | None, x: Array
+    ) -> list[Array]:
+        """Return dual variables (e,) of the constraints as shifts, an array a part.
+
+        It is the inverse of :meth:`multipliers`. Shifts of limits that are not convex,
+        and all without multipliers, are zero. ``x`` (p,) are scaled parameters.
+        """
+        out = [np.zeros_like(part.values(x)) for part in self.parts]
+        if multipliers is None:
+            return out
+        by_constraint = dict(
+            zip(constraints.convex, constraints.entries.each(multipliers), strict=True)
+        )
+        # The groups are the first of the parts, in this order.
+        for k, group in enumerate(self.received.groups):
+            places = group.places.tolist()
+            values = [by_constraint[self.received.convex[place]] for place in places]
+            out[k] = np.array(values) / (self.loss_scale * self.parts[k].scale)
+        return out
+
     def shifted(self, x: Array, shifts: Sequence[Array], weight: float) -> list[Array]:
         """Return the next shifts of the augmented Lagrangian, Pi_K(S - w F(x)), an
         array a part, from shifts S, scaled parameters x (p,) and the weight w."""
@@ -456,16 +483,19 @@ class _Point:
 
 
 def minimise(
-    penalty: ShiftedPenalty, x: Array, tolerance: float
+    penalty: ShiftedPenalty, x: Array, tolerance: float, shifts: list[Array]
 ) -> tuple[Array, list[Array], dict[str, Any]]:
     """Minimise from scaled parameters x (p,) by a sequence of shifted penalties until
     constraints and shifts settle.
 
     Each stage minimises the augmented Lagrangian with a proximal pull to the last x.
-    The weight grows tenfold unless the change of the shifts has fallen to a quarter.
+    The weight grows tenfold unless the change of the shifts has fallen to a quarter. A
+    weight that can grow no more and a change that does not fall end the sequence.
 
     Parameters
     ----------
+    shifts : list of arrays
+        First shifts, an array a part.
     tolerance : float
         Largest violation and complementarity, in the scaled units of the parts.
 
@@ -478,7 +508,6 @@ def minimise(
     details : dict
         Last residual, and number of stages.
     """
-    shifts = [np.zeros_like(part.values(x)) for part in penalty.parts]
     # First weight of the penalty, in units of (scaled loss) / (scaled distance)^2.
     weight = 0.1
     # Weight of the pull to the last stage's x, in the same units; as x settles the pull
@@ -497,7 +526,9 @@ def minimise(
         shifts = new_shifts
         if max(residual, pull * largest_change([x], [last])) <= tolerance:
             break
-        if residual > 0.25 * previous and weight * tolerance < 1.0:
+        if residual > 0.25 * previous:
+            if weight * tolerance >= 1.0:
+                break
             weight *= 10.0
     return x, shifts, {"residual": residual, "stages": n_stages}
 
@@ -524,11 +555,11 @@ class Penalty(Estimator):
     body: bool = True
     #: Smallest radius of gyration of a link [m]; 0 for none.
     thickness: float = LmiSdpThickness.thickness
-    #: Largest number of runs: the first from the problem's nominal robot, the others
-    #: from seeded random points of the barycentric box, moved towards it until the
-    #: convex constraints hold. A run whose multipliers prove its optimum is the last
-    #: one. Where the data leave directions open a run may stop above the optimum, and
-    #: its certified gap says so.
+    #: Largest number of runs: the first from the problem's nominal robot, the second
+    #: from the optimum of the convex relaxation, the others from seeded random points of
+    #: the barycentric box, moved towards the first until the convex constraints hold. A
+    #: run whose optimum is proved is the last one; the certified gap of others says how
+    #: far above the relaxation they end.
     starts: int = 5
     #: Tolerance of violation and complementarity, relative to the size of each
     #: constraint's values.
@@ -546,7 +577,12 @@ class Penalty(Estimator):
         """Minimise the loss with exact penalties from several starts."""
         task = with_joint_prior(task, self.joint_prior)
         problem = ConvexProblem(self.data(task), self.demands(task), task.bound)
-        return fit_penalty(task, problem, self.starts, self.tolerance)
+
+        def relaxation() -> Fit:
+            """Solve the SDP without the limits that are not convex."""
+            return PosedSdp(task, problem).fit()
+
+        return fit_penalty(task, problem, self.starts, self.tolerance, relaxation)
 
     def data(self, task: Task) -> LeastSquares:
         """Return the loss that is minimised: that of the torque."""
@@ -590,8 +626,8 @@ class PenaltyRun:
 
     #: (p,) parameters, made feasible.
     theta: Array
-    #: Shifts of the penalty, an array a part.
-    shifts: list[Array]
+    #: (e,) multipliers of the convex constraints.
+    multipliers: Array
     #: Loss, objective, violation, residual and number of stages.
     figures: dict[str, Any]
 
@@ -607,7 +643,11 @@ class PenaltyRun:
 
 
 def fit_penalty(
-    task: Task, problem: ConvexProblem, starts: int, tolerance: float
+    task: Task,
+    problem: ConvexProblem,
+    starts: int,
+    tolerance: float,
+    relaxation: Callable[[], Fit] | None = None,
 ) -> Fit:
     """Return the best of several runs from different starts, each made feasible.
 
@@ -618,10 +658,14 @@ def fit_penalty(
     problem : ConvexProblem
         Its loss is the task's torque loss, or a distance of base parameters.
     starts : int
-        Largest number of runs; a run whose own certificate proves a gap of PROVEN_GAP
-        is the last.
+        Largest number of runs; one that a certificate proves to a gap of PROVEN_GAP is
+        the last.
     tolerance : float
         Largest violation and complementarity, in units of each constraint's size.
+    relaxation : callable, optional
+        Solves the problem without its limits that are not convex. It is called if the
+        first run is not proved: its multipliers bound all runs, its optimum is the
+        second start. None: the penalty alone.
 
     Returns
     -------
@@ -633,57 +677,95 @@ def fit_penalty(
     InputError
         If the convex constraints have no interior point.
     """
-    constraints, data = problem.constraints, problem.least_squares
-    interior = interior_point(task, constraints)
+    interior = interior_point(task, problem.constraints)
     penalty = ShiftedPenalty(task, problem, interior)
     figures = list[dict[str, Any]]()
+    duals = list[Array]()  # multipliers that bound every run
     best: PenaltyRun | None = None
     n_starts = max(starts, 1)
-    for number, start in enumerate(_starts(task, constraints, interior, n_starts)):
-        x, shifts, spent = minimise(penalty, start / penalty.theta_scale, tolerance)
-        theta = made_feasible(constraints, penalty.theta_scale * x, interior)
-        violation = max(constraints.worst(theta).values(), default=0.0)
-        losses = {"loss": task.data.loss(theta), "objective": data.loss(theta)}
-        figures.append({**losses, "violation": violation, **spent})
-        run = PenaltyRun(theta, shifts, figures[-1])
+    all_starts = _starts(task, problem.constraints, interior, relaxation)
+    for number, start in enumerate(islice(all_starts, n_starts)):
+        run = start.run(task, problem, penalty, interior, tolerance)
+        figures.append(run.figures)
+        if start.multipliers is not None:
+            duals.append(start.multipliers)
         lowest = min(f["objective"] for f in figures)
         task.progress(
             f"run {number + 1} of {n_starts}: best {lowest:.6g}, violation"
-            f" {violation:.1e}"
+            f" {run.figures['violation']:.1e}"
         )
         # One that is lower by less than it violates is no better: its multipliers may
         # be worse.
-        if best is not None and not run.rank < best.rank * (1.0 - 1e-7):
-            continue
-        best = run
-        multipliers = penalty.multipliers(constraints, shifts)
-        fit = Fit(
-            theta=theta,
-            problem=problem,
-            multipliers=multipliers,
-            interior=interior,
-            details={"runs": figures},
-        )
-        if run.is_feasible and fit.gap <= PROVEN_GAP:
+        if best is None or run.rank < best.rank * (1.0 - 1e-7):
+            best = run
+        fits = [
+            Fit(best.theta, problem, dual, None, interior, {"runs": figures})
+            for dual in (best.multipliers, *duals)
+        ]
+        fit = max(fits, key=lambda fit: fit.lower)
+        if best.is_feasible and fit.gap <= PROVEN_GAP:
             break
     return fit
 
 
+@dataclass(frozen=True)
+class _Start:
+    """Where a run begins."""
+
+    #: (p,) parameters.
+    theta: Array
+    #: (e,) multipliers of the convex constraints, if theta is the relaxation's optimum.
+    multipliers: Array | None = None
+
+    def run(
+        self,
+        task: Task,
+        problem: ConvexProblem,
+        penalty: ShiftedPenalty,
+        interior: Array,
+        tolerance: float,
+    ) -> PenaltyRun:
+        """Minimise the penalty from here; an optimum of the relaxation that satisfies
+        all limits stays as it is."""
+        constraints = problem.constraints
+        theta, multipliers = self.theta, self.multipliers
+        spent = {"residual": 0.0, "stages": 0}
+        if multipliers is None or not _obeys_nonconvex(constraints, theta):
+            x = theta / penalty.theta_scale
+            shifts = penalty.shifts(constraints, multipliers, x)
+            x, shifts, spent = minimise(penalty, x, tolerance, shifts)
+            theta = made_feasible(constraints, penalty.theta_scale * x, interior)
+            multipliers = penalty.multipliers(constraints, shifts)
+        figures = {
+            "loss": task.data.loss(theta),
+            "objective": problem.least_squares.loss(theta),
+            "violation": max(constraints.worst(theta).values(), default=0.0),
+        }
+        return PenaltyRun(theta, multipliers, figures | spent)
+
+
 def _starts(
-    task: Task, constraints: ConstraintSet, interior: Array, count: int
-) -> Iterator[Array]:
-    """Yield theta (p,) of each start: the interior point, then random points of the
-    box.
+    task: Task,
+    constraints: ConstraintSet,
+    interior: Array,
+    relaxation: Callable[[], Fit] | None,
+) -> Iterator[_Start]:
+    """Yield the starts: the interior point, the relaxation's optimum, then random points
+    of the box without end.
 
     Random points are moved towards the interior point until the convex constraints
     hold.
     """
-    yield interior
+    yield _Start(interior)
+    if relaxation is not None:
+        with suppress(InputError):  # its solvers gave up: random starts are left
+            relaxed = relaxation()
+            yield _Start(relaxed.theta, relaxed.multipliers)
     box = BarycentricBox(task)
     rng = np.random.default_rng(task.seed)
-    for _ in range(count - 1):
+    while True:
         random = box.theta(rng.uniform(box.lower, box.upper))
-        yield repair(constraints, random, interior)
+        yield _Start(repair(constraints, random, interior))
 
 
 def made_feasible(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
@@ -698,9 +780,14 @@ def made_feasible(constraints: ConstraintSet, theta: Array, interior: Array) -> 
     four_a_decade = np.logspace(-14.0, 0.0, 1 + 4 * 14)
     for share in (0.0, *four_a_decade):
         point = repaired + share * (interior - repaired)
-        if all(bound.margin(point) >= 0.0 for bound in constraints.nonconvex):
+        if _obeys_nonconvex(constraints, point):
             return point
     return repaired
+
+
+def _obeys_nonconvex(constraints: ConstraintSet, theta: Array) -> bool:
+    """Return whether theta (p,) satisfies the constraints that are not convex."""
+    return all(bound.margin(theta) >= 0.0 for bound in constraints.nonconvex)
 
 
 #: The authors' box for friction and offset parameters [N m, N m s / rad] (bounds of

@@ -185,9 +185,20 @@ def test_a_certificate_tells_what_holds_from_what_was_not_imposed():
     ):
         shown = str(Certificate(dict.fromkeys(broken, 0.1), 1.0, gap=gap))
         assert ("every other constraint holds" in shown) == spared
-    for gap, is_found in ((None, True), (1e-9, True), (0.3, False)):
-        said = Certificate({}, 1.0, gap=gap).not_found
+    nonconvex = "barycentric inertia"
+    for gap, violations, is_found, is_local in (
+        (None, {}, True, False),
+        (1e-9, {}, True, False),
+        (0.3, {}, False, False),
+        (1e-9, {nonconvex: 0.0}, True, False),
+        (0.3, {nonconvex: 0.0}, True, True),
+        (0.3, {nonconvex: 0.1}, False, False),
+        (1.5, {nonconvex: 0.0}, False, False),
+    ):
+        certificate = Certificate(violations, 1.0, gap=gap)
+        said = certificate.not_found
         assert said.startswith("The optimum was not found") != is_found
+        assert ("a local optimum" in str(certificate)) == is_local
     for share, said in (
         (1.0, "(at most 1 of a link's body)"),
         (1.1, "(beyond what any mass inside can"),
