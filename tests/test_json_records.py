@@ -160,7 +160,6 @@ def test_a_file_of_version_0_1_loads_and_is_written_as_it_was(name, load):
             "errors_with",
         ):
             assert again.pop(later) == []
-        assert again.pop("judged_rmse_with_helpful") is None
         assert written.pop("events") == []  # what is no longer judged
         for finding in written["effects"]:
             for gone in ("is_shown_beside_all", "n_splits", "n_splits_showing"):

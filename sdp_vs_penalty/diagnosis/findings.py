@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, get_args
 
@@ -610,10 +611,8 @@ class Diagnosis(Record, JsonRecord):
     #: What the check calls likely of the log, with the repair; nothing is sure beside
     #: it. None where a finding states the same.
     log_faults: tuple[Remedy, ...] = ()
-    #: (n,) RMS errors on the test run of the model with all that helps, which
-    #: ``compare`` says of that model [N m or N]; None where none was judged.
-    judged_rmse_with_helpful: Array | None = None
-    #: The errors with what each remedy adds; none in files of older versions.
+    #: The errors with what each remedy adds, and with all that helps; none in files of
+    #: older versions.
     errors_with: tuple[ErrorWith, ...] = ()
 
     def __post_init__(self) -> None:
@@ -748,10 +747,9 @@ class Diagnosis(Record, JsonRecord):
         models.
 
         The search fits by least squares; `compare` and `add` fit by the model's own
-        method, and print slightly different numbers. A weak finding changes the judged
-        errors by the share that the search says. If the certain findings do not come
-        first in the list, the search's errors stay for all but the first; what is said
-        of a joint follows :meth:`errors_of`.
+        method, and print slightly different numbers. The errors of other selections
+        change by the same share: of those that hold all that helps as its error, of
+        others as the model's.
 
         Parameters
         ----------
@@ -759,61 +757,42 @@ class Diagnosis(Record, JsonRecord):
             (n,) errors of the model [N m or N].
         after
             (n,) errors of the model with all findings whose torque is certain.
-
-        Returns
-        -------
-        Diagnosis
-            With these errors; those of single findings are unchanged if it re-estimates
-            constants of the model.
         """
-        scale = _ratio(before, self.held_out_rmse_before)
-        judged = replace(
+        texts = (*(r.text for r in self.retuned), *(f.text for f in self.effects))
+        steps = [*(f.held_out_rmse_before for f in self.effects), self.held_out_rmse]
+        firsts = [texts[: len(self.retuned) + k] for k in range(len(steps))]
+        searched = {x.effects: x.rmse for x in self.errors_with}
+        searched = dict(zip(firsts, steps, strict=True)) | searched
+        helpful = tuple(f.text for f in self.helpful)
+        of_model = _ratio(before, self.held_out_rmse_before)
+        of_helpful = of_model
+        if helpful in searched:
+            of_helpful = _ratio(after, searched[helpful])
+        judged = {
+            added: rmse * (of_helpful if {*helpful} <= {*added} else of_model)
+            for added, rmse in searched.items()
+        }
+        judged[helpful] = after
+        additions = [*(x.effects for x in self.errors_with), helpful]
+        return replace(
             self,
             held_out_rmse_before=before,
-            judged_rmse_with_helpful=after,
+            held_out_rmse=judged[firsts[-1]],
             errors_with=tuple(
-                replace(x, rmse=scale * x.rmse) for x in self.errors_with
+                ErrorWith(x, judged[x]) for x in filter(None, dict.fromkeys(additions))
+            ),
+            effects=tuple(
+                replace(
+                    f, held_out_rmse_before=judged[x], held_out_rmse_after=judged[y]
+                )
+                for f, (x, y) in zip(self.effects, pairwise(firsts), strict=True)
             ),
         )
-        if self.retuned:
-            return judged
-        if not self.effects and not self.curves:
-            return replace(judged, held_out_rmse=before)
-        findings = list(self.effects)
-        error_with_all = self.held_out_rmse
-        are_certain = [f.torque_is_certain for f in findings]
-        n_certain = sum(are_certain)
-        if all(are_certain[:n_certain]) and not self.curves:
-            # What follows changes the judged error by the share that the search says.
-            searched = findings[0].held_out_rmse_before
-            if n_certain:
-                last_certain = findings[n_certain - 1]
-                searched = last_certain.held_out_rmse_after
-                findings[n_certain - 1] = replace(
-                    last_certain, held_out_rmse_after=after
-                )
-            scale = _ratio(after, searched)
-            findings[n_certain:] = [
-                replace(
-                    weak,
-                    held_out_rmse_before=scale * weak.held_out_rmse_before,
-                    held_out_rmse_after=scale * weak.held_out_rmse_after,
-                )
-                for weak in findings[n_certain:]
-            ]
-            is_complete = n_certain == len(findings)
-            error_with_all = after if is_complete else scale * self.held_out_rmse
-        if findings:
-            findings[0] = replace(findings[0], held_out_rmse_before=before)
-        return replace(judged, effects=tuple(findings), held_out_rmse=error_with_all)
 
     def error_with(self, found: Sequence[Finding | Retune]) -> Array | None:
         """Return the errors (n,) on data left out of the model with some of what was found,
         and nothing else [N m or N]; None where they were not computed."""
         texts = {f.text for f in found}
-        judged = self.judged_rmse_with_helpful
-        if judged is not None and texts == {f.text for f in self.helpful}:
-            return judged
         return next((x.rmse for x in self.errors_with if {*x.effects} == texts), None)
 
     def errors_of(self, finding: Finding) -> tuple[Array, Array]:
