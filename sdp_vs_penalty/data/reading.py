@@ -376,7 +376,7 @@ def channels_of(log: Log, choice: Choice) -> tuple[Log, Recognition]:
         return log, known
     letters = [*ascii_lowercase[: len(log.names)]]
     is_lettered = len(letters) > 3 and [x.lower() for x in log.names] == letters
-    if is_lettered or log.names[:1] == ["#1"]:
+    if is_lettered or next(iter(log.names), "").startswith("#1"):
         from sdp_vs_penalty.data.hypotheses.proposals import names_by_values
 
         n_joints = None if joints is None else len(joints)
@@ -616,8 +616,9 @@ def _say_unused(log: Log, names: Sequence[str]) -> None:
 def _without_sentinels(log: Log, values: Values, clock: Sequence[str]) -> Values:
     """Take cells as empty that hold a number in place of a measurement: zeros at the end of
     a clock (of an array that was longer than the run), and a whole number that repeats in
-    few rows of a channel, far from all others there, "-999"."""
+    few rows, far from all others of its channel, "-999"."""
     columns, gaps, numbers = {**values.columns}, {**values.gaps}, Counter[float]()
+    empty = dict[str, NDArray[np.bool_]]()
     for name, x in values.columns.items():
         if x.ndim > 1 or not x.any():
             continue
@@ -630,10 +631,16 @@ def _without_sentinels(log: Log, values: Values, clock: Sequence[str]) -> Values
             is_empty = size == largest
             rest = size[~is_empty].max(initial=0.0)
             is_empty &= (is_empty.mean() < _MOST_GAPS) & (2.0 * rest < largest)
-        if is_empty.sum() > 1:
+        if is_empty.any():
+            empty[name] = is_empty
+            numbers.update(x[is_empty].tolist())
+    numbers = Counter({number: n for number, n in numbers.items() if n > 1})
+    for name, is_empty in empty.items():
+        x = columns[name]
+        is_empty &= np.isin(x, [*numbers])
+        if is_empty.any():
             columns[name] = np.where(is_empty, np.nan, x)
             gaps[name] = gaps.get(name, False) | is_empty
-            numbers.update(x[is_empty].tolist())
     for number, n in numbers.items():
         _remark(log, f"{n} cells of {number:g} are no measurements: taken as empty")
     return replace(values, columns=columns, gaps=gaps)

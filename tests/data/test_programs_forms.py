@@ -18,6 +18,7 @@ from written_logs import DQ, JOINTS, RATE, TAU, Q, T, cells_of, log, read, same,
 
 from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.data import load_measurements
+from sdp_vs_penalty.data.formats import open_log
 
 N = len(T)
 DEGREES = (*np.degrees(Q).T, *np.degrees(DQ).T, *TAU.T)
@@ -413,6 +414,127 @@ NO_JSON = {
 @pytest.mark.parametrize(("text", "words"), NO_JSON.items(), ids=range(len(NO_JSON)))
 def test_json_without_samples_is_refused(text, words, tmp_path):
     refusal(lambda: read(write(tmp_path / "model.json", [text])), words)
+
+
+# -- lines that say name and value, and tables in other arrangements ----------------------
+
+ROWS = [*zip(T, Q, TAU, strict=True)]
+PLAIN = ["t,q1,q2,q3,tau1,tau2,tau3", *lines_of(T, *Q.T, *TAU.T)]
+
+
+def named(line, mark=" "):
+    """Each row as the pattern says one number of it, by its name."""
+    names = PLAIN[0].split(",")
+    rows = (row.split(",") for row in PLAIN[1:])
+    return [mark.join(map(line.format, names, row)) for row in rows]
+
+
+def vector(values):
+    return f"[{' '.join(f'{x:.9f}' for x in values)}]"
+
+
+def log_line(t, q, tau):
+    stamp = f"2026-05-03 10:11:{12 + t:06.3f}".replace(".", ",")
+    return f"{stamp} INFO arm_logger: q={[*map(float, q)]} tau={[*map(float, tau)]}"
+
+
+ARRANGED = {
+    "key=value": named("{}={}"),
+    "key: value": named("{}: {}", ", "),
+    "key=value with units": [
+        f"t={1e3 * t:.3f} ms, "
+        + ", ".join(f"q{k}={np.degrees(x):.9f} deg" for k, x in enumerate(q, 1))
+        + ", "
+        + ", ".join(f"tau{k}={x:.6f} N*m" for k, x in enumerate(tau, 1))
+        for t, q, tau in ROWS
+    ],
+    "Python's logging": [log_line(*row) for row in ROWS],
+    "InfluxDB's lines": [
+        f"arm,joint={joint} position={x:.9f},torque={y:.6f} {1_763_966_921 + t:.9f}".replace(
+            ".00 ", "0"
+        )
+        for t, q, tau in ROWS
+        for joint, x, y in zip(JOINTS, q, tau, strict=True)
+    ],
+    "a historian's long table": [
+        "NodeId,SourceTimestamp,Value,Quality",
+        *(
+            f"ns=3;s=Axis{k}.Actual{word},2026-04-02T08:00:{t:09.6f}+00:00,{x:.9f},Good"
+            for t, q, tau in ROWS
+            for word, values in (("Position", q), ("Torque", tau))
+            for k, x in enumerate(values, 1)
+        ),
+    ],
+    "R's write.table": [
+        " ".join(f'"{x}"' for x in PLAIN[0].split(",")),
+        *(f'"{k}" {row}'.replace(",", " ") for k, row in enumerate(PLAIN[1:], 1)),
+    ],
+    "front matter": ["---", "units: {q: rad, tau: Nm}", "by: me", "---", *PLAIN],
+    "a line of JSON above": ['{"robot": "arm", "date": "2026-02-01"}', *PLAIN],
+    "OpenSim": [
+        *("Coordinates", "nRows=150", "Units are S.I. (second, m)", "", "endheader"),
+        *(row.replace(",", "\t") for row in PLAIN),
+    ],
+    "a row a channel": [
+        ",".join(cells)
+        for cells in zip(*(row.split(",") for row in PLAIN), strict=True)
+    ],
+    "a list of lists": [json.dumps([[t, *q, *tau] for t, q, tau in ROWS])],
+    "vectors of NumPy": [f"{t:.2f} {vector(q)} {vector(tau)}" for t, q, tau in ROWS],
+    "a web page": [
+        "<html><body><table><thead>",
+        *(f"<tr><td>{row.replace(',', '</td><td>')}</td></tr>\n" for row in PLAIN),
+        "</table></body></html>",
+    ],
+}
+BY_NUMBER = {
+    "a list of lists": "t=#1,q1=#2,q2=#3,q3=#4,tau1=#5,tau2=#6,tau3=#7",
+    "vectors of NumPy": "t=#1,q1=#2_1,q2=#2_2,q3=#2_3,tau1=#3_1,tau2=#3_2,tau3=#3_3",
+}
+
+
+@pytest.mark.parametrize("form", ARRANGED)
+def test_named_values_and_other_arrangements_are_read(form, tmp_path):
+    rename = dict(x.split("=") for x in BY_NUMBER.get(form, "").split(",") if x)
+    run, _ = read(write(tmp_path / "run.txt", ARRANGED[form]), rename=rename or None)
+    same(run)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("t=0.5 q1=0.1 q2=0.2", "line 150 names other values than line 1"),
+        ("stopped by user", ""),
+    ],
+)
+def test_a_line_of_other_names_is_refused_and_words_are_not(line, words, tmp_path):
+    lines = [*ARRANGED["key=value"][:-1], line]
+    lines += ARRANGED["key=value"][-1:]
+    path = write(tmp_path / "run.txt", lines)
+    if words:
+        refusal(lambda: read(path), words)
+    else:
+        same(read(path)[0])
+
+
+def test_a_column_without_a_comma_at_first_has_that_of_the_nearest_one(tmp_path):
+    """Positions had points, torques commas; one torque was whole for a hundred rows."""
+    lines = ["t;q1;q2;q3;tau1;tau2"]
+    lines += [
+        f"{t:.2f};0.123;0.5;0.25;1,5;{7 if k < 120 else '9728,8'}"
+        for k, t in enumerate(T)
+    ]
+    path = write(tmp_path / "run.csv", lines)
+    assert open_log(path).read(["tau2"]).columns["tau2"][-1] == 9728.8
+
+
+def test_a_number_that_repeats_in_several_channels_is_no_measurement(tmp_path):
+    """-9999 stood once in each column, and was a position."""
+    rows = [row.split(",") for row in PLAIN]
+    rows[20][1], rows[40][5], rows[60][2] = "-9999", "-9999", "#DIV/0!"
+    run, said = read(write(tmp_path / "run.csv", map(",".join, rows)))
+    assert "2 cells of -9999 are no measurements" in said
+    np.testing.assert_allclose(run.q, np.delete(Q, [19, 39, 59], axis=0), atol=1e-7)
 
 
 def tag(name, values):

@@ -28,7 +28,7 @@ from sdp_vs_penalty.data.formats.text_table import (
     plain_number,
     split_cells,
 )
-from sdp_vs_penalty.data.log import Column, Log, Values
+from sdp_vs_penalty.data.log import Column, Log, Values, log_of_arrays
 from sdp_vs_penalty.data.measurements import Measurements, columns_of
 from sdp_vs_penalty.data.store import AppendableArray
 from sdp_vs_penalty.data.words.stamps import is_stamp, seconds_of
@@ -50,9 +50,15 @@ EMPTY = (
     "-",
     "--",
     "---",
+    "\u2013",
+    "\u2014",
     "None",
     "none",
     "NaT",
+    "#DIV/0!",
+    "#VALUE!",
+    "#REF!",
+    "#NUM!",
 )
 #: More rows than this below the samples are no footer.
 _LONGEST_FOOTER = 20
@@ -70,10 +76,12 @@ def read(path: Path) -> Log:
     try:
         table = inspect_table(path)
     except MarkupError as error:
-        from sdp_vs_penalty.data.formats import jsonl, ros_echo, rsi_xml
+        from sdp_vs_penalty.data.formats import jsonl, named_values, ros_echo, rsi_xml
 
         if error.what.startswith("YAML"):
             return ros_echo.read(path)
+        if error.what.startswith("names"):
+            return named_values.read(path)
         return (jsonl if error.what.startswith("JSON") else rsi_xml).read_text(
             path, error
         )
@@ -81,7 +89,9 @@ def read(path: Path) -> Log:
 
 
 def log_of_table(table: TextTable) -> Log:
-    """Make a log of a text table."""
+    """Make a log of a text table, of one with a row a channel too."""
+    if _has_a_row_a_channel(table):
+        return _log_of_channel_rows(table)
     columns = dict[str, Column]()
     for k, (name, kind) in enumerate(zip(table.names, table.kinds, strict=True)):
         cells = table.first_cells(k)
@@ -99,7 +109,7 @@ def log_of_table(table: TextTable) -> Log:
         return [[row[k] for k in chosen] for _, rows in pieces for row in rows]
 
     _require_equal_clocks(table)
-    return Log(
+    log = Log(
         table.path,
         columns,
         read_columns,
@@ -109,6 +119,33 @@ def log_of_table(table: TextTable) -> Log:
         word="row",
         twice=frozenset(x for x, n in Counter(table.names).items() if n > 1 and x),
     )
+    for name, column in columns.items():
+        # Vectors as NumPy prints them, without a header: a column a number.
+        if column.kind == "list" and name.startswith("#"):
+            log = log.with_columns_of(name)
+    return log
+
+
+def _has_a_row_a_channel(table: TextTable) -> bool:
+    """Return whether a table lies on its side: few rows, each of a name and many numbers."""
+    labels = [row[0] for row in table.sample]
+    return (
+        not table.has_header
+        and table.kinds[0] == "text"
+        and {*table.kinds[1:]} == {"number"}
+        and 2 < len(labels) == len({*labels})
+        and table.width > 2 * len(labels)
+    )
+
+
+def _log_of_channel_rows(table: TextTable) -> Log:
+    """Make a log of a table that lies on its side."""
+    arrays = dict[str, Array]()
+    for rows in _value_rows(table, table.first):
+        for number, (name, *cells) in zip(*rows, strict=True):
+            numbers = [number] * len(cells)
+            arrays[name], _ = _parse_column(table, 1, numbers, cells)
+    return log_of_arrays(table.path, arrays)
 
 
 def _rate_above(table: TextTable) -> float | None:

@@ -1,19 +1,21 @@
 """JSON: one object a line, {"t": 0.005, "q": [0.1, 0.2], "tau": [3, 4]}; or a text with
 a list of samples, or a list for each channel.
 
-Of the latter are lists of objects, objects of lists, and what pandas writes by
+Of the latter are lists of objects or of numbers, objects of lists, and what pandas writes by
 ``to_json``: columns of values by their row, or the names beside the rows ("split").
 """
 
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.data.formats.npz import columns_of_array
 from sdp_vs_penalty.data.formats.text_file import iter_rows
 from sdp_vs_penalty.data.log import Log, log_of_arrays
 from sdp_vs_penalty.data.words.names import counts_runs
@@ -51,6 +53,10 @@ def read_text(path: Path, refused: InputError) -> Log:
     if isinstance(content, list) and all(isinstance(x, Mapping) for x in content):
         samples = [dict(leaves(sample)) for sample in content]
         return log_of_samples(path, samples, range(1, len(samples) + 1), "object")
+    if isinstance(content, list) and len({*map(len, content)}) == 1:
+        with suppress(TypeError, ValueError):
+            return log_of_arrays(path, columns_of_array(path, np.array(content, float)))
+        raise refused
     try:
         if isinstance(content, Mapping) and {*content} == {"columns", "index", "data"}:
             rows = zip(*content["data"], strict=True)

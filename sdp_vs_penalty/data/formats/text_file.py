@@ -4,6 +4,7 @@ not."""
 import bz2
 import codecs
 import gzip
+import html
 import io
 import lzma
 import re
@@ -46,6 +47,8 @@ _NO_TEXTS: dict[bytes, tuple[str, str]] = {
     b"TDSm": ("a LabVIEW file (TDMS)", "export it as CSV"),
     b"ULog": ("a ULog file", "export it as CSV with `ulog2csv`"),
 }
+#: How a web page with a table begins, as programs save it with the suffix .xls.
+_HTML_TABLE = re.compile(rb"(?is)\A\s*<(?:!doctype html|html|table)\b.*?<tr\b")
 #: Bytes of a file that its letters are judged by.
 _HEAD = 1 << 20
 _CONTROL = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f\x7f]")
@@ -65,7 +68,7 @@ _OTHER_LETTERS = ("gb18030", "cp949", "cp932", "cp1251")
 def open_text(path: Path) -> Iterator[IO[str]]:
     """Open a text file, unpacked and decoded: UTF-8, UTF-16, UTF-32 with a byte-order
     mark, or an encoding of Windows or of East Asia; packed by gzip, bzip2 or xz. Of an
-    Excel workbook its longest sheet, with tabs between the cells.
+    Excel workbook its longest sheet, of a web page its table, with tabs between the cells.
 
     Raises InputError where the file's first bytes show that it is no text (HDF5, a pickle
     ...).
@@ -79,11 +82,24 @@ def open_text(path: Path) -> Iterator[IO[str]]:
     unpack = _unpacker_of(path)
     with (unpack or open)(path, "rb") as file:
         head = file.read(_HEAD)
+    if _HTML_TABLE.search(head):
+        with (unpack or open)(path, "rt", encoding=_encoding_of(head)) as file:
+            yield io.StringIO(_text_of_html(file.read()))
+        return
     for start, (what, remedy) in _NO_TEXTS.items():
         if head.startswith(start):
             raise InputError(what, remedy, path)
     with (unpack or open)(path, "rt", encoding=_encoding_of(head)) as file:
         yield file
+
+
+def _text_of_html(content: str) -> str:
+    """Return the table of a web page as text, a line a row, with tabs between the cells."""
+    rows = re.findall(r"(?is)<tr\b.*?</tr>", content)
+    cells = (re.findall(r"(?is)<t[hd]\b[^>]*>(.*?)</t[hd]>", row) for row in rows)
+    tags = re.compile(r"<[^>]*>")
+    texts = ([html.unescape(tags.sub("", x)).strip() for x in row] for row in cells)
+    return "".join("\t".join(row) + "\n" for row in texts)
 
 
 def is_workbook(path: Path) -> bool:
@@ -109,7 +125,8 @@ def is_plain_utf_8(path: Path) -> bool:
     its first million bytes."""
     with path.open("rb") as file:
         head = file.read(_HEAD)
-    return not is_packed(path) and _encoding_of(head) == "utf-8-sig"
+    is_text = not (is_packed(path) or _HTML_TABLE.search(head))
+    return is_text and _encoding_of(head) == "utf-8-sig"
 
 
 def _unpacker_of(path: Path) -> Callable[..., IO[Any]] | None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 
+from sdp_vs_penalty.data.formats.named_values import are_named_values
 from sdp_vs_penalty.data.formats.program_header import find_program_header
 from sdp_vs_penalty.data.formats.text_file import (
     BROKEN,
@@ -34,7 +35,7 @@ _MARKUPS = {
         "print it with `ros2 topic echo --csv`, or record a bag",
     ),
     r"<[A-Za-z?!]": ("XML text", "write one row a sample as CSV"),
-    r"[{]|\[ *([{]|$)": (
+    r"[{]|\[ *([{\[]|$)": (
         "JSON text",
         "write one object a line into a .jsonl file, or save with"
         " numpy.savez(path, t=..., q=..., tau=...)",
@@ -43,6 +44,9 @@ _MARKUPS = {
 #: How leading lines begin that are comments; and a title has at most so many lines.
 _COMMENTS = ("#", "//", "% ", "%%")
 _LONGEST_TITLE = 40
+#: The line that ends a header of OpenSim's and others', and the front matter of Markdown.
+_END_OF_TITLES = re.compile(r"(?i)end_?(of_?)?header")
+_FRONT_MATTER = "---"
 #: Lines of so many words are titles where a mark separates what is below.
 _FEW_WORDS = 3
 #: A header has at most so many rows.
@@ -164,8 +168,9 @@ def _is_any_number(text: str) -> bool:
 
 def _decimals_of(columns: Cells) -> list[str]:
     """Return the decimal mark of each column's numbers: the one that separates no thousands
-    in some of its cells, else, of its marks, in those of another column; without such
-    cells the one that more cells have."""
+    in some of its cells, else, of its marks, in those of another column. A column without
+    marks has that of the nearest one, for later rows; without such cells it is the one
+    that more cells have."""
     sure, seen = list[Counter[str]](), list[Counter[str]]()
     for cells in columns:
         points = [x for x in cells if "." in x and is_number(x)]
@@ -175,10 +180,13 @@ def _decimals_of(columns: Cells) -> list[str]:
         n_commas = sum(not _COMMA_GROUPS.fullmatch(x) for x in commas)
         sure.append(Counter({".": n_points, ",": n_commas}))
     known, of_all = sum(sure, Counter()), sum(seen, Counter())
+    decided = [k for k, n in enumerate(sure) if n.total()]
     marks = list[str]()
-    for n, has in zip(sure, seen, strict=True):
+    for k, (n, has) in enumerate(zip(sure, seen, strict=True)):
         if not n.total():
-            n = Counter({x: y for x, y in known.items() if has[x]}) or known or of_all
+            near = min(decided, key=lambda x: abs(x - k), default=k)
+            n = Counter({x: y for x, y in known.items() if has[x]})
+            n = n or (known if has.total() else sure[near]) or of_all
         marks.append("," if n[","] > n["."] else ".")
     return marks
 
@@ -239,7 +247,9 @@ def inspect_table(path: Path) -> TextTable:
     comment = split_cells(comments[-1], delimiter) if comments else []
     names, n_head = _find_header(comment, cells, _is_any_number)
     has_header, body = bool(names), cells[n_head:]
-    if has_header:
+    if has_header and _has_names_of_rows(body, len(names)):
+        names = ["row", *names]
+    elif has_header:
         names = names + [""] * _n_separators_at_the_end(body, len(names))
     width = len(names) if has_header else len(cells[0])
     sample = tuple(tuple(row) for row in body if any(row))
@@ -275,13 +285,31 @@ def inspect_table(path: Path) -> TextTable:
     )
 
 
-def _refuse_markup(path: Path, line: str) -> None:
-    """Raise MarkupError where a text's first line shows that it is YAML, XML or JSON,
-    InputError where it is what a download leaves in place of a file."""
-    refuse_stand_in(path, line.encode())
+def _refuse_markup(path: Path, lines: Sequence[str]) -> None:
+    """Raise MarkupError where a text's first line shows that it is YAML, XML or JSON and no
+    table of numbers stands below, InputError where it is what a download leaves in place of
+    a file."""
+    refuse_stand_in(path, lines[0].encode())
     for pattern, (what, remedy) in _MARKUPS.items():
-        if re.match(pattern, line.strip()):
+        if re.match(pattern, lines[0].strip()) and not _end_in_a_table(lines):
             raise MarkupError(what, remedy, path)
+    last = [line for line in lines if line.strip()][-3:]
+    if are_named_values(last):
+        raise MarkupError("names and values in each line", "write a table as CSV", path)
+
+
+def _end_in_a_table(lines: Sequence[str]) -> bool:
+    """Return whether the last of some lines are rows of one table: as many cells, mostly
+    numbers, under one mark."""
+    last = [line for line in lines if line.strip()][-2:]
+    rows = [split_cells(line, _find_delimiter(last)) for line in last]
+    width = len(rows[0])
+    return width > 2 and all(
+        len(row) == width
+        and (_is_any_number(row[0]) or is_stamp(row[0]))
+        and 2 * sum(map(_is_any_number, row)) > width
+        for row in rows
+    )
 
 
 def _find_header(
@@ -387,6 +415,19 @@ def _n_separators_at_the_end(body: Cells, width: int) -> int:
     return max(widths.pop() - width, 0)
 
 
+def _has_names_of_rows(body: Cells, width: int) -> bool:
+    """Return whether each row begins with its name, which the header leaves out, as R writes
+    tables: a text, or a number that counts the rows."""
+    first = [row[0] for row in body if any(row)]
+    if len(first) < 2 or {len(row) for row in body if any(row)} != {width + 1}:
+        return False
+    counts = [int(x) for x in first if x.isdecimal()]
+    is_counted = (
+        counts == [*range(counts[0], counts[0] + len(first))] if counts else False
+    )
+    return is_counted or not any(map(_is_any_number, first))
+
+
 def _units_in_cells(
     sample: Cells, kinds: Sequence[str], numbers: Sequence[IsNumber]
 ) -> dict[int, str]:
@@ -410,7 +451,8 @@ def _first_rows(path: Path) -> list[tuple[int, str]]:
     does.
     """
     with suppress(UnicodeDecodeError, *BROKEN), open_text(path) as file:
-        _refuse_markup(path, file.read(PIECE // 256).lstrip().split("\n", 1)[0])
+        lines = file.read(PIECE // 16).lstrip().split("\n")
+        _refuse_markup(path, lines[: max(len(lines) - 1, 1)][:100])
     _, rows = next(iter_rows(path, PIECE // 16), (1, []))
     numbered = list(enumerate(rows[:100], start=1))
     filled = [k for k, (_, row) in enumerate(numbered) if row.strip()]
@@ -428,8 +470,16 @@ def _without_titles(rows: list[tuple[int, str]]) -> list[tuple[int, str]]:
     """Leave out the title lines above a table.
 
     The table begins where most of the following rows have as many cells. Lines above it
-    are a title if each has less than half as many cells that are not empty.
+    are a title if each has less than half as many cells that are not empty. A line may say
+    that the header ends.
     """
+    ends = [
+        k
+        for k, (_, line) in enumerate(rows[:_LONGEST_TITLE])
+        if _END_OF_TITLES.fullmatch(line.strip())
+        or (k and line.strip() == rows[0][1].strip() == _FRONT_MATTER)
+    ]
+    rows = rows[ends[-1] + 1 :] if ends else rows
     for k in range(min(_LONGEST_TITLE, len(rows) - 2)):
         lines = [line for _, line in rows[k:]]
         delimiter = _find_delimiter(lines)
