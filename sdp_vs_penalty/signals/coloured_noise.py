@@ -1,8 +1,8 @@
-"""Noise of a residual: the autoregression that makes it white, and what of it is not
-stationary.
+"""Noise of a residual: the autoregression that makes it white, events that stand out of
+it, and how the motion makes it grow.
 
-With unit variance the energy of m rows of whitened noise is chi-square with m degrees
-of freedom: windows with too much of it are events. Motion swells noise.
+Whitened noise has unit variance, so the energy of m rows is chi-square with m degrees
+of freedom: a window with too much energy is an event.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ import scipy
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.constants import ABOVE, SAME_PHASE
 
-#: Of the autoregression.
+#: Order of the autoregression: it predicts a row from so many rows before.
 ORDER = 4
 #: Family-wise probability of a false event in one record of Gaussian noise. Small,
 #: because a log's noise has heavier tails: what a jittering clock does to a torque
 #: grows with its rate of change.
 FALSE_EVENT = 1e-5
-#: How far out of the others an event's window is, in robust deviations of the
-#: logarithms.
+#: An event's window has an energy whose logarithm lies so many robust standard
+#: deviations above the median.
 _FAR = 5.0
 #: Lengths of the windows that are searched [rows].
 LENGTHS = (1, 4, 16)
-#: Events are rare: what fills more than this share of the rows is noise of another
-#: kind.
+#: Events fill at most this share of the rows: what fills more is noise that is not
+#: stationary.
 RARE = 0.15
-#: The same probability beside a model's error, whose tail is known from the other
-#: windows only.
+#: Like FALSE_EVENT, for a residual that holds a model's error: only the other windows
+#: show how far its tail reaches.
 FALSE_LONE = 1e-2
 
 
@@ -50,8 +50,8 @@ class Pieces(tuple[Indices, ...]):
 
     @cached_property
     def past(self) -> list[Indices]:
-        """For each lag 1, 2 ... ORDER, the numbers (P,) of the rows so far before those
-        of ``predicted``."""
+        """For each lag 1, 2 ... ORDER, the numbers (P,) of the rows that lie so many
+        rows before those of ``predicted``."""
         none = np.arange(0)
         rows_of_lags = []
         for lag in range(1, ORDER + 1):
@@ -131,7 +131,8 @@ def local_excess(
     The energy (sum of squares) of a window of m rows over the estimated unit variance
     is m F, F distributed with m and ``degrees`` degrees of freedom. The limit is
     exceeded with the probability FALSE_EVENT in all windows of all series together. It
-    is raised where the energies of the other windows are as scattered.
+    is raised where the energies of all windows scatter more than that
+    (:func:`_usual_limit`).
 
     Parameters
     ----------
@@ -155,6 +156,7 @@ def local_excess(
             if length > len(piece):
                 continue
             windows = energy[length:] - energy[:-length]
+            # The logarithm of a single row's energy is not nearly normal.
             if length > 1 and windows.any():
                 limit = max(limit, _usual_limit(windows))
             for first in np.flatnonzero(windows > limit):
@@ -163,7 +165,7 @@ def local_excess(
 
 
 def _usual_limit(energies: Array) -> float:
-    """Return the largest energy of a window that is still noise that swells and fades.
+    """Return the energy up to which a window is noise, which may swell and fade.
 
     The logarithm of the energies is nearly normal: the limit lies _FAR robust standard
     deviations above their median.
@@ -291,19 +293,18 @@ def noise_profile(white: Array, rates: Array, at: Array) -> Array:
     (K,) array
         Standard deviation relative to that of ``white`` [-]; 1 for too few rows.
     """
-
     used = white != 0.0
     if used.sum() < 20 * (rates.shape[1] + 1):
         return np.ones(len(at))
-    size = np.maximum(np.mean(rates[used], axis=0), 1e-24)
+    mean_rates = np.maximum(np.mean(rates[used], axis=0), 1e-24)
     squares = white[used] ** 2
     squares = np.minimum(squares, (3.0 * robust_scale(white[used])) ** 2)
-    columns = np.column_stack([np.ones(len(squares)), rates[used] / size])
-    law = scipy.optimize.nnls(columns, squares)[0]
-    level = float(law.sum())
+    columns = np.column_stack([np.ones(len(squares)), rates[used] / mean_rates])
+    coefficients = scipy.optimize.nnls(columns, squares)[0]  # a, then b_i
+    level = float(coefficients.sum())  # the variance at the mean rates
     if level <= 0.0:
         return np.ones(len(at))
-    variance = (law[0] + (at / size) @ law[1:]) / level
+    variance = (coefficients[0] + (at / mean_rates) @ coefficients[1:]) / level
     return np.sqrt(np.clip(variance, 1.0 / ABOVE, ABOVE))
 
 

@@ -15,10 +15,12 @@ def lattice_step(values: Array) -> float:
     """Return the resolution of a channel: the smallest step between different values,
     if the values are those of a counter; else 0.
 
-    A counter of N samples on M = range / step levels repeats N - M (1 - exp(-N / M)) of
-    them; values that all differ repeat none. And where it changes, its fourth
-    differences are whole steps, whereas those of a smooth motion, which may come back to
-    the same values without noise, are far smaller. Half of either is asked for.
+    Two things mark a counter, and at least half of each is required:
+
+    - N samples on M = range / step levels repeat N - M (1 - exp(-N / M)) earlier
+      values; values that all differ repeat none.
+    - Where it changes, its fourth differences are whole steps. Those of a smooth
+      motion, which may return to the same values without noise, are far smaller.
 
     Parameters
     ----------
@@ -39,10 +41,12 @@ def lattice_step(values: Array) -> float:
     n_levels = (levels[-1] - levels[0]) / step + 1.0
     expected_repeats = len(values) + n_levels * np.expm1(-len(values) / n_levels)
     changes = np.abs(np.diff(values)) > 0.5 * step
+    # A fourth difference spans four changes.
     is_near_change = np.convolve(changes, np.ones(4), "valid") > 0.5
-    jerks = np.abs(np.diff(values, 4))[is_near_change] > 0.5 * step
+    is_whole_step = np.abs(np.diff(values, 4))[is_near_change] > 0.5 * step
     is_repeated = len(values) - len(levels) >= 0.5 * expected_repeats
-    return step if is_repeated and len(jerks) and jerks.mean() > 0.5 else 0.0
+    is_jumpy = len(is_whole_step) > 0 and is_whole_step.mean() > 0.5
+    return step if is_repeated and is_jumpy else 0.0
 
 
 def lattice_step_bound(values: Array) -> float:

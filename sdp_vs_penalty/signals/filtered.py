@@ -1,9 +1,9 @@
 """Runs behind their filters: the rows on which models are fitted and judged, and where
 they are kept.
 
-A run's rows are cut when a model first asks for them. The next model finds them again,
-and with them the low-passed columns of those effects that it shares with the last one:
-nothing is filtered twice by what is given the same :class:`FilteredRuns`.
+A run is filtered when a model first needs its rows. They are cached, and so are the
+low-passed columns of the last model's effects: the next model makes only the columns
+that it does not share with the last one.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ class FilteredChunk:
     torque: Array
 
 
-#: Columns of a block from which on a product of its own costs less than a copy.
+#: A block of so many columns is filtered by a product of its own: a copy beside other
+#: blocks would cost more.
 _WIDE = 16
 
 #: How to read an effect's low-passed columns.
@@ -394,14 +395,12 @@ class FilteredRuns:
 
     @property
     def are_long(self) -> bool:
-        """Whether they are so long that nothing may keep them in memory for later."""
+        """Whether they are too long to be kept in memory for later."""
         return self.measurements.q.size > SAMPLES
 
     @property
     def still_seconds(self) -> float:
-        """How long the arm stands still in all runs [s]: of these samples come no
-        rows.
-        """
+        """How long the arm stands still in all runs [s]: such samples make no rows."""
         return sum(still_seconds(run.run, run.moving) for run in self.runs)
 
     @classmethod

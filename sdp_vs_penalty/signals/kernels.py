@@ -67,8 +67,9 @@ class Decimator:
         """Return the low-passed rows (M, ...) of signals x (N, ...)."""
         shape = x.shape[1:]
         flat = x.reshape(len(x), int(np.prod(shape)))
+        none = flat[:0]  # a decimator may have no rows
         parts = [block @ flat[samples] for samples, block in self.blocks]
-        return np.concatenate([flat[:0], *parts]).reshape(len(self.at), *shape)
+        return np.concatenate([none, *parts]).reshape(len(self.at), *shape)
 
     def part(self, start: int, stop: int) -> tuple[Decimator, slice]:
         """Return the decimator of a slice of the rows, for a chunk of the samples.

@@ -33,8 +33,9 @@ _LARGEST_RECORD = 100_000
 #: Numbers of the points on the lines that are looked up: 50 times those of the largest
 #: record, 40 MB.
 _LARGEST_PATH = 50 * _LARGEST_RECORD
-#: In units of the distance: how far the lines may pass beside a row, how near a row
-#: counts as there already, and the spacing at which lines are looked up.
+#: Tolerance in units of the distance: a row this near to the lines is kept already,
+#: lines pass the rows that they stand for this near, and points that are looked up on
+#: the lines lie this near to each other.
 _NEAR = 0.2
 #: Rows of a path that are compared with the record at once, at least.
 _FEWEST_ROWS_AT_ONCE = 200

@@ -8,9 +8,9 @@ white. r(t + T) is read by a cubic spline from samples at eight times the cut-of
 which the low-passed residual is a smooth curve: read between samples at its own rate,
 noise would be averaged and its floor too low.
 
-Where nothing repeats it is that of the spectra of torque and positions above the
-motion's band (:func:`spectral_floor`); where the log holds nothing there the residual itself has to
-stand in, and what is called noise is a guess.
+Where nothing repeats, the spectra of torque and positions above the motion's band give
+the noise (:func:`spectral_floor`). Where the log holds nothing there, the residual itself
+has to stand in, and the noise is a guess.
 """
 
 from collections.abc import Callable, Sequence
@@ -45,17 +45,16 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.signals.spectrum import position_noise, torque_spectrum
 from sdp_vs_penalty.signals.standstill import STILL
 
-#: What the noise is known from.
+#: Where the noise is known from.
 REPETITION = "repetition"
 SPECTRUM = "spectrum"
 RESIDUAL = "residual"
-#: How well from the spectrum: .8 to 1.2 of the true floor in our own simulations, .5 to
-#: 1.7 of it in another author's, and .6 to 4.2 of what repetition shows on a real Panda.
-#: In a third author's worlds the torque's part is within a factor of two for 117 of 134
-#: joints, and never too small; the others are base joints that their servos shake. With
-#: the part of the positions, which is noise of the model's torque and not of the sensor,
-#: the floor is up to 40 times the sensor's noise there. It is stated wherever the noise
-#: is.
+#: How well the spectrum shows the noise: .8 to 1.2 of the true floor in our own
+#: simulations, .5 to 1.7 of it in another author's, and .6 to 4.2 of what repetition
+#: shows on a real Panda. In a third author's worlds the torque's part is within a factor
+#: of two for 117 of 134 joints, and never too small; the others are base joints that
+#: their servos shake. The positions' part is noise of the modelled torque, not of the
+#: sensor: with it the floor is up to 40 times the sensor's noise there.
 _HOW_ROUGH = (
     "within a factor of two in simulations, up to four times too large on a real arm;"
     " what encoder steps and an uneven clock make of the modelled torque is in it"
@@ -78,7 +77,7 @@ _FEWEST = 60
 #: between rows and the digits of numbers leave up to 5e-6 of it in logs without noise,
 #: and sensors of arms, behind the same low-pass, 1e-4 and more.
 _LEFT_BY_NUMBERS = 1e-5
-#: What is said where no floor is known.
+#: Shown where no floor is known.
 NOISE_UNKNOWN = "no noise could be measured: no motion repeats, or it repeats exactly"
 
 
@@ -100,9 +99,9 @@ class Noise:
     suspect: Mask
     #: (M, n) factor by which the motion swells the noise, around 1 [-].
     profile: Array
-    #: (M, n) standard deviation of what friction adds while a joint stands still [N m
-    #: or N].
-    held: Array
+    #: (M, n) standard deviation of the unknown friction of a joint that stands still [N
+    #: m or N]; 0 where it moves.
+    standstill_std: Array
     #: Rows whose motion repeats at other instants.
     repeats: tuple[Repeat, ...] = ()
 
@@ -111,13 +110,13 @@ class Noise:
         """(M, n) standard deviation of the noise's innovations in each row [N m or N].
 
         An innovation is the part of the noise that the autoregression does not predict
-        from the rows before. Its variance is (sigma profile)^2 + held^2, plus a_k^2
-        held^2 of the k-th row before for each coefficient a_k: friction of a joint at
-        rest disturbs the predictions of later rows as well.
+        from the rows before. Its variance is (sigma profile)^2 + s^2, with s =
+        ``standstill_std``, plus a_k^2 s^2 of the k-th row before for each coefficient
+        a_k: friction of a joint at rest disturbs the predictions of later rows as well.
         """
-        variance = (self.sigma * self.profile) ** 2 + self.held**2
+        variance = (self.sigma * self.profile) ** 2 + self.standstill_std**2
         for lag, a in enumerate(self.ar.T, start=1):
-            variance[lag:] += (a * self.held[:-lag]) ** 2
+            variance[lag:] += (a * self.standstill_std[:-lag]) ** 2
         return np.sqrt(variance)
 
     @cached_property
@@ -240,7 +239,7 @@ def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
         source=RESIDUAL,
         suspect=np.zeros_like(runs.keep),
         profile=np.ones_like(residual),
-        held=runs.held,
+        standstill_std=runs.standstill_std,
     )
 
 
@@ -269,9 +268,9 @@ def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
     floor, ar, sigma, degrees, events, profiles = zip(*joints, strict=True)
     suspect = np.column_stack(events)
     if shown is not runs:
-        suspect = _carried(suspect, runs, shown)
+        suspect = _suspect_rows_of_windows(suspect, runs, shown)
         repeats = shown.repeats()
-    held, no_law = shown.unexplained_standstill_torque
+    standstill_std, no_law = shown.unexplained_standstill_torque
     suspect &= ~no_law
     return Noise(
         floor=np.array(floor),
@@ -281,7 +280,7 @@ def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
         source=REPETITION,
         suspect=suspect,
         profile=np.column_stack(profiles),
-        held=held,
+        standstill_std=standstill_std,
         repeats=repeats,
     )
 
@@ -398,7 +397,9 @@ class _RepeatedRows:
         return drift / nonzero_or_one(np.linalg.norm(drift, axis=0))
 
 
-def _carried(suspect: Mask, runs: SegmentedRuns, shown: SegmentedRuns) -> Mask:
+def _suspect_rows_of_windows(
+    suspect: Mask, runs: SegmentedRuns, shown: SegmentedRuns
+) -> Mask:
     """Return the suspect rows (M, n) of windows from those of the complete runs.
 
     - ``suspect``: flags of the rows of ``runs``.
@@ -572,8 +573,8 @@ def _floor_of_positions(runs: SegmentedRuns) -> Array:
     twice_derived = (2.0 * np.pi * frequency) ** 4
     # Variance of each joint's filtered acceleration [(rad/s^2)^2 or (m/s^2)^2].
     acceleration = deviation**2 * np.mean(twice_derived * passed)
-    some = np.linspace(0, len(motion.t) - 1, _POSES).astype(np.intp)
-    poses = motion.part(some)
+    evenly_spread = np.linspace(0, len(motion.t) - 1, _POSES).astype(np.intp)
+    poses = motion.part(evenly_spread)
     variance = np.zeros(runs.n)
     for joint in range(runs.n):
         # (_POSES, n) torque of all joints per acceleration of this one.

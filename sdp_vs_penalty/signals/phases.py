@@ -1,9 +1,9 @@
-"""Splits by phase: what a motion repeats never lies on both sides of one.
+"""Splits by phase: repetitions of one motion never lie on both sides of a split.
 
-A run that repeats itself, or another run, holds the same motion several times: cut by
-time, a model would be judged on what it has been fitted to. Every split that the
-program makes goes by the clock of the motion instead: seconds since its beginning,
-modulo its period where it has one, common to all runs that show it. A fold is one
+A run that repeats itself, or another run, holds the same motion several times: if it
+were cut by time, a model would be judged on motion that it has been fitted to. Every
+split that the program makes goes by the clock of the motion instead: seconds since its
+beginning, modulo its period where it has one, common to all its runs. A fold is one
 stretch of every motion's clock; training keeps off it by a guard, because filtered rows
 share samples of the log.
 """
@@ -284,7 +284,7 @@ def phase_windows(
     Parameters
     ----------
     clock : MotionClock
-        Of the run, whose start is its own first instant.
+        The run's clock, which starts at the run's first instant.
     span : float
         How long the run lasts [s].
     share : float
@@ -302,8 +302,8 @@ def phase_windows(
         Windows for training and for testing [s from the run's start]; None where the
         motion is too short, or repeats too fast.
     """
-    # 1. The largest number of parts, each [trained, pause, tested, pause], that leaves
-    # room for training; of the last choice half of a part is enough.
+    # 1. The largest number of parts, each [trained, pause, tested, pause], of which
+    # training keeps six tenths; half, if there is only one part.
     length = float(clock.length if clock.periodic else span)
     for n_parts in range(5, 0, -1):
         part = length / n_parts

@@ -52,8 +52,8 @@ from sdp_vs_penalty.signals.spectrum import (
     smoothed_cutoff,
 )
 
-#: Rows decimated to this multiple of the cut-off: the kernel's stop band starts at 1.4
-#: cut-offs.
+#: Rows are decimated to this multiple of the cut-off: the kernel's stop band starts at
+#: 1.4 cut-offs.
 OVERSAMPLING = 4.0
 #: Columns are computed at this multiple of the cut-off: what they hold above half of it
 #: (reversals of friction, products of states) must not fold back below the cut-off.

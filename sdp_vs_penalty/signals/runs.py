@@ -18,7 +18,8 @@ from sdp_vs_penalty.signals.constants import SAME_PHASE
 #: A joint whose position has at most this standard deviation [rad, m] may be an idle
 #: one's noise.
 _LARGEST_NOISE = 0.01
-#: A servo that holds its joint gives way to the others' motion by at most this share of it.
+#: A joint whose servo holds it gives way to the other joints' motion: it moves by at most
+#: this share of the joint that moves most.
 _HELD = 0.02
 
 
@@ -73,10 +74,10 @@ class Movement:
         """Find the samples of a run at which the arm moves; a joint stands still below
         ``share`` [-] of its largest displacement in half a second."""
         self.t = run.t
-        way = concatenate_chunks(_ways(run))
-        largest = np.max([x.max(axis=0) for _, x in iter_chunks(way)], axis=0)
+        displacement = concatenate_chunks(_displacements(run))
+        largest = np.max([x.max(axis=0) for _, x in iter_chunks(displacement)], axis=0)
         limits = np.where(moving_joints(run), share * largest, np.inf)
-        parts = [np.any(x > limits, axis=1) for _, x in iter_chunks(way)]
+        parts = [np.any(x > limits, axis=1) for _, x in iter_chunks(displacement)]
         self.moves = np.concatenate(parts)
 
     def at(self, t: Array) -> Mask:
@@ -99,7 +100,7 @@ def still_seconds(run: Measurements, movement: Movement) -> float:
     return n_still / sample_rate(run) if n_still else 0.0
 
 
-def _ways(run: Measurements) -> Iterator[Array]:
+def _displacements(run: Measurements) -> Iterator[Array]:
     """Yield the absolute displacement of each joint over the half second around each
     sample, (N, n) chunk by chunk."""
     for _, t in iter_chunks(run.t):

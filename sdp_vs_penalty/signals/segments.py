@@ -54,7 +54,7 @@ _WINDOWS = 4
 
 #: Adds torques to a motion.
 Attach: TypeAlias = Callable[[Motion], Motion]
-#: An effect with its columns, by what makes effects alike.
+#: Effects with their columns, by a key that effects with the same columns share.
 Kept: TypeAlias = dict[Hashable, tuple[Effect, list[Block]]]
 
 
@@ -272,21 +272,21 @@ class SegmentedRuns:
         )
 
     @cached_property
-    def held(self) -> Array:
+    def standstill_std(self) -> Array:
         """(M, n) standard deviation of the unknown friction torque of a joint that
         stands still [N m or N].
 
         Dry friction of a joint at rest may have any value up to its size. The size is
-        estimated by the root mean square of the torque without the links' share; it is
-        multiplied by the share of the row that is standstill.
+        estimated by the root mean square of the torque, less that of the links if a
+        model is attached; each row has it times its share of standstill.
         """
-        links = [
-            s.low_pass @ s.motion.link_torque for s in self.segments if s.motion.current
-        ]
-        friction = self.torque - np.concatenate(links) if links else self.torque
+        friction = self.torque
+        if all(s.motion.current for s in self.segments):
+            links = [s.low_pass @ s.motion.link_torque for s in self.segments]
+            friction = friction - np.concatenate(links)
         n_rows = np.maximum(self.keep.sum(axis=0), 1)
-        square = np.sum(self.keep * friction**2, axis=0) / n_rows
-        return np.sqrt(square) * self.still
+        mean_square = np.sum(self.keep * friction**2, axis=0) / n_rows
+        return np.sqrt(mean_square) * self.still
 
     @cached_property
     def steps(self) -> Array:
@@ -323,7 +323,7 @@ class SegmentedRuns:
         (M, n) array of bool
             Rows at standstill to which no law of friction applies.
         """
-        held = np.zeros_like(self.still)
+        standstill_std = np.zeros_like(self.still)
         stuck = np.zeros(self.still.shape, bool)
         for j, share in enumerate(self.still.T):
             keep = self.keep[:, j]
@@ -334,9 +334,9 @@ class SegmentedRuns:
                 std, no_law = unexplained_standstill_torque(
                     self.residual[keep, j], laws[keep], share[keep]
                 )
-                held[:, j] = std * share
+                standstill_std[:, j] = std * share
                 stuck[:, j] = no_law & (share > STILL)
-        return held, stuck
+        return standstill_std, stuck
 
     @cached_property
     def keep(self) -> Mask:
@@ -473,7 +473,7 @@ def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
     stride = filters.stride
     count = (part.count - 2 * state.half + stride - 1) // stride
     # Rows begin where both low-passes are filled: that of the columns, and that of the
-    # torque.
+    # torque, rounded up to the column grid.
     half = max(filters.coarse.half, -((state.half - column.half) // stride))
     # Half as many as a regression has; on the dense grid twice as many.
     step = filters.step(0.5 * OVERSAMPLING) // stride
@@ -485,7 +485,6 @@ def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
     rows = np.arange(half, count - half, step)
     dense = np.arange(half, count - half, dense_step)
     low_pass = Decimator(filters.coarse, rows)
-    low_dense = Decimator(filters.coarse, dense)
 
     keep = filters.movement.at(motion.t[rows])
     if not keep.any():
@@ -503,7 +502,7 @@ def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
         still=cache(leakage),  # most logs never ask for it
         low_pass=low_pass,
         torque_dense=filters.torque(part, grid[dense]),
-        dense=low_dense,
+        dense=Decimator(filters.coarse, dense),
     )
 
 

@@ -21,10 +21,10 @@ from sdp_vs_penalty.signals.runs import Stretch, moving_joints, no_motion, split
 _FEWEST_SAMPLES = 16
 #: Degree of the polynomial that is taken out of each window of torque or position.
 _DEGREE = 3
-#: Share of white noise that a window keeps without its polynomial, from which on its
-#: spectrum at a frequency is used.
+#: A frequency is used if a window without its polynomial keeps at least this share of
+#: the power of white noise there.
 _PASSED = 0.5
-#: Power of quiet windows over that of a fit, below which they contradict it.
+#: Quiet windows contradict a fit where they hold less than this share of its power.
 _CONTRADICTED = 0.8
 #: Power of 1 % of an amplitude, as a share of the largest [-].
 _SMALLEST_POWER = 1e-4
@@ -94,7 +94,7 @@ def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
     pieces = [part.resampled(values, start, start + length) for start in starts]
     spectra = [periodograms(piece, length)[0] for piece in pieces]
     frequency = np.asarray(np.fft.rfftfreq(length, part.dt), float)
-    return (np.mean(spectra, axis=0)), frequency
+    return np.mean(spectra, axis=0), frequency
 
 
 def periodograms(x: Array, length: int, degree: int = 0) -> Array:
@@ -152,6 +152,7 @@ def sharpest_cutoff(
     highest : float
         The highest cut-off that is tried [Hz].
     """
+    # From the highest cut-off down, in steps of a quarter of an octave or less.
     n_octaves = np.log2(max(min(c.WIDER, highest / torque_cutoff), 1.0))
     widths = 2.0 ** np.linspace(n_octaves, 0.0, 1 + int(np.ceil(4.0 * n_octaves)))
     spectra = [_PositionSpectrum.from_run(run) for run in runs]
@@ -385,8 +386,8 @@ def _lowered_to_quiet_windows(spectrum: Array, quiet: Array) -> Array:
     """Lower a fitted spectrum of noise (n, F) where quiet windows (n, F) hold less.
 
     Whatever quiet windows hold is noise and perhaps more, so that the noise is at most
-    that. The fit is to frequencies above the motion. Below them it promises too much
-    where the drive has filtered its torque: noise behind a low-pass is flat there.
+    that. The fit is to frequencies above the motion. Below them it is too large where
+    the drive has filtered its torque: noise behind a low-pass is flat there.
     """
     passed = _passed_by_windows(2 * (quiet.shape[1] - 1))
     # Below this frequency the polynomial of a window has taken so much of its power that
@@ -399,8 +400,8 @@ def _lowered_to_quiet_windows(spectrum: Array, quiet: Array) -> Array:
     ratio = scipy.ndimage.uniform_filter1d(ratio, 3, axis=1, mode="nearest")
     lowered = spectrum.copy()
     lowered[:, first_used:] *= np.minimum(ratio, 1.0)
-    # A fit that is wrong at some frequency is not trusted at those that say little: what
-    # it has at the first used one holds below, unless the fit falls there.
+    # A fit that is wrong at some frequency is not trusted below the first used one: its
+    # power there is at most that at the first used one.
     is_wrong = ratio.min(axis=1) < _CONTRADICTED
     flat = np.minimum(lowered[:, :first_used], lowered[:, [first_used]])
     lowered[is_wrong, :first_used] = flat[is_wrong]

@@ -21,10 +21,10 @@ from sdp_vs_penalty.signals.runs import Stretch
 
 #: Positions are alike within so many standard deviations of their own noise.
 _ALIKE = 4.0
-#: Share of a row that a standstill may reach before the row counts as one.
+#: A row counts as standstill if more than this share of it comes from one.
 STILL = 0.01
-#: Rows of which more than this comes from a slow joint show how its dry friction turns
-#: round as well.
+#: A row counts as slow if more than this share of it comes from a slow joint: it then
+#: also shows how dry friction turns round.
 SLOW = 0.1
 
 
@@ -84,13 +84,14 @@ def is_still(q: Array) -> Mask:
     # Windows of 2 half + 1 samples, each half again as long as the last.
     while half < 0.1 * len(q) and len(joints):
         quiet = _spread(positions, half) <= 2.0 * step[joints]
-        some = quiet.any(axis=1)  # the others are not quiet for longer either
-        joints = joints[some]
-        positions = positions[some]
+        # A joint without a quiet window has no longer quiet window either.
+        has_quiet = quiet.any(axis=1)
+        joints = joints[has_quiet]
+        positions = positions[has_quiet]
         # In three times the time a moving joint comes 9 times as far where it turns
         # round, and 27 times where its velocity passes through zero. Farther: it stood.
         is_far = _displacement(positions, 3 * half) > 3**3 * step[joints]
-        stood = (quiet[some] & is_far).astype(np.uint8)
+        stood = (quiet[has_quiet] & is_far).astype(np.uint8)
         near = np.pad(stood, ((0, 0), (half, half)))
         still[joints] |= sliding(np.maximum, near, 2 * half + 1) > 0
         half = max(half + 1, 3 * half // 2)

@@ -306,7 +306,7 @@ class Experiment:
     def _validation_run(self, number: int, seed: int) -> Measurements:
         """Simulate the measurement of random trajectory ``number``, from 0."""
         count, duration = self.validation
-        # Apart from the training ones, noise included, at any seed.
+        # Far from the seeds of training runs: neither motion nor noise is the same.
         run_seed = 100_000 + count * seed + number
         return simulate(
             random_trajectory(self.problem.robot, run_seed, duration),

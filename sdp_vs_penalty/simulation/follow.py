@@ -1,8 +1,8 @@
-"""A model run forward along measured runs: how far ahead it says where the arm will be.
+"""A model simulated along measured runs: how well it predicts where the arm will be.
 
-Windows of a tenth of a second are started from the measured state and driven by the
-measured torque, a sample or 2.5 ms a step; the free run is started once. With
-``drive="servo"`` the command drives it, through the identified law of its servos. With
+Windows of a tenth of a second start from the measured state, and the measured torque
+drives them, in steps of a sample or at most 2.5 ms. The free run starts once. With
+``drive="servo"`` the command drives the arm, through the identified law of its servos. With
 ``drive="pd"`` a proportional and derivative loop on the measured motion acts beside the
 measured torque, so that the arm stays with it: what the loop has to add is then the
 model's error as a torque.
@@ -87,8 +87,8 @@ class Ahead(JsonRecord):
 
 @dataclass(frozen=True)
 class FreeRun(JsonRecord):
-    """One run, simulated from its first state until it leaves the measured motion or
-    that ends."""
+    """One run, simulated from its first state until it leaves the measured motion, or
+    the measured motion ends."""
 
     derived = ("run",)
 
@@ -127,7 +127,7 @@ class FreeRun(JsonRecord):
 
 @dataclass(frozen=True, repr=False)
 class Following(Record, JsonRecord):
-    """What a model run forward makes of measured runs."""
+    """Errors of a model that is simulated along measured runs."""
 
     derived = ("verdict", "facts")
 
@@ -141,7 +141,7 @@ class Following(Record, JsonRecord):
     ahead: Ahead = field(metadata=stored_as("ahead_position"))
     #: Each run, simulated from its first state.
     free: tuple[FreeRun, ...] = field(metadata=stored_as("free_run"))
-    #: Effects that have no forward meaning here.
+    #: Effects that the simulation leaves out.
     left_out: tuple[str, ...]
 
     @property
@@ -215,7 +215,7 @@ class Following(Record, JsonRecord):
     @property
     def _shown_free_run(self) -> FreeRun | None:
         """The first run, which stands for all free runs; None where it was stopped before
-        its end, so that no two places show free runs of other lengths."""
+        its end, so that no two places show free runs of different lengths."""
         free = self.free[0]
         return None if free.cut else free
 
@@ -427,6 +427,7 @@ def follow(
         most_steps = None
         if steps is not None:
             most_steps = 1 + steps // (len(courses) * ride.substeps)
+        # A servo loop simulates the model itself only, so that it has no band.
         parameters = samples[:1] if servo else samples
         free.append(_free_run(estimate, parameters, ride, most_steps))
     return Following(

@@ -1,7 +1,7 @@
 """The verb ``simulate``: runs in which effects are hidden, for finding them again.
 
-20 s of a motion that repeats after two thirds, noise as on the real arm: the problem's
-own arm as a world, with what worlds can hide.
+A run is 20 s of a motion that repeats after two thirds of it, with the sensor noise of
+the problem's experiment. The world is the problem's own arm.
 """
 
 import hashlib
@@ -46,7 +46,8 @@ from sdp_vs_penalty.simulation.worlds.world import (
     World,
 )
 
-DURATION = 20.0  # s of each run
+#: Length of a run [s].
+DURATION = 20.0
 #: The blends into and out of the motion, which the log leaves out.
 _BLEND = 0.7
 #: The files of a folder of simulated runs; the last run is meant as the test run.
@@ -59,7 +60,7 @@ class HiddenRuns(Shown):
 
     #: The robot as it is known.
     problem: Problem
-    #: The robot as it is.
+    #: The true robot.
     world: World
     #: Runs as they are logged.
     runs: tuple[Measurements, ...]
@@ -256,7 +257,7 @@ def true_world(
     size = np.full(robot.n, _SMALL_FRICTION)
     if setup.friction is not None:
         size = np.abs(setup.friction[:, 0])
-    # All are drawn, whether they act or not: each has the same random numbers then.
+    # All are drawn, whether they act or not, so that each keeps its random numbers.
     drawn = {
         standard_effect("friction").name: size * rng.uniform(0.5, 1.5, robot.n),
         standard_effect("damping").name: size * rng.uniform(0.2, 0.8, robot.n),
@@ -441,7 +442,7 @@ def _sized_effects(
             if given:
                 unsized = _with_constants(unsized, given, problem, links)
         else:
-            unsized = _of_its_own_file(kind(problem.robot, [joint], **given), links)
+            unsized = _hidden_by_its_class(kind(problem.robot, [joint], **given), links)
         sized = unsized.sized(world, motions, factor)
         if sized is not unsized:
             sized_effects.append(sized)
@@ -456,9 +457,9 @@ def _sized_effects(
 def _with_constants(
     drawn: Hidden, given: Mapping[str, float], problem: Problem, links: Array
 ) -> Hidden:
-    """Return an effect with the shape constants that were given and the others as drawn,
-    by its own file. Raises InputError for a constant that is not drawn, or that depends
-    on a law that is drawn."""
+    """Return an effect with the shape constants that were given, and the others as they
+    were drawn; its torque comes from the library's class. Raises InputError for a
+    constant that is not drawn, or that depends on a law that is drawn."""
     kind = effect_types()[drawn.effect]
     known = () if kind.joins else tuple(drawn.shape)
     if unknown := sorted(given.keys() - known):
@@ -467,13 +468,12 @@ def _with_constants(
             f"choose {formatting.words(known)}" if known else "leave it out",
         )
     effect = kind(problem.robot, drawn.joints, **{**drawn.shape, **given})
-    return replace(_of_its_own_file(effect, links), channel=drawn.channel)
+    return replace(_hidden_by_its_class(effect, links), channel=drawn.channel)
 
 
-def _of_its_own_file(effect: Effect, links: Array) -> Hidden:
-    """Hide an effect of which the tables of worlds have no maker: by the second
-    statement of its law in its file, else by its own columns, each of its parameters as
-    large as its size. ``links`` (n, 10) are the true ones."""
+def _hidden_by_its_class(effect: Effect, links: Array) -> Hidden:
+    """Hide an effect whose torque comes from the library's class (:func:`_torque_of`),
+    because no maker has these constants; ``links`` (n, 10) are the true ones."""
     number = 1.0 if len(effect.parameters) == 1 else None
     change = partial(_torque_of, effect, CurrentModel(effect.robot, links))
     return Hidden(effect.joints, change, number, shape=effect.shape, effect=effect.name)
@@ -482,12 +482,15 @@ def _of_its_own_file(effect: Effect, links: Array) -> Hidden:
 def _torque_of(
     effect: Effect, true: CurrentModel, world: World, motion: TrueMotion, size: float
 ) -> Array:
-    """Return the torque (N, n) of an effect of a size, each of its parameters as large:
-    by the second statement of its law where there is one, else by its columns on the
-    true robot: its links, its torque without the effect, its temperature."""
+    """Return the torque (N, n) of an effect whose parameters all equal ``size``.
+
+    It comes from the class's ``hidden_torque``, a second statement of the law; without
+    one, from the effect's columns on the true robot (its links, its torque without the
+    effect, its temperature).
+    """
     law = type(effect).hidden_torque
     if law is None:
-        seen = Motion(
+        true_motion = Motion(
             motion.t,
             motion.q,
             motion.dq,
@@ -496,7 +499,7 @@ def _torque_of(
             current=true,
             temperature=world.temperature(motion.t),
         )
-        return effect.torque(np.full(len(effect.parameters), size), seen)
+        return effect.torque(np.full(len(effect.parameters), size), true_motion)
     torque = np.zeros_like(motion.q)
     for joint in effect.joints:
         sign = world.share(motion)[:, joint]
@@ -546,5 +549,7 @@ def _measure(
     )
     run = full_run.window(_BLEND, _BLEND + DURATION)
     clock = run.t + _start(k)
-    warm = any(effect_types()[h.effect].needs_temperature for h in hidden)
-    return replace(run, t=clock, temperature=world.temperature(clock) if warm else None)
+    temperature = None
+    if any(effect_types()[h.effect].needs_temperature for h in hidden):
+        temperature = world.temperature(clock)
+    return replace(run, t=clock, temperature=temperature)

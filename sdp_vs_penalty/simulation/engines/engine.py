@@ -1,5 +1,5 @@
-"""What a physics engine is asked: to load a robot, to say its torques, and to follow
-joint velocities.
+"""The base class of physics engines: an engine loads a robot, computes its torques, and
+follows joint velocities.
 
 A file in this folder that defines a subclass of :class:`Engine` is its registration.
 The robot reaches an engine the way a user would bring it there: as the URDF or MJCF

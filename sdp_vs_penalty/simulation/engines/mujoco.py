@@ -10,9 +10,9 @@ from sdp_vs_penalty.simulation.engines.engine import Array, Engine
 
 
 class MuJoCo(Engine):
-    """Loaded from our MJCF. It has no kinematic motor: over each step acts the torque
-    with which its own inverse dynamics (in discrete time) reaches the commanded
-    velocity, and its forward dynamics moves the robot."""
+    """Loaded from our MJCF. It has no kinematic motor: in each step its own inverse
+    dynamics (in discrete time) gives the torque that reaches the commanded velocity,
+    and its forward dynamics moves the robot with that torque."""
 
     name = "MuJoCo"
     package = "mujoco"

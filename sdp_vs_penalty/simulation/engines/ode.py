@@ -50,7 +50,8 @@ _TYPES |= {"D": POINTER(c_double), "M": POINTER(_Mass), "F": POINTER(_Feedback)}
 #: dParamFMax and dParamVel of ode/common.h: largest force and velocity of a motor.
 _MAX_FORCE = 5
 _VELOCITY = 2
-#: Of the functions used the type returned, then those of the arguments.
+#: The C functions that are used, by signature: the letter of the returned type, then
+#: those of the arguments.
 _SIGNATURES = {
     "p": "dWorldCreate",
     "pp": "dBodyCreate",
@@ -108,10 +109,8 @@ class Ode(Engine):
 
     @classmethod
     def version(cls) -> str | None:
-        """Return the version of libode; None if it is not installed.
-
-        The library does not tell its version, but its file name does.
-        """
+        """Return the version of libode, which only its file name tells; None if it is
+        not installed."""
         return None if _library() is None else "0.16 (libode8)"
 
     def load(self) -> None:

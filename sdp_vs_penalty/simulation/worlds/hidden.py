@@ -1,8 +1,8 @@
-"""What can be hidden in a world: a change of its torque, what the library should call
-it, and how large.
+"""Effects that can be hidden in a world: the torque that each adds, the library's name
+of it, and its size.
 
-Names, symbols and signs are those that ``sdp-vs-penalty list effects`` prints; the
-equations are stated here a second time, on the true motion and the true robot, as in
+Names, symbols and signs are those that ``sdp-vs-penalty list effects`` prints. The
+equations are written here a second time, for the true motion and the true robot, from
 the sources that are named.
 """
 
@@ -30,8 +30,9 @@ from sdp_vs_penalty.simulation.worlds.world import (
 
 #: Maps a world, its motion and a size to the added torque (N, n), or to a shift (N,).
 Change = Callable[[World, TrueMotion, float], Array]
-#: Makes an effect for a world and a joint (from 0), with random constants. When the effect
-#: changes a world, this may hold the torque of other effects as well.
+#: Makes an effect for a world (``made_for``) and a joint (from 0), with random constants;
+#: some makers need only a part of this. The ``world`` in which the effect acts later may
+#: also hold the torque of other effects.
 Maker = Callable[[World, int, np.random.Generator], "Hidden"]
 
 #: Root mean square of the hidden torque over the raw noise of the joint that it moves
@@ -144,14 +145,15 @@ def make_hidden(name: str, world: World, joint: int, rng: Generator) -> Hidden:
     Hidden
         The effect, which can be pickled.
     """
-    made_of = world, joint, deepcopy(rng)  # as it is before it is drawn from
+    made_of = world, joint, deepcopy(rng)  # before the maker draws from it
     return replace(MAKERS[name](world, joint, rng), effect=name, made_of=made_of)
 
 
 def _made_again(
     name: str, made_of: tuple[World, int, Generator], size: float
 ) -> Hidden:
-    """Make an effect of a size as it was made before; ``made_of`` stays as it is."""
+    """Make an effect again from what it was made of, which does not change; ``size`` is
+    its size."""
     return replace(make_hidden(name, *deepcopy(made_of)), size=size)
 
 
@@ -231,9 +233,11 @@ def plain(
     def make(world: World, joint: int, rng: np.random.Generator) -> Hidden:
         """Make the effect on one joint (from 0), with its sign drawn if the torque is
         signed."""
-        side = float(rng.choice([-1.0, 1.0])) if signed else 1.0
+        direction = float(rng.choice([-1.0, 1.0])) if signed else 1.0
         return at_joint(
-            joint, lambda world, motion: side * law(world, joint, motion), side
+            joint,
+            lambda world, motion: direction * law(world, joint, motion),
+            direction,
         )
 
     return make
@@ -633,7 +637,7 @@ def _position(made_for: World, joint: int, rng: Generator) -> Hidden:
     )
 
 
-#: By the library's name of each.
+#: Laws of friction, by the library's name of the effect.
 FRICTION: Mapping[str, Maker] = {
     "viscous_friction": plain(lambda world, joint, motion: motion.dq[:, joint]),
     "coulomb_friction": plain(sign),
@@ -750,8 +754,8 @@ def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
     """Make a delay of torque channels against the positions: the added torque is tau(t
     - size) - tau(t), and the size is the delay [s].
 
-    The torque of the joints ``channels`` (from 0) is late; the effect is said to act on
-    ``joints``, () for the whole robot.
+    The torque of the joints ``channels`` (from 0) is late; the truth names ``joints``,
+    () for the whole robot.
     """
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
@@ -772,10 +776,10 @@ def _filter(made_for: World, joint: int, rng: Generator) -> Hidden:
 
     def change(world: World, motion: TrueMotion, T: float) -> Array:
         """Return the added torque (N, n) [N m, N] at this size."""
-        # Effects are sized on a coarse grid, where a filter is read from a finer one.
+        # The motion's grid may be too coarse for a filter of some milliseconds: effects
+        # are sized at 200 Hz. So the filter runs on a grid of 0.25 ms or finer.
         step = min(float(motion.t[1] - motion.t[0]), 0.25e-3)
         t = np.arange(motion.t[0], motion.t[-1], step)
-        # Filter on the fine grid, then return to the motion's instants.
         tau = world.torque(motion)
         fine = _resample(t, motion.t, tau)
         passed = first_order(fine, float(t[1] - t[0]), T)
@@ -946,8 +950,8 @@ def _tilt(made_for: World, joint: int, rng: Generator) -> Hidden:
     def change(world: World, motion: TrueMotion, size: float) -> Array:
         """Return the added torque (N, n) [N m, N] at this size."""
         tilted = pin.Model(world.built)
-        across = size * np.array([np.cos(angle), np.sin(angle), 0.0])
-        tilted.gravity.linear = world.built.gravity.linear + across
+        horizontal = size * np.array([np.cos(angle), np.sin(angle), 0.0])
+        tilted.gravity.linear = world.built.gravity.linear + horizontal
         return world.rigid(motion, tilted) - world.rigid(motion)
 
     return Hidden((), change, 1.0, size=0.1)
@@ -1012,7 +1016,7 @@ def _misplaced(made_for: World, joint: int, rng: Generator) -> Hidden:
 
 #: Dahl's friction over a travel that hardly shows.
 _stiction = partial(_presliding, low=0.0005, high=0.001)
-#: What shows only against a model that is kept as it is.
+#: Effects that show only against a model that is kept fixed: fitted links absorb them.
 FROZEN: Mapping[str, Maker] = {"payload": _payload}
 #: Springs, of joints and of gears, and mixed channels, that no class of the challenge
 #: draws.
@@ -1024,8 +1028,9 @@ SPRINGS: Mapping[str, Maker] = {
     "gear_error": _gear_error,
     "torque_crosstalk": _crosstalk,
 }
-#: What a diagnosis meets as a nuisance.
+#: Effects that a diagnosis treats as nuisances.
 NUISANCE: Mapping[str, Maker] = {"kinematic_error": _misplaced, "stiction": _stiction}
+#: Effects of joints, torque channels and the base that are no friction.
 MACHINE: Mapping[str, Maker] = {
     "joint_spring": plain(lambda world, joint, motion: motion.q[:, joint]),
     "torque_offset": plain(
@@ -1044,7 +1049,7 @@ MACHINE: Mapping[str, Maker] = {
     "base_tilt": _tilt,
     "external_wrench": _wrench,
 }
-#: Whatever can be hidden, by the name of the library's effect.
+#: All effects that can be hidden, by the library's name.
 MAKERS: Mapping[str, Maker] = dict(
     sorted({**FRICTION, **MACHINE, **FROZEN, **SPRINGS, **NUISANCE}.items())
 )

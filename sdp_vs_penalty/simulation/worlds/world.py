@@ -17,8 +17,8 @@ from sdp_vs_penalty.robot.arrays import Array, Mask
 
 @dataclass(frozen=True)
 class Arm:
-    """A robot in Pinocchio: the positions of its L joints are follows q + shift, of
-    those q (n,) that move by themselves."""
+    """A robot in Pinocchio: the positions of its L joints are follows q + shift, with
+    the positions q (n,) of those joints that move by themselves."""
 
     #: Pinocchio's model.
     model: Any
@@ -105,14 +105,15 @@ def inverse_dynamics(model: Any, q: Array, dq: Array, ddq: Array) -> Array:
     return np.array([pin.rnea(model, data, *state) for state in states])
 
 
-PAUSE = 30.0  # s between runs
+#: Time between two runs [s].
+PAUSE = 30.0
 
 
 @dataclass(frozen=True)
 class TrueMotion:
     """Motion of the motors, which the encoders show."""
 
-    #: (N,) instants on the clock of the sitting [s].
+    #: (N,) instants since the first run began [s].
     t: Array
     #: (N, n) positions [rad, m].
     q: Array
@@ -124,7 +125,7 @@ class TrueMotion:
 
 @dataclass(frozen=True)
 class DryFriction:
-    """Dry friction tanh(dq / width); other laws are the challenge's."""
+    """Dry friction tanh(dq / width); subclasses of the challenge have other laws."""
 
     #: (n,) velocity over which friction changes its sign [rad/s or m/s].
     width: Array
@@ -223,9 +224,9 @@ def _step_of_bristles(
 
 @dataclass(frozen=True)
 class World:
-    """A simulated robot as it is."""
+    """The true robot of a simulation."""
 
-    #: The robot as the URDF says.
+    #: The robot as its file describes it.
     arm: Arm
     #: Pinocchio's model of the robot as it was built.
     built: Any
