@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import pairwise, starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, get_args
 
@@ -611,8 +611,8 @@ class Diagnosis(Record, JsonRecord):
     #: What the check calls likely of the log, with the repair; nothing is sure beside
     #: it. None where a finding states the same.
     log_faults: tuple[Remedy, ...] = ()
-    #: The errors with what each remedy adds, and with all that helps; none in files of
-    #: older versions.
+    #: The errors with what each remedy adds; where a test run judged, with the first
+    #: findings of the list too. None in files of older versions.
     errors_with: tuple[ErrorWith, ...] = ()
 
     def __post_init__(self) -> None:
@@ -761,32 +761,26 @@ class Diagnosis(Record, JsonRecord):
         texts = (*(r.text for r in self.retuned), *(f.text for f in self.effects))
         steps = [*(f.held_out_rmse_before for f in self.effects), self.held_out_rmse]
         firsts = [texts[: len(self.retuned) + k] for k in range(len(steps))]
-        searched = {x.effects: x.rmse for x in self.errors_with}
-        searched = dict(zip(firsts, steps, strict=True)) | searched
+        searched = dict(zip(firsts, steps, strict=True))
+        searched |= {x.effects: x.rmse for x in self.errors_with}
         helpful = tuple(f.text for f in self.helpful)
-        of_model = _ratio(before, self.held_out_rmse_before)
-        of_helpful = of_model
-        if helpful in searched:
-            of_helpful = _ratio(after, searched[helpful])
+        scale = _ratio(before, self.held_out_rmse_before)
+        of_helpful = _ratio(after, self.held_out_rmse_with_helpful)
         judged = {
-            added: rmse * (of_helpful if {*helpful} <= {*added} else of_model)
+            added: rmse * (of_helpful if {*helpful} <= {*added} else scale)
             for added, rmse in searched.items()
         }
         judged[helpful] = after
-        additions = [*(x.effects for x in self.errors_with), helpful]
+        effects = tuple(
+            replace(f, held_out_rmse_before=judged[x], held_out_rmse_after=judged[y])
+            for f, (x, y) in zip(self.effects, pairwise(firsts), strict=True)
+        )
         return replace(
             self,
             held_out_rmse_before=before,
-            held_out_rmse=judged[firsts[-1]],
-            errors_with=tuple(
-                ErrorWith(x, judged[x]) for x in filter(None, dict.fromkeys(additions))
-            ),
-            effects=tuple(
-                replace(
-                    f, held_out_rmse_before=judged[x], held_out_rmse_after=judged[y]
-                )
-                for f, (x, y) in zip(self.effects, pairwise(firsts), strict=True)
-            ),
+            held_out_rmse=judged[texts],
+            errors_with=tuple(starmap(ErrorWith, judged.items())),
+            effects=effects,
         )
 
     def error_with(self, found: Sequence[Finding | Retune]) -> Array | None:
