@@ -1104,13 +1104,17 @@ class Diagnosis(Record, JsonRecord):
         main, sure = self.main_finding, self.sure
         after = self.error_with(sure)
         if main in sure and len(sure) > 1 and after is not None:
-            named = named_on_joints(sure)
+            findings = [f for f in self.in_order_of_reading if f in sure]
+            constants = [f for f in sure if isinstance(f, Retune)]
+            named = named_on_joints([*findings, *constants])
             which: str | list[int] = "helpful"
             counted = f"the {len(sure)} that help"
             if len(sure) < len(self.helpful):
-                which = [f.number for f in sure if isinstance(f, Finding)]
+                which = [f.number for f in findings]
                 counted = f"the {len(sure)} surest"
-            names = named.split("; ")
+            names = named_on_joints(findings).split("; ")
+            if constants:
+                names.append(constants_in_words(constants))
             if len(names) <= _MOST_ON_A_BUTTON:
                 counted = formatting.words(names)
             return self._remedy_of(sure, named, f"add {counted}", which, after)
@@ -1447,6 +1451,12 @@ def named_on_joints(findings: Sequence[Finding | Retune]) -> str:
             name += f" on {formatting.joints(sorted(joints))}"
         names.append(name)
     return "; ".join(names)
+
+
+def constants_in_words(constants: Sequence[Retune]) -> str:
+    """Count constants of the model's own effects that should have other values."""
+    count = formatting.count(len(constants), "constant")
+    return f"{count} of the model at {'another value' if len(constants) == 1 else 'other values'}"
 
 
 def load_diagnosis(path: str | Path) -> Diagnosis:

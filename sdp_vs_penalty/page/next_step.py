@@ -13,7 +13,12 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.diagnosis.constants import MINOR
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, named_on_joints
+from sdp_vs_penalty.diagnosis.findings import (
+    Diagnosis,
+    Finding,
+    constants_in_words,
+    named_on_joints,
+)
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
@@ -374,16 +379,15 @@ def _to_add(
     more = spoken(diagnosis.cause)
     model = session.current
     worst = model.worst_joint
-    text = _in_one_line(diagnosis, texts) or in_brief(more)
-    if len(set().union(*map(joints_of, texts))) > 1:
-        text = f"{text.rstrip('.')}; worst joint {worst}."
+    text, beside = _in_one_line(diagnosis, texts)
+    text = text or in_brief(more)
     if level == "good":
         text = f"Good already. Still to be won: {text}"
     text = formatting.sentence(text)
     if texts and all(map(session.is_of_held_model, texts)):
         text = f"Since then changed, beside what the model has: {text}"
         return _identify_again(session, text, level, more)
-    number = ""
+    numbers = [beside]
     lacking = model.files_lacking(FILES, texts)
     is_idle = level == "good" and {*FILES} - {*lacking} == {"report.html", "model.json"}
     if remedy.before is not None and remedy.after is not None:
@@ -396,14 +400,15 @@ def _to_add(
         if over is not None and over[worst - 1] > ABOVE_NOISE:
             left = formatting.number(float(over[worst - 1]))
             number += f"; joint {worst} keeps {left} times its noise"
+        numbers.append(number)
     if lacking:
-        number += f". No place for it in {formatting.words(lacking)}"
+        numbers.append(f"No place for it in {formatting.words(lacking)}")
     do = partial(session.start, session.apply, change.to_dict())
     label = label_of(change.words)
     said: dict[str, Any] = {
         "text": text,
         "level": level,
-        "number": number,
+        "number": ". ".join(filter(None, numbers)),
         "more": more,
     }
     if is_idle and "report.html" not in session.taken:
@@ -437,31 +442,34 @@ def _rest_to_add(session: Session) -> NextStep | None:
 _MOST_NAMED = 3
 
 
-def _in_one_line(diagnosis: Diagnosis, texts: Collection[str]) -> str:
-    """Return a sentence that names what is added by its ``texts``, each with how sure that
-    is, as its card does; of a single finding what it is on the arm; "" for what the
-    diagnosis did not find."""
+def _in_one_line(diagnosis: Diagnosis, texts: Collection[str]) -> tuple[str, str]:
+    """Return a sentence on what counts of what is added by its ``texts``, each with how
+    sure that is, as its card does, and one on what is added beside it: first what the main
+    finding is on the arm. Both are "" for what the diagnosis did not find."""
     constants = [f for f in diagnosis.retuned if f.text in texts]
     alike = dict[tuple[str, str], list[Finding]]()
+    main = ""
     for finding in diagnosis.in_order_of_reading:
         words = describe_finding(finding, diagnosis)
         if finding.text in texts and not words.said_by:
             badge = "" if words.badge in SURE else f"{words.badge}: "
             those = diagnosis.only_in_sum(finding) or (finding,)
-            alike.setdefault((badge, finding.effect), []).extend(those)
-            if {*texts} == {f.text for f in those} and not (
-                finding.size_may_be_zero and len(those) == 1
-            ):
+            if alike or main or (finding.size_may_be_zero and len(those) == 1):
+                alike.setdefault((badge, finding.effect), []).extend(those)
+            else:
                 on_the_arm = words.on_the_arm.removeprefix(ON_THE_ARM)
-                return f"{badge}{in_brief(on_the_arm)}"
+                main = f"{badge}{in_brief(on_the_arm)}"
     parts = [f"{badge}{named_on_joints(x)}" for (badge, _), x in alike.items()]
     if constants:
-        parts.append(f"{named_on_joints(constants)}, estimated again")
+        parts.append(constants_in_words(constants))
     if more := parts[_MOST_NAMED:]:
         doubts = {badge.rstrip(": ") for badge, _ in [*alike][_MOST_NAMED:] if badge}
         others = f"and others ({', '.join(sorted(doubts))})".removesuffix(" ()")
         parts[-len(more) :] = [others]
-    return "; ".join(parts) + "." * bool(parts)
+    listed = "; ".join(parts)
+    if not main:
+        return f"{listed}." * bool(listed), ""
+    return main, f"Beside it: {listed}" * bool(listed)
 
 
 def _taken(session: Session) -> str:
@@ -474,8 +482,9 @@ def _taken(session: Session) -> str:
     change = changes_in_words(session, below.worst_joint, before, after)
     change = formatting.sentence(change)
     diagnosis = session.findings
-    added = diagnosis and _in_one_line(diagnosis, step.added)
-    return f"Added. {formatting.sentence(added)} {change}" if added else change
+    texts = _in_one_line(diagnosis, step.added) if diagnosis else ()
+    added = [formatting.sentence(text.rstrip(".")) for text in texts if text]
+    return ". ".join(["Added", *added, change] if added else [change])
 
 
 def _decided_joints(remedy: Mapping[str, Any]) -> set[int]:

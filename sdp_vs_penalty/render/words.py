@@ -185,12 +185,17 @@ def _brief_gain(finding: Finding, diagnosis: Diagnosis) -> str:
     the change: "joint 3's error: 0.0979 → 0.00376 N m, -96 %"."""
     joint = finding.main_joint
     before, after = (float(rmse[joint - 1]) for rmse in diagnosis.errors_of(finding))
-    amounts = formatting.amounts([before, after], diagnosis.torque_unit(joint))
-    text = f"joint {joint}'s error: {amounts}, {formatting.change_of(before, after)}"
+    text = _fall(joint, before, after, diagnosis)
     with_all = float(diagnosis.held_out_rmse_with_helpful[joint - 1])
     if after > (1.0 - MINOR) * before and finding in diagnosis.helpful:
         text += f"; with all that helps {formatting.change_of(before, with_all)}"
     return text
+
+
+def _fall(joint: int, before: float, after: float, diagnosis: Diagnosis) -> str:
+    """Return how a joint's error changes [N m or N], as :func:`_brief_gain` says it."""
+    amounts = formatting.amounts([before, after], diagnosis.torque_unit(joint))
+    return f"joint {joint}'s error: {amounts}, {formatting.change_of(before, after)}"
 
 
 def _against(doubt: str) -> tuple[tuple[str, bool], ...]:
@@ -321,15 +326,17 @@ def _shared_doubt(findings: Sequence[Finding]) -> str:
     )
 
 
-def describe_constant(constant: Retune) -> FindingWords:
+def describe_constant(constant: Retune, diagnosis: Diagnosis) -> FindingWords:
     """Return the sentences about a constant of the model that should be
     re-estimated.
     """
     doubt = doubt_of(constant)
+    errors = constant.rmse_before, constant.rmse_after
     return FindingWords(
         title=f"{plain_name(constant.effect)} of joint {constant.joint}, estimated again",
         rating=constant.rating,
         badge=constant.badge,
+        brief_gain=_fall(constant.joint, *errors, diagnosis),
         physics=f"Re-estimated constant: {constant.explanation}.",
         doubt=doubt,
         evidence=_against(doubt),
@@ -387,7 +394,7 @@ def describe_diagnosis(
         advice=diagnosis.advice,
         findings=tuple(findings),
         shared_doubt=_shared_doubt(diagnosis.effects),
-        constants=tuple(map(describe_constant, diagnosis.retuned)),
+        constants=tuple(describe_constant(x, diagnosis) for x in diagnosis.retuned),
         curves=tuple(curve.sentence(units) for curve in diagnosis.curves),
         left=diagnosis.left_sentence,
         events=diagnosis.acting_for_a_time,

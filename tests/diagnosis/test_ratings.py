@@ -21,7 +21,7 @@ from sdp_vs_penalty.diagnosis import (
     std_of_both,
 )
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.findings import ErrorWith
+from sdp_vs_penalty.diagnosis.findings import ErrorWith, Retune
 from sdp_vs_penalty.diagnosis.own_constants import retune
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation import ShapeEstimate
@@ -191,6 +191,19 @@ def test_what_is_sure_is_added_together():
     assert change.arguments == {"effects": [*texts], "findings": [1, 2]}
     change = replace(diagnosis(one, two), **errors).main_remedy.change
     assert change.arguments["findings"] == "helpful"
+    shape = ShapeEstimate("coulomb_friction", 1, "v_s", 0.01, 0.02)
+    fall = {"rmse_before": 0.2, "rmse_after": 0.1, "explanation": "it is wider"}
+    constant = Retune(**vars(shape), confidence="confident", **fall)
+    texts = (one.text, two.text, constant.text)
+    errors = {"errors_with": (ErrorWith(texts, np.full(7, 1.0)),)}
+    both = replace(diagnosis(one, two), retuned=(constant,), **errors)
+    change = (
+        both.main_remedy.change
+    )  # what counts is named, and its trifles are counted
+    effects = "backlash on joints 1 and 2"
+    assert change.words == f"add {effects} and 1 constant of the model at another value"
+    (words,) = describe_diagnosis(both, ["N m"] * 7).constants
+    assert words.brief_gain == "joint 1's error: 0.2 → 0.1 N m or N, -50 %"
     useless = finding("stiction", 3, held_out_rmse_after=np.full(7, 3.0), **loud)
     assert [f.effect for f in diagnosis(useless, one, two).sure] == ["backlash"] * 2
 

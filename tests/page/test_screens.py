@@ -248,7 +248,7 @@ def test_the_cause_that_is_chosen_is_the_one_that_is_drawn(story, monkeypatch):
     """Also where the error of a joint depends on none: it is drawn over time."""
     screen, session = story.screen, story.session
     monkeypatch.setattr(models, "shown_cause", lambda *_: UNNAMED)
-    for cause, axis in ((session.cause_of(2), "time [s]"), ("load", "modelled torque")):
+    for cause, axis in ((session.cause_of(2), "time [s]"), ("load", "load: size of")):
         screen.view.select_joint(2, cause)
         (*_, against) = screen.charts("fit")
         shown = screen.at("cause")

@@ -301,7 +301,8 @@ def _constant(session: Session, constant: Retune, words: FindingWords, k: int) -
     """Draw the card of a constant of the model's effects, the k-th, that should be
     re-estimated."""
     with draw.tag("li", style="card finding-card"):
-        with _head(words.title, f"card-constant-{k}", False, words):
+        gain = "" if constant.text in session.added else words.brief_gain
+        with _head(words.title, f"card-constant-{k}", False, words, gain):
             _picture(session, constant)
             draw.tag("p", words.physics)
             if words.doubt:
@@ -379,9 +380,6 @@ def _others(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     for remark in (*diagnosis.besides, *words.remarks):
         draw.note(spoken(said_before(remark)))
         if _REPEAT in remark:
-            draw.note(
-                "For that let the robot run one motion twice or more in one recording."
-            )
             make = partial(session.start, session.make_motion, {}, view.download)
             draw.button("Make a motion to repeat", make, "repeat")
     if words.invisible:
