@@ -143,7 +143,7 @@ class StatefulEffect(Effect):
         is_hidden = longest_travel < 2.0 * coverage.resolution
         if self.at_rest == "turns" and is_hidden:
             return (
-                "it turns round within what the positions tell apart: any sharp"
+                "it turns round within the resolution of the positions: any sharp"
                 " friction makes a similar torque"
             )
         return super().looks_like(size, coverage)
@@ -153,7 +153,7 @@ def dahl(q: Array | Legs, d: float, start: float = 0.0) -> Array:
     """Follow Dahl's friction state z along a path, from z[0] = ``start``.
 
     Exact for motion that is monotone between samples: while q runs in direction s, z =
-    s + (z_0 - s) exp(-|q - q_0| / d). One step of the loop is a reversal, not a sample.
+    s + (z_0 - s) exp(-|q - q_0| / d). The loop runs over reversals, not over samples.
 
     Parameters
     ----------
@@ -188,8 +188,8 @@ def stop(q: Array | Legs, d: float, start: float = 0.0) -> Array:
     ``start``.
 
     Exact for motion that is monotone between samples: from one reversal to the next the
-    state is the straight line of its spring, cut off at +-1. One step of the loop is a
-    reversal, not a sample.
+    state is the straight line of its spring, cut off at +-1. The loop runs over
+    reversals, not over samples.
 
     Parameters
     ----------
@@ -259,10 +259,9 @@ class Stiction(PreslidingHysteresis):
     equation = "f_s (z - sign(dq)), z the last way of sliding"
     explanation = (
         "Dry friction holds a joint at rest, where a smooth sign of the velocity lets"
-        " go: what it held at last it goes on holding until the joint slides the other"
-        " way. Pushed, it is anything up to its Coulomb level, which no motion tells."
-        " The positions stay alike meanwhile: over what travel it turns round"
-        " (presliding) cannot be told."
+        " go: it keeps its last value until the joint slides the other way. While the"
+        " joint sticks, the true friction may be anything up to its Coulomb level, and"
+        " the positions do not show over what travel it turns round (presliding)."
     )
     on_the_arm = "{joint} sticks at rest with up to {size}"
     seen_against = "reversal"
@@ -288,8 +287,8 @@ class Stiction(PreslidingHysteresis):
         d = self.shape["d"]
         unit = self.robot.position_units[self.joints[0]]
         return (
-            f"It turned round without a motion that shows: over how far below {d:.2g}"
-            f" {unit} is open."
+            f"It turned round within less than {d:.2g} {unit}; the positions do not show"
+            " how much less."
         )
 
 
@@ -393,8 +392,8 @@ class LoadDependentHysteresis(PreslidingHysteresis):
     symbol = "f_lh"
     units = ("-", "-")
     usual = (0.3, 0.3)  # as load-dependent friction
-    #: Where the load hardly changes, or is mostly friction itself, the two make the
-    #: same torque.
+    #: Where the load hardly changes, or is mostly friction itself, these make the same
+    #: torque as this effect.
     refines = ("presliding_hysteresis", "stiction", "coulomb_friction")
     at_rest = ""
     needs_links = True

@@ -39,14 +39,15 @@ class TorqueOffset(JointEffect):
 
 #: Drives state their gains to some per cent; beyond this, something else is wrong.
 _LARGEST = 0.3
-#: Time constant of a drive's filter, or a delay, that is nothing odd [s]: a bandwidth
-#: of 8 Hz.
+#: Usual time constant of a drive's filter, and usual delay [s]: a bandwidth of 8 Hz.
 _FILTER = 0.02
-#: Share of the time between two samples below which a delay is that of the instants: a
-#: controller holds its torque for a cycle, of which logs keep every tenth or fewer.
+#: A delay below this share of the time between two samples may be one of the instants
+#: alone: a controller holds its torque for a cycle, and logs keep every tenth cycle or
+#: fewer.
 _INSTANT = 0.1
-#: Where a search for one begins [s]: beside a delay of 12 ms one of 20 more is nothing
-#: of first order.
+#: Delays from which a search starts [s]. The shortest is not enough: where all joints are
+#: 12 ms late and one of them 20 ms more, the column of 1 ms is within the error of the
+#: common delay's column.
 _STARTS = 0.001, 0.005, 0.025
 
 

@@ -120,8 +120,8 @@ class DriftFriction(Rubbing, Drift):
     seen_against = "time"
     reference = "Simoni, Beschi, Legnani, Visioli, IROS 2015"
     symbol = "f_df"
-    # Where temperatures are logged they are the cause, for which the clock can only
-    # stand.
+    # Where temperatures are logged they are the cause; the clock only stands in for
+    # them.
     refines: tuple[str, ...] = (
         "coulomb_friction",
         "viscous_friction",
@@ -146,8 +146,8 @@ class DriftFriction(Rubbing, Drift):
         return self.course(motion) * self.rubbing(motion, joint)
 
 
-#: Where the exponential is 1 [degrees Celsius]; elsewhere the amplitude would only read
-#: differently.
+#: Temperature at which the exponential is 1 [degrees Celsius]; another one would only
+#: scale the amplitude.
 _ROOM = 20.0
 
 

@@ -1,12 +1,13 @@
-"""What an effect is: one physical cause of joint torque, linear in its parameters.
+"""The base classes of effects: one physical cause of joint torque each, linear in its
+parameters.
 
-tau_j(t) = sum over effects of Y_e,j(t) theta_e. The columns Y_e come from the motion
-and, where an effect needs a torque (a gain, load friction), from the prediction of the
-current model and what was found beside it, never from the measured channel: that would
-explain itself.
+tau_j(t) = sum over effects of Y_e,j(t) theta_e. The columns Y_e come from the motion.
+Where an effect needs a torque (a gain, load friction), they come from the prediction of
+the current model with what was found so far, never from the measured channel: that
+would explain itself.
 
-A subclass of :class:`Effect` with an equation, in a file of this folder, is registered
-by that.
+A subclass of :class:`Effect` with an equation, in a file of this folder, is thereby
+registered.
 """
 
 from __future__ import annotations
@@ -64,14 +65,15 @@ class Block:
     columns: Array
 
 
-#: Friction, offsets and other parameters that are no link's: |theta| below this, in SI
-#: units, for robots without a link longer than _USUAL_LINK [m].
+#: Largest |theta|, in SI units, of friction, offsets and other parameters that are no
+#: link's, on a robot without a link longer than _USUAL_LINK [m].
 PARAMETER_RANGE = 1e4
 _USUAL_LINK = 1.5
 
 
-#: What files hold of the links, of a joint and of its servo; attributes of MuJoCo alone;
-#: every effect of which C code of one instant computes the torque.
+#: Where simulators' files hold an effect: links, a payload, numbers of a joint, its
+#: servo. "mjcf" is an attribute that MuJoCo alone has; "formulas" is C code that
+#: computes the torque from one instant.
 SimulatorField = Literal[
     "",
     "links",
@@ -111,8 +113,7 @@ class SimulatorTerm(NamedTuple):
     attribute: tuple[Literal["joint", "actuator", "option"], str] = ("joint", "")
 
 
-#: Share of the rows that a standstill reaches from which what holds a joint there
-#: shows.
+#: From this share of rows at standstill on, the friction that holds a joint shows.
 STANDS = 0.02
 
 
@@ -783,7 +784,7 @@ class Effect(ABC):
         out.given = self.given - frozenset(keys)
         return out
 
-    # What a reader is told.
+    # What a reader sees.
 
     def outside(self, motion: Motion) -> Mask:
         """Tell where a motion leaves the range in which the effect is known.
@@ -829,8 +830,8 @@ class Effect(ABC):
         return ""
 
     def contradicts_itself(self, theta: Array, mean_inertia: float) -> bool:
-        """Return whether no machine has such an effect, since its parameters and its
-        shape constants belong to different ones.
+        """Return whether no machine has such an effect, because its parameters and its
+        shape constants do not belong together.
 
         Parameters
         ----------

@@ -1,13 +1,13 @@
-"""A model run forward: from joint torques, or what drives are told, to motion.
+"""A model run forward: from joint torques, or commands of the drives, to motion.
 
     M(q) ddq = tau - b(q, dq) - f(q, dq, z, t),   dz/ds = law of the friction's internal
     states
 
 M and b are the links' (Pinocchio), and f everything else that the model knows. Dry
-friction turns round over velocities that a step of a millisecond passes many times
-over: what it does within a step is solved for (Moreau's time stepping), and whatever
-else grows with velocity or travel is linearised at the step's end (linearly implicit
-midpoint rule), so that stiff friction is stable at any step.
+friction turns round over velocities far smaller than the change in a step of a
+millisecond. So its impulse in a step is solved for (Moreau's time stepping). All other
+forces that grow with velocity or travel are linearised at the step's end (linearly
+implicit midpoint rule), so that stiff friction is stable at any step.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from sdp_vs_penalty.robot.arrays import Indices
 #: damping of drives, whose laws are linear in it.
 _SLOPE_VELOCITY_STEP = 1e-6
 _DRIVE_VELOCITY_STEP = 1e-3
-#: Widths beyond which a contact slides to the last bit, Newton steps of a whole step
-#: and of one contact.
+#: A contact whose velocity is so many widths slides: tanh is 1 to the last bit.
 _SLIDES = 20.0
+#: Newton's iterations for all contacts together, and for one contact.
 _NEWTON_STEPS = 12
 _RESOLVENT_STEPS = 9
-#: Miss of a step, relative to its velocities, that is rounding.
+#: Residual of a step, relative to its velocities, that counts as rounding.
 _ARRIVED = 1e-11
 
 
@@ -266,7 +266,7 @@ class Plant:
         # All P variants of W simulations are one motion of P W instants.
         count = len(moves)
         size = len(state.q)
-        travel = np.concatenate([way for way, _ in moves])
+        travel = np.concatenate([displacement for displacement, _ in moves])
         dq = np.concatenate([velocity for _, velocity in moves])
         still = np.zeros_like(dq)
         motion = _Probe(

@@ -198,7 +198,8 @@ class RotorInertia(JointEffect):
     symbol = "I_a"
     units = ("kg*m^2", "kg")
     lower = 0.0
-    # On the links' grid: what cannot be told from them stays so to the last bit.
+    # Computed on the links' grid, so that a rotor which cannot be told from the links
+    # stays so to the last bit.
     signless = smooth = True
 
     def column(self, motion: Motion, joint: int) -> Array:
@@ -212,10 +213,10 @@ class MotorInertia(JointEffect):
         "I_m (ddq_m - ddq), q_m the motor's position on the joint's side of the gear"
     )
     explanation = (
-        "Where motor and link have encoders of their own (columns qmot1..qmotn) it is"
-        " measured what the gear yields: the rotor's inertia acts on the motor's"
-        " acceleration. With the link's it is rotor_inertia, which the links often"
-        " absorb; this is the rest, which they cannot."
+        "Where motor and link have encoders of their own (columns qmot1..qmotn), the log"
+        " shows how the gear yields: the rotor's inertia acts on the motor's"
+        " acceleration. The part that follows the link's acceleration is rotor_inertia,"
+        " which the links often absorb; this is the rest, which they cannot."
     )
     on_the_arm = (
         "the motor of {joint} turns an inertia of {size} that the gear keeps from "
@@ -375,7 +376,7 @@ class GearError(Wave, LinkDeviation):
         "k": ShapeConstant(
             2.0,
             ("1/turn", "rad/m"),
-            # Once a turn is a joint beside where it is believed, as of torque_ripple.
+            # Once a turn is left out: that is a joint mounted off its place.
             grid=tuple(float(k) for k in range(2, _MOST_WAVES + 1)),
             bounds=(1.9, 1e4),
             scale="linear",
@@ -424,10 +425,9 @@ class GearError(Wave, LinkDeviation):
         columns = np.empty((len(q), len(forms)), complex)
         last_k = 0.0
         wave = np.ones(len(q), complex)  # exp(i k q) at the last k
-        step = 0.0  # the last step of k
-        wave_of_step = (
-            wave  # exp(i step q), kept while the wave numbers are evenly spaced
-        )
+        # The last step of k, and exp(i step q), kept while k is evenly spaced.
+        step = 0.0
+        wave_of_step = wave
         for place, form in enumerate(forms):
             k = form.shape["k"]
             if k - last_k != step:
@@ -439,9 +439,9 @@ class GearError(Wave, LinkDeviation):
         return columns.view(float)  # real and imaginary parts take turns
 
 
-#: Below this [Hz] a geared joint yields as a spring alone does. MuJoCo's gears with
-#: resonances of 4 to 8 Hz are found within a fifth below 2 or 4 Hz; up to 8 Hz from -.1
-#: to .7 of what they are.
+#: Below this frequency [Hz] a geared joint yields like a spring without mass. For gears in
+#: MuJoCo with resonances of 4 to 8 Hz the compliance is right within a fifth with 2 or 4
+#: Hz here; with 8 Hz it is -.1 to .7 of the true one.
 _BENDS = 4.0
 
 
@@ -488,10 +488,11 @@ class Backlash(LinkDeviation):
         return -by_q * side[0] - _moved(motion, crossed, slopes)
 
 
-#: Below this [Hz] a flight through the play does not depend on how flanks catch the link:
-#: they ring at some tens of Hz.
+#: Below this frequency [Hz] a flight through the play does not depend on how the flanks
+#: catch the link: they ring at some tens of Hz.
 _FLIES = 10.0
-#: A flight through a play of b displaces the link by about b; not by half or twice that.
+#: A flight through a play of b displaces the link by about b: at least half, at most
+#: twice that.
 _LEAST_OVER_PLAY, _MOST_OVER_PLAY = 0.5, 2.0
 
 
@@ -540,7 +541,7 @@ class BacklashInFlight(LinkDeviation):
         slopes = motion.derivatives(joint)
         slopes_of_joint = tuple(x[:, joint] for x in slopes)
         inertia_of_joint = slopes_of_joint[2]
-        # Links of least squares may have no positive inertia: nothing flies so.
+        # Links from least squares may have an inertia that is not positive.
         if inertia_of_joint.min() <= 0.0:
             return np.zeros_like(motion.q)
         lag = self._lag(motion, joint, slopes_of_joint)
@@ -625,9 +626,9 @@ class JointElasticity(LinkDeviation):
         return -_moved(motion, torque, slopes)
 
 
-#: A gear's compliance is so many times what its frequency and the joint's inertia say.
-#: The inertia of a model includes that of the motor, which does not swing: up to twice
-#: that of the links.
+#: Least and greatest ratio of a gear's compliance to the one that follows from its
+#: frequency and the joint's inertia. A model's inertia includes that of the motor, which
+#: does not swing: it is up to twice that of the links.
 _COMPLIANCE_OVER_EXPECTED = 1.0 / 3.0, 2.0
 #: Damping ratio from which a swing is damped as by impacts and not as by a spring.
 _DAMPED = 0.15
@@ -657,7 +658,7 @@ class JointResonance(LinkDeviation):
     has_memory = True  # a link that swings
     shapes = {
         "f": ShapeConstant(4.0, "Hz", grid=(1.6, 2.5, 4.0, 6.3), bounds=(0.7, 15.0)),
-        # A search begins with a wide resonance, so that few frequencies do.
+        # A search begins with a wide resonance, so that few frequencies are enough.
         "zeta": ShapeConstant(0.05, grid=(0.1,), bounds=(0.005, 0.3)),
     }
     generalises = ("joint_elasticity",)
@@ -714,8 +715,8 @@ class JointResonance(LinkDeviation):
         velocity and acceleration.
 
         The compliance is 0 where the inertia, or the stiffness with that of the weight,
-        is not positive at some instant, as in a model of least squares: nothing swings
-        so.
+        is not positive at some instant, as least squares may have it: such a link does
+        not swing.
         """
         mean_inertia = float(motion.mean_inertias[joint])
         stiffness = (2.0 * np.pi * self.shape["f"]) ** 2 * mean_inertia
@@ -794,19 +795,20 @@ def _moved(motion: Motion, x: Array, slopes: Sequence[Array]) -> Array:
 #: turns [rad].
 _SLIP = 2e-3
 _TURN = 4e-3
-#: Of the acceleration's root mean square: what is lost where columns are computed at
-#: fewer instants.
+#: Columns are computed at fewer instants if that loses no more than this share of the
+#: acceleration (RMS) [-].
 _THINNED = 0.02
+#: Motions with fewer instants are not thinned.
 _FEWEST = 200
 
 
 class KinematicError(Effect):
     equation = "sum_jk e_jk dID/d(placement of joint j)_k"
     explanation = (
-        "The joints are mounted beside where the model's kinematics say, by small"
-        " displacements and rotations in their own frames: a calibration would tell."
-        " Gravity and inertia act elsewhere. Single parameters are known no better than"
-        " their intervals say; the torque is that of all."
+        "The joints are mounted off their places in the model, by small displacements"
+        " and rotations in their own frames, so that gravity and inertia act elsewhere."
+        " The data determine their common torque; a single one is known no better than"
+        " its interval says. A calibration would measure each."
     )
     on_the_arm = "the joints sit beside their places in the model, by up to {slip}"
     seen_against = "position"
@@ -914,7 +916,6 @@ def _thinned(motion: Motion) -> Indices:
     Returns their indices: every 16th, 8th, 4th or 2nd instant, or all. All as well
     where time does not ascend, as for a simulation's independent states.
     """
-
     instants = np.arange(len(motion.t))
     if len(instants) < _FEWEST or np.any(np.diff(motion.t) <= 0.0):
         return instants

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 
 from sdp_vs_penalty.effects.effect import Array, Effect, JointEffect, Motion
-from sdp_vs_penalty.effects.shape import ShapeConstant
+from sdp_vs_penalty.effects.shape import ShapeConstant, six_digits
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Indices, Mask
 from sdp_vs_penalty.robot.robot import Robot
@@ -451,7 +451,7 @@ class MeasuredCurve(JointEffect):
         return out
 
 
-#: What a finding cannot be told apart from where a curve stands instead of it.
+#: Name of a curve, as findings have it among what the data cannot tell apart from them.
 CURVE = MeasuredCurve.name
 
 
@@ -513,8 +513,8 @@ def table_effect(
         if variable.other >= 0:
             shape[f"{axis}i"] = variable.other + 1.0
             shape[f"{axis}c"] = variable.ratio
-        shape[f"{axis}low"] = _six_digits(low)
-        shape[f"{axis}high"] = _six_digits(high)
+        shape[f"{axis}low"] = six_digits(low)
+        shape[f"{axis}high"] = six_digits(high)
         shape[f"{axis}n"] = float(count)
         places.append(np.rint((x - low) / (high - low) * (count - 1)))
         counts.append(count)
@@ -522,10 +522,5 @@ def table_effect(
     cells = np.ravel_multi_index(tuple(np.array(places, int)), tuple(counts))
     for k in np.argsort(cells, kind="stable"):
         letter = "v" if k < measured else "w"
-        shape[f"{letter}{cells[k] + 1}"] = _six_digits(values[k])
+        shape[f"{letter}{cells[k] + 1}"] = six_digits(values[k])
     return MeasuredCurve(robot, [joint], **shape)
-
-
-def _six_digits(value: float) -> float:
-    """Round a number to the six digits with which effects are written."""
-    return float(f"{value:.6g}")

@@ -20,7 +20,7 @@ from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, as_slice
 from sdp_vs_penalty.robot.robot import Robot
 
-#: Instants whose torque is worked out at a time: columns are many times as large as it.
+#: Instants whose torque is computed at a time: the columns take many times its memory.
 _PART = 1 << 13
 
 
@@ -268,15 +268,15 @@ class Model:
         # A motion that has the current model has its torque as well.
         is_made_here = motion.current is None
         if is_made_here:
-            motion = replace(motion, current=self._current(self._referred))
+            motion = replace(motion, current=self._current(self._reference_parameters))
         for k, effect in dependent.items():
             if not effect.needs_torque:
                 blocks[k] = _blocks_of(effect, motion)
         if is_made_here and any(e.needs_torque for e in dependent.values()):
-            torque = self._made(blocks, self._referred, motion)
+            torque = self._summed_torque(blocks, self._reference_parameters, motion)
             for k, effect in independent.items():
-                if k in known:  # whose columns were not computed
-                    theta = self._referred[self.indices[k]]
+                if k in known:  # its columns were not computed here
+                    theta = self._reference_parameters[self.indices[k]]
                     torque += effect.torque(theta, motion)
             motion = replace(motion, torque=torque)
         for k, effect in dependent.items():
@@ -376,7 +376,7 @@ class Model:
         return out
 
     @property
-    def _referred(self) -> Array:
+    def _reference_parameters(self) -> Array:
         """(p,) parameters of the current model (``reference``), from which the columns
         of some effects are computed; InputError in a model without one."""
         if self.reference is None:
@@ -387,7 +387,7 @@ class Model:
             )
         return self.reference
 
-    def _made(
+    def _summed_torque(
         self, blocks: Mapping[int, list[Block]], theta: Array, motion: Motion
     ) -> Array:
         """Sum the torque (N, n) [N m, N] of some effects' blocks with the parameters

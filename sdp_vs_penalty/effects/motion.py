@@ -1,5 +1,5 @@
-"""What an effect sees: a motion, and the current model where a torque or the links are
-needed."""
+"""What effects compute their columns from: a motion, and the current model where they
+need a torque or the links."""
 
 from __future__ import annotations
 
@@ -246,8 +246,8 @@ class Motion:
     #: (N, n) what the current model makes of its torque where torque channels pass it.
     logged: Array | None = None
 
-    #: ``command``, ``sum``, ``temperature``, ``motors``; InputError where the
-    #: measurements hold none.
+    #: The fields ``command``, ``position_integral``, ``temperature`` and ``motors``, but
+    #: never None: InputError where the measurements hold none.
     logged_command: ClassVar[Command] = _logged("command", "commands", "qcmd1..qcmdn")
     integral: ClassVar[Array] = _logged("position_integral", "commands", "qcmd1..qcmdn")
     joint_temperature: ClassVar[Array] = _logged(

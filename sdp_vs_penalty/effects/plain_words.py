@@ -274,7 +274,7 @@ def _largest_slip(parameters: Mapping[str, float]) -> str:
     """Format the largest displacement and the largest rotation of any joint's mounting.
 
     A joint's displacement is the length of its components slip_x, slip_y and slip_z
-    [m], its rotation that of turn_x, turn_y and turn_z [rad].
+    [m], its rotation that of turn_x, turn_y and turn_z [rad]. "little" without any.
     """
     # Sum of the squared components, by kind and joint.
     squares: dict[tuple[str, str], float] = {}
@@ -285,9 +285,9 @@ def _largest_slip(parameters: Mapping[str, float]) -> str:
             squares[place] = squares.get(place, 0.0) + value**2
     displacements = [sqrt(x) for (kind, _), x in squares.items() if kind == "slip"]
     rotations = [sqrt(x) for (kind, _), x in squares.items() if kind == "turn"]
-    amounts = list[str]()
+    largest = list[str]()
     if displacements:
-        amounts.append(length_or_angle(max(displacements), is_slide=True))
+        largest.append(length_or_angle(max(displacements), is_slide=True))
     if rotations:
-        amounts.append(length_or_angle(max(rotations), is_slide=False))
-    return formatting.words(amounts) if amounts else "little"
+        largest.append(length_or_angle(max(rotations), is_slide=False))
+    return formatting.words(largest) if largest else "little"

@@ -11,7 +11,7 @@ from sdp_vs_penalty.effects.effect import (
     Motion,
     Parameter,
 )
-from sdp_vs_penalty.effects.shape import POSITION, ShapeConstant, choice
+from sdp_vs_penalty.effects.shape import POSITION, ShapeConstant, choice, six_digits
 from sdp_vs_penalty.effects.wave import WAVES_TO_REPEAT, Wave, wave_numbers
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.arrays import Indices
@@ -126,7 +126,7 @@ class EndStop(JointEffect):
         lower, upper, _ = joint_limits(robot)
         places = np.linspace(lower[joint], upper[joint], _PLACES + 1)[1:-1]
         return [
-            {"q0": float(f"{place:.6g}"), "side": side}
+            {"q0": six_digits(place), "side": side}
             for side in cls.shapes["side"].choices
             for place in places
         ]
@@ -166,9 +166,9 @@ class TorqueRipple(Wave, JointEffect):
         "k": ShapeConstant(
             2.0,
             ("1/turn", "rad/m"),
-            # Once a turn is geometry: a link's weight, a joint beside where it is
-            # believed. Higher orders are visible at full rate only (the order
-            # spectrum).
+            # Once a turn is left out: that is geometry, such as a link's weight or a
+            # joint mounted off its place. Orders above 40 are visible at full rate only
+            # (the order spectrum).
             grid=tuple(float(k) for k in range(2, 41)),
             bounds=(1.9, 1e4),
             # Waves: neighbours are a fixed distance apart, whatever their order.

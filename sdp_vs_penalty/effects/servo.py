@@ -1,7 +1,7 @@
-"""What the laws of servos share: their torque, moved to the load's side of tau = Y
+"""The control laws of servos: the drive's torque, moved to the load's side of tau = Y
 theta.
 
-Where no torque is logged the drive's own law stands for it. With tau_drive = k (q_cmd -
+Where no torque is logged, the drive's law replaces it. With tau_drive = k (q_cmd -
 q) - d dq the equation of motion reads 0 = Y theta - k (q_cmd - q) + d dq: linear in the
 links, the friction and the gains together, up to one common factor.
 """
@@ -14,8 +14,7 @@ import numpy as np
 from sdp_vs_penalty.effects.effect import Array, Block, JointEffect, Motion
 from sdp_vs_penalty.effects.shape import ShapeConstant
 
-#: The longest delay of a command [s]: a tenth of a second more makes any loop of use
-#: unstable.
+#: The longest delay of a command [s]: with a longer one no useful loop is stable.
 LATEST = 0.1
 
 
@@ -36,7 +35,7 @@ class Servo(JointEffect):
     signless = True
     lower = 0.0
     range = 1e8
-    # it drives the joint, and is nothing that a search for a missing load may find
+    # It drives the joint: a search for missing loads must not find it.
     sought = False
     shapes = {
         "T": ShapeConstant(
@@ -70,12 +69,11 @@ class ServoPosition(Servo):
     equation = "-kp (q_cmd(t - T) - q) + kd dq(t - d)"
     explanation = (
         "The drive pulls the joint towards its commanded position and damps it. A"
-        " cascade kv (w e - dq) is the same law, with kp = kv w and kd = kv. kd and"
-        " viscous friction are seen as a sum only: beside viscous_friction kd is what"
-        " remains of it, and which of the two it is no motion tells. A drive that"
-        " differentiates its encoder feels an older velocity: kd dq(t - d) is kd dq"
-        " less kd d ddq, to first order, which no motion without torque tells from a"
-        " link that is lighter."
+        " cascade kv (w e - dq) is the same law, with kp = kv w and kd = kv. Motions"
+        " show only the sum of kd and viscous friction: beside viscous_friction kd is"
+        " the rest of that sum. A drive that differentiates its encoder feels an older"
+        " velocity: kd dq(t - d) is kd dq less kd d ddq, to first order, which without"
+        " a logged torque cannot be told from a lighter link."
     )
     on_the_arm = "the drive of {joint} pulls it to its command with {size}"
     reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 8.5"

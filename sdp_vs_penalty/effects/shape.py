@@ -46,20 +46,22 @@ class ShapeConstant:
         """Return the constant with grid and bounds for one kind of joint, "revolute" or
         "prismatic".
 
-        For a prismatic joint, both are multiplied by ``metres``: grids are written in
-        rad.
+        Both are written for a revolute joint, in rad. For a prismatic one they are
+        multiplied by ``metres``, the length that stands for one radian.
 
         Returns
         -------
         ShapeConstant
-            The same constant on such a joint.
+            The same constant on such a joint; its ``metres`` are 1, because they are
+            used already.
         """
         if kind != "prismatic" or self.metres == 1.0:
             return self
-        # As many digits as a written effect has.
-        grid = tuple(float(f"{self.metres * x:.6g}") for x in self.grid)
-        bounds = tuple(float(f"{self.metres * x:.6g}") for x in self.bounds or ())
-        ends = (bounds[0], bounds[1]) if bounds else None
+        grid = tuple(six_digits(self.metres * x) for x in self.grid)
+        ends = None
+        if self.bounds is not None:
+            low, high = self.bounds
+            ends = six_digits(self.metres * low), six_digits(self.metres * high)
         return replace(self, grid=grid, bounds=ends, metres=1.0)
 
     def complaint(self, value: float) -> str | None:
@@ -142,6 +144,12 @@ class ShapeConstant:
         unit = self.unit_on(kind)
         words = "" if unit == "-" else unit.replace("1/", "per ")
         return f"{value:.4g} {words}".strip()
+
+
+def six_digits(value: float) -> float:
+    """Round a number to the six digits with which effects are written
+    (:meth:`ShapeConstant.written`), so that it is the same when it is read again."""
+    return float(f"{value:.6g}")
 
 
 def at_end(u: float, low: float, high: float) -> bool:

@@ -1,4 +1,4 @@
-"""What joints have with each other through their gears."""
+"""Effects by which joints act on each other through their gears."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations, product
@@ -128,7 +128,8 @@ class ElasticCoupling(Effect):
         zero for stiffnesses of other joints."""
         blocks = []
         for joint in self.joints:
-            columns = []  # stacked: in C code they are formulas
+            # Stacked, not written into an array: the export to C passes formulas.
+            columns = []
             for first, second in self.pairs:
                 other = {first: second, second: first}.get(joint)
                 zeros = np.zeros(len(motion.t))
@@ -157,7 +158,7 @@ class ElasticCoupling(Effect):
 #: What turns with an axis: friction by four laws, and inertia. Their numbers are those
 #: of saved models.
 LAWS = ("viscous", "coulomb", "hysteresis", "stribeck", "inertia")
-#: Of these the ones without a threshold.
+#: The laws that are linear in the motion.
 _LINEAR = ("viscous", "inertia")
 #: Ratios of the second joint to the first, and of the second and third to the first.
 _PAIRS = (1.0, -1.0, 2.0, -2.0, 0.5, -0.5)
@@ -178,8 +179,8 @@ class TransmissionFriction(StatefulEffect):
         " its rotor's inertia act on s, and return to the joints by the same ratios"
         " (c^T f, so that power is kept): friction never feeds energy. c5, c6 are the"
         " ratios of joints 5 and 6; without joints, the last two. Viscous friction and"
-        " inertia tell no ratio beside the joints' own: it is written as known, or"
-        " as 1."
+        " inertia do not show the ratio beside those of the joints: give the known one,"
+        " or 1."
     )
     on_the_arm = "the motor that turns {joint} together adds {size} of its own"
     reference = (
@@ -194,8 +195,8 @@ class TransmissionFriction(StatefulEffect):
         "d": PreslidingHysteresis.shapes["d"],
         "vs": StribeckFriction.shapes["vs"],
     }
-    #: A law's own constant: travel, velocity; and where a search over combinations
-    #: begins to refine it.
+    #: The constant that a law alone has (a travel, a velocity), and its values from which
+    #: a search starts.
     _OWN = {"hysteresis": ("d", (0.002, 0.01)), "stribeck": ("vs", (0.06, 0.25))}
 
     def __init__(

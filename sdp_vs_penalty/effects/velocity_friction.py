@@ -99,6 +99,7 @@ class FrictionLead(JointEffect):
         return motion.sign_ahead(joint, self.shape["lead"]) - motion.sign(joint)
 
 
+#: Name of the lead of dry friction.
 LEAD = FrictionLead.name
 
 
@@ -194,9 +195,9 @@ _RISES: Mapping[str, Callable[[Array], Array]] = {
 }
 
 
-#: How much wider than the sign itself, which is tanh, a rise by tanh has to be: the
-#: difference of two that are alike is nothing, and its size eight times that of the
-#: friction (off by 22 deviations; by 1 with 2 or 4).
+#: A rise by tanh is at least so many times wider than the sign, which is a tanh itself:
+#: the difference of nearly equal curves is almost nothing, and its fitted size was eight
+#: times that of the friction (22 standard deviations off; with 2 or 4 here, one).
 WIDER_THAN_SIGN = 2.0
 
 
@@ -222,7 +223,7 @@ class SigmoidFriction(JointEffect):
     symbol = "f_sg"
     lower = 0.0
     refines = ("coulomb_friction",)
-    #: Of f_sg = f_c and the first law it is that friction with another width.
+    #: With f_sg = f_c and the first law the sum is Coulomb friction of another width.
     generalises = ("coulomb_friction",)
     width_shape = "v0"
     shapes = {
@@ -243,8 +244,8 @@ class SigmoidFriction(JointEffect):
         law = self.shapes["law"].written(self.shape["law"])
         v0 = self.shape["v0"]
         deviation = _RISES[law](motion.dq[:, joint] / v0) - motion.sign(joint)
-        is_another = law != "tanh" or v0 >= WIDER_THAN_SIGN * motion.width(joint)
-        return deviation * is_another
+        differs = law != "tanh" or v0 >= WIDER_THAN_SIGN * motion.width(joint)
+        return deviation * differs
 
 
 class StribeckFriction(JointEffect):

@@ -1,4 +1,4 @@
-"""What torques share that repeat along a joint's way."""
+"""The base class of torques that repeat along a joint's travel."""
 
 from collections.abc import Iterable
 from typing import ClassVar
@@ -6,15 +6,16 @@ from typing import ClassVar
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Effect, JointCoverage
-from sdp_vs_penalty.effects.shape import ShapeConstant
+from sdp_vs_penalty.effects.shape import ShapeConstant, six_digits
 from sdp_vs_penalty.robot.robot import Robot
 
 #: Waves that a joint has to travel until a torque is seen to repeat.
 WAVES_TO_REPEAT = 2.0
-#: Metres of travel where a robot states none; waves per metre times 2 pi of a screw of
-#: 5 mm; and how many wave numbers are tried at most.
+#: Travel of a prismatic joint for which the robot states none [m].
 _TRAVEL = 0.5
+#: Largest wave number that is tried [rad/m]: that of a screw with a lead of 5 mm.
 _FINEST = 2.0 * np.pi / 0.005
+#: Most wave numbers that are tried.
 _MOST = 200
 
 
@@ -77,6 +78,4 @@ def wave_numbers(
     travel = moved.upper - moved.lower
     step = np.pi / (travel if 0.0 < travel < np.inf else _TRAVEL)
     numbers = np.arange(2.0 * step, finest, step)[:_MOST].tolist()
-    return [
-        float(f"{x:.6g}") for x in numbers
-    ]  # as many digits as a written effect has
+    return [six_digits(x) for x in numbers]

@@ -1,5 +1,5 @@
-"""What all numbers of this package come in: arrays of doubles, whose shapes the
-docstrings say."""
+"""The array types of this package (doubles; docstrings state the shapes), and checks of
+arrays."""
 
 from typing import Any
 
@@ -81,10 +81,10 @@ def wrong_shape(
     """
     count, *others = expected
     problem = f"{what} has shape {shape}"
-    # The rows come last, with the other axes in their order or turned round.
-    is_any = isinstance(count, str) or shape[-1:] == (count,)
-    rest = list(shape[:-1])
-    if len(shape) > 1 and is_any and rest in (others, others[::-1]):
+    # Transposed: the rows come last, the other axes in their order or turned round.
+    rows_are_last = isinstance(count, str) or shape[-1:] == (count,)
+    axes_before = list(shape[:-1])
+    if len(shape) > 1 and rows_are_last and axes_before in (others, others[::-1]):
         problem = f"{problem}: it is transposed"
     in_words = ", ".join(map(str, expected)) + "," * (not others)
     return InputError(problem, f"give it as ({in_words}), a row a {row}")

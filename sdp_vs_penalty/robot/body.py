@@ -1,5 +1,5 @@
-"""The body of a link: an ellipsoid outside of which it has no mass, and where that is
-known from."""
+"""The body of a link: an ellipsoid outside of which it has no mass, and the source from
+which it is known."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache

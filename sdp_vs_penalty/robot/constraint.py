@@ -244,8 +244,8 @@ def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """F_0 + sum_i theta[indices[i]] F_i in a cone; a key of what belongs to it, equal
-    to itself only."""
+    """F_0 + sum_i theta[indices[i]] F_i in a cone. It equals only itself, so that it
+    can be the key of its multipliers."""
 
     #: Kind of the demand ("pseudo-inertia", "mass", ...).
     family: str
@@ -391,7 +391,7 @@ class BarycentricBound:
 
 @dataclass(frozen=True)
 class ConstraintSet:
-    """All demands on theta: convex ones, and those only some methods can take."""
+    """All demands on theta: convex ones, and others, which only some methods can take."""
 
     #: Convex demands, which every method takes.
     convex: tuple[Constraint, ...]

@@ -1,9 +1,9 @@
-"""The geometry of a URDF's links: points that enclose its shapes, their volume, and
-what touches.
+"""The geometry of a URDF's links: points that enclose their shapes, their volume, and
+self-collisions.
 
-Collision shapes where they can be read, else visual ones. Meshes are found beside the
-file or in the packages that ROS knows; a link of which one is missing or cannot be read
-has no geometry, and its body is then taken from what else is known.
+Collision shapes are read where they can be, else visual ones. Meshes are found beside
+the file or in the packages that ROS knows. A link with a mesh that is missing or cannot
+be read has no geometry; its body is then taken from other sources.
 """
 
 import os
@@ -167,7 +167,7 @@ def _collision_model(urdf: Path) -> tuple[Any, Any] | None:
         if not _write_collision_copy(urdf, copy):
             return None
         try:
-            # Pinocchio has read it once where it may end the process.
+            # First in a child process, which may crash in place of this one.
             list(parse_isolated(collision_shapes, copy, library="coal"))
             model = pin.buildModelFromUrdf(str(copy))
             geometry = pin.buildGeomFromUrdf(

@@ -41,10 +41,11 @@ _CONVENTION = 1
 #: Powers of ten that a wrong point or exponent makes: an exponent's lost sign makes the
 #: largest.
 _POWERS = [k for k in range(-12, 13) if k]
-#: A character more is ten times less likely [nats]; what is so close is not told apart.
+#: One more wrong character is ten times less likely [nats]; hypotheses that are closer
+#: than this are not told apart.
 _CHARACTER = float(np.log(10.0))
-#: Characters that the nearest tensor counts for: those of a number typed anew, and two
-#: more or less for a move ten times farther or nearer.
+#: Characters that the nearest tensor counts for: those of a number that is typed anew,
+#: and two more (or fewer) for a tensor ten times farther away (or nearer).
 _ANEW = 6.0
 _PER_DECADE = 2.0
 #: Links of arms fill their ellipsoid of inertia with 1000 kg/m^3, to a factor of 5, and
@@ -58,16 +59,17 @@ _FILLING_SPREAD = 1.0
 _LONGEST = 40
 #: Thinnest link [m].
 _THIN = 5e-4
-#: Shapes are drawn this much too small, of their largest extent.
+#: Shapes may be drawn too small by this share of their largest extent.
 _DRAWN = 0.05
-#: A centre at a frame's origin is at the end of shapes whose end is so near, of their
-#: length; numbers below are zeros [m].
-_END, _ZERO = 0.2, 1e-9
+#: A centre of mass is at the end of its shapes within this share of their length.
+_END = 0.2
+#: Coordinates of a centre of mass below this are zeros [m].
+_ZERO = 1e-9
 #: Links fill the box around their shapes with 500 kg/m^3, to a factor of 4.
 _BOX_DENSITY = 500.0
 _BOX_DENSITY_SPREAD = float(np.log(4.0))
-#: Characters that invented numbers count for, or shapes that leave parts out: of links
-#: that can exist but do not fit, few were mistyped.
+#: Characters that invented numbers count for, and so do shapes that leave parts out: few
+#: of the links that can exist but do not fit were mistyped.
 _INVENTED = 2.0
 
 
@@ -121,7 +123,7 @@ class WrittenInertial:
         osmium.
         """
         mass = float(barycentric[0])
-        second = _second(barycentric)
+        second = _second_moment(barycentric)
         if not mass > 0.0:
             return ""
         if self.shape is not None:
@@ -176,13 +178,14 @@ class WrittenInertial:
 
     def fits(self, barycentric: Array) -> bool:
         """Return whether a body can have a link's numbers, in its shapes and place."""
-        # About the centre, where no rounding of a distant one hides the tensor's fault.
-        alone = np.concatenate([barycentric[:1], np.zeros(3), barycentric[4:]])
-        return not inertia.why_impossible(alone) and not self.misfit(barycentric)
+        # With the centre at the origin: rounding errors of a distant one would hide that
+        # the tensor is wrong.
+        centred = np.concatenate([barycentric[:1], np.zeros(3), barycentric[4:]])
+        return not inertia.why_impossible(centred) and not self.misfit(barycentric)
 
     def plausibility(self, barycentric: Array) -> float:
         """Return the logarithm of the prior of a consistent link, 0 for the likeliest."""
-        moments = _second(barycentric)
+        moments = _second_moment(barycentric)
         sizes = np.maximum(np.linalg.eigvalsh(moments), _THIN**2)
         volume = 4.0 / 3.0 * np.pi * float(np.prod(np.sqrt(5.0 * sizes)))
         density = np.log(barycentric[0] / volume / _DENSITY) / _DENSITY_SPREAD
@@ -255,40 +258,48 @@ def find_repairs(
             found.append(repair)
         elif score > found[same[0]].score:
             found[same[0]] = repair
-    # The unknown cause leaves a link of the likeliest kind.
-    by_unknown = _INVENTED
+    # The score of the unknown cause: it leaves a link of the likeliest kind, 0.
+    n_characters_of_unknown = _INVENTED
     if move is not None:
-        by_unknown = max(_ANEW + _PER_DECADE * np.log10(max(move, 1e-300)), 0.0)
-    unknown = -_CHARACTER * by_unknown
+        in_decades = np.log10(max(move, 1e-300))
+        n_characters_of_unknown = max(_ANEW + _PER_DECADE * in_decades, 0.0)
+    unknown = -_CHARACTER * n_characters_of_unknown
     best = max((repair.score for repair in found), default=unknown)
-    least = max(best - _CHARACTER, unknown if move is None else unknown - _CHARACTER)
+    # A link that can exist needs no repair: one must be likelier than the unknown cause.
+    least_beside_unknown = unknown if move is None else unknown - _CHARACTER
+    least = max(best - _CHARACTER, least_beside_unknown)
     repairs = sorted((x for x in found if x.score > least), key=lambda x: -x.score)
     return repairs, len(repairs) == 1 and best > unknown + _CHARACTER
 
 
 def find_exchanges(written: WrittenInertial) -> list[Repair]:
-    """Return the exchanges of two moments, the likeliest first, that fit the shapes of a
-    link that can exist better than its numbers do, by more than an exchange is rare."""
+    """Return the exchanges of two moments, the likeliest first, by which a link that can
+    exist fits its shapes so much better that an exchange is likelier than none."""
     if written.shape is None:
         return []
-    now = written.plausibility(written.barycentric())
+    as_written = written.plausibility(written.barycentric())
     found = list[Repair]()
     for a, b in combinations(("ixx", "iyy", "izz"), 2):
         texts = {a: written.texts[b], b: written.texts[a]}
         barycentric = written.barycentric(texts)
         score = written.plausibility(barycentric) - _CHARACTER * _CONVENTION
-        if written.fits(barycentric) and score > now + _CHARACTER * _INVENTED:
-            sentence = f"{a} and {b} are exchanged{_now(texts)}"
+        if written.fits(barycentric) and score > as_written + _CHARACTER * _INVENTED:
+            sentence = f"{a} and {b} are exchanged{_corrected(texts)}"
             found.append(Repair(sentence, texts, _CONVENTION, barycentric, score))
     found.sort(key=lambda repair: -repair.score)
     return [x for x in found if x.score > found[0].score - _CHARACTER]
 
 
 def find_shared(links: Sequence[WrittenInertial]) -> tuple[str, list[Repair]] | None:
-    """Return the mistake that was made in all links of a file, and its repair of each, none
-    where only the true numbers repair it; None without one.
+    """Find a mistake that was made in all links of a file.
 
-    One convention explains all links together: it is weighed before each link alone.
+    One convention may explain all links together, so it is tried before each link alone.
+
+    Returns
+    -------
+    tuple or None
+        The mistake in words, and the repair of each link; no repairs where only the true
+        numbers help. None if the links share no mistake.
     """
     written = [text for link in links for text in link.texts.values()]
     if len(links) < 2 or max(map(len, written)) > _LONGEST:
@@ -296,26 +307,27 @@ def find_shared(links: Sequence[WrittenInertial]) -> tuple[str, list[Repair]] | 
     all_fit = all(x.fits(x.barycentric()) for x in links)
     if sentence := _placeholders(links, all_fit):
         return sentence, []
-    invented = _ANEW if all_fit else _INVENTED
+    # Links that all fit need a stronger reason to be repaired.
+    best_gain = _CHARACTER * (_ANEW if all_fit else _INVENTED)
     conventions = dict.fromkeys(sentence for sentence, _ in _of_all_links(links[0]))
     before = [_score(x, x.barycentric()) for x in links]
     best: tuple[str, list[Repair]] | None = None
-    best_gain = _CHARACTER * invented
     for sentence in conventions:
         repairs = _repaired_by(sentence, links, before)
         gain = sum(x.score for x in repairs) - _CHARACTER * _CONVENTION
-        # The wrong link alone may have it, and the others bear it.
-        are_most = 2 * sum(x.score > 0.0 for x in repairs) > len(links)
-        if are_most and gain > best_gain:
+        # If only one link has the mistake, the others may stay possible, but do not
+        # become likelier.
+        helps_most = 2 * sum(x.score > 0.0 for x in repairs) > len(links)
+        if helps_most and gain > best_gain:
             best, best_gain = (sentence, repairs), gain
     return best
 
 
 def _placeholders(links: Sequence[WrittenInertial], all_fit: bool) -> str:
-    """Return in words that all links have the same numbers, which hold the place of their
-    own; "" where they do not, or may be modules that are built alike.
+    """Say that all links have the same numbers, which are placeholders; "" where they
+    differ, or the links may be equal modules.
 
-    all_fit : whether each of the numbers is possible, and fits the link's shape.
+    all_fit : whether the numbers of each link are possible, and fit its shape.
     """
     masses = {x.number("mass") for x in links}
     tensors = {tuple(map(x.number, MOMENTS)) for x in links}
@@ -326,20 +338,23 @@ def _placeholders(links: Sequence[WrittenInertial], all_fit: bool) -> str:
     # Three links alike may be modules, but for their round numbers.
     are_round = all(_digits(x) < 2 for x in (*moments, first["mass"]))
     numbers = f"({' '.join(moments)})"
-    holds = "numbers that hold the place of the links' own"
+    remark = "placeholders, not the links' own numbers"
     if len(masses) == 1 and len(links) > 2 and are_round:
-        return f"all have the same mass and inertia {numbers}: {holds}"
+        return f"all have the same mass and inertia {numbers}: {remark}"
     if len(masses) > 1 and not all_fit:
-        return f"all have the same inertia {numbers}, whatever they weigh: {holds}"
+        return f"all have the same inertia {numbers}, whatever they weigh: {remark}"
     return ""
 
 
 def _repaired_by(
     sentence: str, links: Sequence[WrittenInertial], before: Sequence[float]
 ) -> list[Repair]:
-    """Return the repair of each link by the convention of a sentence; none where a link
-    does not fit then. A repair's score is by how much likelier it makes the link, whose
-    logarithm of the prior was ``before``."""
+    """Return the repair of each link by the convention that a sentence names; no repair
+    if some link does not fit afterwards.
+
+    A repair's score is the rise of the link's score (:func:`_score`), which was
+    ``before``.
+    """
     repairs = list[Repair]()
     for link, score_before in zip(links, before, strict=True):
         texts = dict(_of_all_links(link))[sentence]
@@ -352,8 +367,8 @@ def _repaired_by(
 
 
 def _score(link: WrittenInertial, barycentric: Array) -> float:
-    """Return the logarithm of the prior of a link's numbers; of such as cannot be its own
-    that of numbers typed anew."""
+    """Return the logarithm of the prior of a link's numbers; that of numbers typed anew
+    if they are impossible or do not fit the link."""
     if not link.fits(barycentric):
         return -_CHARACTER * _ANEW
     return link.plausibility(barycentric)
@@ -370,7 +385,7 @@ def _of_all_links(written: WrittenInertial) -> Iterator[tuple[str, dict[str, str
     yield "the mass is in g, and the inertia in g m^2", {**grams, **moments}
 
 
-def _second(barycentric: Array) -> Array:
+def _second_moment(barycentric: Array) -> Array:
     """Return the second moment (3, 3) about the centre over the mass [m^2]."""
     tensor = inertia.inertia_matrix(barycentric[4:])
     return (0.5 * np.trace(tensor) * np.eye(3) - tensor) / max(barycentric[0], 1e-300)
@@ -392,11 +407,11 @@ def _hypotheses(written: WrittenInertial) -> Iterator[_Mistake]:
     for name in ("mass", *CENTRE, *MOMENTS):
         yield from _of_one_number(written, name)
     for sentence, changed in _of_conventions(written.texts):
-        yield _Mistake(f"{sentence}{_now(changed)}", changed, _CONVENTION)
+        yield _Mistake(f"{sentence}{_corrected(changed)}", changed, _CONVENTION)
     diagonal = {name: written.texts[name] for name in ("ixx", "iyy", "izz")}
     changed = {k: _negated(text) for k, text in diagonal.items() if float(text) < 0.0}
     if len(changed) > 1:
-        sentence = f"moments have the wrong sign{_now(changed)}"
+        sentence = f"moments have the wrong sign{_corrected(changed)}"
         yield _Mistake(sentence, changed, len(changed))
     yield _about_origin(written)
 
@@ -460,10 +475,10 @@ def _about_origin(written: WrittenInertial) -> _Mistake:
         for name in MOMENTS
     }
     sentence = "the inertia is about the link's origin, not about the centre of mass"
-    return _Mistake(f"{sentence}{_now(changed)}", changed, _CONVENTION)
+    return _Mistake(f"{sentence}{_corrected(changed)}", changed, _CONVENTION)
 
 
-def _now(texts: Mapping[str, str]) -> str:
+def _corrected(texts: Mapping[str, str]) -> str:
     """Return how the changed numbers should read."""
     return ": " + " ".join(f'{name}="{text}"' for name, text in texts.items())
 

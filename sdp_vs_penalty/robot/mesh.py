@@ -184,7 +184,7 @@ def _buffer(path: Path, uri: Any, inside: bytes) -> bytes:
     return read_bytes(place, LARGEST_TEXT)
 
 
-#: What assimp is handed of a file, by its suffix.
+#: How the copy of a mesh file for assimp is made, by its suffix.
 _COPIES: dict[str, Callable[[Path, bytes], bytes]] = {
     ".3ds": _as_it_is,
     ".dae": _as_it_is,

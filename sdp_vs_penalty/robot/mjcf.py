@@ -72,7 +72,7 @@ _ARRAYS = (
 _N_BYTES = 2**26
 _NEEDS_MEMORY = "MuJoCo needs more than 2 GB of memory for it"
 _MESHES_REMEDY = "write an <inertial> into each body: their meshes are then not read"
-#: By what of MuJoCo's model a tendon pulls without a drive.
+#: Fields of MuJoCo's model by which a tendon pulls without a drive.
 _PULLS = ("tendon_stiffness", "tendon_damping", "tendon_frictionloss", "tendon_limited")
 #: MuJoCo's numbers of kinds (mjtJoint, mjtEq, mjtTrn, mjtBias).
 _SLIDE = 2
@@ -347,15 +347,17 @@ def model_arrays(path: str, folder: str) -> Iterator[Arrays]:
     yield {"gravity": np.array(model.opt.gravity, float), "names": name_bytes, **fields}
 
 
-def _refusal(said: str, spec: Any) -> Exception:
-    """Return the error of a file that MuJoCo does not read, by what MuJoCo ``said``: it
-    names the body of its ``spec`` (None: not parsed) whose inertia is wrong, and what mends
-    it."""
-    reason, *rest = said.splitlines() or ["no reason given"]
+def _refusal(message: str, spec: Any) -> Exception:
+    """Return the error of a file that MuJoCo does not read, from MuJoCo's ``message``.
+
+    Where an inertia is wrong it names the body and the correction; ``spec`` is MuJoCo's
+    specification of the file, None if it was not parsed.
+    """
+    reason, *further_lines = message.splitlines() or ["no reason given"]
     if "unknown exception" in reason:  # as it calls C++'s bad_alloc
         return MemoryError()
     where, remedy = "", "correct it"
-    named = re.search("Element name '([^']+)'", " ".join(rest))
+    named = re.search("Element name '([^']+)'", " ".join(further_lines))
     body = None
     if spec is not None and named and "inertia" in reason:
         body = spec.body(named[1])

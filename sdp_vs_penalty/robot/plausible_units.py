@@ -15,13 +15,15 @@ from sdp_vs_penalty.robot.joint import Joint
 #: Longest distance between two joints [m], heaviest link [kg].
 LONGEST = 20.0
 _HEAVIEST = 3000.0
-#: A centre of mass is so many times farther away than the farthest joint, and more than
-#: this [m].
+#: A centre of mass is in another unit if it is farther from its frame than so many times
+#: the robot's size, and than this distance [m].
 _FAR = 30.0
 _AWAY = 3.0
-#: Radius of gyration over the size of the robot's longest link, or of its centre of mass.
+#: An inertia is in another unit if its radius of gyration is so many times the robot's
+#: size.
 _SPREAD = 10.0
-#: A link outweighs the median of the others by less than this: a base and a wrist.
+#: A link weighs less than so many times the median of the others, even a base beside a
+#: wrist.
 _OUTWEIGHS = 300.0
 #: Units of lengths, by how many of them are a metre.
 _LENGTH_UNITS = {1e2: "cm", 1e3: "mm"}
@@ -29,22 +31,21 @@ _LENGTH_UNITS = {1e2: "cm", 1e3: "mm"}
 #: those of masses in g.
 _KILOGRAM_INERTIAS = {1e4: "kg cm^2", 1e6: "kg mm^2"}
 _GRAM_INERTIAS = {1e3: "g m^2", 1e7: "g cm^2", 1e9: "g mm^2"}
-#: Largest distance between two joints of one arm [m]: least and most that people build.
+#: The largest distance between two joints of an arm lies between these [m].
 _SHORTEST_ARM = 0.1
 _LONGEST_ARM = 3.0
-#: A usual link's inertia is known to this factor either way from the robot's size.
+#: A usual link's inertia, estimated from the robot's size, is right within this factor.
 _INERTIA_ERROR = 30.0
-#: A range of a revolute joint beyond the first number [rad] is none in radians: two
-#: turns to either side. Up to the second it is one in degrees; what is larger stands
-#: for "no limit".
+#: A limit of a revolute joint between these numbers is in degrees: the first is two turns
+#: in radians, and numbers above the second stand for "no limit".
 _RANGE_IN_DEGREES = 12.6, 1440.0
-#: Longest range of a rail in mm; what is larger stands for "no limit".
+#: Largest limit of a rail in mm; larger numbers stand for "no limit".
 _LONGEST_IN_MM = 1e4
-#: The same of speeds [rad/s]. Small drives reach 40 rad/s, motors without a gear 100: a
-#: speed below is in degrees only where the ranges of the file are.
+#: The same for speeds. Small drives reach 40 rad/s, motors without a gear 100: a lower
+#: speed is in degrees only if the positions of the file are.
 _SPEED_IN_DEGREES = 100.0, 1440.0
 _SPEED_BESIDE_DEGREES = 12.6, 1440.0
-#: Ranges that are all smaller are radians that were read as degrees [rad].
+#: If all limits are smaller than this [rad], radians were read as degrees.
 _RANGE_READ_AS_DEGREES = 0.12
 #: Lightest arm whose dynamics a drive could show [kg].
 _LIGHTEST = 1e-3
@@ -153,10 +154,11 @@ def odd_limits(joints: Sequence[Joint]) -> str:
         f"{quantity} ({', '.join(names)})" for quantity, names in what.items() if names
     ]
     rails = {x.name: max(-x.lower, x.upper) for x in joints if x.name not in ranges}
-    if long := [x for x, reach in rails.items() if LONGEST < reach < _LONGEST_IN_MM]:
+    in_mm = [x for x, reach in rails.items() if LONGEST < reach < _LONGEST_IN_MM]
+    if in_mm:
         return (
-            f"limits of {', '.join(long)} reach {max(rails[x] for x in long):g} m and look"
-            " like millimetres: write metres"
+            f"limits of {', '.join(in_mm)} reach {max(rails[x] for x in in_mm):g} m and"
+            " look like millimetres: write metres"
         )
     finite = [x for x in ranges.values() if np.isfinite(x)]
     if len(finite) > 1 and max(finite) < _RANGE_READ_AS_DEGREES:
@@ -175,9 +177,9 @@ def odd_limits(joints: Sequence[Joint]) -> str:
 def _in_degrees(
     limits: Mapping[str, float], least: float, most: float, whole: Sequence[str] = ()
 ) -> list[str]:
-    """Return the names of the joints whose limit lies between ``least`` and ``most``; those
-    with ``whole`` numbers if these are not more than half of those with a limit up to
-    ``most``.
+    """Return the names of the joints whose limit lies between ``least`` and ``most``: all
+    of them if they are more than half of the joints with a limit up to ``most``, else
+    only those whose limits are ``whole`` numbers.
     """
     finite = {name: limit for name, limit in limits.items() if limit <= most}
     found = [name for name, limit in finite.items() if limit > least]
@@ -222,8 +224,9 @@ def _odd_inertias(
 ) -> Iterator[OddUnit]:
     """Yield inertias whose radius of gyration is too large for a robot of ``size`` [m].
 
-    ``lengths``: how many of the file's units of length are a metre, of each that fits;
-    units of mass times their squares come alone, where one fits.
+    ``lengths``: how many of the file's units of length are a metre, for each unit that
+    fits. Where an inertia's unit follows from those of mass and length, only that is
+    named.
     """
     wide = [x for x in links if _radius(x) > max(_SPREAD * size, 1.0)]
     if not wide:

@@ -31,9 +31,9 @@ from sdp_vs_penalty.robot.rotation import joint_motions
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
 
-#: A right angle is written with four decimals or more in a robot's file: it is off by
-#: less [rad]. Parallel axes are tilted by so much, and entries that are zero on exact
-#: axes are as small, relative to the largest ones.
+#: Robots' files write right angles with four decimals or more, so that they are off by
+#: less than this [rad]. Axes that are meant parallel are tilted by as much, and entries
+#: that would be zero on exact axes are as small, relative to the largest ones.
 ROUNDED_ANGLE = 1e-5
 
 

@@ -44,8 +44,8 @@ def rotation_of_quaternion(vector: Array, scalar: float) -> Array:
     """Return R = 1 + 2 w k + 2 k k (3, 3) of a quaternion of any length: w its scalar, k
     the cross product by its vector (3,), both over that length.
     """
-    both = np.append(vector, scalar)
-    x, y, z, w = both / np.linalg.norm(both)
+    quaternion = np.append(vector, scalar)
+    x, y, z, w = quaternion / np.linalg.norm(quaternion)
     k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.eye(3) + 2.0 * w * k + 2.0 * k @ k
 

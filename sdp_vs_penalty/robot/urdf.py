@@ -55,7 +55,8 @@ _NUMBER = re.compile(
     re.ASCII | re.IGNORECASE,
 )
 _BLANKS = " \t\r\n"
-#: An XML version that there is none of, such as 0.0 in Bullet's files, up to its number.
+#: An XML declaration of a version that does not exist, such as 0.0 in Bullet's files; the
+#: group ends before the number.
 _ODD_VERSION = re.compile(rb"(\A\s*<\?xml\s+version\s*=\s*[\"'])0\.\d+")
 #: Elements that couple links beside the tree of joints, by parts of their names.
 _COUPLING = re.compile("constraint|loop|connect|weld|closure", re.IGNORECASE)
@@ -262,8 +263,7 @@ def placed_links(
     -------
     list of Parts
         For each moving link its <link> elements, each with its pose (4, 4) in the
-        moving
-        link's joint frame; the moving link itself comes first.
+        moving link's joint frame; the moving link itself comes first.
 
     Raises
     ------
@@ -311,7 +311,8 @@ def coupling_elements(root: Any) -> list[Any]:
 
 
 def axes_left_out(root: Any) -> list[str]:
-    """List the moving joints without an <axis>, which then is 1 0 0, where most say theirs."""
+    """List the moving joints without an <axis>, for which 1 0 0 counts; none if half of
+    the joints or more have no <axis>."""
     moving = [x for x in root.findall("joint") if x.get("type") in _MOVING]
     without = [str(x.get("name")) for x in moving if x.find("axis") is None]
     return without if 2 * len(without) < len(moving) else []
@@ -319,8 +320,8 @@ def axes_left_out(root: Any) -> list[str]:
 
 def not_read(couplings: Sequence[str]) -> str:
     """Say that couplings of links are not read; "" without any."""
-    tree = "the arm is the tree of joints, without what couples its links besides"
-    return f"{', '.join(couplings)}: not read: {tree}" if couplings else ""
+    reason = "the arm is the tree of joints alone, without such couplings"
+    return f"{', '.join(couplings)}: not read: {reason}" if couplings else ""
 
 
 def _weighed(parts: Sequence[Parts]) -> tuple[list[Array], tuple[int, ...]]:
