@@ -70,6 +70,8 @@ _OF_OURS = "ours"
 _USUAL_STEPS = (2e-5, 0.1)
 #: Desired positions are at most so far from the measured ones, over their motion.
 _FOLLOWS = 0.1
+#: Rows by which a derivative is judged.
+_LEAST_ROWS = 50
 #: Rows that are shown of columns that were guessed, and orders of columns that are tried.
 _ROWS_SHOWN, _MOST_ORDERS = 5, 12
 
@@ -204,7 +206,30 @@ def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recogn
     if not (found.has_our_names or choice.rename) and _follows_positions(run):
         _remark(log, "what is called velocity follows the positions: left out")
         run = replace(run, dq=None)
+    if not (choice.rename or choice.as_written) and _are_exchanged(run):
+        other = {"q": "dq", "dq": "q"}
+        rename = dict[str, str]()
+        for ours in found.rename:
+            group = group_of(ours)
+            exchanged = other.get(group, group) + ours.removeprefix(group)
+            rename[ours] = found.rename[exchanged]
+        what = "q and dq are exchanged: what is called q is the derivative of dq"
+        found = replace(found, rename=rename, said=(*found.said, what))
+        run, found = _run_of_columns(log, found, choice)
     return log, run, found
+
+
+def _are_exchanged(run: Measurements) -> bool:
+    """Return whether what is called positions is the derivative of what is called
+    velocities, by the clock, and not the other way round."""
+    if run.dq is None or len(run.t) < _LEAST_ROWS:
+        return False
+    from sdp_vs_penalty.data.hypotheses.weighing import rate_from_velocities
+
+    turned = rate_from_velocities(run.dq, run.q)
+    if turned is None or rate_from_velocities(run.q, run.dq) is not None:
+        return False
+    return abs(turned * float(np.median(np.diff(run.t))) - 1.0) < _FOLLOWS
 
 
 def _follows_positions(run: Measurements) -> bool:
@@ -373,6 +398,7 @@ def channels_of(log: Log, choice: Choice) -> tuple[Log, Recognition]:
             n = sum(re.fullmatch("q[0-9]+", x) is not None for x in ours)
             known = recognition.units_of_chosen(known, log.columns, log.heading)
             known = recognition.with_facts(known, log.columns, log.heading, n)
+            known = _in_stated_order(known, log.heading, joints, n)
         return log, known
     letters = [*ascii_lowercase[: len(log.names)]]
     is_lettered = len(letters) > 3 and [x.lower() for x in log.names] == letters
@@ -399,6 +425,29 @@ def channels_of(log: Log, choice: Choice) -> tuple[Log, Recognition]:
 
         return log, proposed(log, missing, joints, ours)
     return log, Recognition(ours)
+
+
+def _in_stated_order(
+    found: Recognition, heading: Sequence[str], joints: Sequence[str] | None, n: int
+) -> Recognition:
+    """Return the columns q1..qn and so on in the order of the robot's joints, where a line
+    above the table names them in another one."""
+    from sdp_vs_penalty.data.words.joints import joints_of_heading
+
+    in_file = joints_of_heading(heading, joints or (), n)
+    if not in_file or in_file == [*(joints or ())]:
+        return found
+    place = {f"{k}": f"{in_file.index(x) + 1}" for k, x in enumerate(joints or (), 1)}
+
+    def in_place(ours: str) -> str:
+        group = group_of(ours)
+        return group + place.get(ours.removeprefix(group), "")
+
+    rename = {x: in_place(x) for x in found.rename}
+    factors = {x: found.scale[y] for x in rename if (y := in_place(x)) in found.scale}
+    said = f"joints {', '.join(in_file)} in the file, as a line above the table says"
+    scale = {x: y for x, y in found.scale.items() if x not in rename} | factors
+    return replace(found, rename=rename, scale=scale, said=(*found.said, said))
 
 
 def _has_other_velocities(log: Log, ours: Mapping[str, str]) -> bool:

@@ -49,6 +49,7 @@ UNITS_ABOVE = {
     "# units: time s, position deg, torque Nm": {"t": "s", "q": "deg", "tau": "nm"},
     "# units: s deg deg/s Nm": {"t": "s", "q": "deg", "dq": "deg/s", "tau": "nm"},
     "# load: 0.1 % of stall torque": {"tau": "0.1%"},
+    "# Present_Current: 2.69 mA per unit": {"tau": "ma"},
     "# stall torque [Nm]: 3.15, 3.15": {},  # a number's unit is no channel's
     "# torque limit in Nm, torque in Nm: 3.15": {},
 }
@@ -61,6 +62,21 @@ def test_units_of_channels_are_read_off_a_heading(line):
 
 
 ROBOT = ("waist", "shoulder", "elbow")
+
+
+def test_a_count_of_current_has_the_size_that_a_line_says():
+    """Counts were torques by the constant alone, 372 times too large."""
+    names = [
+        "time",
+        *(f"id{k}_present_{x}" for x in ("position", "current") for k in (1, 2)),
+    ]
+    lines = [
+        "# Present_Current: 2.69 mA per unit",
+        "# torque constant [Nm/A]: 1.2, 1.5",
+    ]
+    found = recognise(names, ("waist", "elbow"), lines)
+    assert found.factors("tau", 2) == pytest.approx([2.69e-3 * 1.2, 2.69e-3 * 1.5])
+    assert not found.torque_unit
 
 
 @pytest.mark.parametrize(
@@ -78,6 +94,38 @@ def test_the_joints_above_a_table_are_those_of_its_columns(line, order):
     found = recognise(names, ROBOT, [line, "# kt: 1, 2, 3"])
     assert [found.rename[f"q{k}"] for k in (1, 2, 3)] == [f"pos_{k}" for k in order]
     assert found.factors("tau", 3) == order
+    ours = ["t", *(f"{x}{k}" for x in ("q", "tau") for k in (1, 2, 3))]
+    t = 0.01 * np.arange(60)
+    columns = {x: t if x == "t" else t + float(x[-1]) for x in ours}
+    run = run_of(log_of_arrays(Path("run"), columns, heading=[line]), Choice(ROBOT))
+    assert run.q[0].tolist() == run.tau[0].tolist() == order
+
+
+def test_positions_that_are_the_derivative_of_velocities_are_exchanged(tmp_path):
+    t = 0.01 * np.arange(300)
+    q, dq = 1.3 + np.sin(3.0 * t), 3.0 * np.cos(3.0 * t)
+    named = {"t": t, "q1": dq, "dq1": q, "tau1": t}
+    run = run_of(log_of_arrays(Path("run"), named))
+    np.testing.assert_array_equal(run.q[:, 0], q)
+    np.testing.assert_array_equal(run.dq[:, 0], dq)
+    written = run_of(log_of_arrays(Path("run"), named), Choice(as_written=True))
+    np.testing.assert_array_equal(written.q[:, 0], dq)
+
+
+def test_rows_of_several_robots_are_asked_about(tmp_path):
+    lines = ["robot_id,time,q1,tau1"]
+    lines += [f"arm_{'AB'[k % 2]},{0.01 * k},{k},{k}" for k in range(60)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(lines))
+    words = "column robot_id says that rows are of several robots (arm_A, arm_B)"
+    refusal(lambda: read_run(path, None, None), words)
+
+
+def test_commanded_positions_stand_in_place_of_a_torque_that_is_not_logged():
+    names = [f"{x}.{y}_position" for y in ("goal", "present") for x in ROBOT]
+    found = recognise(["timestamp", *names], ROBOT)
+    assert found.rename["qcmd3"] == "elbow.goal_position"
+    assert found.rename["q3"] == "elbow.present_position"
 
 
 def test_rows_of_zeros_behind_the_run_are_left_out():

@@ -68,6 +68,9 @@ t=tiempo (s); deg=posición {} (grados); tau=par {} (N·m)
 t=tempo (s); deg=posizione {} (gradi); tau=coppia {} (Nm)
 t=tempo (s); deg=posição {} (graus); tau=torque {} (Nm)
 t=tijd; deg=positie{} (graden); tau=koppel{}
+t=idő [s]; deg=szög {} [fok]; tau=nyomaték {} [Nm]
+t=t/s; deg=phi_{}/deg; tau=M_{}/Nm
+t=t; q=q{}; dq=q̇{}; tau=τ{}
 t=czas; deg=pozycja{} [stopnie]; tau=moment{}
 t=Время (с); deg=Угол {} (град); tau=Момент {} (Н·м)
 t=时间(s); deg=关节{}角度(度); tau=关节{}力矩(Nm)
@@ -274,6 +277,14 @@ WRITTEN = {
             "% t [ms]; position [deg]; velocity [deg/s]; torque [mNm]",
         )
     },
+    "a rate of logging above": (
+        "q=q{}; tau=tau{}",
+        {"above": ["# logged at 100Hz", "# stopped at 14"]},
+    ),
+    "a remark below names and units": (
+        "t=; deg={}; tau={}",
+        {"head": ["Time,q1,q2,q3,M1,M2,M3", "s,deg,deg,deg,Nm,Nm,Nm", "run 3,,,,,,"]},
+    ),
     "a rate above": ("q=q{}; tau=tau{}", {"above": ["# sample rate: 0.1 kHz"]}),
     "a rate alone above": ("q=q{}; tau=tau{}", {"above": ["# rate: 100"]}),
     "a step above": ("q=q{}; tau=tau{}", {"above": ["# arm 3 kg", "# dt = 10 ms"]}),

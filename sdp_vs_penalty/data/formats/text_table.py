@@ -379,7 +379,9 @@ def _names_of_rows(rows: Cells) -> list[str]:
             if not row[k] and any(x[k] and not _is_unit(x[k]) for x in filled[n:]):
                 row[k] = row[k - 1]
     names = [""] * len(filled[0])
-    for row in filled:
+    for row, as_written in zip(filled, rows, strict=True):
+        if any(names) and len(row) > 2 and _n_filled(as_written) == 1:
+            continue  # a remark below the names
         is_units = all(_is_unit(cell) or not cell for cell in row)
         are_names = all(name and not name.startswith(" [") for name in names)
         has_names = are_names and len({*names}) == len(names)

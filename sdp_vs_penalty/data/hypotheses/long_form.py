@@ -29,6 +29,7 @@ def widened(log: Log) -> Log:
     """
     labels = _label_columns(log)
     if not labels or log.texts is None:
+        _require_one_robot(log)
         return log
     clock = find_clock(log.columns)
     if clock is None:
@@ -87,6 +88,24 @@ def widened(log: Log) -> Log:
         )
 
     return replace(log, columns=columns, read=read, texts=None)
+
+
+def _require_one_robot(log: Log) -> None:
+    """Raise InputError where rows of several robots stand in turn, by a column that names
+    the robot of each."""
+    for name, column in log.columns.items():
+        words = {*split_tokens(name)} - {*_WORDS["joints"], *_WORDS["channels"]}
+        is_label = column.kind == "text" or all(x.isdigit() for x in column.cells)
+        if not (words and words <= {*_WORDS["robots"]} and is_label):
+            continue
+        if not (log.texts and _repeats(log, name, _MOST_JOINTS)):
+            continue
+        cells = [row[0] for row in log.texts([name])]
+        robots = sorted({*cells})
+        what = (
+            f"column {name} says that rows are of several robots ({', '.join(robots)})"
+        )
+        raise InputError(what, f"keep the rows of one, {robots[0]!r} say", log.path)
 
 
 def _label_columns(log: Log) -> list[str]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -52,6 +53,7 @@ from sdp_vs_penalty.data.words.names import (
     facts_of_heading,
     is_no_measurement,
     read_bare_joint,
+    read_commanded_position,
     read_commanded_torque,
     read_letter,
     read_name,
@@ -155,9 +157,10 @@ def recognise(
             letters = {x: y for x in usable if (y := read_letter(x))}
             letters = {x: y for x, y in letters.items() if _says_nothing(said.get(x))}
             choice = choose_sets(said | letters, len(joints) if joints else None)
-        if choice is None:
-            read = _read_or_commanded
-            said, choice = _read_and_choose(chosen, joints, read)
+        for of_command in (read_commanded_torque, read_commanded_position):
+            if choice is None:
+                read = partial(_read_or_commanded, of_command=of_command)
+                said, choice = _read_and_choose(chosen, joints, read)
         clock = find_clock(chosen)
     if choice is None:
         return None
@@ -281,15 +284,14 @@ def _clock_by_values(
     numbers = {x: y.head for x, y in columns.items() if y.kind == "number"}
     rising = {x: head for x, head in numbers.items() if rises(head)}
     indices = [x for x in columns if x.lower() in _NAMES_OF_INDICES]
+    unknown = [
+        x for x in rising if not (said[x] or is_no_measurement(x) or x in indices)
+    ]
     weaker = (
         [x for x, y in columns.items() if y.kind == "stamp"],
         [x for x in indices if x in rising and np.any(rising[x] % 1.0)][:1],
-        [
-            x
-            for x, head in rising.items()
-            if not (said[x] or is_no_measurement(x) or x in indices)
-            and (read_time_by_unit(x) or not counts_rows(head))
-        ],
+        [x for x in unknown if read_time_by_unit(x)],
+        [x for x in unknown if not counts_rows(rising[x])],
     )
     return next((found[0] for found in weaker if len(found) == 1), None)
 
@@ -300,9 +302,11 @@ def _our_name(group: str, key: Hashable, number: int) -> str:
     return group if key == "" else f"{group}{number}"
 
 
-def _read_or_commanded(name: str) -> Meaning | None:
-    """Read a name, or a torque that was commanded."""
-    return read_name(name) or read_commanded_torque(name)
+def _read_or_commanded(
+    name: str, of_command: Callable[[str], Meaning | None]
+) -> Meaning | None:
+    """Read a name, or what was commanded."""
+    return read_name(name) or of_command(name)
 
 
 def _read_and_choose(

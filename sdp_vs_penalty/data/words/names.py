@@ -120,12 +120,14 @@ def quantity_of(name: str) -> str | None:
 
 def rate_of_heading(lines: Sequence[str]) -> float | None:
     """Read the sampling rate [Hz] off the lines above a table, "# sample rate: 250 Hz",
-    "dt = 4 ms" or "sample time,0.004"; None where they say none, or several.
+    "dt = 4 ms", "sample time,0.004" or "logged at 50 Hz"; None where they say none, or several.
 
     A number without a unit is in Hz behind a word for a rate, else in s.
     """
     rates = set[float]()
     for match in filter(None, map(_sampling().search, lines)):
+        if match["at"] and not match["unit"]:
+            continue
         size, unit = float(match["size"]), match["unit"] or match["unit_before"] or ""
         is_rate = (match["rate"] or match["rate_alone"]) is not None
         if unit.lower().endswith("hz") or (is_rate and not unit):
@@ -140,10 +142,10 @@ def rate_of_heading(lines: Sequence[str]) -> float | None:
 def _sampling() -> re.Pattern[str]:
     """Compile the pattern of a word for sampling, its number, and its unit on either side."""
     texts = {x: "|".join(words) for x, words in table()["sampling"].items()}
-    before, rate, step, rate_alone, step_alone = texts.values()
+    before, rate, step, rate_alone, at, step_alone = texts.values()
     unit = "k?hz|s|sec|ms|us"
     return re.compile(
-        rf"(?i)(?:(?<![^\W_])(?:{before})[ _-]*(?:(?P<rate>{rate})|{step})"
+        rf"(?i)(?:(?<![^\W_])(?:{before})[ _-]*(?:(?P<rate>{rate})|{step}|(?P<at>{at}))"
         rf"|^\W*(?:(?P<rate_alone>{rate_alone})|{step_alone}))"
         rf"(?:[\s_]*[\[(_](?P<unit_before>{unit})\b[\])]?)?\s*(?:[:=,;\t]|is|of)?\s*"
         rf"(?P<size>[0-9]*\.?[0-9]+(?:e-?[0-9]+)?)\s*(?P<unit>{unit})?(?![\w.:/-])"
@@ -158,6 +160,10 @@ def units_of_heading(lines: Sequence[str]) -> dict[str, tuple[str, float]]:
     for line in lines:
         if match := _COUNTS_A_TURN.search(line):
             found["q"] = match[2], 2.0 * np.pi / int(match[1])
+        if match := _PER_COUNT.search(line):
+            quantity = _quantity(split_tokens(line[: match.start()])) or ""
+            if unit := unit_of(match[2], quantity):
+                found[quantity] = unit[0], float(match[1]) * unit[1]
         for match in _IN_UNIT.finditer(line):
             word, text = match.groups()
             quantity = _quantity(split_tokens(word)) or ""
@@ -238,6 +244,11 @@ _COUNTS_A_TURN = re.compile(
     r"(?i)\b([0-9]{3,9})\s*(inc|increments|counts|ticks|pulses?|qc)"
     r"\s*(?:/|per|a)\s*(?:joint\s+)?(?:turn|rev)\w*"
 )
+#: The size of a count, "2.69 mA per unit".
+_PER_COUNT = re.compile(
+    r"(?i)(?<![\w.])([0-9]*\.?[0-9]+(?:e-?[0-9]+)?)\s*([^\W\d][\w·*/]*?)\s*(?:/|\bper)"
+    r"\s*(?:unit|count|tick|lsb|bit|digit|step|inc)\w*"
+)
 #: A reading at zero, "8192 = 0 deg".
 _AT_ZERO = re.compile(
     r"(?i)\b([0-9]+)\s*(?:inc|counts|ticks|pulses?)?\s*(?:=|is|at)\s*0(?:\.0*)?\s*(?:deg|rad|°)"
@@ -269,6 +280,15 @@ def read_commanded_torque(name: str) -> Meaning | None:
     tokens = split_tokens(name)
     said = read_name("_".join(x for x in tokens if x not in _COMMANDS))
     return said if said and said.quantity == "tau" and _COMMANDS & {*tokens} else None
+
+
+def read_commanded_position(name: str) -> Meaning | None:
+    """Read a name that says a position and that it was commanded, "goal_position_2", as a
+    command; None for other names."""
+    tokens = split_tokens(name)
+    said = read_name("_".join(x for x in tokens if x not in _COMMANDS))
+    is_command = said and said.quantity == "q" and _COMMANDS & {*tokens}
+    return replace(said, quantity="qcmd") if said and is_command else None
 
 
 def _read_by_unit(unit: NamedUnit) -> Meaning | None:

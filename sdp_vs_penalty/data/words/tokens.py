@@ -12,7 +12,12 @@ def split_tokens(name: str) -> list[str]:
     ['stamp', 'nano', 'sec', '3']
     >>> split_tokens("axisQMsr")
     ['axis', 'q', 'msr']
+    >>> split_tokens("q\u0307\u2081")
+    ['dq', '1']
     """
+    name = re.sub(
+        "([q\u03b8\u03c6])\u0307", r"d\1", name
+    )  # a dot above is a derivative
     before_capital = r"(?<=[a-z])(?=[A-Z])"  # stamp|Nano
     before_last_capital = r"(?<=[A-Z])(?=[A-Z][a-z]{2})"  # Q|Msr
     with_blanks = re.sub(f"{before_capital}|{before_last_capital}", " ", name.strip())

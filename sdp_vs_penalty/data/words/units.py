@@ -92,7 +92,7 @@ class NamedUnit:
 def units_of_name(name: str) -> list[NamedUnit]:
     """List the units with which a column's name can end, the longest first; a joint's
     number may follow the unit, "pos_deg_3"."""
-    text = name.strip()
+    text = _with_unit_in_brackets(name.strip())
     folded = text.casefold()
     candidates = list[NamedUnit]()
     for small, unit, quantity, factor in _units_in_small_letters():
@@ -105,6 +105,22 @@ def units_of_name(name: str) -> list[NamedUnit]:
             remainder = f"{text[: match.start()]} {match['number']}"
             candidates.append(NamedUnit(quantity, unit, factor, remainder))
     return sorted(candidates, key=lambda unit: len(unit.text), reverse=True)
+
+
+#: Units of one letter, as SI writes them.
+_LETTERS = frozenset("smhNA")
+
+
+def _with_unit_in_brackets(name: str) -> str:
+    """Return "M_3 [N]" for "M_3/N", a quantity over its unit; other names, "deg/s" among
+    them, as they are."""
+    before, _, after = (x.strip() for x in name.partition("/"))
+    unit = after.strip("() ")
+    units = {small for small, *_ in _units_in_small_letters()} - {"in"}
+    is_unit = unit.casefold() in units and (len(unit) > 1 or unit in _LETTERS)
+    words = re.findall(r"[^\W_]+", before)
+    is_named = bool(words) and words[-1].casefold() not in units
+    return f"{before} [{unit}]" if is_unit and is_named else name
 
 
 @cache
