@@ -31,8 +31,8 @@ _LOAD_REACH = np.array([1.0, *(0.5,) * 3, *(0.25,) * 6])
 #: Chi-squared with four degrees of freedom from which a load is reported: a chance of
 #: one in a million.
 _LOAD_SURPRISE = 33.4
-#: Standard deviations from zero from which a load's mass is stated.
-_MASS_IS_KNOWN = 2.0
+#: Standard deviations from zero from which a load's mass or moment is stated.
+_IS_KNOWN = 2.0
 #: Share of a unit column's square that keeps the normal equations regular.
 _RIDGE = 1e-9
 
@@ -126,7 +126,7 @@ def load_beyond_file(search: Search, estimate: Estimate) -> Notice | None:
         return None
     mass = float(excess[0])
     std_of_mass = float(np.sqrt(covariance[0, 0]))
-    if abs(mass) > _MASS_IS_KNOWN * std_of_mass:
+    if abs(mass) > _IS_KNOWN * std_of_mass:
         if theta[place[0]] <= 0.0:
             # No arm carries less than nothing: torques in another unit, say.
             return None
@@ -156,11 +156,16 @@ def _notice_of_mass(joint: int, mass: float, std: float) -> Notice:
 
 def _notice_of_moment(joint: int, moment: float, std: float) -> Notice:
     """Say by how much the last link's first moment [kg m] differs from the file."""
+    of_file = "from its file"
+    unseen = "its mass"
+    if moment > _IS_KNOWN * std:
+        of_file += f" by {moment:.2g} ± {NORMAL_95 * std:.1g} kg m"
+    else:
+        unseen = "how far, nor its mass"
     text = (
         f"the first moment (mass times centre) of what joint {joint} carries differs"
-        f" from its file by {moment:.2g} ± {NORMAL_95 * std:.1g} kg m: a payload, or a"
-        " last link that the file has wrong by more than a fifth; the data do not show"
-        " its mass"
+        f" {of_file}: a payload, or a last link that the file has wrong by more than a"
+        f" fifth; the data do not show {unseen}"
     )
     return Notice("load", joint, moment, std, "kg*m", text)
 

@@ -3,13 +3,14 @@
 The logs are of an arm that shares no code with the library (point_mass_arm).
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from point_mass_arm import MASSES, PointMassArm
 
-from sdp_vs_penalty import identify
+from sdp_vs_penalty import identify, load_problem, simulate
 from sdp_vs_penalty.diagnosis import Library, Search, find_notices
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
 from sdp_vs_penalty.diagnosis.notices import fit_with_priors
@@ -20,8 +21,12 @@ Array = np.ndarray
 
 def notices(problem, arm):
     """What a model without findings has taken in."""
-    run = arm.run(1)
-    model = identify(problem, run, "ols", effects=EFFECTS, check=False)
+    return notices_of_run(problem, arm.run(1), effects=EFFECTS)
+
+
+def notices_of_run(problem, run, **choices):
+    """The same of a run."""
+    model = identify(problem, run, "ols", check=False, **choices)
     search = Search(DiagnosisRuns(model, run, None).white_data, Library())
     search.terms = []
     search.fit = search.score.fit([])
@@ -47,6 +52,16 @@ def test_a_mass_below_zero_is_no_explanation(problem):
 
 def test_links_within_a_fifth_of_their_file_are_no_load(problem):
     assert not notices(problem, loaded(0.5))
+
+
+def test_a_moment_that_may_be_zero_is_not_said():
+    """The last link's mass and moment differ together: the runs tell neither alone."""
+    problem = load_problem("two_link")
+    links = problem.nominal_links * [[1.0], [1.0 / 1.5]]
+    run = simulate("two_link", seed=3).runs[0]
+    (notice,) = notices_of_run(replace(problem, nominal_links=links), run)
+    assert notice.size < 1.96 * notice.std
+    assert "differs from its file: a payload" in notice.sentence
 
 
 def rows_of(*columns, y):
