@@ -34,7 +34,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
 from sdp_vs_penalty.solvers import make_solver
 from sdp_vs_penalty.solvers.convex_problem import ConvexProblem, Entropy
-from sdp_vs_penalty.solvers.fit import fit_by_small_cones, repair
+from sdp_vs_penalty.solvers.fit import fit_by_small_cones, repair, with_best_dual
 from sdp_vs_penalty.solvers.identification import (
     largest_margin,
     least_squares_sdp,
@@ -277,7 +277,7 @@ class PosedSdp:
 
         Our own interior-point method is tried first. Unless its certified gap is at
         most TIGHT, a conic solver solves the problem, several times with better
-        scaling.
+        scaling. The least objective and the largest bound of all answers count.
 
         Parameters
         ----------
@@ -292,6 +292,7 @@ class PosedSdp:
             If no point near an optimum is found.
         """
         problem, interior = self.problem, self.interior
+        answers = list[Fit]()
         if self.cones is not None:
             starts: list[Array | Iterate] = [
                 self._start(problem.least_squares),
@@ -300,9 +301,11 @@ class PosedSdp:
             if near is not None and near.central is not None:
                 starts.insert(0, near.central)
             fit = fit_by_small_cones(problem, self.cones, starts, interior, accuracy)
-            if fit is not None and fit.gap <= TIGHT:
-                return fit
-        return _solved(self, accuracy)
+            if fit is not None:
+                if fit.gap <= TIGHT:
+                    return fit
+                answers.append(fit)
+        return _solved(self, accuracy, answers)
 
     def _start(self, data: LeastSquares) -> Array:
         """Return a start (p,) in which friction, rotor inertia and the like make a
@@ -323,18 +326,20 @@ class PosedSdp:
         return start
 
 
-def _solved(posed: PosedSdp, accuracy: float) -> Fit:
+def _solved(posed: PosedSdp, accuracy: float, answers: Sequence[Fit]) -> Fit:
     """Solve the SDP by a conic solver in several attempts; return the best Fit.
 
     Each attempt solves the same problem in other units: it is centred at the best
     answer so far, and scales the cones at a point between that and the interior point.
-    The best fit has the smallest certified gap; a gap of at most TIGHT ends the
-    attempts. Raises InputError if no answer is usable.
+    The best answer has the least objective, those of our own method (``answers``)
+    included, and the multipliers of all answers that prove most of it. A gap of at most
+    TIGHT ends the attempts. Raises InputError if no answer is usable.
     """
     constraints = posed.problem.constraints
     interior = posed.interior
     data = posed.problem.least_squares
-    best: Fit | None = None
+    answers = list(answers)
+    best = min(answers, key=_objective, default=None)
     is_answered = False  # whether the solver itself called one of its points a solution
     claims_made = list[str]()
     # Lower estimate of the loss at the optimum: the unit of the objective.
@@ -382,19 +387,25 @@ def _solved(posed: PosedSdp, accuracy: float) -> Fit:
             interior=interior,
             details=details,
         )
-        # 3. Keep the answer with the smallest certified gap.
-        smallest_gap = np.inf if best is None else best.gap
-        if fit.gap < smallest_gap:
-            best = fit
-        if fit.gap <= TIGHT:
+        # 3. Keep the least objective, and the multipliers that prove most of it.
+        answers.append(fit)
+        best = with_best_dual(min(answers, key=_objective), answers)
+        if best.gap <= TIGHT:
             break
-    if best is None or not (is_answered or best.gap <= FAR_GAP):
+    # From a gap of 1 on nothing is proved of an answer.
+    largest_gap = 1.0 if is_answered else FAR_GAP
+    if best is None or best.gap >= largest_gap:
         raise InputError(
             f"solver {posed.solver} gave up on a problem that has an interior point"
             f" ({', '.join(claims_made)})",
-            "choose another solver, or check the units of the measurements",
+            "choose another solver, or check the units of the robot and the measurements",
         )
     return best
+
+
+def _objective(fit: Fit) -> float:
+    """Return the objective at an answer."""
+    return fit.upper
 
 
 def interior_point(

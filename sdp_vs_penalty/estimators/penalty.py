@@ -45,7 +45,7 @@ from sdp_vs_penalty.robot.constraint import (
     projected_rows,
 )
 from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
-from sdp_vs_penalty.solvers.fit import repair
+from sdp_vs_penalty.solvers.fit import repair, with_best_dual
 from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT
 
 #: Columns that LAPACK's QR takes at once.
@@ -680,15 +680,15 @@ def fit_penalty(
     interior = interior_point(task, problem.constraints)
     penalty = ShiftedPenalty(task, problem, interior)
     figures = list[dict[str, Any]]()
-    duals = list[Array]()  # multipliers that bound every run
+    bounds = list[Fit]()  # whose multipliers bound every run
     best: PenaltyRun | None = None
     n_starts = max(starts, 1)
     all_starts = _starts(task, problem.constraints, interior, relaxation)
     for number, start in enumerate(islice(all_starts, n_starts)):
         run = start.run(task, problem, penalty, interior, tolerance)
         figures.append(run.figures)
-        if start.multipliers is not None:
-            duals.append(start.multipliers)
+        if start.relaxed is not None:
+            bounds.append(start.relaxed)
         lowest = min(f["objective"] for f in figures)
         task.progress(
             f"run {number + 1} of {n_starts}: best {lowest:.6g}, violation"
@@ -698,11 +698,14 @@ def fit_penalty(
         # be worse.
         if best is None or run.rank < best.rank * (1.0 - 1e-7):
             best = run
-        fits = [
-            Fit(best.theta, problem, dual, None, interior, {"runs": figures})
-            for dual in (best.multipliers, *duals)
-        ]
-        fit = max(fits, key=lambda fit: fit.lower)
+        fit = Fit(
+            theta=best.theta,
+            problem=problem,
+            multipliers=best.multipliers,
+            interior=interior,
+            details={"runs": figures},
+        )
+        fit = with_best_dual(fit, bounds)
         if best.is_feasible and fit.gap <= PROVEN_GAP:
             break
     return fit
@@ -714,8 +717,8 @@ class _Start:
 
     #: (p,) parameters.
     theta: Array
-    #: (e,) multipliers of the convex constraints, if theta is the relaxation's optimum.
-    multipliers: Array | None = None
+    #: The relaxation's fit, if theta is its optimum.
+    relaxed: Fit | None = None
 
     def run(
         self,
@@ -728,7 +731,8 @@ class _Start:
         """Minimise the penalty from here; an optimum of the relaxation that satisfies
         all limits stays as it is."""
         constraints = problem.constraints
-        theta, multipliers = self.theta, self.multipliers
+        theta = self.theta
+        multipliers = None if self.relaxed is None else self.relaxed.multipliers
         spent = {"residual": 0.0, "stages": 0}
         if multipliers is None or not _obeys_nonconvex(constraints, theta):
             x = theta / penalty.theta_scale
@@ -760,7 +764,7 @@ def _starts(
     if relaxation is not None:
         with suppress(InputError):  # its solvers gave up: random starts are left
             relaxed = relaxation()
-            yield _Start(relaxed.theta, relaxed.multipliers)
+            yield _Start(relaxed.theta, relaxed)
     box = BarycentricBox(task)
     rng = np.random.default_rng(task.seed)
     while True:

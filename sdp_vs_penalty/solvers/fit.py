@@ -76,6 +76,17 @@ class Fit:
         return self.problem.least_squares.gap(self.upper, self.lower, self.theta)
 
 
+def with_best_dual(fit: Fit, others: Sequence[Fit]) -> Fit:
+    """Return a fit with those multipliers that prove most of it: its own or those of
+    other answers to the same problem, since a bound holds whoever found it."""
+    candidates = [fit]
+    for other in others:
+        if other is not fit:
+            dual = other.multipliers, other.entropy_slopes
+            candidates.append(replace(fit, multipliers=dual[0], entropy_slopes=dual[1]))
+    return max(candidates, key=lambda candidate: candidate.lower)
+
+
 def fit_by_small_cones(
     problem: ConvexProblem,
     cones: SmallCones,
@@ -325,7 +336,7 @@ def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
     # a tiny step, so that the decimal logarithm of the step is bisected.
     too_short = -14.0
     long_enough = 0.0
-    while 10.0**long_enough - 10.0**too_short > max(1e-6 * 10.0**long_enough, 1e-11):
+    while 10.0**long_enough - 10.0**too_short > max(1e-6 * 10.0**long_enough, 1e-14):
         middle = 0.5 * (too_short + long_enough)
         if feasible(10.0**middle):
             long_enough = middle

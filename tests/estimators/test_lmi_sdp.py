@@ -29,12 +29,14 @@ from sdp_vs_penalty.estimators import (
     LmiSdpTwoStep,
     PosedSdp,
     interior_point,
+    lmi_sdp,
     make_estimator,
 )
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.shootout import Instance, in_units
 from sdp_vs_penalty.solvers import Clarabel
+from sdp_vs_penalty.solvers.fit import with_best_dual
 
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-thickness", "lmi-sdp-entropic")
 
@@ -265,6 +267,32 @@ def test_a_solver_without_an_answer_proves_nothing_of_the_constraints(
     ) as error:
         interior_point(task, demands)
     assert not isinstance(error.value, Infeasible)
+
+
+def test_of_all_answers_the_least_objective_and_the_largest_bound_count(
+    toy_task, monkeypatch
+):
+    """Our own answer is beaten by no worse one of a solver; where nothing is proved of
+    any, none is given."""
+    own = LmiSdpThickness().fit(toy_task)
+    inside, nothing = own.interior, np.zeros_like(own.multipliers)
+    at_inside = replace(own, theta=inside)  # with our multipliers
+    unproved = replace(own, multipliers=nothing)
+    assert at_inside.upper > 2.0 * own.upper
+    assert unproved.gap > 1e-3
+    both = with_best_dual(unproved, [at_inside])
+    assert np.array_equal(both.theta, own.theta)
+    assert both.gap == pytest.approx(own.gap, abs=1e-8)
+
+    monkeypatch.setattr(lmi_sdp, "TIGHT", 0.0)  # ours is never the only one
+    monkeypatch.setattr(lmi_sdp, "repair", lambda constraints, theta, inside: inside)
+    again = LmiSdpThickness().fit(toy_task)
+    assert again.gap <= 1e-8
+    without_answers(monkeypatch, 1000)
+    assert LmiSdpThickness().fit(toy_task).gap <= 1e-8
+    monkeypatch.setattr(lmi_sdp, "fit_by_small_cones", lambda *_: None)
+    with pytest.raises(InputError, match="gave up on a problem that has an interior"):
+        LmiSdpThickness().fit(toy_task)
 
 
 @pytest.mark.real_data
