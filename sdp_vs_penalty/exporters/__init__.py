@@ -1,6 +1,6 @@
-"""Formats of an exported model, one small file each. A module that offers what
-:class:`sdp_vs_penalty.exporters.interface.ExportFormat` describes is a format: nothing
-else registers it.
+"""Formats of an exported model, one small file each. A module with the names of
+:class:`sdp_vs_penalty.exporters.interface.ExportFormat` is a format, without further
+registration.
 """
 
 from __future__ import annotations

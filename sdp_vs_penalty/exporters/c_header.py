@@ -23,7 +23,7 @@ ENDING = ".h"
 FILE = "model.h"
 ABOUT = "a C header without dependencies"
 
-#: The header holds bodies as arrays, all else as formulas.
+#: The header holds links and payload as arrays, all else as formulas.
 HOLDS: frozenset[SimulatorField] = frozenset({"links", "payload", "formulas"})
 
 #: @ stands for the robot's name, $word for an entry of :func:`write`.

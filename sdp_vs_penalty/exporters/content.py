@@ -1,4 +1,5 @@
-"""What of a model a simulator's file can hold: links, damping, dry friction, armature."""
+"""The part of a model that simulators' files can hold: links, damping, dry friction,
+armature."""
 
 import re
 from collections import defaultdict
@@ -67,10 +68,10 @@ class Content:
     #: (n,) gains of the torque channels, measured over true; () where the model has
     #: none.
     gains: tuple[float, ...] = ()
-    #: (2, n) kp and kd of the servos' position loops, the latter with what a command's
-    #: delay damps less; None where the model knows none.
+    #: (2, n) kp and kd of the servos' position loops (:func:`servo_gains`); None where
+    #: the model knows none.
     servo: Array | None = None
-    #: What MuJoCo's files hold beside, as the effects declare it.
+    #: Further terms for MuJoCo's files, as the effects declare them.
     mjcf: tuple[SimulatorTerm, ...] = ()
 
     def mjcf_attributes(self, element: str, joint: int = -1) -> dict[str, float]:

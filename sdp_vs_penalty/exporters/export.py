@@ -34,7 +34,8 @@ def format_of(out: str | Path) -> ExportFormat:
     endings = [ending for ending in EXPORTS.all() if name.endswith(ending)]
     if not endings:
         known = ", ".join(
-            f"{ending} ({home.ABOUT})" for ending, home in EXPORTS.all().items()
+            f"{ending} ({file_format.ABOUT})"
+            for ending, file_format in EXPORTS.all().items()
         )
         raise InputError("unknown suffix", f"choose one of {known}", out)
     return EXPORTS.all()[max(endings, key=len)]
@@ -58,17 +59,17 @@ def write_model(
     cannot hold.
     """
     out = Path(out)
-    home = format_of(out)
-    own_file = _own_file(home, out, {"URDF": urdf, "MJCF": mjcf})
+    file_format = format_of(out)
+    own_file = _own_file(file_format, out, {"URDF": urdf, "MJCF": mjcf})
     options = Options(own_file, force, flange)
-    content, lost = home.write(estimate, options)
-    if own_file is None:  # of the user's own file every other byte is kept
+    content, lost = file_format.write(estimate, options)
+    if own_file is None:  # the user's own file gets no comment: its other bytes stay
         verdict = verdict_line(estimate)
-        if lost and hasattr(home, "HOLDS"):
+        if lost and hasattr(file_format, "HOLDS"):
             verdict = exported_verdict(lost, judged)
         line = " ".join(filter(None, (verdict, friction_at_rest(estimate, out))))
         content = _with_verdict(content, out.suffix.lower(), line)
-    if getattr(home, "BODIES", True):
+    if getattr(file_format, "BODIES", True):
         for doubt in doubts_of_bodies(estimate):
             warnings.warn(f"{out}: {doubt}", Remark, stacklevel=2)
     write_bytes(out, content)
@@ -76,19 +77,19 @@ def write_model(
 
 
 def _own_file(
-    home: ExportFormat, out: Path, given: dict[str, str | Path | None]
+    file_format: ExportFormat, out: Path, path_by_kind: dict[str, str | Path | None]
 ) -> str | Path | None:
-    """Return the user's own file of those given, "URDF" or "MJCF".
+    """Return the user's own file, a "URDF" or an "MJCF"; None without one.
 
     Raises InputError for two, or where the format does not edit such a file.
     """
-    found = {kind: path for kind, path in given.items() if path is not None}
+    found = {kind: path for kind, path in path_by_kind.items() if path is not None}
     if not found:
         return None
     if len(found) > 1:
         raise InputError(f"{' and '.join(found)} are two files", "name one of them")
     ((kind, path),) = found.items()
-    if getattr(home, "EDITS", "") != kind:
+    if getattr(file_format, "EDITS", "") != kind:
         ending = {"URDF": ".urdf", "MJCF": ".xml"}[kind]
         what = f"an edited {kind} must end in {ending}"
         raise InputError(what, f"rename it, or leave the {kind} out", out)

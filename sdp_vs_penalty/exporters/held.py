@@ -1,5 +1,5 @@
-"""Which effects of a model a file holds, and which are left out: decided here alone, from
-the fields that a format declares (``HOLDS``)."""
+"""Which effects of a model a file holds and which it leaves out. Only this module decides
+that, from the fields that a format declares (``HOLDS``)."""
 
 from collections.abc import Collection
 
@@ -13,11 +13,11 @@ from sdp_vs_penalty.exporters.content import servo_gains
 
 def is_held(effect: Effect, estimate: Estimate, fields: Collection[str]) -> bool:
     """Return whether a file with these fields holds an effect: in fields of its own, or
-    as a formula. A servo's loop is no part of the arm, so that no file lacks it."""
+    as a formula. A servo's loop is no part of the arm: no file counts as lacking it."""
     if effect.forward == "drive":
         return True
     terms = effect.simulator_terms(np.zeros(len(effect.parameters)))
-    # An effect without terms stands in its one field, which may be no file's.
+    # An effect without terms needs its own field; "" is a field that no file has.
     needed = {term.field for term in terms} or {effect.simulator_field}
     if needed <= set(fields):
         return True
@@ -25,8 +25,8 @@ def is_held(effect: Effect, estimate: Estimate, fields: Collection[str]) -> bool
 
 
 def left_out(estimate: Estimate, fields: Collection[str]) -> tuple[str, ...]:
-    """Return the effects that :func:`is_held` denies and that make a torque, as they are
-    written, and a delay of the servos' command."""
+    """Return the effects that make a torque and that a file with these fields does not
+    hold, as they are written, and a delay of the servos' command."""
     lost = [
         effect.brief
         for effect, indices in estimate.model.parts

@@ -1,5 +1,5 @@
-"""Which inertials of a URDF are physically possible, by how much, and the nearest ones
-that are."""
+"""Check which inertials of a URDF are physically possible, by what margin, and what
+repairs the others."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -54,9 +54,9 @@ from sdp_vs_penalty.robot.urdf import (
     read_inertial,
 )
 
-#: So many typing mistakes that are not told apart are named.
+#: Most typing mistakes that are named, where several explain a link equally well.
 _MOST_NAMED = 4
-#: How far a link reaches that no joint moves, such as the base [m].
+#: Reach of a link that no joint moves, such as the base [m].
 _REACH_OF_BASE = 3.0
 
 
@@ -78,8 +78,8 @@ class LinkCheck(WritesJson):
     pseudo_inertia_margin: float
     #: "consistent", or why no body has these numbers.
     verdict: str
-    #: How far its body reaches [m], from geometry or the joints around it (3: nothing
-    #: moves it).
+    #: How far its body reaches [m], from geometry or the joints around it; _REACH_OF_BASE
+    #: where no joint moves it.
     reach: float
     #: Radius sqrt(tr I / (2 m)) about the centre of mass of a consistent link [m].
     gyration: float = field(metadata=stored_as("radius_of_gyration"))
@@ -90,7 +90,8 @@ class LinkCheck(WritesJson):
     #: Typing mistakes that explain it and are not told apart, the likeliest first.
     repairs: tuple[Repair, ...]
     #: Repair of an impossible link that ``--fix`` writes: the one that explains it, or the
-    #: likeliest where the nearest inertia is beyond the link's body; None: the nearest.
+    #: likeliest if the nearest inertia is too large for the link's body. None: ``--fix``
+    #: writes the nearest inertia.
     repair: Repair | None = field(metadata=NOT_STORED)
     #: Nearest possible inertial (Frobenius norm) of an inconsistent link with mass;
     #: None of other links.
@@ -112,7 +113,7 @@ class LinkCheck(WritesJson):
         impossible = inertia.why_impossible(theta)
         contradictions = _contradictions(link)
         nearest = None
-        is_body = True  # of the nearest
+        nearest_fits_body = True
         misfit = ""
         is_rounding = False
         repairs: list[Repair] = []
@@ -122,13 +123,13 @@ class LinkCheck(WritesJson):
         elif inertial.mass > 0.0:
             about_com = inertia.nearest_inertia(inertial.about_com, inertial.mass)
             nearest = replace(inertial, about_com=about_com)
-            of_mass = np.trace(about_com) / (2.0 * inertial.mass)
-            is_body = bool(of_mass < written.reach**2)
+            squared_gyration = np.trace(about_com) / (2.0 * inertial.mass)
+            nearest_fits_body = bool(squared_gyration < written.reach**2)
             change = float(np.linalg.norm(about_com - inertial.about_com))
             is_rounding = change <= written.resolution
             if not is_rounding:
                 size = max(float(np.linalg.norm(inertial.about_com)), 1e-300)
-                # A moment that is not positive is no small error of one that is.
+                # A moment that is not positive is never a small error.
                 is_gross = np.diagonal(inertial.about_com).min() <= 0.0
                 move = 1.0 if is_gross else change / size
                 repairs, is_clear = find_repairs(written, move)
@@ -145,8 +146,11 @@ class LinkCheck(WritesJson):
             misfit=misfit,
             contradictions=contradictions,
             repairs=tuple(repairs),
-            # A nearest inertia beyond the link's body is no way out, a likely number is.
-            repair=repairs[0] if repairs and (is_clear or not is_body) else None,
+            # If even the nearest inertia is too large for the body, the likeliest mistake
+            # is repaired instead.
+            repair=(
+                repairs[0] if repairs and (is_clear or not nearest_fits_body) else None
+            ),
             nearest=nearest,
             is_rounding=is_rounding,
         )
@@ -189,7 +193,7 @@ class LinkCheck(WritesJson):
             first = enumerate(self.repairs[:_MOST_NAMED], start=1)
             each = "; ".join(f"({k}) {x.sentence}" for k, x in first)
             more = len(self.repairs) - _MOST_NAMED
-            rest = f"; and {more} more" if more > 0 else ""
+            further = f"; and {more} more" if more > 0 else ""
             chosen = (
                 "none is chosen" if self.repair is None else "--fix writes the first"
             )
@@ -201,7 +205,7 @@ class LinkCheck(WritesJson):
                 )
             elif len(self.repairs) == 1:
                 how = "one typing mistake explains it hardly better than another error"
-            yield f"{how}: {each}{rest}"
+            yield f"{how}: {each}{further}"
         if self.nearest is not None and self.repair is None:
             why = (
                 "within the written digits"
@@ -236,8 +240,8 @@ class LinkCheck(WritesJson):
 
 @contextmanager
 def checkable(path: Path) -> Iterator[Path]:
-    """Turn a robot's file into a URDF for the length of a block, as `as_urdf`; an MJCF too,
-    with a link behind each joint, called by its body."""
+    """Turn a robot's file into a URDF for the length of a block, as `as_urdf` does. An
+    MJCF becomes a URDF too; each joint's link has the name of its body."""
     if format_of(read_bytes(path)) != "mjcf":
         with as_urdf(path) as file:
             yield file
@@ -245,8 +249,9 @@ def checkable(path: Path) -> Iterator[Path]:
     from sdp_vs_penalty.robot.mjcf import load_bodies
 
     stated = load_robot(path)
-    nothing: Any = [np.zeros(stated.robot.n)] * 5
-    text = make_urdf(stated.robot, Content(stated.links, *nothing)).decode()
+    # Damping, friction, armature, stiffness and offset.
+    no_effects: Any = [np.zeros(stated.robot.n)] * 5
+    text = make_urdf(stated.robot, Content(stated.links, *no_effects)).decode()
     for body in reversed(load_bodies(path)[1]):
         if body.joints and body.name:
             ours = f'"link{body.carrier + 1}"'
@@ -286,14 +291,15 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
         for k, (link, inertial) in enumerate(zip(links, written, strict=True))
         if link.get("name") in room and inertial.number("mass")
     ]
-    # Where lengths are in another unit, no link is judged by its size.
-    is_of_size = _longest(robot) < LONGEST
-    shared = find_shared([written[k] for k in moving]) if is_of_size else None
+    # If lengths are in another unit, no link is judged by its size.
+    if _longest(robot) >= LONGEST:
+        return checks
+    shared = find_shared([written[k] for k in moving])
     if shared is None:
         return checks
     mistake, repairs = shared
-    own: Sequence[Repair | None] = repairs or [None] * len(moving)
-    for k, repair in zip(moving, own, strict=True):
+    repair_of_each: Sequence[Repair | None] = repairs or [None] * len(moving)
+    for k, repair in zip(moving, repair_of_each, strict=True):
         checks[k] = replace(
             checks[k],
             of_all=mistake,
@@ -307,9 +313,9 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
 def _room_of_links(
     path: str | Path, robot: Robot, nominal: Array
 ) -> dict[str, tuple[float, Array | None]]:
-    """Return of each link of a URDF that moves, by its name, how far mass may lie from its
-    origin [m], and the points of its shapes (K, 3) in its frame; None for a link that is
-    drawn nowhere, which may be anywhere."""
+    """Return for each moving link of a URDF, by its name, how far mass may lie from its
+    origin [m], and the points of its shapes (K, 3) in its frame; None for a link without
+    a shape, whose mass may lie anywhere in that reach."""
     without_bounds = np.tile([-np.inf, np.inf], (robot.links, 3, 1))
     geometry = link_geometry(path)
     bodies = link_bodies(robot, without_bounds, np.zeros_like(nominal), geometry)
@@ -407,8 +413,8 @@ def sentences(
     massless : sequence of str
         Names of moving links without inertial.
     units : sequence of str
-        What is said of the file besides: where its units are wrong, no link is judged by
-        its size.
+        Remarks of :func:`unit_remarks`. If units are wrong, no link is judged by its
+        size.
 
     Returns
     -------
@@ -436,7 +442,8 @@ def sentences(
 
 
 def _verdict(checks: Sequence[LinkCheck]) -> str:
-    """Return what the checks of all links come to."""
+    """Return the result of all checks in words: which links are impossible, contradictory
+    or implausible."""
     kinds = {
         "physically impossible": [
             c.link for c in checks if not c.consistent and not c.contradictions
@@ -487,8 +494,8 @@ def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
 
 
 def format_remarks(path: Path) -> list[str]:
-    """Say that gravity of an MJCF points upwards, and what of an SDF's <inertial>s is left
-    out, for which the format has a default."""
+    """Say that gravity of an MJCF points upwards, and which numbers an SDF's <inertial>s
+    leave out, for which the format has defaults."""
     kind = format_of(read_bytes(path))
     if kind == "sdf":
         links = parse_urdf(path).iter("link")

@@ -1,4 +1,4 @@
-"""What a module of this folder offers to be a format of export."""
+"""The names that a module of this folder has if it is a format of export."""
 
 from typing import Protocol
 
@@ -12,11 +12,13 @@ Written = tuple[bytes, tuple[str, ...]]
 class ExportFormat(Protocol):
     """A format of export: a module with these names, found by its ``ENDING``.
 
-    Three more names are optional. ``HOLDS`` is of formats that hold a model of the torque:
-    the fields that they have, a collection of SimulatorField.
-    ``EDITS = "URDF"`` or "MJCF" is of formats that can edit the user's own file of that
-    kind, ``options.own_file``.
-    ``BODIES = False`` is of formats that hold neither links nor a payload.
+    Three more names are optional:
+
+    - ``HOLDS``, in formats that hold a model of the torque: their fields, a collection
+      of SimulatorField.
+    - ``EDITS = "URDF"`` or "MJCF", in formats that can edit the user's own file of that
+      kind, ``options.own_file``.
+    - ``BODIES = False``, in formats that hold neither links nor a payload.
     """
 
     #: How the names of such files end, ".sdf"; the longest that fits a name decides.

@@ -111,10 +111,10 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
             _actuator(actuators, joint, content, k)
         else:
             leader, multiplier, offset = robot.leader(i)
-            course = (offset, multiplier, 0.0, 0.0, 0.0)
+            polynomial = (offset, multiplier, 0.0, 0.0, 0.0)
             element(body, "joint", **attributes)
             element(
-                equality, "joint", joint1=joint.name, joint2=leader, polycoef=course
+                equality, "joint", joint1=joint.name, joint2=leader, polycoef=polynomial
             )
         # A thin capsule from this body's origin to each joint that it carries shows the
         # link: it collides with nothing.
@@ -196,9 +196,10 @@ def _put_inertials(
     places: Sequence[PlacedBody],
     links: dict[int, Array],
 ) -> None:
-    """Write the inertials of bodies, which lie at ``places``: of each moving joint, by its
-    place in the tree, the link's parameters (10,) about the joint's frame."""
-    moving_body = dict[int, int]()  # of each moving joint, the first that it carries
+    """Write the inertials of bodies, which lie at ``places``. ``links`` has the link's
+    parameters (10,) about the joint's frame for each moving joint, by its place in the
+    tree."""
+    moving_body = dict[int, int]()  # the first body that each moving joint carries
     for k, place in enumerate(places):
         moving_body.setdefault(place.carrier, k)
     for k, place in enumerate(places):
@@ -307,7 +308,8 @@ def _written(values: Mapping[str, float]) -> dict[str, str]:
 
 
 def _joint_attributes(content: Content, k: int) -> dict[str, float]:
-    """Return what the effects of driven joint k are as attributes of MuJoCo's <joint>."""
+    """Return the attributes of MuJoCo's <joint> that hold the effects of driven joint
+    k."""
     return {
         "damping": content.damping[k],
         "frictionloss": content.friction[k],
@@ -338,7 +340,7 @@ def _inertial_attributes(solid: Inertial, name: str) -> dict[str, Any]:
     return {"pos": solid.com, "mass": solid.mass, "fullinertia": full}
 
 
-#: Of a spring that stands for an offset alone: its torque changes by this share of the
+#: The torque of a spring that stands for an offset alone changes by this share of the
 #: offset in a radian or metre.
 _SOFT = 1e-10
 

@@ -1,9 +1,9 @@
 """The user's own file of a robot, into which a model's numbers are put: its bytes, and
 which of its joints and links are the model's.
 
-lxml parses and answers questions; where each element's tags lie in the bytes is
-scanned; new elements are spliced into these bytes, of which every other one stays:
-quotes, spaces in tags, line ends.
+lxml parses the file; a scan finds where each element's tags lie in its bytes. New
+elements replace these bytes alone, so that all others stay: quotes, spaces in tags, line
+ends.
 """
 
 import re
@@ -28,8 +28,8 @@ REMEDY = "give the file of the robot that was identified"
 #: difference of unit vectors.
 _NEAR = 1e-4
 
-#: What may hold a < or > that is none of a tag's; then a whole tag, in which quotes may
-#: hold a >.
+#: Comments, CDATA and instructions, whose < and > are no tag's; or a whole tag, whose
+#: quotes may hold a >.
 _MARKUP = re.compile(
     rb"""<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>|(?P<tag><(?:[^"'>]|"[^"]*"|'[^']*')*>)""",
     re.DOTALL,
@@ -255,10 +255,10 @@ def in_frames_of(
         other = model_robot.tree[k]
         relation = np.linalg.inv(poses_of_file[index]) @ poses_of_model[k]
         parent = -1 if joint.parent < 0 else order[joint.parent]
-        is_like = joint.kind == other.kind and parent == other.parent
+        is_alike = joint.kind == other.kind and parent == other.parent
         what = f"joint {joint.name!r} is not joint {other.name!r} of the model"
         axis_of_other = relation[:3, :3] @ other.axis
-        if not is_like or np.linalg.norm(axis_of_other - joint.axis) > _NEAR:
+        if not is_alike or np.linalg.norm(axis_of_other - joint.axis) > _NEAR:
             raise InputError(
                 f"{what} (another kind, parent or direction of its axis)", REMEDY, path
             )

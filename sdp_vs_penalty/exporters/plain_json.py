@@ -47,8 +47,8 @@ def write(estimate: Estimate, options: Options) -> Written:
         "provenance": dict(estimate.provenance),
     }
     if model.reference is not None:
-        referred = model.reference[model.rigid_indices]
-        content["reference_links"] = _plain_links(robot, referred)
+        reference = model.reference[model.rigid_indices]
+        content["reference_links"] = _plain_links(robot, reference)
     return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode(), ()
 
 

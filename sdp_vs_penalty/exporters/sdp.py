@@ -30,9 +30,10 @@ from sdp_vs_penalty.solvers.conic import cbf_text, sdpa_text
 from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
 from sdp_vs_penalty.solvers.rewrite import linear_objective, suited
 
-#: Ending of the sparse SDPA format, and the method that goes into it unless another is
-#: named.
+#: Ending of the sparse SDPA format.
 _SDPA = ".dat-s"
+#: Method whose SDP is written in that format if none is named: it has no exponential
+#: cone.
 SDPA_METHOD = "lmi-sdp-thickness"
 
 
@@ -161,31 +162,34 @@ def write_posed(
             "choose lmi-sdp, lmi-sdp-thickness, lmi-sdp-plain or lmi-sdp-entropic",
         )
     check_format(out, estimator.entropy > 0.0)
-    posed = build_problem(problem, measurements, options)
-    task = posed.task
-    runs = posed.runs
+    estimation = build_problem(problem, measurements, options)
+    task = estimation.task
+    runs = estimation.runs
     convex = estimator.posed(task)
     task.progress("proving the optimum")
     fit = estimator.fit(task)
     proof = proved(task, fit, certify(task, fit)[0], method)
     centre = fit.theta
-    # The cones are scaled at a point close to the optimum, on the way to the interior
-    # point: as our own solution is in its second attempt. Scaled at the interior point
+    # The cones are scaled at a point between optimum and interior point, close to the
+    # optimum, as in the second attempt of our own solver. Scaled at the interior point
     # itself, csdp's optimum is off by 2e-6 on the TX40; 0.03 to 0.3 of the way make no
     # difference on three arms.
-    share, _ = ATTEMPTS[1]
-    inside = centre + share * (interior_point(task, convex.constraints) - centre)
+    share_of_way, _ = ATTEMPTS[1]
+    to_interior = interior_point(task, convex.constraints) - centre
+    inside = centre + share_of_way * to_interior
     smallest = convex.least_squares.loss_scale(centre)
     sdp = least_squares_sdp(convex, inside, centre, least_loss=smallest)
     return export_sdp(
         sdp,
         out,
         (proof["lower"], proof["upper"]),
-        problem=posed.problem.name,
+        problem=estimation.problem.name,
         method=method,
         effects=[effect.text for effect in task.model.effects],
-        gravity=list(posed.problem.robot.gravity),
-        filters=asdict(posed.problem.preprocessing if runs is None else runs.settings),
-        weighting=posed.weighting,
-        data_hash=posed.measurements.data_hash,
+        gravity=list(estimation.problem.robot.gravity),
+        filters=asdict(
+            estimation.problem.preprocessing if runs is None else runs.settings
+        ),
+        weighting=estimation.weighting,
+        data_hash=estimation.measurements.data_hash,
     )

@@ -9,12 +9,12 @@ from sdp_vs_penalty.online import constants as c
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
-#: Entries of a table of one effect over velocity, its finest step [rad/s, m/s] and its
-#: largest velocity.
+#: Entries of a joint's table over velocity.
 _ENTRIES = 8193
+#: Velocity below which the entries are evenly spaced, and the largest one [rad/s, m/s].
 _FINEST = 1e-5
 _FASTEST = 20.0
-#: Relative error of a table that is taken for the effect itself.
+#: Largest relative error of the tables that represent an effect.
 _TOLERANCE = 1e-3
 
 
@@ -60,7 +60,7 @@ class ArmModel:
         self._allocate(len(robot.tree))
         for effect, indices in model.parts:
             if not np.array_equal(indices, model.rigid_indices):
-                self._take(effect, self.theta[indices])
+                self._tabulate(effect, self.theta[indices])
         self.dry_friction = self._jump_at_reversal()
 
     def _jump_at_reversal(self) -> Array:
@@ -68,8 +68,10 @@ class ArmModel:
         mean load by gravity."""
         still = np.zeros((100, self.n))
         poses = self.model.robot.random_configurations(len(still), 0)
-        held = self.model.robot.inverse_dynamics(self._reference, poses, still, still)
-        self._load[:] = np.abs(held).mean(axis=0)
+        gravity = self.model.robot.inverse_dynamics(
+            self._reference, poses, still, still
+        )
+        self._load[:] = np.abs(gravity).mean(axis=0)
         forwards = np.zeros(self.n)
         backwards = np.zeros(self.n)
         self._add_friction(self._tables, np.full(self.n, c.REST_SPEED), forwards)
@@ -94,8 +96,8 @@ class ArmModel:
         self._tree_links = self._on_tree(links)
         self._reference = links
         if self.model.reference is not None:
-            referred = self.model.reference[self.model.rigid_indices]
-            self._reference = referred.reshape(-1, 10)
+            reference = self.model.reference[self.model.rigid_indices]
+            self._reference = reference.reshape(-1, 10)
         self._tree_reference = self._on_tree(self._reference)
         first = 10 * robot.link_joints[-1]
         self._last = slice(first, first + 10)
@@ -162,11 +164,11 @@ class ArmModel:
         )
         np.dot(regressor, self._tree_links, out=self._tree_torque)
         np.dot(regressor[:, self._last], self._map, out=self._tree_columns)
-        self._drive(self._tree_torque, self.torque)
-        self._drive(self._tree_columns, self.columns)
+        self._to_driven_joints(self._tree_torque, self.torque)
+        self._to_driven_joints(self._tree_columns, self.columns)
         if self._has_load:
             np.dot(regressor, self._tree_reference, out=self._tree_torque)
-            self._drive(self._tree_torque, self._load)
+            self._to_driven_joints(self._tree_torque, self._load)
         self.friction[:] = 0.0
         self._add_friction(self._tables, dq, self.friction)
         self.torque += self.friction
@@ -178,8 +180,8 @@ class ArmModel:
         self.torque *= self._gains
         self.columns *= self._gain_column
 
-    def _drive(self, of_tree: Array, out: Array) -> None:
-        """Write what acts on the joints of the tree (joints, ...) as it acts on the n
+    def _to_driven_joints(self, of_tree: Array, out: Array) -> None:
+        """Project torques or columns of the joints of the tree (joints, ...) onto the n
         driven joints, into ``out`` (n, ...)."""
         if self._mechanism is None:
             np.copyto(out, of_tree)
@@ -187,8 +189,8 @@ class ArmModel:
             np.dot(self._mechanism.matrix.T, of_tree, out=out)
 
     def _add_friction(self, tables: list[Array], dq: Array, torque: Array) -> None:
-        """Add what three tables make of velocities dq (n,) and of the joints' load to
-        ``torque`` (n,), without allocation."""
+        """Add the friction of three tables at velocities dq (n,), under the joints'
+        load, to ``torque`` (n,), without allocation."""
         without_load, pull, rub = tables
         self._find_place(dq)
         self._read(without_load)
@@ -227,14 +229,13 @@ class ArmModel:
         self._high *= self._place
         self._low += self._high
 
-    def _take(self, effect: Effect, theta: Array) -> None:
-        """Represent an effect in the control loop by tables and slopes.
+    def _tabulate(self, effect: Effect, theta: Array) -> None:
+        """Add an effect with parameters theta (k,) to the tables and slopes of the loop.
 
-        They are read off the effect's own torque; theta (k,) are its parameters. Effects
-        add up. Raises InputError unless tables and slopes reproduce the effect's torque at
-        random states to _TOLERANCE.
+        They are read off the effect's own torque. Raises InputError unless they
+        reproduce that torque at random states to _TOLERANCE.
         """
-        # 400 random states and loads (400, n), on which all is checked below.
+        # 400 random states and loads (400, n) for the check below.
         rng = np.random.default_rng(0)
         q, dq, ddq, load = rng.uniform(-1.0, 1.0, (4, 400, self.n))
         try:

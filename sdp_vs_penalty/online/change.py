@@ -6,10 +6,10 @@ The stretch since the last change is kept as its matrix G and its seconds T
 K of a payload a change at that instant is judged by
 
     bare before:       ln K(after),
-    a payload before:  max(0, ln K(after)) - (ln K(both) - ln K(before)),
+    a payload before:  max(0, ln K(after)) - (ln K(all) - ln K(before)),
 
-the likelihood of what came after with a payload of its own, or none, over that with
-the payload of before (Adams, MacKay, Bayesian Online Changepoint Detection, 2007).
+the likelihood of the data after it with another payload, or none, over that with the
+same payload as before (Adams, MacKay, Bayesian Online Changepoint Detection, 2007).
 One call judges one instant. A change is suspected where this exceeds
 ``CHANGE_EVIDENCE``, and believed if it still does ``CHANGE_WAIT`` later. Its instant
 t0 is where the parameters x0 of before and x1 of after explain most, the maximum of
@@ -65,17 +65,17 @@ class ChangeDetector:
         change, at an instant at which the payload may have changed. The ring reaches
         CHANGE_REACH seconds back.
 
-        ``prior`` is of a payload, and d = ``n_drifts`` offsets and shares of friction
-        may drift. The residual torque agrees with itself for ``correlation`` [s], the
-        control loop has the period ``period`` [s], and the filters delay by ``delay``
-        [s]. Data count exp(-1) after FORGETTING [s].
+        ``prior`` is that of a payload, and d = ``n_drifts`` offsets and shares of
+        friction may drift. The residual torque has the correlation time ``correlation``
+        [s], the control loop the period ``period`` [s], and the filters the delay
+        ``delay`` [s]. The weight of data falls to exp(-1) after FORGETTING [s].
         """
         self.is_carrying = False
         width = WIDTH + n_drifts
         # The stretch since the last change: G, fading, and T [s].
         self._total = np.zeros((width, width))
         self._total_seconds = 0.0
-        self._correlation = correlation  # s for which a residual agrees with itself
+        self._correlation = correlation  # time of a residual [s]
         # A ring of snapshots of the total: instants at which a change may have
         # happened.
         self._stride = max(1, round(c.CHANGE_STEP / period))  # calls a snapshot
@@ -122,7 +122,7 @@ class ChangeDetector:
         period : float
             Period dt of the loop [s].
         time : float
-            Instant of the rows [s], by which the snapshot is called.
+            Instant of the rows [s], which names the snapshot.
         """
         if self._calls_to_snapshot == 0:
             self._keep(time)
@@ -212,15 +212,17 @@ class ChangeDetector:
             return -np.inf
         if not self.is_carrying:
             return self._after(place)
-        # A payload was carried: the same one would go on to explain the window.
         posterior = self._posterior
         evidence_before = self._before(place)
+        # The data before are in the posterior; with those after, it has all.
         self._add_after(place, posterior)
-        evidence_of_both = posterior.solve()
+        evidence_of_all = posterior.solve()
+        # The data after alone, which were the last to be added.
         posterior.clear()
         posterior.add_again()
-        evidence_after = posterior.solve()
-        return max(evidence_after, 0.0) - (evidence_of_both - evidence_before)
+        # 0 is the evidence of no payload after the change.
+        evidence_after = max(posterior.solve(), 0.0)
+        return evidence_after - (evidence_of_all - evidence_before)
 
     def _locate(self, place: int) -> DetectedChange | None:
         """Find the most likely instant of a change near the snapshot in slot ``place``.

@@ -12,21 +12,22 @@ DRIFT = 60.0
 #: Standard deviation of friction that has drifted, as a share of friction itself.
 #: Offsets drift by the same share of dry friction.
 DRIFT_SHARE = 0.1
-#: Natural logarithm of the evidence that a change needs: odds of a million, since one
-#: of the million instants of a quarter of an hour at 1 kHz is a pick.
+#: Natural logarithm of the odds that a change needs, a million to one: about one of the
+#: million instants in a quarter of an hour at 1 kHz is a pick.
 CHANGE_EVIDENCE = 13.8
 #: s: steps between the instants at which a change may have happened, and how far back.
 CHANGE_STEP = 0.02
 CHANGE_REACH = 2.0
-#: Steps after which data fade: all kept instants at once, too costly for each step.
+#: Data fade once in so many steps: all kept instants fade together, which would cost too
+#: much in every step.
 CHANGE_STEPS_PER_FADE = 10
 #: s: shortest stretch after a change that is judged.
 CHANGE_SHORTEST = 0.06
 #: s: a change is believed if it still is one so long after it was suspected: a bump is
 #: over by then.
 CHANGE_WAIT = 0.2
-#: s: how often each kept instant is judged; up to three times as long in a fast loop
-#: with a payload, whose cycles project it or judge.
+#: s: each kept instant is judged once in this time; up to three times as long in a fast
+#: loop with a payload, where a cycle either projects it or judges.
 CHANGE_JUDGED_EVERY = 0.1
 #: rad/s or m/s: below this speed dry friction can have any value up to its size.
 REST_SPEED = 0.01

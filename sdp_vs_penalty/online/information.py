@@ -1,12 +1,12 @@
-"""What a stretch of a stream knows of a payload: information, evidence, estimate.
+"""What the data of a stretch tell of a payload: information, evidence, estimate.
 
 With residual e = tau - tau_arm and columns Y (n, 10) of the payload, a stretch of T
 seconds is kept as
 
     G = integral of [Y, e]^T S^-1 [Y, e] dt,      S = diag(sigma_j^2).
 
-Residuals of a model are no white noise. Where they agree with themselves for tau
-seconds, T seconds are worth 1 + T / tau independent instants, so the information is
+Residuals of a model are no white noise. With a correlation time of tau seconds, T
+seconds are worth 1 + T / tau independent instants, so the information is
 
     Lambda = (1 / T + 1 / tau) G.
 

@@ -1,4 +1,4 @@
-"""How far the torque of the bare arm is off, and for how long it stays so."""
+"""The residual torque of the arm without a payload: its size and correlation time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sdp_vs_penalty.signals.runs import interpolated
 
 #: s: lengths of parts over which residuals are averaged.
 _PART_LENGTHS_S = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
-#: Fewer parts of one length say nothing of a mean square or a quantile.
+#: Fewest parts of one length for a mean square or a quantile.
 _SMALLEST_NUMBER_OF_PARTS = 8
 #: Hz: sampling rate of the residuals.
 _RATE_HZ = 100.0
@@ -34,11 +34,11 @@ class ResidualNoise:
 
     #: (n,) root mean square residual of joints in motion [N m or N].
     std: Array
-    #: Time for which a residual agrees with itself [s]: the mean of T seconds has the
-    #: variance std^2 / (1 + T / correlation).
+    #: Correlation time of a residual [s]: the mean of T seconds has the variance std^2 /
+    #: (1 + T / correlation).
     correlation: float
-    #: Factor on std by which 95 % intervals of masses hold zero 95 times in 100 where
-    #: there is none.
+    #: Factor on std with which 95 % intervals of a mass hold zero 95 times in 100 where
+    #: there is no payload.
     inflation: float
     #: (n,) largest acceleration of the motion [rad/s^2 or m/s^2]; beyond it nothing is
     #: known of the noise.

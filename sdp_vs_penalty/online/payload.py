@@ -24,7 +24,7 @@ from sdp_vs_penalty.robot.inertia import barycentric_from_standard, inertia_matr
 
 @dataclass(frozen=True, repr=False)
 class PayloadNow(Shown):
-    """What the last link carries, as data and physics together have it."""
+    """The payload of the last link: the physically consistent one nearest to the data."""
 
     #: Instant of the estimate [s]: the filters' delay before the last sample.
     time: float
@@ -109,18 +109,18 @@ class PayloadEstimator:
     Parameters
     ----------
     estimate : Estimate or str
-        Of the arm without a payload, or the path of its model.json.
+        Model of the arm without a payload, or the path of its model.json.
     noise : ResidualNoise
-        Of the model's residuals, as :meth:`calibrated` measures it.
+        Noise of the model's residuals, as :meth:`calibrated` measures it.
     rate : float
-        At which samples come in [Hz].
+        Rate of the samples [Hz].
     delay : float
-        Of the filters [s], at most 0.05: results speak of that long ago.
+        Delay of the filters [s], at most 0.05: results are those of that long ago.
     prior : PayloadPrior, optional
-        Of the payload, before it is measured.
+        What is known of a payload before it is measured.
     drift : float
-        Over this time offsets and friction change by DRIFT_SHARE of friction [s]; 0
-        where they are held. Torques of that size are no payload, and intervals of
+        Time over which offsets and friction change by DRIFT_SHARE of friction [s]; 0:
+        they stay. Torques of that size are not taken for a payload, and intervals of
         masses include them.
 
     Raises

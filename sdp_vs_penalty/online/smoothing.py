@@ -10,9 +10,9 @@ from sdp_vs_penalty.robot.arrays import Array
 class SmoothingFilter:
     """Value, rate and acceleration of a stream by a cubic over a moving window.
 
-    The window reaches ``delay`` to either side of the instant that it speaks of
-    (Savitzky, Golay, Anal. Chem. 1964): what comes out is of ``delay`` seconds ago, at
-    every frequency. Nothing is allocated after construction but views.
+    The window reaches ``delay`` to either side of the instant of its result (Savitzky,
+    Golay, Anal. Chem. 1964): the result is that of ``delay`` seconds ago, at every
+    frequency. Nothing is allocated after construction but views.
     """
 
     def __init__(self, channels: int, period: float, delay: float) -> None:
@@ -59,9 +59,8 @@ class SmoothingFilter:
         """
         self._samples[self._next] = sample
         self._samples[self._next + self.length] = sample
-        self._next = (
-            self._next + 1
-        ) % self.length  # now the place of the oldest sample
+        # The place of the oldest sample, where a full window begins.
+        self._next = (self._next + 1) % self.length
         self._count = min(self._count + 1, self.length)
         if self._count < self.length:
             return False

@@ -1,5 +1,5 @@
-"""What people see: words, tables, HTML and charts of results. Nothing is computed here
-that a person reads as a result: numbers are facts of the records."""
+"""Words, tables, HTML and charts of results. Nothing is computed here that a person
+reads as a result: numbers are facts of the records."""
 
 from sdp_vs_penalty.plugins import lazy_exports
 

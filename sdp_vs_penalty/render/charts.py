@@ -37,14 +37,15 @@ from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.signals.reversals import since_reversal
 
-#: Points of a curve or a cloud: more than a screen is wide, few enough to draw at once.
+#: Points of a curve or a cloud: about as many as a screen shows, and quick to draw.
 POINTS = 800
 
 
 class Figure:
-    """A figure as plain data for plotly's script, by the names that plotly.py has for
-    its parts, which checks every property against the whole of its schema: a tenth of a
-    second a figure.
+    """A figure as plain data for plotly's script.
+
+    Methods and properties have plotly.py's names. plotly.py itself checks every property
+    against its schema, which takes a tenth of a second a figure.
 
     ``data`` holds the traces, ``layout`` everything else; a ``title`` may be a text.
     """
@@ -262,8 +263,9 @@ def torque_figure(
     plot = Figure(columns=2, gap=0.16) if side_by_side else Figure(rows=2)
 
     def curve(
-        t: Array, values: Array, name: str, colour: str, shown: bool, panel: int = 0
+        t: Array, values: Array, name: str, colour: str, in_legend: bool, panel: int = 0
     ) -> None:
+        """Draw a thinned curve over time, in the legend or not."""
         x, y = envelope(t, values)
         look = {"line": {"color": colour, "width": 2.0 if colour == MEASURED else 1.2}}
         plot.add(
@@ -273,7 +275,7 @@ def torque_figure(
             y=y,
             name=name,
             legendgroup=name,
-            showlegend=shown,
+            showlegend=in_legend,
             **look,
         )
 
@@ -478,9 +480,8 @@ def cause_axis(
         return CauseAxis(signals.q[:, j], np.sign(signals.dq[:, j]), label)
     if cause in (WAVES, TURN):
         one_period = 2.0 * np.pi / (waves if cause == WAVES else 1.0)
-        where = (
-            "angle within a turn" if one_period > 6.0 else "position within one wave"
-        )
+        is_whole_turn = one_period > 6.0  # 2 pi is one
+        where = "angle within a turn" if is_whole_turn else "position within one wave"
         label = f"{where} [{position_unit}]"
         return CauseAxis(signals.q[:, j] % one_period, ones, label)
     if cause in (VELOCITY, HIGH_SPEED, STANDSTILL):
@@ -490,7 +491,7 @@ def cause_axis(
         return CauseAxis(x, ones, f"acceleration [{position_unit}/s^2]")
     torque = signals.modelled[:, j]
     unit = "N" if position_unit == "m" else "N m"
-    if cause == LOAD:  # friction that grows with it is one straight line
+    if cause == LOAD:  # friction in proportion to the load is then one straight line
         direction = np.sign(signals.dq[:, j])
         return CauseAxis(np.abs(torque), direction, f"load: size of torque [{unit}]")
     if cause == MODELLED_TORQUE:

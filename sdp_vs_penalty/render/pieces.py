@@ -32,7 +32,7 @@ _COLOURS = (
     "#D55E00 #56B4E9 #E69F00 #CC79A7 #009E73 #0072B2 #8A6FDF #7A5C2E #5B8C5A #A0522D"
     " #B5651D #7F9F2F #C25B8A #3C7A89 #9C6B98 #6E6A3E #888888"
 )
-#: Of each cause the colour of its stretches; the last is for those without one.
+#: Colour of the stretches of each cause; the last is for stretches without one.
 SHADES = dict(zip((*CAUSES, "no cause seen"), _COLOURS.split(), strict=True))
 
 
@@ -175,8 +175,8 @@ def _bar(
     if is_known:
         sizes["noise"] = 1.0
     shapes = {kind: scale.place(size) for kind, size in sizes.items()}
-    is_told = not (is_known and max(old, new) < 1.0)  # below the noise nothing is
-    if not (has_change and is_told):
+    is_below_noise = is_known and max(old, new) < 1.0  # a change there says nothing
+    if not has_change or is_below_noise:
         return {"shapes": shapes, "change": "", "kind": ""}
     return {
         "shapes": shapes,

@@ -90,8 +90,8 @@ class FindingWords:
     #: Why it is that sure: what was asked of the runs, a sentence each, and whether the
     #: answer speaks for the finding.
     evidence: tuple[tuple[str, bool], ...] = ()
-    #: Number of the finding that says it as well, since only their sum is shown; 0 for
-    #: what stands for itself.
+    #: Number of the finding whose words include this one, because the runs show only
+    #: their sum; 0 otherwise.
     said_by: int = 0
 
     @property
@@ -150,7 +150,7 @@ def describe_finding(
     physics = finding.physics
     earlier = diagnosis.effects[: finding.number - 1]
     if any(other.effect == finding.effect for other in earlier):
-        physics = ""  # it was said of the first one
+        physics = ""  # the first one of its kind explains it
     rivals = finding.rivals_in_words
     title, badge, size = finding.title, finding.badge, finding.size_text
     said_by = 0
@@ -210,8 +210,8 @@ _MOST_ODDS = 6
 def _evidence_for(
     finding: Finding, diagnosis: Diagnosis, size: str
 ) -> tuple[tuple[str, bool], ...]:
-    """Say what each question to the runs has answered, and whether that speaks for a
-    finding; ``size``: as it is said, "" where it is not known."""
+    """Return what the runs show of a finding, a sentence each, and whether that speaks
+    for it. ``size`` is its size in words, "" where it is not known."""
     before, after = diagnosis.errors_of(finding)
     falls = bool(after[finding.main_joint - 1] < before[finding.main_joint - 1])
     evidence = [(finding.gain_sentence(diagnosis), falls)]
@@ -288,8 +288,9 @@ def weak_title(n_weak: int, n_added: int = 0) -> str:
 def doubt_of(rated: Finding | Retune, shared: Collection[Doubt] = ()) -> str:
     """Say why a finding or a re-estimated constant is not confident; "" if it is.
 
-    What stands elsewhere is left out: doubts that it shares with others, that another
-    effect fits as well, where the effect is named, and the size's, which its badge says.
+    Doubts that are shown elsewhere are left out: those ``shared`` with other findings,
+    that another effect fits as well if that effect is named, and that the size is
+    uncertain if the badge says so.
     """
     is_named = isinstance(rated, Finding) and bool(rated.rivals_in_words)
     left_out = {*shared, *([Doubt("rivals")] if is_named else [])}
@@ -343,7 +344,7 @@ def describe_constant(constant: Retune, diagnosis: Diagnosis) -> FindingWords:
     )
 
 
-#: What no run shows that the model was identified from.
+#: What the runs from which a model was identified cannot show.
 LOAD_IN_ALL_RUNS = "a load that all runs carry, which is part of the last link"
 
 
@@ -529,10 +530,11 @@ _WHEN = {
 def describe_unexplained(
     failures: Failures, joint: int, is_found: bool | None = False
 ) -> str:
-    """Say what the error of a joint (from 1) follows, and that nothing sure explains it.
+    """Say what the error of a joint (from 1) depends on, and that nothing sure explains
+    it.
 
-    is_found : whether something was found that may explain it; None before anything was
-    sought, which is not said then.
+    is_found : whether something was found that may explain it. None before a diagnosis:
+    then only what the error depends on is said.
     """
     when = _WHEN.get(shown_cause(None, failures, joint))
     if is_found is None:
@@ -584,8 +586,9 @@ def describe_addition(before: Comparison, after: Comparison) -> str:
 
 
 def new_effects(before: Estimate | None, after: Estimate) -> list[str]:
-    """Return the effects of a model, as `add` writes them, that the one before it lacks;
-    one at other constants is none. All, without one before it."""
+    """Return the effects of a model, as `add` writes them, that the model before it
+    lacks; all of them without a model before it. An effect that only has other constants
+    is not new."""
     known = before.model.effects if before else ()
     places = [(effect.name, (*effect.joints,)) for effect in known]
     effects = after.model.effects

@@ -67,21 +67,21 @@ def report(
     out : str or Path
         The .html file to write.
     commands : sequence of str
-        How it was made, for its last section.
+        Commands that made the report, for its last section.
     noise_from : the same as measurements, optional
         As in :func:`compare`.
     findings : Diagnosis, str or Path, optional
         A diagnosis, or its findings.json, whose findings and curves are shown.
     forward : bool
-        Run the model forward over whole runs, however long that takes, and not for a
-        few seconds of processor time.
+        Run the model forward over whole runs, however long that takes; otherwise for
+        a few seconds of processor time.
     comparisons : Comparisons, optional
-        The models on these measurements, by the same names and in the same order, where
-        that is known.
+        The models on these measurements, by the same names and in the same order, if
+        they are compared already.
     failures : mapping of str to Failures, optional
-        Where models fail on these measurements, by name, as far as that is known.
+        Where models fail on these measurements, by name, if that is computed already.
     progress : callable
-        Hears where the computation stands, a short text each time.
+        Called with a short text at each step.
 
     Returns
     -------
@@ -117,7 +117,8 @@ def report(
         for c in comparisons
     }
     drive: Drive = "torque" if runs.torque_logged else "servo"
-    steps = None if forward else 100  # of the free runs together: a fifth of a second
+    # Of all free runs together: 100 steps take a fifth of a second.
+    steps = None if forward else 100
     try:
         forward_result: Following | str = follow(
             last, runs, drive=drive, steps=steps, progress=progress
@@ -153,8 +154,8 @@ def _failures_shown(
     comparisons: Comparisons,
     known: Mapping[str, Failures],
 ) -> dict[str, Failures]:
-    """Return where the first and the last model fail, by name; ``known`` has those that
-    are worked out already.
+    """Return where the first and the last model fail, by name; ``known`` holds what is
+    computed already.
     """
     names = dict.fromkeys((comparisons[0].name, comparisons[-1].name))
     return {

@@ -1,5 +1,4 @@
-"""The main job in small: a simulated arm with something hidden, from its log to a
-better model.
+"""A demonstration: a simulated arm with a hidden effect, from its log to a better model.
 
 The verb ``demo`` and the page's button "Show me" take the same steps as anybody with a
 real arm.
@@ -35,13 +34,13 @@ from sdp_vs_penalty.reports import plotly_script, report
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
-#: The arm, what is hidden on its last joint, how strongly, and the methods side by
-#: side.
+#: The arm, the effect that is hidden on its last joint, and how strongly.
 ARM = "panda"
 HIDDEN = "presliding_hysteresis"
 LEVEL = "strong"
-#: Of the simulated arm.
+#: Seed of the simulated arm.
 SEED = 7
+#: Methods that are compared; effects are added to the model of the last.
 METHODS = ("ols", "penalty", "lmi-sdp")
 #: Names of the runs: to identify from, and to judge on.
 RUNS = ("run1.csv", "run2.csv", "test.csv")
@@ -79,7 +78,7 @@ def demo(
         Folder for run1.csv, run2.csv, test.csv, model.json, better.json and
         report.html.
     seed : int
-        Of the simulated arm and of all random starts.
+        Seed of the simulated arm and of all random starts.
     progress : callable
         Called with a short text at each step.
 
@@ -89,7 +88,7 @@ def demo(
         If the folder cannot be written, or plotly is not installed.
     """
     folder = Path(folder)
-    plotly_script()  # nothing is worked out for a report that cannot be written
+    plotly_script()  # raises at once if the report cannot be written
     problem = load_problem(ARM)
     progress("simulating three runs")
     hidden_result = hidden_runs(
@@ -106,8 +105,9 @@ def demo(
         progress(f"identifying by {method}")
         models[method] = estimate_posed(posed, method)
     model = models[METHODS[-1]]
+    # One noise floor for all models: they have the same runs behind the same filters.
     keep_noise_floor(model, train)
-    for other in models.values():  # of the same runs behind the same filters
+    for other in models.values():
         other.provenance["noise"] = model.provenance["noise"]
     progress("comparing on motion that no model has seen")
     noise = noise_floor(model, test)
@@ -115,8 +115,10 @@ def demo(
     progress("looking for what is missing")
     diagnosis = diagnose(model, train, test, seed=seed)
     progress("adding it")
-    sure = diagnosis.selected(helpful=True) if diagnosis.helpful else None
-    better = model if sure is None else add(model, sure, train, seed=seed)
+    better = model
+    if diagnosis.helpful:
+        helpful = diagnosis.selected(helpful=True)
+        better = add(model, helpful, train, seed=seed)
     judged_runs = FilteredRuns.filtering(test, model.preprocessing)
     *compared, after = compare_filtered(
         {**models, "with what was found": better}, judged_runs, noise=noise

@@ -115,8 +115,8 @@ class JudgedRun:
 class ReportData:
     """Everything that the sections show, computed once."""
 
-    #: Models by name, in the order in which effects were added; the last one is looked
-    #: at closely.
+    #: Models by name, in the order in which effects were added; the last one is shown in
+    #: detail.
     models: Mapping[str, Estimate]
     #: Runs on which the models are judged.
     measurements: Measurements
@@ -137,7 +137,7 @@ class ReportData:
 
     @property
     def last(self) -> Estimate:
-        """The last model, which the report looks at in detail."""
+        """The last model, which the report shows in detail."""
         return list(self.models.values())[-1]
 
     @property
@@ -397,8 +397,8 @@ def causes_of_error(data: ReportData) -> Context:
     """Return the context of the section on causes: which cause explains how much error.
 
     A heat map for the first and for the last model, and a sentence for each joint. The
-    errors are those of the comparison, which the whole report shows: the analysis of
-    causes leaves rows out, and its errors differ in the third digit.
+    errors are those of the comparison, as in the whole report: the analysis of causes
+    leaves rows out, so that its own errors differ in the third digit.
     """
     shares = pieces.found_shares(data.diagnosis, data.last.robot.n)
     maps = []
@@ -429,12 +429,14 @@ def causes_of_error(data: ReportData) -> Context:
 def findings(data: ReportData) -> Context:
     """Return the context of the section on what the diagnosis found.
 
-    It holds every sentence ("words"), what the last model still lacks ("missing"), a card
-    for each finding, with a picture where its torque is certain ("cards"), or folded
-    where it is not ("weak_cards"), of one model alone each
-    joint's error on held-out data before and after adding what helps ("bars"), and a
-    figure for each measured curve of missing torque ("curves"). Without a diagnosis
-    "words" is None.
+    - "words": every sentence; None without a diagnosis.
+    - "missing": what the last model still lacks.
+    - "cards": a card with a picture for each finding whose torque is certain;
+      "weak_cards", which are folded: for each other finding.
+    - "bars": for a report of one model, each joint's error on held-out data before and
+      after adding what helps.
+    - "curves": a figure for each measured curve of missing torque.
+    - "remedies": what to do, a sentence each.
     """
     diagnosis = data.sized_diagnosis
     if diagnosis is None:
@@ -470,7 +472,7 @@ def findings(data: ReportData) -> Context:
     is_certain = [finding.torque_is_certain for finding in diagnosis.effects]
     weak = [f for f in diagnosis.effects if not f.torque_is_certain]
     not_added = findings_not_added(replace(diagnosis, effects=tuple(weak)), data.last)
-    # All that helps may be one finding, whose remedy is the same.
+    # "All that helps" may be a single finding: its remedy is then listed once.
     remedies = dict[str, Remedy]()
     for remedy in diagnosis.remedies:
         remedies.setdefault(remedy.change.words, remedy)
@@ -533,10 +535,10 @@ def ranges(data: ReportData) -> Context:
     each joint's torque within its band on the first run."""
     estimate = data.last
     try:
-        posed, floor = training_of(estimate, None)
+        training, floor = training_of(estimate, None)
     except InputError as error:
         return {"missing": str(error)}
-    allowed = allowed_set(posed, estimate.theta, floor)
+    allowed = allowed_set(training, estimate.theta, floor)
     run = data.judged[data.name][0]
     columns = [c.dense_columns(len(estimate.theta)) for c in run.columns]
     shown = run.shown
@@ -551,7 +553,7 @@ def ranges(data: ReportData) -> Context:
         )
         for j, y in enumerate(band.measured.T)
     ]
-    found = ranges_of(posed, estimate.theta, allowed)
+    found = ranges_of(training, estimate.theta, allowed)
     return {
         "missing": "",
         "table": pieces.framed(found.table()),
