@@ -7,7 +7,6 @@ from drawn import given, seeds, st
 from numpy.testing import assert_allclose, assert_array_equal
 from random_robots import link_parameters, pose
 
-from sdp_vs_penalty import Problem
 from sdp_vs_penalty.robot import (
     Body,
     ConstraintSet,
@@ -127,20 +126,6 @@ def test_worst_violation_of_each_family_in_its_own_units():
     assert set(demands.with_families(lambda f: f == "mass").worst(theta)) == {"mass"}
 
 
-def test_entries_are_the_constraints_and_the_size_of_what_is_summed(two_link):
-    every = two_link.constraints(two_link.model())
-    theta = np.random.default_rng(1).normal(
-        size=1 + max(int(np.max(c.indices)) for c in every.convex)
-    )
-    found, size = (every.entries.split(x) for x in every.entries.at(theta))
-    for group, values, sizes in zip(every.groups, found, size, strict=True):
-        for place, value, most in zip(group.places, values, sizes, strict=True):
-            c = every.convex[place]
-            terms = np.tensordot(np.diag(theta[c.indices]), c.coefficients, axes=1)
-            assert_allclose(value, c.constant + terms.sum(axis=0), atol=1e-12)
-            assert_allclose(most, np.abs(c.constant) + np.abs(terms).sum(axis=0))
-
-
 @given(seeds)
 def test_cones_of_the_two_link_robot_are_its_shapes(two_link, seed):
     """Fig. 8: link 1 a cylinder of 0.15 m around y; link 2 one of 0.08 m around x whose last
@@ -163,46 +148,6 @@ def test_cones_of_the_two_link_robot_are_its_shapes(two_link, seed):
     first, *second = (c.margin(theta) >= 0.0 for c in cones.convex)
     assert first == (np.hypot(c1[0], c1[2]) <= 0.15)
     assert all(second) == (np.hypot(c2[1], c2[2]) <= radius)
-
-
-@given(seeds)
-def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed):
-    """The certificate's lower bound multiplies by these numbers: they must follow."""
-    from sdp_vs_penalty.robot import Robot
-
-    rng = np.random.default_rng(seed)
-    robot = Robot.from_dh(
-        "r", [0.0, 0.4, 0.3], [0.0, 1.2, 0.0], [0.2, 0.0, 0.1], "modified"
-    )
-    box = np.full((3, 10, 2), (-np.inf, np.inf))
-    box[:, 0] = 0.0, 10.0 ** rng.uniform(-1, 2)
-    # Any subset of the other bounds may be known.
-    known = rng.random((3, 9)) < rng.choice([0.0, 0.5, 1.0])
-    limits = np.array([0.2, 0.2, 0.2, 0.1, 0.02, 0.1, 0.02, 0.02, 0.1])
-    box[:, 1:, 0] = np.where(known, -limits, -np.inf)
-    box[:, 1:, 1] = np.where(known, limits, np.inf)
-    problem = Problem("r", "r", robot, box, np.zeros((3, 10)))
-    model = problem.model(["rigid_body"])
-    demands = problem.constraints(model)
-    bound = problem.parameter_bound(model)
-    for _ in range(5):
-        theta = extreme_point(demands, rng, 30)
-        assert demands.margin(theta) >= -1e-6
-        assert np.all(np.abs(theta) <= bound * (1 + 1e-5) + 1e-6)
-
-
-def extreme_point(demands, rng, p):
-    """The feasible point farthest in a random direction among the parameters' axes."""
-    from sdp_vs_penalty.solvers import conic_problem, make_solver, scaled
-
-    inside = np.tile([0.05, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3], p // 10)
-    groups, _ = scaled(demands.convex, np.zeros(p), np.ones(p), inside)
-    direction = np.zeros(p)
-    direction[rng.integers(p)] = rng.choice([-1.0, 1.0])
-    problem = conic_problem(groups, None, direction)
-    solution = make_solver("clarabel").solve(problem, 1e-9)
-    assert solution.claims in ("optimal", "inaccurate")
-    return np.asarray(solution.x)
 
 
 @pytest.mark.parametrize("length", [1.0, 1e-3, 1e3])

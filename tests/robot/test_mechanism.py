@@ -21,7 +21,6 @@ from sdp_vs_penalty.exporters.mjcf import make_mjcf
 from sdp_vs_penalty.exporters.urdf import edit_urdf, make_urdf
 from sdp_vs_penalty.robot import (
     SIDES,
-    Robot,
     Transmission,
     load_robot,
     load_urdf,
@@ -43,19 +42,6 @@ def urdf(tmp_path):
 def some_links(robot):
     rng = np.random.default_rng(1)
     return np.array([link_parameters(rng, 0.4) for _ in range(robot.links)])
-
-
-def test_what_moves_and_what_has_parameters(urdf):
-    robot, nominal = load_urdf(urdf)
-    assert robot.joint_names == ("lift_joint", "swing_joint", "roll_joint")
-    assert robot.links == len(nominal) == 6  # of seven links: one has no mass
-    q = np.array([[0.1, 0.5, 0.8]])
-    (tree,) = robot.tree_state(q)  # depth first: the bar comes last
-    assert_allclose(tree[0], [0.1, 0.5, -0.2, 0.8, 0.05, 0.05, 0.5], atol=1e-15)
-    restored = Robot.from_dict(json.loads(json.dumps(robot.to_dict())))
-    links = some_links(robot)
-    torques = (r.inverse_dynamics(links, *states(r, 20)) for r in (robot, restored))
-    assert_array_equal(*torques)
 
 
 def test_inverse_dynamics_are_those_of_mujoco_under_equality_constraints(urdf):

@@ -139,25 +139,6 @@ SDF = """<sdf version="1.9"><world name="w"><model name="m">
 </model></world></sdf>"""
 
 
-def test_frames_of_an_sdf_by_hand(tmp_path):
-    """Axis a is the model's x through (.05, .2, .3), link one's y is the model's -x: the
-    masses of both links lie on that axis, and gravity turns nothing."""
-    path = tmp_path / "arm.sdf"
-    path.write_text(SDF)
-    file = load_robot(path)
-    assert file.robot.joint_names == ("a", "b")
-    assert file.robot.joints[1].upper == 0.5
-    assert np.isinf(file.robot.joints[1].effort)
-    zeros = np.zeros((1, 2))
-    poses = file.robot.poses(zeros)[0]
-    assert_allclose(poses[:, :3, 3], [[0.05, 0.2, 0.3], [-0.3, 0.2, 0.3]], atol=1e-12)
-    # Their moments about that axis: one's iyy, two's ixx [kg m^2].
-    turned = file.robot.inverse_dynamics(file.links, zeros, zeros, np.eye(2)[:1])
-    assert turned[0] == pytest.approx([0.01 + 0.01, 0.0], abs=1e-12)
-    pushed = file.robot.inverse_dynamics(file.links, zeros, zeros, np.eye(2)[1:])
-    assert pushed[0] == pytest.approx([0.0, 1.0], abs=1e-12)
-
-
 def test_an_axis_of_an_old_sdf_is_the_models(tmp_path):
     path = tmp_path / "arm.sdf"
     path.write_text(SDF)

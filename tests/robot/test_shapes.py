@@ -5,10 +5,8 @@ import numpy as np
 import pytest
 from drawn import given, seeds, st
 from numpy.testing import assert_allclose, assert_array_equal
-from random_robots import link_parameters
 from recorded import refusal
 
-from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.robot import (
     cone_margin,
     constraint,
@@ -216,31 +214,3 @@ def test_formulas_of_joints_are_sums():
             refusal(lambda text=text: joint.parse_formula(text, 3), "no sum")
         else:
             assert joint.parse_formula(text, 3).tolist() == row
-
-
-@pytest.mark.parametrize("name", ["two_link", "panda", "dvrk_psm"])
-def test_work_done_by_gravity_is_the_fall_of_the_links(name):
-    """Poses against torques: tau dq is the change of the links' potential energy, m g .
-    c."""
-    robot = load_problem(name).robot
-    rng = np.random.default_rng(0)
-    theta = np.concatenate([link_parameters(rng, 0.4) for _ in range(robot.links)])
-    q = rng.normal(size=(20, robot.n))
-    h = 1e-6
-
-    def energy(q):
-        poses = robot.poses(robot.tree_state(q)[0])
-        links = theta.reshape(-1, 10)
-        out = np.zeros(len(q))
-        for k, link in zip(robot.link_joints, links, strict=True):
-            frame = poses[:, k] @ robot.tree[k].link_frame
-            out -= (
-                frame[:, :3, :3] @ link[1:4] + link[0] * frame[:, :3, 3]
-            ) @ robot.gravity
-        return out
-
-    slope = [
-        (energy(q + h * e) - energy(q - h * e)) / (2.0 * h) for e in np.eye(robot.n)
-    ]
-    rest = robot.inverse_dynamics(theta, q, 0.0 * q, 0.0 * q)
-    assert_allclose(rest, np.transpose(slope), atol=1e-6 * np.abs(rest).max() + 1e-8)

@@ -21,29 +21,6 @@ GANTRY = Path(__file__).with_name("gantry.urdf")
 ARM = GANTRY.read_text()
 
 
-def test_joints_come_in_the_order_of_the_file_with_their_limits():
-    robot, _ = load_urdf(GANTRY)
-    rail, shoulder, elbow, pan = robot.joints
-    assert [j.name for j in robot.joints] == ["rail", "shoulder", "elbow", "a_pan"]
-    assert [j.kind for j in robot.joints] == [
-        "prismatic",
-        "revolute",
-        "revolute",
-        "revolute",
-    ]
-    assert [j.parent for j in robot.joints] == [-1, 0, 1, 0]
-    assert (rail.lower, rail.upper, rail.effort, rail.velocity) == (
-        -0.5,
-        0.8,
-        300.0,
-        1.5,
-    )
-    assert (shoulder.lower, shoulder.upper, shoulder.effort) == (-np.inf, np.inf, 80.0)
-    assert np.linalg.norm(elbow.axis) == pytest.approx(1.0)
-    assert (pan.lower, pan.upper) == (-1.0, 1.0)
-    assert robot.subtree == ((0, 1, 2, 3), (1, 2), (2,), (3,))
-
-
 def test_torques_equal_those_of_pinocchios_own_parser():
     robot, theta = load_urdf(GANTRY)
     states = np.random.default_rng(2).normal(size=(3, 20, robot.n))
