@@ -265,20 +265,15 @@ class Comparison(Record):
 
     @fact("")
     def grades(self) -> str:
-        """What the grades mean, and where this model stands."""
-        shares = self.error_beyond_noise
-        joint = int(np.argmax(shares)) + 1
-        beyond = "" if self.noise_floor is None else " beyond its noise"
-        largest = self.largest_error_over_noise
-        share = 100.0 * NEGLIGIBLE
-        error = f"or by {share:g} % of its torque where, as here, no noise is known"
-        if largest is not None:
-            error = f"here up to {number(largest)}, joint {self.worst_joint}"
+        """What the grades mean."""
+        within, beyond = f"at most {ABOVE_NOISE:g} times its noise", " beyond its noise"
+        if self.noise_floor is None:
+            share = f"{100.0 * NEGLIGIBLE:g} % of its torque"
+            within, beyond = f"at most {share}, since no noise is known", ""
         return (
-            f"Good: each joint errs by at most {ABOVE_NOISE:g} times its noise, on motion"
-            f" that is new ({error}). Do not use: a joint errs by more than {NO_MODEL:g} %"
-            f" of its torque{beyond} (here up to {number(shares[joint - 1])} %, joint"
-            f" {joint}). Usable: all between."
+            f"Good: each joint errs by {within}, on motion that is new. Do not use: a"
+            f" joint errs by more than {NO_MODEL:g} % of its torque{beyond}. Usable: all"
+            " between."
         )
 
     @fact("Hz", name="band")

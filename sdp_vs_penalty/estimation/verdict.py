@@ -400,11 +400,23 @@ class ErrorsBesideNoise:
         return max(joints, key=lambda joint: float(errors[joint - 1]))
 
     @property
+    def graded_share(self) -> Array:
+        """(n,) what decides whether a model is to be used: the error beyond the noise
+        [% of the joint's torque]; 0 within ABOVE_NOISE of the noise, which counts as
+        noise."""
+        return np.where(self.exceeds_noise, self.beyond_noise, 0.0)
+
+    @property
     def unusable(self) -> list[int]:
-        """The joints (from 1) whose error beyond the noise is over NO_MODEL of their
-        torque; an error within ABOVE_NOISE of the noise counts as noise."""
-        is_unusable = self.exceeds_noise & ~(self.beyond_noise <= NO_MODEL)
+        """The joints (from 1) whose error is over NO_MODEL of their torque."""
+        is_unusable = ~(self.graded_share <= NO_MODEL)
         return (np.flatnonzero(is_unusable) + 1).tolist()
+
+    @property
+    def of_torque(self) -> str:
+        """The largest of these shares in words, as it stands beside a grade."""
+        share = float(self.graded_share.max())
+        return f"{number(share)} % of torque" if share > 0.0 else "within noise"
 
     def words(self, joint: int) -> str:
         """Return the error of a joint (from 1) in its unit, in multiples of its noise

@@ -1389,19 +1389,17 @@ def _files_judged(
 
 
 def _error_of(compared: Comparison) -> Answer:
-    """Return the number that a model is graded by ("size"), the same in words ("error"),
-    and its "worst" joint in words."""
-    size = compared.largest_error_over_noise
-    unit = "x noise"
-    if size is None:
-        joint = compared.worst_joint
-        size = float(compared.error_beyond_noise[joint - 1])
-        unit = f" % of its torque (joint {joint})"
-    error = f"{formatting.number(size)}{unit}"
+    """Return the number that decides a model's use ("share", the largest of its joints [%
+    of torque]), the same in words ("error"), and which joint that is ("worst")."""
+    errors = compared.errors
+    shares = errors.graded_share
     worst = words.describe_worst(compared, "")
-    if kind := compared.kind_of_error:  # a model and its files are judged on the same
-        worst = worst.replace(f", {kind}", "")
-    return {"size": size, "error": error, "worst": worst}
+    if shares.any():
+        joint = int(shares.argmax()) + 1
+        worst = f"Joint {joint} errs by {errors.words(joint)}."
+    if errors.kind:  # a model and its files are judged on the same
+        worst = worst.replace(f", {errors.kind}", "")
+    return {"share": float(shares.max()), "error": errors.of_torque, "worst": worst}
 
 
 def _effects_to_estimate_again(estimate: Estimate) -> list[str]:

@@ -24,6 +24,8 @@ from sdp_vs_penalty.signals.noise import said_before
 
 #: Colours of grades that are not called like these.
 _LEVELS = {"do not use": "bad"}
+#: End of an error that a grade is decided by.
+_OF_TORQUE = " of torque"
 #: So many times the error of the runs that a model is from: something has changed since.
 CHANGED = 5.0
 
@@ -88,9 +90,8 @@ class ModelStep(JsonRecord):
     findings_added: str | list[int] | None = None
     #: Whether the others were held when effects were added.
     frozen: bool = False
-    #: The number that it is graded by ("size": the largest error over noise, or where no
-    #: noise is known the largest share of a joint's torque [%]), the same in words ("error"), and the
-    #: "worst" joint in words.
+    #: The number that decides its use ("share" of a joint's torque [%]), the same in words
+    #: ("error"), and the "worst" joint in words.
     errors: dict[str, Any] = field(default_factory=dict)
     #: The same of the robot as its file states it; empty for servos.
     factory: dict[str, Any] = field(default_factory=dict)
@@ -135,12 +136,12 @@ class ModelStep(JsonRecord):
         both errors."""
         record = self.exported[file]
         errors = again.exported.get(file, again.errors)
-        before = record.get("error", "").partition(" ")[0]
+        before = record["error"].removesuffix(_OF_TORQUE)
         done = f"Identified again without these: {before} → {errors['error']}."
         kept: dict[str, Any] = {"again": f"{done} Worse: the file stays as it was."}
-        if errors["size"] < record.get("size", np.inf):
+        if errors["share"] < record["share"]:
             kept = {
-                **{name: errors[name] for name in ("size", "error", "worst")},
+                **{name: errors[name] for name in ("share", "error", "worst")},
                 "again": f"{done} The file is made of that model.",
                 "model": Path(again.file).name,
                 "verdict": again.verdict_on(file).to_dict(),
@@ -158,13 +159,18 @@ class ModelStep(JsonRecord):
         known = {"the robot's own file as it came": self.factory}
         if first is not self:
             known["the model that you began with"] = first.errors
-        measure = errors.get("error", "").partition(" ")[2].partition(" (")[0]
-        limit = errors.get("size", 0.0) / (1.0 + CHANGES)
+        limit = errors.get("share", 0.0) / (1.0 + CHANGES)
         for name, other in known.items():
-            # A model of an older version may have another measure.
-            if other and measure in other["error"] and other["size"] < limit:
+            if other.get("share", np.inf) < limit:  # none in files of older versions
                 return f"Worse than {name} ({other['error']})."
         return ""
+
+    def is_refitted(self, file: str) -> bool:
+        """Whether a file is better made of a model identified without what it cannot hold:
+        as it is, it errs more than this one, and the parameters are not kept."""
+        record = self.exported.get(file, {})
+        is_free = not self.opened and not self.frozen and "again" not in record
+        return is_free and file in self._lesser
 
     def files_lacking(
         self, names: Collection[str], effects: Collection[str]
@@ -180,14 +186,17 @@ class ModelStep(JsonRecord):
     def lesser_files(self, names: Collection[str]) -> str:
         """Say which of these files of `export` err more than the model, since they cannot
         hold all of it; "" where none does."""
-        most = (1.0 + CHANGES) * self.errors.get("size", np.inf)
         errors = [
-            f"{name} {self.exported[name]['error']}"
-            for name in names
-            if self.exported.get(name, {}).get("size", 0.0) > most
+            f"{x} {self.exported[x]['error']}" for x in names if x in self._lesser
         ]
         lacks = "Files that cannot hold all of it err more"
         return f"{lacks}: {formatting.words(errors)}." if errors else ""
+
+    @property
+    def _lesser(self) -> list[str]:
+        """The files of `export` that err more than the model."""
+        most = (1.0 + CHANGES) * self.errors.get("share", np.inf)
+        return [x for x, held in self.exported.items() if held.get("share", 0.0) > most]
 
     @property
     def headline(self) -> str:

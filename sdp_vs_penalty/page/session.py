@@ -85,9 +85,10 @@ class Session(Repairs):
 
         options : further fields of the request, such as the flange of a payload.
         """
-        request = self._request(
-            "take", name=name, **self._content(name), **(options or {})
-        )
+        if self.task is None and self.history and self.current.is_refitted(name):
+            self.start(self._refit_and_download, name, ready, options)
+            return
+        request = self._content(name, options)
         if self.made.get(name) == json.dumps(request):
             ready(name)
         elif self.task is None:
@@ -100,6 +101,13 @@ class Session(Repairs):
             task = asyncio.get_running_loop().create_task(making)
             self.making.add(task)
             task.add_done_callback(self.making.discard)
+
+    async def _refit_and_download(
+        self, name: str, ready: Callable[[str], None], options: Mapping[str, str] | None
+    ) -> None:
+        """Make a file of a model which it can hold, and give it out."""
+        await self.identify_for(name)
+        await self._take_file(self._content(name, options), ready)
 
     async def _take_file(
         self,
@@ -123,10 +131,10 @@ class Session(Repairs):
         self.say()
         ready(name)
 
-    def _content(self, name: str) -> dict[str, Any]:
-        """Return what a file to download is made of, besides robot, runs and model."""
+    def _content(self, name: str, options: Mapping[str, str] | None) -> dict[str, Any]:
+        """Return the request that makes a file to download."""
         steps = enumerate(self.history, start=1)
-        return {
+        made_of = {
             "models": [{"label": f"{k}: {m.label}", "file": m.file} for k, m in steps],
             "commands": self.commands(),
             "findings": self.findings and self.findings.to_dict(),
@@ -135,3 +143,4 @@ class Session(Repairs):
             "verdict": self.current.verdict_on(name).to_dict(),
             "model": self.current.model_of(name),
         }
+        return self._request("take", name=name, **made_of, **(options or {}))

@@ -1468,11 +1468,13 @@ def test_the_unit_of_one_run_is_asked_for_that_run(here, hidden, tmp_path):
 
 
 def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(identified):
-    """The verdict on the card is the one in the file; what a URDF cannot hold is left
-    out by a button, for this file alone and only where it then errs less."""
+    """The verdict on the card is the one in the file; a URDF that errs more is made of a
+    model without what it cannot hold, for this file alone and where that errs less."""
     s = identified
     do(s, lambda: s.add("joint_spring:1"))
-    model = s.current
+    assert not s.current.is_refitted("robot.urdf")  # which errs no more than the model
+    model = replace(s.current, errors={**s.current.errors, "share": 1.0})
+    s.history = [*s.history[:-1], model]
     assert "joint spring" in model.exported["robot.urdf"]["lost"]
     before = model.verdict_on("robot.urdf")
     screen = Screen(s)
@@ -1480,19 +1482,18 @@ def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(identified):
     text = screen.text("take-away")
     assert sentence(before.grade) in text
     assert model.facts["grades"].text in text
+    assert screen.at("take-robot.urdf").text == "Refit and download"
     screen.click("take-robot.urdf")
-    assert before.brief().split(". ")[0] in (s.folder / "robot.urdf").read_text()
-    screen.click("for-robot.urdf")
     again, record = s.current, s.current.exported["robot.urdf"]
     assert replace(again, exported=model.exported) == model
-    assert record["size"] < model.exported["robot.urdf"]["size"]
+    assert record["share"] < model.exported["robot.urdf"]["share"]
     assert f"→ {record['error']}. The file is made" in screen.text("take-away")
     assert "for-robot.urdf.json" in s.commands()[-2]
-    screen.click("take-robot.urdf")
+    assert screen.at("take-robot.urdf").text == "Download"
     verdict = again.verdict_on("robot.urdf").brief()
     assert verdict in (s.folder / "robot.urdf").read_text()
     error = model.exported["robot.urdf"]["error"]
-    before_and_after = f"{error.split()[0]} → {error}"
+    before_and_after = f"{error.removesuffix(' of torque')} → {error}"
     assert model.beside("robot.urdf", model).exported["robot.urdf"] == {
         **model.exported["robot.urdf"],
         "again": f"Identified again without these: {before_and_after}. Worse: the file"
@@ -1500,7 +1501,8 @@ def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(identified):
     }
     s.undo()
     assert s.current is model
-    poor = replace(model, factory={**model.errors, "size": 0.0, "error": "0x noise"})
+    good = {"share": 0.0, "error": "within noise"}
+    poor = replace(model, factory=good, errors={**model.errors, "share": 1.0})
     s.history = [*s.history[:-1], poor]
     text = Screen(s).text("take-away")
     for name in ("model.h", "robot.urdf"):  # a badge has the grade that the file says
@@ -1508,7 +1510,7 @@ def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(identified):
         error = (poor.exported.get(name) or poor.errors)["error"]
         card = text.partition(f"{name} ")[2]
         assert card.startswith(f"{grade}, {error}")
-        assert "Worse than the robot's own file as it came (0x noise)." in card
+        assert "Worse than the robot's own file as it came (within noise)." in card
 
 
 def test_a_file_is_made_beside_a_job_and_once(here, identified, monkeypatch):

@@ -104,8 +104,8 @@ def take_away(view: View) -> None:
 
 def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) -> None:
     """Draw the card of a file: what it is for, the verdict that stands in it, and a
-    button to download it; of one that cannot hold all of the model first what it lacks,
-    and a button that identifies a model which it can hold.
+    button to download it; of one that cannot hold all of the model first what it lacks.
+    What is handed out is then identified again without that, where that errs less.
     """
     model = session.current
     record = model.exported.get(name)
@@ -122,17 +122,15 @@ def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) 
                 draw.tag("span", formatting.sentence(text), badge)
         draw.note(use)
         if record is not None:
-            _lacking(session, name, record, worse)
+            _lacking(name, record, worse)
         elif worse:
             draw.tag("p", with_whole_amounts(worse), "worst")
-        draw.button(
-            "Download", take, f"take-{name}", "free", aria_label=f"Download {name}"
-        )
+        label = "Refit and download" if model.is_refitted(name) else "Download"
+        draw.button(label, take, f"take-{name}", "free", aria_label=f"{label} {name}")
 
 
-def _lacking(session: Session, name: str, record: dict[str, Any], worse: str) -> None:
-    """Draw what a file cannot hold of the model, what it errs without that, and what
-    mends it."""
+def _lacking(name: str, record: dict[str, Any], worse: str) -> None:
+    """Draw what a file cannot hold of the model, and what it errs without that."""
     count = formatting.count(record["n_lost"], "effect")
     worst = record["worst"].rstrip(".")
     text = f"Without {count}: {worst[:1].lower()}{worst[1:]}."
@@ -141,10 +139,6 @@ def _lacking(session: Session, name: str, record: dict[str, Any], worse: str) ->
         draw.note(f"{formatting.sentence(record['lost'])}.")
     if "again" in record:
         draw.note(record["again"])
-    else:
-        again = partial(session.start, session.identify_for, name)
-        label = "Identify again without these"
-        draw.button(label, again, f"for-{name}", aria_label=f"{label}: {name}")
 
 
 @requires_model("forward", "Run forward", lambda s: s.answer("forward"))
