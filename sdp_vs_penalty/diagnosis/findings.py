@@ -340,6 +340,7 @@ class Finding(Rated):
             parameters=self.parameters,
             shape=self.shape,
             digits=formatting.digits_beside(self.size, self.half_width_95),
+            half_width=self.half_width_95,
         )
         said = on_the_arm(fitted)
         # A gain that is 1 % off makes a mass 1 % off, which its interval leaves out.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import asin, degrees, hypot, radians, sqrt
 
@@ -11,6 +11,8 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.effects import EFFECTS
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
+#: Half a 95 % interval, relative to the size, from which a sentence says the interval.
+WIDE = 0.3
 #: How a sentence of :func:`on_the_arm` begins.
 ON_THE_ARM = "On the arm: "
 #: Joints and constants of an effect as it is written for a command.
@@ -123,6 +125,8 @@ class FittedEffect:
     shape: Mapping[str, float]
     #: Significant digits of the size.
     digits: int = 2
+    #: Half the 95 % interval of the size, in ``unit``; 0 where it is not known.
+    half_width: float = 0.0
 
 
 class _Sign:
@@ -171,6 +175,15 @@ def _fields(fitted: FittedEffect) -> dict[str, object]:
         """Format a number with the digits and the unit of the effect's size."""
         return f"{formatting.number(value, fitted.digits)} {unit}".rstrip()
 
+    def with_interval(in_words: Callable[[float], str]) -> str:
+        """Say the size, or a multiple of it, and of a rough one its interval."""
+        text = in_words(size)
+        if fitted.half_width <= WIDE * size:
+            return text
+        ends = (size - fitted.half_width, size + fitted.half_width)
+        low, high = (re.split("[ °]", in_words(x))[0] for x in ends)
+        return f"about {text} ({low} to {high})"
+
     size = abs(fitted.size)
     unit = formatting.plain_unit(fitted.unit)
     # A prismatic joint is known by the unit: forces in place of torques.
@@ -181,13 +194,13 @@ def _fields(fitted: FittedEffect) -> dict[str, object]:
     return {
         "joint": formatting.joints(fitted.joints) if fitted.joints else "the arm",
         "other": f"joint {source:.0f}" if source else "the joint beside it",
-        "size": with_unit(size),
-        "twice": with_unit(2.0 * size),
+        "size": with_interval(with_unit),
+        "twice": with_interval(lambda x: with_unit(2.0 * x)),
         "signed": with_unit(fitted.size),
         "sign": _Sign(fitted.size),
-        "share": formatting.percent(size, fitted.digits),
-        "time": formatting.milli(size, "s", 2),
-        "length": length_or_angle(size, is_slide),
+        "share": with_interval(lambda x: formatting.percent(x, fitted.digits)),
+        "time": with_interval(lambda x: formatting.milli(x, "s", 2)),
+        "length": with_interval(lambda x: length_or_angle(x, is_slide)),
         "torque": "N" if is_slide else "N m",
         "travel": length_or_angle(fitted.shape.get("d", 0.0), is_slide),
         "place": _place(fitted.shape, is_slide),

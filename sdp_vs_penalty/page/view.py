@@ -231,12 +231,15 @@ def identified(session: Session) -> StageVerdict | None:
 
 
 def in_brief(text: str) -> str:
-    """Return what a sentence says first, without what it adds.
+    """Return what a sentence says first, without what it adds; an interval stays.
 
     >>> in_brief("Joint 2 errs by 2 N m, 6 times its noise (4 % of it); that is rough.")
     'Joint 2 errs by 2 N m, 6 times its noise.'
+    >>> in_brief("Joint 1 rubs about 15 N (5 to 25) more when it creeps: oil is pressed out.")
+    'Joint 1 rubs about 15 N (5 to 25) more when it creeps.'
     """
-    return f"{re.split(r'(?<=.{13})(?:[:;.] | [(])', text)[0].rstrip('.')}."
+    added = r"(?<=.{13})(?:[:;.] | [(](?!\S+ to \S+[)]))"
+    return f"{re.split(added, text)[0].rstrip('.')}."
 
 
 def measured_on(session: Session, names_runs: bool = False) -> str:

@@ -45,7 +45,7 @@ from sdp_vs_penalty.diagnosis.where_it_fails import (
     sentences,
 )
 from sdp_vs_penalty.effects import EFFECTS, effect_name, effects_in_words
-from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
+from sdp_vs_penalty.effects.plain_words import ON_THE_ARM, WIDE
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.gains import limited_drives, open_torques
@@ -227,7 +227,9 @@ def _evidence_for(
         text = f"That a torque is missing: more than {odds} to 1, in the runs searched."
         evidence.append((text, True))
     if size:
-        evidence.append((_size_in_words(finding, size), not finding.size_is_open))
+        is_rough = finding.half_width_95 > WIDE * abs(finding.size)
+        is_known = not (is_rough or finding.size_is_open)
+        evidence.append((_size_in_words(finding, size), is_known))
     if rivals := finding.rivals_in_words:
         evidence.append((f"Fits as well: {rivals}.", False))
     elif finding.rating == "confident" and not together:

@@ -1,5 +1,7 @@
 """What effects are called, and what they are on an arm."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,6 +38,19 @@ def test_each_effect_of_the_library_has_a_sentence_of_its_own(name):
 def test_an_effect_of_a_users_own_has_a_sentence():
     mine = FittedEffect("my_own_effect", (2,), 0.5, "N*m", {}, {})
     assert on_the_arm(mine) == "On the arm: joint 2 has my own effect of 0.5 N m."
+
+
+@pytest.mark.parametrize(
+    ("name", "half_width", "amount"),
+    [
+        ("stribeck_friction", 10.0, "about 15 N m (5 to 25)"),
+        ("stribeck_friction", 4.0, "15 N m"),
+        ("joint_elasticity", 10.0, "about 859° (286 to 1432)"),
+    ],
+)
+def test_a_rough_size_is_said_with_its_interval(name, half_width, amount):
+    sentence = on_the_arm(replace(fitted(name, 15.0), half_width=half_width))
+    assert f" {amount} " in sentence
 
 
 @pytest.mark.parametrize("lean", [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])

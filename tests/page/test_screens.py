@@ -21,6 +21,7 @@ from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.diagnosis import Curve, Retune
 from sdp_vs_penalty.diagnosis.doubts import Doubt
+from sdp_vs_penalty.diagnosis.findings import ErrorWith
 from sdp_vs_penalty.diagnosis.where_it_fails import UNNAMED
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation import ShapeEstimate
@@ -218,8 +219,7 @@ def test_the_next_step_is_as_sure_of_a_finding_as_its_card(
 def test_without_a_noise_a_chip_names_its_measure(story):
     """That of the verdict: the joint that errs most."""
     judged = replace(story.judged[0], noise_floor=None)
-    share = judged.error_beyond_noise[judged.worst_joint - 1]
-    error = f"{number(share)} % of its torque (joint {judged.worst_joint})"
+    error = f"{number(judged.error_beyond_noise.max())} % of torque"
     assert jobs._error_of(judged)["error"] == error
 
 
@@ -435,8 +435,8 @@ def test_everything_is_offered_and_every_control_does_what_it_says(story, monkey
         "forward",
     )
     screen.click("take-robot.xml")
-    _, taken, ready, _ = called.pop()
-    assert (taken["name"], taken["flange"], ready) == ("robot.xml", "", view.download)
+    taken = ("_refit_and_download", "robot.xml", view.download, {"flange": ""}, {})
+    assert called.pop() == taken
     asked = {"methods": ["lmi-sdp", "penalty"]}
     assert called == [
         ("simulate", "joint_spring", [2], "weak", SEED, {}),
@@ -504,6 +504,8 @@ def show_every_kind(story):
     )
     own = {"retuned": (width,)}
     own |= {"curves": (curve,), "noise_source": "residual"}
+    texts = (width.text, sure.text, one.text)
+    own |= {"errors_with": (ErrorWith(texts, 0.5 * found.held_out_rmse_before),)}
     every = replace(found, effects=(sure, one, rival), **own)
     session.history[:] = [
         replace(steps[0], findings=every, curve_texts=["measured_curve:2"])
