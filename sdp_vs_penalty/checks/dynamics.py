@@ -33,6 +33,7 @@ from sdp_vs_penalty.checks.report import Report
 from sdp_vs_penalty.checks.residual import (
     EVENT,
     EVENT_WIDTH,
+    UNEXPLAINED,
     unexplained_torque,
     unrelated_torque,
 )
@@ -291,6 +292,8 @@ class LoggerJudge:
             # One arm for all rows leaves what the difference explains.
             is_left = not verdict.is_well_explained
             unexplained = [f for f in unexplained if f.kind != EVENT and is_left]
+        if is_unscaled:  # it may be the gains, which are asked for
+            unexplained = [f for f in unexplained if f.kind != UNEXPLAINED]
         new = [
             replace(issue, changes=issue.changes or _cuts(report, issue))
             for issue in (*of_log, *size, *unexplained)

@@ -34,6 +34,8 @@ from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 #: Kind of what happens once.
 EVENT = "one-off event"
+#: Kind of what is left of a joint's torque.
+UNEXPLAINED = "unexplained torque"
 #: A one-off event lasts at most so long [s].
 EVENT_WIDTH = 1.0
 _SURE = likely(
@@ -111,7 +113,7 @@ def _unexplained_joints(
     percent = 100.0 * np.sqrt(fit.unexplained_shares[joints])
     left = ", ".join(f"{x:.2g} %" for x in percent)
     yield make_explanation(
-        kind="unexplained torque",
+        kind=UNEXPLAINED,
         joints=joints,
         what=f"the torque of {{where}} {what}: {left} of it stays unexplained.",
         certainty=_SURE,

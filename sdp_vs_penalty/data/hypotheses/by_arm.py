@@ -163,8 +163,8 @@ def with_unit_of_positions(
     lengths = np.delete(best.scale, _revolute(robot))
     mm = ", lengths in mm" if np.any(lengths != 1.0) else ""
     why = f"the arm leaves {formatting.percent(share, 2)} of the torques"
-    if is_impossible:
-        why = f"outside the joints' ranges as radians, and {why}"
+    if is_impossible:  # the same in all runs, so that it is said once
+        why = "outside the joints' ranges as radians"
     is_clear = not others or max(weights) >= CERTAIN * others[-1]
     is_clear &= is_explained
     of_gears = 0.0

@@ -65,11 +65,14 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             channel = "the torques" if is_all else f"tau{joints[0] + 1}"
             others = "the positions" if is_all else "the other torques"
             if field == "lead":
-                when = "later" if seconds > 0.0 else "earlier"
-                late = _milliseconds(abs(seconds))
-                what = f"{late} {when} than the motion: {channel}; {others} have not moved."
-                back = "earlier" if seconds > 0.0 else "later"
-                shift = f"shift {channel} {late} {back}"
+                when, back = (
+                    ("late", "earlier") if seconds > 0.0 else ("early", "later")
+                )
+                time = _milliseconds(abs(seconds))
+                comes = f"joint {joints[0] + 1}'s torque comes"
+                comes = "the torques come" if is_all else comes
+                what = f"{comes} {time} {when}; {others} are in time."
+                shift = f"shift {channel} {time} {back}"
                 remedy = f"{shift} (and log all channels from one source)"
             else:
                 hertz = 1.0 / (2.0 * np.pi * max(seconds, 1e-6))  # corner frequency
