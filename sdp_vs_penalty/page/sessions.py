@@ -8,7 +8,9 @@ import secrets
 import shutil
 import tempfile
 import time
+from collections import Counter
 from collections.abc import AsyncIterator, Mapping
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -21,7 +23,7 @@ from sdp_vs_penalty.files import lives
 from sdp_vs_penalty.page.project import STATE_FILE, read_state
 from sdp_vs_penalty.page.runs import ENDINGS, kind_of
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.spoken import name_in_title
+from sdp_vs_penalty.page.spoken import name_in_title, repairs_in_words
 from sdp_vs_penalty.page.view import Project
 from sdp_vs_penalty.page.worker import LEAST, WorkerPool
 
@@ -190,7 +192,15 @@ class Sessions:
         files = [x / STATE_FILE for x in each_once if (x / STATE_FILE).is_file()]
         files.sort(key=lambda file: file.stat().st_mtime, reverse=True)
         found = (_project_of(x, x.stat().st_mtime) for x in files[:_MOST_LISTED])
-        return [project for project in found if project is not None]
+        projects = [project for project in found if project is not None]
+        earlier = Counter(project.name for project in projects)
+        listed = list[Project]()
+        for project in projects:  # equal names have a number, the first one none
+            number = earlier[project.name]
+            name = f"{project.name} ({number})" if number > 1 else project.name
+            earlier[project.name] -= 1
+            listed.append(replace(project, name=name))
+        return listed
 
     def delete(self, project: Project) -> None:
         """Delete a project with its folder.
@@ -267,8 +277,8 @@ def title_of(name: str, robot: Mapping[str, Any], begun: float) -> str:
 
 
 def _runs_and_verdict(content: Mapping[str, Any]) -> str:
-    """Return a saved project's runs, the grade of its model, and what was found, in
-    words."""
+    """Return a saved project's runs, how they were changed, the grade of its model, and
+    what was found, in words."""
     names = [run["name"] for run in content["now"]["runs"]]
     more = len(names) - _MOST_RUNS
     shown = names[:_MOST_RUNS] + ([f"{more} more"] if more > 0 else [])
@@ -283,7 +293,10 @@ def _runs_and_verdict(content: Mapping[str, Any]) -> str:
             sure = Diagnosis.from_dict(diagnosis).helpful
             found = effects_in_words([f.text for f in sure]) + " found" if sure else ""
         grade = f"{grade}; {found}" if found else grade
-    return f"{formatting.words(shown) if shown else 'no runs'}: {grade}"
+    runs = formatting.words(shown) if shown else "no runs"
+    if repairs := repairs_in_words(content["now"].get("repairs", ())):
+        runs = f"{runs} ({repairs})"
+    return f"{runs}: {grade}"
 
 
 def _open(session: Session) -> bool:

@@ -1,7 +1,9 @@
 """What the page says for sentences of the command line, and for names."""
 
 import re
+from collections.abc import Iterable, Sequence
 from pathlib import PureWindowsPath
+from typing import Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.results.remedy import SURE
@@ -80,6 +82,14 @@ def label_of(words: str) -> str:
     words = re.sub(r"\(and dq\)", "and velocities", words)
     words = re.sub(r"\bdq\d+\b", "velocity", words)
     return formatting.sentence(words).rstrip(".")
+
+
+def repairs_in_words(repairs: Iterable[Sequence[Any]]) -> str:
+    """Return which changes of runs and robot were made, each with its words first, without
+    what is advised beside them."""
+    words = [re.sub(r" \(and [^)]*\)", "", words) for words, *_ in repairs]
+    labels = map(label_of, words)
+    return "; ".join(f"{label[:1].lower()}{label[1:]}" for label in labels)
 
 
 def _on_joints(columns: re.Match[str]) -> str:

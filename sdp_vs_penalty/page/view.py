@@ -18,7 +18,7 @@ from sdp_vs_penalty.diagnosis.causes import VELOCITY
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.page.model_step import level_of
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.spoken import graded, heading_of, label_of
+from sdp_vs_penalty.page.spoken import graded, heading_of, label_of, repairs_in_words
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
 from sdp_vs_penalty.robot.arrays import nonzero_or_one
 
@@ -186,9 +186,7 @@ def arm_in_words(session: Session) -> str:
 def changes_of_data_in_words(session: Session) -> str:
     """Say which changes of runs and robot a model is judged with, without what is advised
     beside them; "" without any."""
-    words = [re.sub(r" \(and [^)]*\)", "", words) for words, *_ in session.repairs]
-    labels = map(label_of, words)
-    done = "; ".join(f"{label[:1].lower()}{label[1:]}" for label in labels)
+    done = repairs_in_words(session.repairs)
     return f"Judged with the data changed: {done}." if done else ""
 
 

@@ -1061,6 +1061,13 @@ def test_a_project_has_a_name_runs_and_verdict_and_is_deleted(kept, hidden, tmp_
     (project,) = kept.saved()
     assert project.name == "arm on the bench"
     assert project.about.startswith("a.csv: no model yet; ")
+    other = opened(kept, "two_link", **saved(tmp_path, hidden.runs[:1], "b.csv"))
+    other.repairs = [["flip tau1 (and check the wiring)", {}, {}]]
+    other.rename("arm on the bench")
+    later, first = sorted(kept.saved(), key=lambda x: x.folder == s.folder)
+    assert {later.name, first.name} == {project.name, f"{project.name} (2)"}
+    assert later.about.startswith("b.csv (flip joint 1's torque): no model yet; ")
+    kept.delete(later)
     s.watchers.append(SimpleNamespace(present=True))
     refusal(lambda: kept.delete(project), project.name, "is open in a tab")
     s.watchers[0].present = False  # a tab that was closed
