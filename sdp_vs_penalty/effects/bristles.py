@@ -21,8 +21,8 @@ from sdp_vs_penalty.effects.effect import (
 from sdp_vs_penalty.effects.motion import Legs
 from sdp_vs_penalty.effects.shape import POSITION, ShapeConstant, choice
 
-#: From a path, the distance over which its state turns round, and the state at its
-#: start, to the state z (N,) along it.
+#: Maps a path, the distance over which its state turns round, and the state at its start
+#: to the state z (N,) along it.
 Law = Callable[[Array | Legs, float, float], Array]
 
 

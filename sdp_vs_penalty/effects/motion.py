@@ -286,8 +286,8 @@ class Motion:
         Motion
             A copy with that torque.
         """
-        kept = ("link_torque", "_derivatives", "_signs", "_legs")
-        return self._copy_keeping(kept, torque=torque)
+        unaffected = ("link_torque", "_derivatives", "_signs", "_legs")
+        return self._copy_keeping(unaffected, torque=torque)
 
     def with_link_torque(self, torque: Array) -> Motion:
         """Return the motion with a given torque in place of the current model's links.
@@ -321,8 +321,8 @@ class Motion:
         Motion
             A copy with these widths.
         """
-        kept = ("link_torque", "_derivatives", "_legs")
-        return self._copy_keeping(kept, sign_width=width)
+        unaffected = ("link_torque", "_derivatives", "_legs")
+        return self._copy_keeping(unaffected, sign_width=width)
 
     def _copy_keeping(self, computed: Sequence[str], **changes: Any) -> Motion:
         """Return a copy with changed fields, and with the named quantities where they

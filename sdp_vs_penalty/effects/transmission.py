@@ -155,8 +155,8 @@ class ElasticCoupling(Effect):
         return [cls(robot, [first, first + 1])] if first + 1 < robot.n else []
 
 
-#: What turns with an axis: friction by four laws, and inertia. Their numbers are those
-#: of saved models.
+#: Laws of the torque on an axis: friction by four laws, and inertia. Saved models hold
+#: their numbers, in this order from 1.
 LAWS = ("viscous", "coulomb", "hysteresis", "stribeck", "inertia")
 #: The laws that are linear in the motion.
 _LINEAR = ("viscous", "inertia")

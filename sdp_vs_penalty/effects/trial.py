@@ -10,7 +10,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.formatting import words
 from sdp_vs_penalty.robot.robot import Robot
 
-#: What an effect declares to need, and the fields of a motion that it then has.
+#: Fields of a motion that an effect gets, by the need that it declares.
 _FIELDS_BY_NEED = {
     "needs_links": ("current",),
     "needs_torque": ("torque", "current"),

@@ -45,7 +45,7 @@ def write(estimate: Estimate, options: Options) -> Written:
         )
     # Refuses what no simulator or controller should be given.
     content = Content.from_estimate(estimate)
-    left = left_out(estimate, HOLDS)
+    omitted = left_out(estimate, HOLDS)
     # The robot's name as an identifier of C, where it can be one.
     name = re.sub(r"\W", "_", robot.name)
     if not (name and name.isascii() and not name[0].isdigit()):
@@ -57,7 +57,7 @@ def write(estimate: Estimate, options: Options) -> Written:
         robot=_comment(robot.name),
         method=_comment(estimate.method),
         joints=_comment(", ".join(robot.joint_names)),
-        left=_comment(", ".join(map(effect_in_words, left)) or "nothing"),
+        left=_comment(", ".join(map(effect_in_words, omitted)) or "nothing"),
         n=robot.n,
         **_joint_arrays(robot),
         **_link_arrays(content.links),
@@ -65,7 +65,7 @@ def write(estimate: Estimate, options: Options) -> Written:
         up=_braces(-np.array(robot.gravity, float)),
         formulas="\n".join(f"  {line}" for line in lines),
     )
-    return text.encode(), left
+    return text.encode(), omitted
 
 
 def _joint_arrays(robot: Robot) -> dict[str, str]:

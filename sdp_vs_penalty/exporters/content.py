@@ -30,7 +30,7 @@ from sdp_vs_penalty.robot.robot import Robot
 
 #: Fields that may be negative: together they are a spring with its rest position.
 _SPRING_FIELDS = ("stiffness", "offset")
-#: What every simulator's file holds.
+#: Fields that every simulator's file has.
 FIELDS: frozenset[SimulatorField] = frozenset(
     {"links", "payload", "damping", "friction"}
 )
@@ -333,7 +333,7 @@ def number(value: float) -> str:
     return repr(float(value) + 0.0)  # + 0.0: no negative zero
 
 
-#: What an XML document cannot hold, however it is written.
+#: Characters that an XML document cannot hold, not even as entities.
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 

@@ -8,7 +8,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import Options, payload
 from sdp_vs_penalty.exporters.interface import Written
 
-#: What Franka's archive of an end effector calls its file; its fields are those of the
+#: Name of the file in Franka's archive of an end effector; its fields are those of the
 #: maker's manual ("End effector commissioning").
 ENDING = FILE = "endeffector-config.json"
 ABOUT = "payload for Franka"

@@ -51,8 +51,8 @@ def write(estimate: Estimate, options: Options) -> Written:
         for row in zip(c.velocity, c.torque, c.std, strict=True):
             lines.append(f"{c.joint + 1}," + ",".join(f"{x:.9g}" for x in row))
     others = (e for e in estimate.model.effects if e.simulator_field != "links")
-    left = tuple(e.text for e in others if not follows_alone(e, "dq"))
-    return ("\n".join(lines) + "\n").encode(), left
+    omitted = tuple(e.text for e in others if not follows_alone(e, "dq"))
+    return ("\n".join(lines) + "\n").encode(), omitted
 
 
 def friction_curves(estimate: Estimate) -> list[FrictionCurve]:

@@ -181,11 +181,11 @@ def edit_mjcf(path: str | Path, robot: Robot, content: Content) -> bytes:
     _put_inertials(document, path, bodies, places, link_of_joint)
     _put_joints(document, bodies, file_robot, robot, content, order)
     for compiler in document.root.iter("compiler"):
-        kept = {k: v for k, v in compiler.attrib.items() if k != "settotalmass"}
-        if kept.get("inertiafromgeom") == "true":
-            kept["inertiafromgeom"] = "auto"
-        if kept != dict(compiler.attrib):
-            document.change(compiler, kept, keep=False)
+        attributes = {k: v for k, v in compiler.attrib.items() if k != "settotalmass"}
+        if attributes.get("inertiafromgeom") == "true":
+            attributes["inertiafromgeom"] = "auto"
+        if attributes != dict(compiler.attrib):
+            document.change(compiler, attributes, keep=False)
     return document.edited()
 
 
@@ -211,8 +211,8 @@ def _put_inertials(
             links[joint] = links[joint] - carried
             _put_inertial(document, path, bodies[k], place.inertial)
         elif place.inertial.any():
-            nothing = {"pos": "0 0 0", "mass": "0", "diaginertia": "0 0 0"}
-            _replace_inertial(document, bodies[k], nothing)
+            zero_inertial = {"pos": "0 0 0", "mass": "0", "diaginertia": "0 0 0"}
+            _replace_inertial(document, bodies[k], zero_inertial)
     for joint, link in links.items():
         k = moving_body[joint]
         to_body = inertia.transform(np.linalg.inv(places[k].pose))

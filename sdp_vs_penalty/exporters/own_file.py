@@ -24,8 +24,8 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
 REMEDY = "give the file of the robot that was identified"
-#: What rounded DH tables leave between two axes that coincide: distance [m], or
-#: difference of unit vectors.
+#: Two axes coincide if they are no farther apart than this, in distance [m] and in unit
+#: vectors: rounded DH tables leave as much.
 _NEAR = 1e-4
 
 #: Comments, CDATA and instructions, whose < and > are no tag's; or a whole tag, whose

@@ -114,7 +114,7 @@ def failure_table(failures: Sequence[JointFailure]) -> Table:
     )
 
 
-#: What determines a parameter: the data, or without them what else there is.
+#: What determines a parameter, in words.
 SOURCES = {
     "data": "data",
     "given": "given",

@@ -233,9 +233,9 @@ def _evidence_for(
     if rivals := finding.rivals_in_words:
         evidence.append((f"Fits as well: {rivals}.", False))
     elif finding.rating == "confident" and not together:
-        least = number(np.exp(EVIDENCE_TO_DISTINGUISH / 2.0), 2)
-        nothing = f"That it is this effect and no other: {least} to 1, or more."
-        evidence.append((nothing, True))
+        least_odds = number(np.exp(EVIDENCE_TO_DISTINGUISH / 2.0), 2)
+        text = f"That it is this effect and no other: {least_odds} to 1, or more."
+        evidence.append((text, True))
     return tuple(evidence)
 
 
@@ -508,7 +508,7 @@ def describe_change(before: Comparison, after: Comparison) -> str:
     return sentence or "no joint's error changed by more than 5 %."
 
 
-#: How a person would say what an error depends on, by its cause.
+#: When an error is large, in words, by its cause.
 _WHEN = {
     REVERSAL: f"most of all within {NEAR:g} s of its reversals",
     STANDSTILL: "most of all at standstill",
@@ -608,9 +608,12 @@ def describe_remedy(remedy: Remedy) -> str:
     j = int(np.argmax(falls))
     if not falls[j] > 0.0:
         return f"{text}: joint {j + 1}'s error does not fall on data left out."
-    was, now = remedy.before[j], remedy.after[j]
-    change = f"{number(was)} to {number(now)} ({formatting.change_of(was, now)})"
-    return f"{text}: joint {j + 1}'s error falls from {change} on data left out."
+    error_before, error_after = remedy.before[j], remedy.after[j]
+    change = formatting.change_of(error_before, error_after)
+    return (
+        f"{text}: joint {j + 1}'s error falls from {number(error_before)} to"
+        f" {number(error_after)} ({change}) on data left out."
+    )
 
 
 def describe_worse(before: Comparison, after: Comparison) -> str:
@@ -695,8 +698,8 @@ PROOF = "Proof: the limits are kept, and the estimate is optimal for its objecti
 #: What the certificate says, and who computed it.
 CERTIFICATE = (
     "How far each kind of limit is violated, also those that a method was not given, and"
-    " how far the fit can be from the best possible one. Both are computed here: nobody's"
-    " word is taken, nor a solver's."
+    " how far the fit can be from the best possible one. Both are computed here, whatever"
+    " the solver says."
 )
 
 

@@ -100,10 +100,10 @@ def demo(
     test = hidden_result.test
     models = {}
     filtered = read_and_filter(problem, train)
-    posed = pose_filtered(problem, filtered, PoseOptions(seed=seed))
+    estimation = pose_filtered(problem, filtered, PoseOptions(seed=seed))
     for method in METHODS:
         progress(f"identifying by {method}")
-        models[method] = estimate_posed(posed, method)
+        models[method] = estimate_posed(estimation, method)
     model = models[METHODS[-1]]
     # One noise floor for all models: they have the same runs behind the same filters.
     keep_noise_floor(model, train)

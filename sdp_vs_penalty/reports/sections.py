@@ -513,7 +513,7 @@ def parameters(data: ReportData) -> Context:
     """Return the context of the section on parameters: base and standard, with
     intervals.
     """
-    known = data.last.uncertainty
+    uncertainty = data.last.uncertainty
     runs = ", ".join(map(str, data.last.provenance.get("runs", [])))
     names = base_rows(data.last.model, data.last.problem.independent).sums
     base = tables.parameter_table(data.last.base_entries, names)
@@ -521,10 +521,10 @@ def parameters(data: ReportData) -> Context:
     return {
         "name": data.name,
         "runs": runs or "unknown runs",
-        "n_base": len(known.base),
-        "base_counts": counts(known.base),
-        "n_standard": len(known.standard),
-        "standard_counts": counts(known.standard),
+        "n_base": len(uncertainty.base),
+        "base_counts": counts(uncertainty.base),
+        "n_standard": len(uncertainty.standard),
+        "standard_counts": counts(uncertainty.standard),
         "base": pieces.framed(base),
         "standard": pieces.framed(standard),
     }
@@ -637,9 +637,9 @@ def _origin(estimate: Estimate) -> dict[str, Any]:
     versions.
     """
     filters = estimate.preprocessing
-    known = estimate.provenance
+    provenance = estimate.provenance
     settings = [f"{name}={value}" for name, value in estimate.settings.items()]
-    versions = [f"{name} {v}" for name, v in known.get("versions", {}).items()]
+    versions = [f"{name} {v}" for name, v in provenance.get("versions", {}).items()]
     cutoffs = [
         formatting.number(cutoff, 4)
         for cutoff in (filters.state_cutoff, filters.torque_cutoff)
@@ -648,9 +648,9 @@ def _origin(estimate: Estimate) -> dict[str, Any]:
         "method": f"{estimate.method} ({', '.join(settings)})",
         "effects": ", ".join(effect.brief for effect in estimate.model.effects),
         "filters": f"states {cutoffs[0]} Hz, torque {cutoffs[1]} Hz",
-        "runs": ", ".join(map(str, known.get("runs", []))),
-        "data hash": known.get("data_hash", ""),
-        "seed": known.get("seed", ""),
+        "runs": ", ".join(map(str, provenance.get("runs", []))),
+        "data hash": provenance.get("data_hash", ""),
+        "seed": provenance.get("seed", ""),
         "versions": ", ".join(versions),
     }
 

@@ -234,9 +234,9 @@ def _be_child(
             os.chdir(request.folder)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_DFL)
-        nothing = os.open(os.devnull, os.O_RDWR)
+        null_device = os.open(os.devnull, os.O_RDWR)
         for handle in range(3):
-            os.dup2(nothing, handle)
+            os.dup2(null_device, handle)
         os.dup2(write_end, 3)
         os.closerange(4, os.sysconf("SC_OPEN_MAX"))
         _limit(request.cpu)

@@ -208,29 +208,30 @@ def _load(
 ) -> tuple[MujocoModel, Robot, Array, list[PlacedBody]]:
     """Return MuJoCo's model of a file, the robot, its links (links, 10) and bodies."""
     model = _compiled(Path(path))
-    still = dict(held or {})
+    held_positions = dict(held or {})
     constants, followers = _equalities(model)
     placed = tuple[HeldJoint, ...]()
-    if still:
+    if held_positions:
         robot, _, _ = _robot_of(model, constants, followers, gravity)
         driven = robot.joint_names
-        places = check_held(driven, still)
-        placed = tuple(HeldJoint(driven[k], still[driven[k]], k) for k in places)
-    held_joints = hold_followers(still | constants, followers)
+        places = check_held(driven, held_positions)
+        placed = tuple(
+            HeldJoint(driven[k], held_positions[driven[k]], k) for k in places
+        )
+    held_joints = hold_followers(held_positions | constants, followers)
     return model, *_robot_of(model, held_joints, followers, gravity, placed)
 
 
 def _robot_of(
     model: MujocoModel,
-    still: Mapping[str, float],
+    fixed_positions: Mapping[str, float],
     followers: Mapping[str, Follower],
     gravity: Sequence[float] | None,
     held: tuple[HeldJoint, ...] = (),
 ) -> tuple[Robot, Array, list[PlacedBody]]:
-    """Return the robot, its links (links, 10) and bodies, with the joints ``still`` fixed
-    [rad, m].
-    """
-    tree, places = _tree(model, still)
+    """Return the robot, its links (links, 10) and bodies; the joints named in
+    ``fixed_positions`` are fixed there [rad, m]."""
+    tree, places = _tree(model, fixed_positions)
     links = [np.zeros(10) for _ in tree]
     for place in places:
         if place.carrier >= 0:
@@ -468,11 +469,11 @@ def _equalities(model: MujocoModel) -> tuple[dict[str, float], dict[str, Followe
 
 
 def _tree(
-    model: MujocoModel, still: Mapping[str, float]
+    model: MujocoModel, fixed_positions: Mapping[str, float]
 ) -> tuple[list[Joint], list[PlacedBody]]:
     """Return the moving joints depth first, and where each body lies.
 
-    ``still`` are fixed joints and their positions [rad, m]. A body with several joints
+    ``fixed_positions`` are those of fixed joints [rad, m]. A body with several joints
     belongs to the last; the links of the others are massless.
     """
     joints = list[Joint]()
@@ -494,8 +495,8 @@ def _tree(
             joint = _joint(model, j, kind, carrier, pose @ anchor)
             # The file draws bodies at the joint's reference position, ours is zero.
             to_zero = -model.start(j)
-            if joint.name in still:
-                motion = joint_motion(joint, still[joint.name] + to_zero)
+            if joint.name in fixed_positions:
+                motion = joint_motion(joint, fixed_positions[joint.name] + to_zero)
                 pose = pose @ anchor @ motion @ from_anchor
                 continue
             placement = joint.placement @ joint_motion(joint, to_zero)

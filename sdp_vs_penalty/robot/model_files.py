@@ -14,7 +14,7 @@ from sdp_vs_penalty.errors import InputError, install_command
 _NOT_ELEMENTS = re.compile(
     rb"<!--.*?-->|<\?.*?\?>|<!DOCTYPE[^>\[]*(\[.*?\])?\s*>", re.DOTALL
 )
-#: How files of robots end; which format one has, its content says.
+#: Endings of robots' files; the content of a file tells its format.
 ROBOT_FILE_ENDINGS = (".urdf", ".xacro", ".sdf", ".xml", ".mjcf")
 _FORMATS = {b"mujoco": "mjcf", b"sdf": "sdf", b"robot": "urdf"}
 

@@ -228,10 +228,10 @@ def _odd_inertias(
     fits. Where an inertia's unit follows from those of mass and length, only that is
     named.
     """
-    wide = [x for x in links if _radius(x) > max(_SPREAD * size, 1.0)]
-    if not wide:
+    spread_out = [x for x in links if _radius(x) > max(_SPREAD * size, 1.0)]
+    if not spread_out:
         return
-    radii = [_radius(x) for x in wide]
+    radii = [_radius(x) for x in spread_out]
     # A usual link has a radius of gyration of 0.3 times the size. Inertias grow with
     # its square; where masses are in g, a thousand times more.
     excess = (float(np.median(radii)) / (0.3 * size)) ** 2
@@ -240,7 +240,7 @@ def _odd_inertias(
     units = _inertia_units(excess, are_masses_in_grams)
     coherent = [(1e3 if are_masses_in_grams else 1.0) * x**2 for x in lengths]
     units = {x: units[x] for x in coherent if x in units} or units
-    yield _odd("inertias", _names(wide), how, units)
+    yield _odd("inertias", _names(spread_out), how, units)
 
 
 def _inertia_units(excess: float, are_masses_in_grams: bool) -> dict[float, str]:

@@ -152,7 +152,7 @@ class Robot(JsonRecord):
         if not held:
             return self
         places = check_held(self.joint_names, held)
-        stays = [k for k in range(self.n) if k not in places]
+        moving_places = [k for k in range(self.n) if k not in places]
         value = np.zeros(self.n)
         value[list(places)] = [held[self.joint_names[k]] for k in places]
         # Positions of the tree's joints are matrix q + offset; columns of held joints
@@ -162,17 +162,19 @@ class Robot(JsonRecord):
         )
         mechanism = Mechanism(
             m.tree,
-            matrix=m.matrix[:, stays],
+            matrix=m.matrix[:, moving_places],
             offset=m.offset + m.matrix @ value,
             massless=m.massless,
         )
-        still = [HeldJoint(self.joint_names[k], float(value[k]), k) for k in places]
+        held_joints = [
+            HeldJoint(self.joint_names[k], float(value[k]), k) for k in places
+        ]
         return replace(
             self,
-            joints=tuple(self.joints[k] for k in stays),
+            joints=tuple(self.joints[k] for k in moving_places),
             transmission=None,
             mechanism=mechanism,
-            held=tuple(still),
+            held=tuple(held_joints),
         )
 
     def leader(self, place: int) -> tuple[str, float, float]:

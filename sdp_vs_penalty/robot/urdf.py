@@ -61,8 +61,7 @@ _ODD_VERSION = re.compile(rb"(\A\s*<\?xml\s+version\s*=\s*[\"'])0\.\d+")
 #: Elements that couple links beside the tree of joints, by parts of their names.
 _COUPLING = re.compile("constraint|loop|connect|weld|closure", re.IGNORECASE)
 
-#: Of one link the <link> elements that it is made of, with their poses (4, 4) in its
-#: frame.
+#: The <link> elements that make up one moving link, with their poses (4, 4) in its frame.
 Parts = list[tuple[Any, Array]]
 
 
@@ -209,12 +208,12 @@ def load_urdf(
         The file is no URDF, has a floating or planar joint or a loop, or no joint
         moves.
     """
-    still = tuple[HeldJoint, ...]()
+    held_joints = tuple[HeldJoint, ...]()
     if held:
         driven = load_urdf(path, gravity)[0].joint_names
         with errors_located_in(path):
             places = check_held(driven, held)
-        still = tuple(HeldJoint(driven[k], held[driven[k]], k) for k in places)
+        held_joints = tuple(HeldJoint(driven[k], held[driven[k]], k) for k in places)
     root, tree, parts = _read(path, held)
     with errors_located_in(path):
         nominal, massless = _weighed(parts)
@@ -231,7 +230,7 @@ def load_urdf(
         gravity=gravity_vector,
         transmission=transmission,
         mechanism=mechanism,
-        held=still,
+        held=held_joints,
     )
     return robot, np.array(nominal_with_mass)
 
@@ -395,9 +394,9 @@ def _read(
             name_of_joint = element.get("name")
             if element.get("type") == "fixed":
                 visit(child, body, placement)
-            elif name_of_joint in still:
+            elif name_of_joint in held_positions:
                 at = joint_motion(
-                    _joint(element, body, placement), still[name_of_joint]
+                    _joint(element, body, placement), held_positions[name_of_joint]
                 )
                 visit(child, body, placement @ at)
             else:
@@ -407,7 +406,7 @@ def _read(
 
     with errors_located_in(path):
         links, children, base = _tree(root)
-        still = hold_followers(held or {}, _followers(root))
+        held_positions = hold_followers(held or {}, _followers(root))
         visit(base, -1, np.eye(4))
         for name in links:
             what = f"link {name!r} is in a loop of joints apart from the base {base!r}"

@@ -14,9 +14,10 @@ SAMPLES = 1 << 18
 #: acceleration. Without this limit a point to point run of the UR10e (steps of 1e-4
 #: rad) gets twice the cut-off, and its check warns of five joints.
 NOISY = 0.03
-#: How many times wider the low-pass of the states is than that of the torque. Behind
-#: equal ones an arm without any filter of its torques (MuJoCo, 7 joints, sharp friction)
-#: seems to have one of 7 ms, at 28 standard deviations; 2 times: 2.8 ms, 5; 3: 1.7 ms, 1.7.
+#: How many times wider the low-pass of the states is than that of the torque. An arm
+#: without any filter of its torques (MuJoCo, 7 joints, sharp friction) seems to have one
+#: of 7 ms (28 standard deviations) with equal low-passes, of 2.8 ms (5) with twice, and of
+#: 1.7 ms (1.7) with three times the cut-off.
 WIDER = 3.0
 #: Noise of a velocity may shift a reversal by this share of the time constant of the
 #: torque's low-pass.

@@ -426,10 +426,10 @@ class FilteredRuns:
         runs = [FilteredRun(run, settings) for run in cut.runs()]
         if cut is not measurements:
             # A stretch in which the arm stands, or that is too short, is no run.
-            used = [run for run in runs if run.has_rows]
-            if 0 < len(used) < len(runs):
-                cut = concatenate([run.run for run in used])
-                runs = used
+            runs_with_rows = [run for run in runs if run.has_rows]
+            if 0 < len(runs_with_rows) < len(runs):
+                cut = concatenate([run.run for run in runs_with_rows])
+                runs = runs_with_rows
         return cls(cut, settings, tuple(runs))
 
 

@@ -353,24 +353,24 @@ class _RepeatedRows:
         rates = self.rates[j][self.earlier_rows]
         drift = self._drift(j)
         pieces = _without_rows(self.pieces, self.stuck[:, j])
-        left, good = _without_events(
+        without_drift, is_undisturbed = _without_events(
             self.difference[:, j], drift, rates, pieces, self.runs.n, self._comes_back
         )
         # Only differences without an event.
-        steady = Pieces(p[good[p]] for p in pieces)
-        ar, deviation, degrees = autoregression(left, steady)
+        steady = Pieces(p[is_undisturbed[p]] for p in pieces)
+        ar, deviation, degrees = autoregression(without_drift, steady)
         n_used = sum(map(len, steady))
         # The fitted drift takes as many degrees of freedom as it has columns.
-        rank = int(np.linalg.matrix_rank(drift * good[:, None]))
+        rank = int(np.linalg.matrix_rank(drift * is_undisturbed[:, None]))
         n_free = max(n_used - rank, 1)
-        squares = sum(np.sum(left[p] ** 2) for p in steady)
+        squares = sum(np.sum(without_drift[p] ** 2) for p in steady)
         # The profile is estimated on rows that repeat; the floor is that of all rows.
-        white = steady.filter(ar, len(left)) @ left
+        white = steady.filter(ar, len(without_drift)) @ without_drift
         profile = noise_profile(white, rates, self.rates[j])
         mean_profile = np.sqrt(np.mean(profile[self.runs.keep[:, j]] ** 2))
         # An event may have happened at either of the two instants of a difference.
         suspect = np.zeros(self.n_rows, bool)
-        suspect[self.both[~good]] = True
+        suspect[self.both[~is_undisturbed]] = True
         return _JointNoise(
             floor=float(np.sqrt(squares / n_free) * mean_profile),
             ar=ar,
@@ -481,24 +481,30 @@ def _without_events(
     -------
     without_drift : (D,) array
         Differences without the drift [N m or N].
-    good : (D,) array of bool
+    is_undisturbed : (D,) array of bool
         Differences that are not part of an event; all, if more than RARE of them were.
     """
-    good = np.ones(len(x), bool)
+    is_undisturbed = np.ones(len(x), bool)
     for _ in range(3):
-        drift_sizes = np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
+        drift_sizes = np.linalg.lstsq(
+            drift[is_undisturbed], x[is_undisturbed], rcond=1e-10
+        )[0]
         without_drift = x - drift @ drift_sizes
-        ar = autoregression(without_drift, Pieces(p[good[p]] for p in pieces))[0]
+        ar = autoregression(
+            without_drift, Pieces(p[is_undisturbed[p]] for p in pieces)
+        )[0]
         # Whitened differences of variance about 1, with 0 where there is no past.
         white = pieces.filter(ar, len(without_drift)) @ without_drift
         white /= noise_profile(white, rates, rates)
         white /= max(robust_scale(white[white != 0.0]), 1e-12)
         is_event = local_excess(white, pieces, tests, len(x))
         is_event &= ~comes_back(is_event)
-        good = ~is_event
-        if good.mean() < 1.0 - RARE:
-            good[:] = True  # noise that is not stationary, rather than an event
-    return without_drift, good
+        is_undisturbed = ~is_event
+        if is_undisturbed.mean() < 1.0 - RARE:
+            is_undisturbed[:] = (
+                True  # noise that is not stationary, rather than an event
+            )
+    return without_drift, is_undisturbed
 
 
 def rate_features(runs: SegmentedRuns) -> Array:

@@ -345,9 +345,9 @@ def _same_positions(a: Filtered, b: Filtered, shift: float) -> tuple[Indices, Ar
     if scale is None or len(rows) < _FEWEST_ROWS:
         return rows[:0], later[:0]
     later = later[rows]
-    here = scipy.interpolate.CubicSpline(a.t_dense, a.q_dense)(a.t[rows])
-    there = scipy.interpolate.CubicSpline(b.t_dense, b.q_dense)(later)
-    is_same = np.all(np.abs(here - there) < ALIKE * scale, axis=1)
+    positions_of_a = scipy.interpolate.CubicSpline(a.t_dense, a.q_dense)(a.t[rows])
+    positions_of_b = scipy.interpolate.CubicSpline(b.t_dense, b.q_dense)(later)
+    is_same = np.all(np.abs(positions_of_a - positions_of_b) < ALIKE * scale, axis=1)
     return rows[is_same], later[is_same]
 
 

@@ -83,13 +83,14 @@ class SegmentColumns:
             _, motion = self.parts[0]
             sign_width = motion.sign_width
         key = type(effect), effect.joints, *effect.shape.items(), sign_width
-        # Columns that depend on a model's torque have a cache of their own.
-        kept = self.cache[depends(effect)]
-        cached_effect, blocks = kept.get(key, (effect, None))
+        # The second cache is for columns that depend on a model's torque.
+        of_motion, of_model = self.cache
+        cache = of_model if depends(effect) else of_motion
+        cached_effect, blocks = cache.get(key, (effect, None))
         if blocks is None or not cached_effect.same_columns(effect):
             blocks = self._make_columns(effect)
             if keep:
-                kept[key] = effect, blocks
+                cache[key] = effect, blocks
         return blocks
 
     def _make_columns(self, effect: Effect) -> list[Block]:

@@ -711,8 +711,8 @@ def _end_stop(made_for: World, joint: int, rng: Generator) -> Hidden:
     low = max(float(made_for.built.lowerPositionLimit[at]), -span)
     high = min(float(made_for.built.upperPositionLimit[at]), span)
     is_above = bool(rng.integers(2))
-    way = 0.25 * (high - low) * float(rng.uniform(0.0, 1.0))
-    q0 = float(f"{0.5 * (low + high) + (way if is_above else -way):.6g}")
+    offset = 0.25 * (high - low) * float(rng.uniform(0.0, 1.0))
+    q0 = float(f"{0.5 * (low + high) + (offset if is_above else -offset):.6g}")
 
     def law(world: World, motion: TrueMotion) -> Array:
         """Return the torque (N,) [N m, N] at size 1."""
@@ -917,9 +917,9 @@ def newmark(
         # Position and velocity without the new acceleration.
         coasting = x[k - 1] + h * rate + 0.25 * h**2 * acceleration
         rate_before = rate + 0.5 * h * acceleration
-        left = force[k] - damping[k] * rate_before - stiffness[k] * coasting
+        remaining_force = force[k] - damping[k] * rate_before - stiffness[k] * coasting
         inertia = mass[k] + 0.5 * h * damping[k] + 0.25 * h**2 * stiffness[k]
-        acceleration = left / inertia
+        acceleration = remaining_force / inertia
         rate = rate_before + 0.5 * h * acceleration
         x[k] = coasting + 0.25 * h**2 * acceleration
     return x
