@@ -556,10 +556,10 @@ class Penalty(Estimator):
     #: Smallest radius of gyration of a link [m]; 0 for none.
     thickness: float = LmiSdpThickness.thickness
     #: Largest number of runs: the first from the problem's nominal robot, the second
-    #: from the optimum of the convex relaxation, the others from seeded random points of
-    #: the barycentric box, moved towards the first until the convex constraints hold. A
-    #: run whose optimum is proved is the last one; the certified gap of others says how
-    #: far above the relaxation they end.
+    #: from the optimum of the convex relaxation. Limits that are not convex get others,
+    #: from seeded random points of the barycentric box, moved towards the first until
+    #: the convex constraints hold. A run whose optimum is proved is the last one; the
+    #: certified gap of others says how far above the relaxation they end.
     starts: int = 5
     #: Tolerance of violation and complementarity, relative to the size of each
     #: constraint's values.
@@ -754,8 +754,8 @@ def _starts(
     interior: Array,
     relaxation: Callable[[], Fit] | None,
 ) -> Iterator[_Start]:
-    """Yield the starts: the interior point, the relaxation's optimum, then random points
-    of the box without end.
+    """Yield the starts: the interior point, the relaxation's optimum, then, unless that
+    settles it, random points of the box without end.
 
     Random points are moved towards the interior point until the convex constraints
     hold.
@@ -765,6 +765,8 @@ def _starts(
         with suppress(InputError):  # its solvers gave up: random starts are left
             relaxed = relaxation()
             yield _Start(relaxed.theta, relaxed)
+            if not constraints.nonconvex:
+                return  # a convex problem: no other start ends lower
     box = BarycentricBox(task)
     rng = np.random.default_rng(task.seed)
     while True:
