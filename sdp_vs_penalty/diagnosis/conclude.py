@@ -23,13 +23,7 @@ from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.explanation import Explanation, Ladder
-from sdp_vs_penalty.diagnosis.findings import (
-    Diagnosis,
-    ErrorWith,
-    Finding,
-    Remaining,
-    Retune,
-)
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Remaining, Retune
 from sdp_vs_penalty.diagnosis.notices import find_notices
 from sdp_vs_penalty.diagnosis.own_constants import constant_std, retune
 from sdp_vs_penalty.diagnosis.passing.search import passing_causes
@@ -131,18 +125,18 @@ class Conclusion:
         return findings
 
     @property
-    def _told(self) -> tuple[list[Finding], Array]:
+    def _told(self) -> tuple[list[Finding], dict[tuple[str, ...], Array]]:
         """The findings that are told, each with the errors (n,) before and after it joins
-        those before it; and the errors with all of them [N m or N]."""
-        places = [k for k, f in enumerate(self.findings) if is_told(f)]
-        errors = [self.ladder.errors_with(places[:k]) for k in range(len(places) + 1)]
-        told = [
-            replace(
-                self.findings[k], held_out_rmse_before=before, held_out_rmse_after=after
-            )
-            for k, (before, after) in zip(places, pairwise(errors), strict=True)
-        ]
-        return told, errors[-1]
+        those before it; and the errors with the first 0, 1, ... of them [N m or N]."""
+        told = [finding for finding in self.findings if is_told(finding)]
+        firsts: list[tuple[Finding | Retune, ...]]
+        firsts = [(*self.retunes, *told[:k]) for k in range(len(told) + 1)]
+        errors = self._errors_with(firsts)
+        steps = pairwise(errors.values())
+        return [
+            replace(finding, held_out_rmse_before=before, held_out_rmse_after=after)
+            for finding, (before, after) in zip(told, steps, strict=True)
+        ], errors
 
     def diagnosis(self) -> Diagnosis:
         """Return the diagnosis: findings, verdict, and what is left.
@@ -156,7 +150,7 @@ class Conclusion:
         remaining = self.left
         noise = self.data.noise
         held_out = self.ladder.held_out
-        told, error_with_all = self._told
+        told, errors = self._told
         untold = [finding for finding in self.findings if not is_told(finding)]
         replaces_untold = all(CURVE in f.indistinguishable_from for f in untold)
         curves = self.described_curves if replaces_untold else ()
@@ -183,7 +177,7 @@ class Conclusion:
             notices=find_notices(self.search, self.explanation.estimate),
             noise_source=noise.source,
             unexplained=remaining.in_sample_excess_variance,
-            held_out_rmse=error_with_all,
+            held_out_rmse=[*errors.values()][-1],
             band_hz=self.data.rows.cutoff,
             remarks=self.remarks,
             held_out_rmse_before=held_out.errors(()),
@@ -195,24 +189,20 @@ class Conclusion:
             torque_units=self.explanation.estimate.torque_units,
             remains=tuple(Remaining(j + 1, x) for j, x in sorted(unexplained.items())),
         )
-        alone = self._errors_with(diagnosis.additions)
-        diagnosis = replace(diagnosis, errors_with=alone)
-        sure = self._errors_with(filter(None, [diagnosis.sure]))
-        return replace(diagnosis, errors_with=(*alone, *sure))
+        errors |= self._errors_with(diagnosis.additions)
+        diagnosis = diagnosis.with_errors(errors)
+        return diagnosis.with_errors(errors | self._errors_with([diagnosis.sure]))
 
     def _errors_with(
         self, additions: Iterable[Sequence[Finding | Retune]]
-    ) -> tuple[ErrorWith, ...]:
-        """Return the errors on data left out with each of several additions alone."""
+    ) -> dict[tuple[str, ...], Array]:
+        """Return the errors on data left out with each of several additions alone, by
+        their texts."""
         texts = [*(r.text for r in self.retunes), *(f.text for f in self.findings)]
         numbers = dict(zip(texts, self.ladder.offered, strict=True))
-        errors = {}
-        for added in additions:
-            chosen = tuple(found.text for found in added)
-            errors[chosen] = self.ladder.held_out.errors(
-                [numbers[text] for text in chosen]
-            )
-        return tuple(ErrorWith(chosen, rmse) for chosen, rmse in errors.items())
+        chosen = [tuple(found.text for found in added) for added in additions]
+        errors = self.ladder.held_out.errors
+        return {added: errors([numbers[x] for x in added]) for added in chosen}
 
     @property
     def retunes(self) -> tuple[Retune, ...]:

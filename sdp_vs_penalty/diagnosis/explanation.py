@@ -198,12 +198,6 @@ class Ladder:
         steps = range(self.n_own, len(self.offered) + 1)
         return np.array([self.held_out.errors(self.offered[:k]) for k in steps])
 
-    def errors_with(self, findings: Sequence[int]) -> Array:
-        """Return the errors (n,) with the re-estimated constants and some findings,
-        named by their places in the order [N m or N]."""
-        of_findings = [self.offered[self.n_own + k] for k in findings]
-        return self.held_out.errors([*self.offered[: self.n_own], *of_findings])
-
     def errors_without(self, k: int) -> Array:
         """Return the errors (n,) with all offered effects except the one at place k [N
         m or N].

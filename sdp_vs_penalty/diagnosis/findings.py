@@ -612,8 +612,8 @@ class Diagnosis(Record, JsonRecord):
     #: What the check calls likely of the log, with the repair; nothing is sure beside
     #: it. None where a finding states the same.
     log_faults: tuple[Remedy, ...] = ()
-    #: The errors with what each remedy adds; where a test run judged, with the first
-    #: findings of the list too. None in files of older versions.
+    #: The errors with what each remedy adds, and with the first findings of the list.
+    #: None in files of older versions.
     errors_with: tuple[ErrorWith, ...] = ()
 
     def __post_init__(self) -> None:
@@ -780,9 +780,13 @@ class Diagnosis(Record, JsonRecord):
             self,
             held_out_rmse_before=before,
             held_out_rmse=judged[texts],
-            errors_with=tuple(starmap(ErrorWith, judged.items())),
             effects=effects,
-        )
+        ).with_errors(judged)
+
+    def with_errors(self, errors: Mapping[tuple[str, ...], Array]) -> Diagnosis:
+        """Return the diagnosis with errors on data left out (n,), by the texts of what is
+        added [N m or N]."""
+        return replace(self, errors_with=tuple(starmap(ErrorWith, errors.items())))
 
     def error_with(self, found: Sequence[Finding | Retune]) -> Array | None:
         """Return the errors (n,) on data left out of the model with some of what was found,
