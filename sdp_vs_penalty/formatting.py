@@ -214,11 +214,13 @@ def within_noise(ratio: float, joint: int, error: float, unit: str, kind: str) -
     'no joint errs by more than 1.18 times its noise (joint 6: 0.00651 N m)'
     >>> within_noise(1.0, 2, 0.02, "N m", "")
     'no joint errs by more than its noise (joint 2: 0.02 N m)'
+    >>> within_noise(0.95, 3, 0.00922, "N m", "")
+    'the error cannot be told from the noise (joint 3: 0.00922 N m)'
     """
     of_kind = f", {kind}" if kind else ""
     size = f"(joint {joint}: {number(error)} {unit}{of_kind})"
     if ratio < 1.0:
-        return f"each joint errs by less than its noise, which is a bound then {size}"
+        return f"the error cannot be told from the noise {size}"
     times = "" if number(ratio) == "1" else f"{number(ratio)} times "
     return f"no joint errs by more than {times}its noise {size}"
 

@@ -276,7 +276,7 @@ def changes_in_words(
     does_gain = now[worst - 1] < (1.0 - CHANGES) * was[worst - 1]
     verb = "'s error" if does_gain else " does not gain"
     is_below = floor is not None and was[worst - 1] < floor[worst - 1]
-    bound = "; that is below the noise, which is a bound" if is_below else ""
+    bound = "; that cannot be told from the noise" if is_below else ""
     said = f"{of_worst}{verb}: {change_of(worst)}{bound}{of_most}"
     return f"{said}, {measured_on(session)}"
 

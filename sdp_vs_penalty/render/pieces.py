@@ -196,8 +196,8 @@ def _caption_of_bars(
     caption = f"{what}, {unit} (noise unknown; logarithmic)"
     if over_noise is not None:
         is_bound = float(over_noise.min()) < 1.0
-        bound = "an upper bound, since an error is below it; " if is_bound else ""
-        caption = f"{what}, in multiples of its noise ({bound}shaded; logarithmic)"
+        shaded = "shaded, at most that" if is_bound else "shaded"
+        caption = f"{what}, in multiples of its noise ({shaded}; logarithmic)"
     return "; ".join(filter(None, (caption, colours)))
 
 

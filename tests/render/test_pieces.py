@@ -63,8 +63,8 @@ def test_a_drawn_arm_has_the_axes_of_its_joints(two_link):
 def test_no_change_is_told_below_the_noise():
     """An error below its noise shows that this is an upper bound."""
     drawn = bars([0.8, 4.0], [0.2, 2.0], [1.0, 1.0], ["N m", "N m"])
-    assert drawn.count("an upper bound") == 1
+    assert drawn.count("at most that") == 1
     assert "-75 %" not in drawn
     assert "-50 %" in drawn
     known = bars([1.8, 4.0], [1.2, 2.0], [1.0, 1.0], ["N m", "N m"])
-    assert "an upper bound" not in known
+    assert "at most that" not in known
