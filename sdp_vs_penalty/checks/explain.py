@@ -334,9 +334,8 @@ def issue_of_difference(
     if h.kind == "encoder offset" and h.joints == (log.n - 1,):
         # A load is put on anew from run to run, and a zero is not set.
         rivals.insert(0, "what that joint carries, turned as much about its axis")
-    if _RIVALS[FRICTION] in rivals:
-        repair, apply = None, ""
-        remedy = "identify the runs apart: diagnosis tells friction from a gain"
+    if repair is not None and any(repair_of(rival) is None for rival in claim.rivals):
+        repair, apply, remedy = None, "", "identify the runs apart"
     return _of_claim(
         claim,
         rivals,

@@ -352,7 +352,8 @@ class Race:
         rivals: dict[object, Claim] = {}
         for claim in likely:
             is_as_likely = best.log_odds - claim.log_odds < c.LOG_ODDS_OF_A_CLAIM
-            if is_as_likely and not _is_same(claim, best):
+            is_rival = is_as_likely or _fits_as_well(claim, best)
+            if is_rival and not _is_same(claim, best):
                 rivals.setdefault(claim.hypothesis.key, claim)
         rivals.pop(best.hypothesis.key, None)
         return replace(best, rivals=tuple(rivals.values()))
@@ -666,6 +667,19 @@ def _is_same(one: Claim, other: Claim) -> bool:
     ratios = np.divide(np.array(first.scale), np.array(second.scale))
     is_near = bool(np.all(np.abs(np.log(np.abs(ratios))) < _NEAR_UNIT))
     return is_near and replace(first, scale=second.scale) == second
+
+
+def _fits_as_well(claim: Claim, best: Claim) -> bool:
+    """Whether a claim about the same joints of the same part leaves as little of every
+    joint's torque as the best one, though one is a change of the log and one of the arm:
+    what has fewer numbers is likelier, and not the only remedy."""
+    one, other = claim.hypothesis, best.hypothesis
+    is_same_remedy = (one.further is None) == (other.further is None)
+    if one.key[1:] != other.key[1:] or one.part is None or is_same_remedy:
+        return False
+    moving = best.fit.weights > 0.0
+    more = np.log(claim.fit.shares[moving] / best.fit.shares[moving])
+    return bool(np.all(more < c.SAME_FIT))
 
 
 def _rows_over_few(fit: ViewFit) -> float:

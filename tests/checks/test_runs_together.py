@@ -142,16 +142,17 @@ def test_friction_and_gain_of_one_run_are_told_apart(
     assert bool(issue.apply) == (kind == "torque gain")
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.03])
 @pytest.mark.parametrize("factor", [0.6, 1.6])
-def test_a_gain_that_friction_explains_as_well_is_not_repaired(factor):
-    """Little but friction loads a light link about its own axis, and noise hides the rest."""
+def test_a_gain_that_friction_explains_as_well_is_not_repaired(factor, noise):
+    """Little but friction loads a light link about its own axis."""
     first, second, (_, _, origin, *_) = drawn(14, 3, 3)
     arm = simulated(
         "last", (first, second, ("revolute", "0 0 1", origin, 0.05, "0 0 0")), 14
     )
     rng = np.random.default_rng(1)
     noisy = [
-        replace(run, tau=run.tau + rng.normal(0.0, 0.03, run.tau.shape))
+        replace(run, tau=run.tau + rng.normal(0.0, noise, run.tau.shape))
         for run in (arm.train, scaled(arm.test, 3, factor))
     ]
     reports = judged(arm.problem, *noisy)
@@ -159,7 +160,6 @@ def test_a_gain_that_friction_explains_as_well_is_not_repaired(factor):
     assert issue.figures["joints"] == [3]
     assert issue.certainty.grade == "possible"
     assert "friction" in issue.what
-    assert "gain" in issue.what or "times too" in issue.what
     assert not issue.apply
     assert issue.repair is None
 

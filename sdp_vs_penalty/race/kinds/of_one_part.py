@@ -2,8 +2,8 @@
 need, there alone; a load on the last link, another arm, the friction of a joint.
 
 A load phi adds Y_last phi on the part's rows, Y_last the regressor of the last link; joint j's
-friction adds x_1 c + x_2 (w - c), c its dry friction, w its velocity over the root mean square:
-x_1 is what it has more at that velocity.
+friction adds x_1 c + x_2 (w - c) + ..., c its dry friction, w its velocity over the root mean
+square (then c of other widths): x_1 is what it has more at that velocity.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -146,18 +146,20 @@ def another_arm(evidence: Evidence, fit: ViewFit) -> Further | None:
 
 
 def friction_of(evidence: Evidence, fit: ViewFit, j: int) -> Further:
-    """Return the torque of a joint's friction, dry and viscous."""
+    """Return the torque of a joint's friction: dry of several widths, and viscous."""
     log, chain = evidence.log, fit.chain
     own = log.data.own_columns[chain.order[j]] * np.sign(chain.scale[j])
-    dry, velocity = own[:, DRY], own[:, VISCOUS]
+    dry, velocity = own[:, [DRY]], own[:, [VISCOUS]]
     velocity = velocity / nonzero_or_one(float(np.sqrt(np.mean(velocity**2))))
-    of_friction = np.column_stack([dry, velocity - dry])
+    others = np.column_stack([velocity, own[:, [DRY - 1, DRY + 1]]])
+    of_friction = np.column_stack([dry, others - dry])
     beside = np.column_stack([of_friction, own[:, [ROTOR, OFFSET]]])
     torque = log.unexplained(chain, fit.links)[j]
     present = float(min_norm_lstsq(beside, torque)[0])
-    columns = np.zeros((log.n, log.data.count, 2))
+    columns = np.zeros((log.n, *of_friction.shape))
     columns[j] = of_friction
-    sd = np.full(2, _SHARE_OF_TORQUE * float(np.sqrt(np.mean(torque**2))))
+    rms = float(np.sqrt(np.mean(torque**2)))
+    sd = np.full(of_friction.shape[1], _SHARE_OF_TORQUE * rms)
     return Further(columns, sd, usual=c.USUAL_FRICTION * abs(present))
 
 
