@@ -193,6 +193,20 @@ def digits_beside(size: float, half: float, most: int = 4) -> int:
     return min(max(places + 2, 1), most)
 
 
+def amount_or_open(size: float, half: float, unit: str) -> str:
+    """Write a size with half its 95 % interval; where the interval holds zero, or is not
+    a number, the size is open.
+
+    Examples
+    --------
+    >>> amount_or_open(3.1234, 0.49, "N m"), amount_or_open(0.324, 0.709, "kg")
+    ('3.12 ± 0.49 N m', 'size open')
+    """
+    if not abs(size) > half:
+        return "size open"
+    return amount(size, half, unit, digits_beside(size, half))
+
+
 def times_noise(ratio: float, error: float, unit: str) -> str:
     """Write an error [unit] as a multiple of its noise, and in its unit.
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.issue import (
     EXPLANATION,
@@ -30,10 +31,10 @@ from sdp_vs_penalty.results.remedy import Change
 _INTERVAL = 2.4
 #: What a joint's friction has more in one run: diagnosis names its law.
 FRICTION = "another friction"
-#: What no change of the log can undo, in words with the size {x}, and what to do.
+#: What no change of the log can undo, in words with its size, and what to do.
 _DIFFERENCES = {
     "another load": (
-        "{run} carries a {weight} load on its last link ({x:+.2g} {unit}), beside the others.",
+        "{run} carries {weight} load on its last link ({amount}{supposed}), beside the others.",
         "identify the runs apart, or log with the same tool",
     ),
     "another arm": (
@@ -41,7 +42,7 @@ _DIFFERENCES = {
         "identify the runs apart, or log with the same arm",
     ),
     FRICTION: (
-        "{joint} has {size:.2g} {unit} {more} friction in {run} than in the others (wear,"
+        "{joint} has {size:.2g} {unit}{supposed} {more} friction in {run} than in the others (wear,"
         " another temperature).",
         "identify the runs apart, or log them as warm",
     ),
@@ -307,15 +308,18 @@ def issue_of_difference(
     apply = ""
     if repair is None:
         what, remedy = _DIFFERENCES[h.kind]
-        more, weight = ("less", "lighter") if size < 0.0 else ("more", "heavier")
-        unit = log.problem.robot.torque_units[h.joints[0]] if h.joints else "kg"
+        more, weight = ("less", "a lighter") if size < 0.0 else ("more", "a heavier")
+        unit = log.torque_unit(h.joints[0]) if h.joints else "kg"
+        half = _INTERVAL * claim.spread
+        amount = formatting.amount_or_open(size, half, unit)
         what = what.format(
             run=name,
-            x=size,
+            amount=f"+{amount}" if size > half else amount,
+            weight=weight if abs(size) > half else "another",
             size=abs(size),
             more=more,
-            weight=weight,
-            unit=unit + supposed,
+            unit=unit,
+            supposed=supposed,
             joint=joints_text(h.joints) if h.joints else "",
         )
     else:

@@ -184,7 +184,7 @@ def _event(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
         stands_out = largest > _EVENT_OVER_REST * elsewhere > 0.0
         if is_little or is_known or not stands_out:
             continue
-        unit = log.problem.robot.torque_units[j]
+        unit = log.torque_unit(j)
         yield make_explanation(
             kind=EVENT,
             joints=[j],

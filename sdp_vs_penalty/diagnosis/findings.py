@@ -166,12 +166,11 @@ _SAID_IN = {
 
 
 def _amount(size: float, std: float, unit: str) -> str:
-    """Write a size with half its 95 % interval, in the unit that sentences have."""
+    """Write a size with half its 95 % interval, if that does not hold zero, in the unit
+    that sentences have."""
     unit = plain_unit(unit)
     scale, unit = _SAID_IN.get(unit, (1.0, unit))
-    half = scale * NORMAL_95 * std
-    digits = formatting.digits_beside(scale * size, half)
-    return formatting.amount(scale * size, half, unit, digits)
+    return formatting.amount_or_open(scale * size, scale * NORMAL_95 * std, unit)
 
 
 @dataclass(frozen=True)
@@ -242,7 +241,7 @@ class Finding(Rated):
         constants, it is said too. A size that may be zero is not said.
         """
         is_open = self.size_may_be_zero
-        amount = "size open" if is_open else _amount(self.size, self.std, self.unit)
+        amount = _amount(self.size, self.std, self.unit)
         if self._torque_tells_more:
             return f"{amount}, {self.torque_text} (95 %)"
         return amount if is_open else f"{amount} (95 %)"

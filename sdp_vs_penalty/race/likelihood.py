@@ -24,6 +24,7 @@ import numpy as np
 from sdp_vs_penalty.data.stretches.gaps import recorded_seconds
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.arm_fit import ArmFit, RepairedRows, orthonormal
 from sdp_vs_penalty.race.chain import LogEvent, LogTransform, Order
@@ -135,6 +136,10 @@ class Likelihood:
         """
         torque = self.nominal(self.as_logged)
         return Likelihood(self.problem, self.data.with_laws(torque))
+
+    def torque_unit(self, j: int) -> str:
+        """Return the unit of joint j's torque in words: "N m"."""
+        return plain_unit(self.problem.robot.torque_units[j])
 
     def select_rows(self, rows: slice | Indices) -> Likelihood:
         """Return the likelihood of some of the rows."""

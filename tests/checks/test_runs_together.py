@@ -167,7 +167,7 @@ def test_a_gain_that_friction_explains_as_well_is_not_repaired(factor, noise):
 def test_currents_of_runs_with_different_loads_are_no_external_torque(two_link, runs):
     """One arm for all runs leaves much, and one for each run leaves little."""
     problem = replace(two_link, torque_side="link")
-    both = with_load(problem, runs[0], 2.0), runs[1]
+    both = with_load(problem, runs[0], 6.0), runs[1]
     both = [replace(run, tau=0.01 * run.tau) for run in both]
     reports = judged(problem, *both)
     for report in reports:
@@ -177,16 +177,22 @@ def test_currents_of_runs_with_different_loads_are_no_external_torque(two_link, 
 
 
 @pytest.mark.parametrize(
-    "order", [(0, 1), pytest.param((1, 0), marks=pytest.mark.long)]
+    ("order", "mass", "words"),
+    [
+        ((0, 1), 1.0, "another load on its last link (size open)"),
+        ((0, 1), 6.0, "a heavier load on its last link (+"),
+        pytest.param((1, 0), 6.0, " kg), beside", marks=pytest.mark.long),
+    ],
 )
-def test_a_load_is_named_in_kilograms_in_the_run_that_carries_it(two_link, runs, order):
-    both = with_load(two_link, runs[0], 1.0), runs[1]
+def test_a_load_is_named_in_the_run_that_carries_it(two_link, runs, order, mass, words):
+    """In kilograms, unless its interval holds zero."""
+    both = with_load(two_link, runs[0], mass), runs[1]
     reports = judged(two_link, *(both[k] for k in order))
     loaded_report, empty_report = (reports[order.index(k)] for k in (0, 1))
     (issue,) = explanations(loaded_report)
     assert issue.kind == "another load"
-    assert issue.figures["size"] == pytest.approx(1.0, abs=0.25)
-    assert "heavier load on its last link (+" in issue.what
+    assert issue.figures["size"] == pytest.approx(mass, rel=0.25)
+    assert words in issue.what
     assert not explanations(empty_report)
 
 

@@ -14,6 +14,7 @@ from sdp_vs_penalty.checks.constants import GAP, LONG_STRETCH, RUN, STUCK, STUCK
 from sdp_vs_penalty.checks.glance import Rows, RunSummary, mask_of
 from sdp_vs_penalty.checks.issue import Issue, make_issue
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.encoder import lattice_step
 from sdp_vs_penalty.signals.runs import spans
@@ -286,11 +287,12 @@ def find_bad_torque_channels(glance: RunSummary) -> Iterator[Issue]:
 def _dead(glance: RunSummary, j: int, value: float) -> Issue:
     """Return the issue that the torque of joint j (from 0) has one value in every row:
     an error, or a note where the joint never moves."""
+    unit = plain_unit(glance.robot.torque_units[j])
     return make_issue(
         kind="dead channel",
         severity="error" if glance.moving[j] else "note",
         joints=[j],
-        what=f"tau{j + 1} is {value:g} {glance.robot.torque_units[j]} in every row.",
+        what=f"tau{j + 1} is {value:g} {unit} in every row.",
         remedy="find out why the logger wrote a constant",
         where=f"tau{j + 1}",
     )
@@ -315,6 +317,7 @@ def _clipped(glance: RunSummary, j: int, x: Array) -> Iterator[Issue]:
     times = glance.one_arm_is_worse(j, at_limits)
     is_drives_limit = bool(np.isclose(abs(value), glance.robot.joints[j].effort))
     is_torque = is_drives_limit or glance.holds_torque(j, at_limits)
+    unit = plain_unit(glance.robot.torque_units[j])
     severity, which = "warning", "the drive or the channel is"
     remedy = "record again, with a larger range"
     certainty = likely(
@@ -331,7 +334,7 @@ def _clipped(glance: RunSummary, j: int, x: Array) -> Iterator[Issue]:
         kind="saturation",
         severity=severity,
         joints=[j],
-        what=f"tau{j + 1} stays at {value:.6g} {glance.robot.torque_units[j]} for up to"
+        what=f"tau{j + 1} stays at {value:.6g} {unit} for up to"
         f" {longest} samples in a row ({np.sum(x == value)} in total): {which} at its limit.",
         certainty=certainty,
         remedy=remedy,

@@ -36,7 +36,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     for j in np.flatnonzero(chain.limit).tolist():
         factor = abs(chain.torque_factors[j])
         largest = factor * log.data.largest[chain.tau_order[j]]
-        unit = log.problem.robot.torque_units[j]
+        unit = log.torque_unit(j)
         yield Fault(
             kind="command beyond the limit",
             joints=(j,),

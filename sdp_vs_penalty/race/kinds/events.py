@@ -139,7 +139,7 @@ def _drift_from_end_to_end(
 def _drift(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
     """Return the fault that a joint's torque drifts linearly over the log."""
     size = _drift_from_end_to_end(log, repair, event)
-    unit = log.problem.robot.torque_units[event.joint]
+    unit = log.torque_unit(event.joint)
     return Fault(
         kind=DRIFT,
         joints=(event.joint,),
@@ -170,7 +170,7 @@ def drift_of_runs(
     sizes = [_drift_from_end_to_end(log, repair, event) for _, log, repair in runs]
     largest = int(np.argmax(np.abs(sizes)))
     name, log, _ = runs[largest]
-    unit = log.problem.robot.torque_units[event.joint]
+    unit = log.torque_unit(event.joint)
     return replace(
         fault,
         what=f"the torque of {joints_text(fault.joints)} drifts by up to"
@@ -183,7 +183,7 @@ def _step(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
     """Return the fault that a joint's torque steps and stays there."""
     size = _size(log, repair, event)
     name = joints_text([event.joint])
-    unit = log.problem.robot.torque_units[event.joint]
+    unit = log.torque_unit(event.joint)
     return Fault(
         kind="torque step",
         joints=(event.joint,),

@@ -42,7 +42,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         # A bend is the largest logged torque over the limit. The gain brings the limit
         # from the unit of the log to that of the joint's torque.
         limit = abs(chain.gain[j]) * largest_logged / chain.bend[j]
-        unit = log.problem.robot.torque_units[j]
+        unit = log.torque_unit(j)
         yield Fault(
             kind="saturation",
             joints=(j,),
