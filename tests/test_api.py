@@ -81,7 +81,7 @@ def test_measurements_are_checked_first_unless_told_otherwise(two_link):
     for verb in (sdp.identify, lambda problem, log: sdp.diagnose(small_model(), log)):
         refusal(
             lambda verb=verb: verb(two_link, dead),
-            "tau2 is 0.25 N*m in every row",
+            "tau2 is 0.25 N m in every row",
             "check=False",
         )
     estimate = sdp.identify(two_link, dead, "ols", check=False)
