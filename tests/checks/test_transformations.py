@@ -78,12 +78,11 @@ def test_an_amplifiers_limit_has_the_unit_of_the_torque(factor):
     """The raw channel reaches 30, of a limit of 60 in its own unit."""
     joints = LogTransform.unchanged(2, (0.0, 0.0, -9.81))
     repair = joints.with_entries("bend", (1,), 0.5).with_entries("gain", (1,), factor)
-    log = SimpleNamespace(
-        n=2, data=SimpleNamespace(largest=np.array([10.0, 30.0])), problem=PROBLEM
+    data = SimpleNamespace(
+        largest=np.array([10.0, 30.0]), moving=np.ones(2, bool), count=2
     )
-    (fault,) = saturation.list_faults(log, repair)
-    unit = PROBLEM.robot.torque_units[1]
-    assert f"limit of {60.0 * abs(factor):.3g} {unit}" in fault.what
+    (fault,) = saturation.list_faults(Likelihood(PROBLEM, data), repair)
+    assert f"limit of {60.0 * abs(factor):.3g} N m" in fault.what
 
 
 @pytest.mark.long
