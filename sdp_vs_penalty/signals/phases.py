@@ -303,7 +303,7 @@ def phase_windows(
         motion is too short, or repeats too fast.
     """
     # 1. The largest number of parts, each [trained, pause, tested, pause], of which
-    # training keeps six tenths; half, if there is only one part.
+    # training keeps six tenths; half, if there is only one part. 1e-9 allows for rounding.
     length = float(clock.length if clock.periodic else span)
     for n_parts in range(5, 0, -1):
         part = length / n_parts

@@ -92,7 +92,8 @@ class Preprocessing:
             )
 
     def resolve(self, measurements: Measurements) -> Preprocessing:
-        """Choose the numbers that are None from the measurements, all runs together."""
+        """Choose the numbers that are None from the measurements, all runs together; no
+        cut-off is above a fifth of the sample rate, also a given one."""
         runs = list(measurements.runs())
         highest = min(sample_rate(run) for run in runs) / 5.0
         state = min(self.state_cutoff or highest, highest)

@@ -409,8 +409,9 @@ def follow(
     if steps is not None:
         runs = window_subsample(runs, estimate.preprocessing.resolve(runs))
     courses = list[Course]()
+    shortest = 2.0 * _HORIZON  # stretches up to two windows are left out
     for run in runs.runs():
-        courses += courses_of(run, estimate, plant, 2.0 * _HORIZON)
+        courses += courses_of(run, estimate, plant, shortest)
     loop = (plant, 2.0 * np.pi * _LOOP_BANDWIDTH) if drive == "pd" else None
     servo = ServoLoop(estimate.model, estimate.theta) if drive == "servo" else None
     rides = [_Ride(plant, course, loop, servo) for course in courses]
