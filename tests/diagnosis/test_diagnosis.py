@@ -170,23 +170,6 @@ def test_two_joints_whatever_the_record(slope, what):
         assert said.lower().count("no motion repeats") == 1
 
 
-@pytest.mark.slow
-def test_a_joint_that_does_not_move(panda):
-    made = hidden_runs(panda, [("joint_spring", [3])], "strong", seed=22)
-    data = concatenate(made.runs[:3])
-    still = data.q.copy()
-    still[:, 6] = 0.3
-    data = replace(data, q=still)
-    # The check would refuse a joint that stands and whose torque is that of one that
-    # moves.
-    estimate = identify(
-        panda, data, "ols", effects=made.truth["model_effects"], check=False
-    )
-    result = diagnose(estimate, data, check=False)
-    assert all(np.isfinite(f.size) for f in result.effects)
-    json.dumps(result.to_dict(), allow_nan=False)
-
-
 def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
     first = replace(found.effects[0], indistinguishable_from=(), confidence="confident")
     assert first.undecided is None

@@ -25,7 +25,6 @@ from sdp_vs_penalty.diagnosis import (
     white_candidate,
     whiten_rows,
 )
-from sdp_vs_penalty.signals import coloured_noise
 
 n = 2
 M = 300
@@ -397,46 +396,3 @@ def test_rows_that_err_together_are_worth_less_unless_it_is_not_asked():
         1.0 + plainly.degrees / COARSENING_ROWS
     )
     assert robust.rows_worth_one > 2.0 * plainly.rows_worth_one
-
-
-def test_screening_is_the_drop_of_the_squared_error():
-    data, z = made(size=0.5)
-    score = EvidenceScorer(data, 10)
-    fit = score.fit(())
-    other = np.random.default_rng(4).normal(size=(M, 1))
-    batch = Batch((0,), (form(), form()), np.hstack([z, other])[None])
-    values = score.screened(fit, batch)
-    drop = np.sum(fit.residual**2) - np.sum(plain(data, fit, z) ** 2)
-    assert values[0] == pytest.approx(drop - np.log(fit.degrees[0]), rel=1e-2)
-    assert values[1] < 0.0 < values[0]
-    forbidden = Batch(
-        (0,), (form(lower=0.0),), -z[None]
-    )  # a size below zero: nothing is won, the price is
-    assert score.screened(fit, forbidden)[0] == pytest.approx(
-        -np.log(fit.degrees[0]), rel=1e-2
-    )
-
-
-def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes_near():
-    """Error that swells at reversals, with tails, is none; the first rows and the last
-    may be."""
-    rng = np.random.default_rng(5)
-    M = 1800
-    pieces = [np.arange(900), np.arange(900, M)]
-    slow = np.arange(M) % 120 < 30
-    error = (
-        rng.normal(size=M) * np.where(slow, 6.0, 1.0) * np.exp(rng.normal(0.0, 0.3, M))
-    )
-    for white in (error, np.zeros(M), rng.standard_t(2, size=M)):
-        assert not coloured_noise.lone_windows(white, pieces, slow, 30.0, 7).any()
-    for begin, size in ((700, 60.0), (0, 600.0), (M - 4, 600.0)):
-        knock = error.copy()
-        knock[begin : begin + 4] += size
-        found = np.flatnonzero(
-            coloured_noise.lone_windows(knock, pieces, slow, 30.0, 7)
-        )
-        assert (
-            {*range(begin, begin + 4)}
-            <= {*found.tolist()}
-            <= {*range(begin - 40, begin + 40)}
-        )

@@ -11,7 +11,6 @@ from sdp_vs_penalty.diagnosis.nuisances import share_of_one_misfit
 from sdp_vs_penalty.diagnosis.sizes import torque_made
 from sdp_vs_penalty.effects.drift import DriftOffset
 from sdp_vs_penalty.effects.motion import Motion
-from sdp_vs_penalty.effects.position import JointSpring
 from sdp_vs_penalty.effects.velocity_friction import PowerLawFriction
 from sdp_vs_penalty.estimation.sensitivity import free_constants, prior_deviation
 
@@ -40,20 +39,6 @@ def rows():
     q = np.column_stack([np.sin(1.3 * t), 0.8 * np.cos(0.7 * t)])
     dq = np.gradient(q, t, axis=0)
     return Unfiltered(Motion(t, q, dq, np.gradient(dq, t, axis=0)))
-
-
-def test_a_spring_makes_its_stiffness_times_the_travel(two_link, rows):
-    spring = JointSpring(two_link.robot, [1])
-    stiffness, std = 3.0, 0.6
-    covariance = np.zeros((len(spring.parameters),) * 2)
-    covariance[0, 0] = std**2
-    beta = np.array([stiffness, *np.zeros(len(covariance) - 1)])
-    made = torque_made(rows, spring, beta, covariance)
-    rms = stiffness * np.sqrt(np.mean(rows.motion.q[:, 1] ** 2))
-    assert made.joint == 1
-    assert made.rms == pytest.approx(rms)
-    of_law = share_of_one_misfit(spring) * rms**2
-    assert made.std**2 - of_law == pytest.approx((std / stiffness * rms) ** 2)
 
 
 def test_a_slow_drift_makes_the_torque_by_which_it_drifts(two_link, rows):

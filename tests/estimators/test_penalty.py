@@ -16,8 +16,6 @@ from sdp_vs_penalty.estimators import (
     PenalisedLoss,
     Penalty,
     PenaltyTwoStep,
-    ShiftedPenalty,
-    interior_point,
     make_estimator,
     penalty,
 )
@@ -152,45 +150,6 @@ def test_a_loose_relaxation_of_a_convex_problem_is_the_last_start(monkeypatch):
     fit = Penalty(joint_prior=0.0).fit(task)
     assert len(fit.details["runs"]) == 2
     assert fit.gap <= 1e-8
-
-
-@pytest.mark.parametrize("name", ["two_link", "1 joint, seed 0"])
-def test_slopes_and_curvatures_are_those_of_the_penalty(name, request):
-    """By central differences, along axes whose curvature is one where all constraints
-    are active."""
-    task = task_named(name, request)
-    demands = Penalty().demands(task)
-    inside = interior_point(task, demands)
-    penalty = ShiftedPenalty(task, replace(task.problem, constraints=demands), inside)
-    rng = np.random.default_rng(1)
-    weight = 0.7
-    h = 1e-5
-    x = inside / penalty.theta_scale
-    at = [part.values(x) for part in penalty.parts]
-    whole = penalty.rows(x, [2.0 * weight * f for f in at], weight)[1]
-    size = whole.T @ whole
-    axes = np.linalg.inv(
-        np.linalg.cholesky(size + 1e-12 * size.max() * np.eye(len(x)))
-    ).T
-    shifts = [
-        2.0 * weight * (rng.random() < 0.5) * f for f in at
-    ]  # some active, some not
-
-    def along(s, k):
-        r, J = penalty.rows(x + s * axes[:, k], shifts, weight)
-        return r @ r, 2.0 * axes.T @ (J.T @ r)
-
-    value, gradient = along(0.0, 0)
-    ends = [(along(h, k), along(-h, k)) for k in range(len(x))]
-    assert_allclose(
-        gradient, [(a[0] - b[0]) / (2 * h) for a, b in ends], rtol=1e-4, atol=1e-3
-    )
-    numeric = np.array([(a[1] - b[1]) / (2 * h) for a, b in ends])
-    J = penalty.rows(x, shifts, weight)[1] @ axes
-    assert_allclose(2.0 * J.T @ J, numeric, atol=1e-4)
-    beyond = sum(np.sum(z**2) for z in penalty.shifted(x, shifts, weight))
-    loss = (task.data.loss(inside) - task.data.residual_norm**2) / penalty.loss_scale
-    assert value == pytest.approx(loss + beyond / (2.0 * weight), rel=1e-9)
 
 
 @pytest.mark.long

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 import pytest
 from commands import run_cli
-from dynamics_files import FULL, READERS, by_c, by_mujoco, estimate_of
+from dynamics_files import FULL, READERS, by_c, estimate_of
 from numpy.testing import assert_allclose
 from random_robots import states
 from small_runs import write_run
@@ -97,17 +97,6 @@ def test_the_header_makes_each_effects_torque(written, two_link, tmp_path):
     assert_allclose(made, expected, rtol=0.0, atol=1e-9)
     usual = torque(without_the_last(estimate), q, dq, ddq)
     assert np.all(np.abs(expected - usual).max(axis=0) > 1e-3)
-
-
-@pytest.mark.parametrize("effects", ["joint_spring", "joint_spring,torque_offset"])
-@pytest.mark.parametrize("name", ["panda", "two_link", "emps"])
-def test_mujoco_makes_the_torque_of_springs_and_offsets(name, effects, tmp_path):
-    robot = load_problem(name).robot
-    estimate = estimate_of(robot, f"{FULL},{effects}", 3)
-    assert export(estimate, tmp_path / "robot.xml") == ()
-    rows = states(robot, 30, 1)
-    made = by_mujoco(tmp_path / "robot.xml", robot, *rows)
-    assert_allclose(made, torque(estimate, *rows), rtol=0.0, atol=1e-9)
 
 
 def exportable(ending):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from dynamics_files import FULL, by_mujoco, estimate_of
+from dynamics_files import FULL, estimate_of
 from numpy.testing import assert_allclose
 from random_robots import states
 from small_runs import small_model
@@ -54,18 +54,6 @@ def test_pinocchio_has_the_friction_in_its_fields(name):
     }
     viscous = [values[f"f_v{j}"] for j in range(1, robot.n + 1)]
     assert_allclose(model.damping, viscous)
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_mujoco_makes_the_whole_torque(name, tmp_path):
-    pytest.importorskip("mujoco")
-    robot = load_problem(name).robot
-    estimate = estimate_of(robot, f"{FULL},joint_spring", 3)
-    (tmp_path / "robot.xml").write_text(estimate.to_mjspec().to_xml())
-    q, dq, ddq = states(robot, 30, 1)
-    made = by_mujoco(tmp_path / "robot.xml", robot, q, dq, ddq)
-    expected = estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq))
-    assert_allclose(made, expected, rtol=0.0, atol=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -166,20 +166,6 @@ def test_the_sdp_of_a_draw_exists_and_least_squares_may_not(draw):
     assert inertia.consistency_margin(links["least squares"]).min() < -1e-9
 
 
-def test_the_true_torque_is_the_links_and_the_stated_friction(draw):
-    """Less friction it is the regressor's torque of the true links, made another way."""
-    truth = monte_carlo.truth_of(draw.problem, draw.setting)
-    robot = load_problem("panda").robot
-    states = truth.trajectory.states(np.array([2.0, 3.1]))
-    motion = Motion(np.array([2.0, 3.1]), *states)
-    rigid = robot.regressor(*states) @ truth.links.ravel()
-    still = replace(motion, dq=np.zeros_like(motion.dq))
-    assert truth.torque(motion).shape == rigid.shape
-    apart = truth.torque(motion) - rigid
-    assert np.abs(apart).max() < 0.2 * np.abs(rigid).max()
-    assert np.isfinite(truth.torque(still)).all()
-
-
 def test_the_loop_moves_the_true_arm_as_designed(draw):
     """With the true links and friction as modelled; the nominal robot strays."""
     truth = monte_carlo.truth_of(draw.problem, draw.setting)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drawn import given, seeds
-from numpy.testing import assert_allclose, assert_array_equal
-from random_robots import bare, link_parameters, open_problem, task_of, tree, with_box
+from numpy.testing import assert_allclose
+from random_robots import bare, open_problem, task_of, tree, with_box
 from recorded import refusal
 
 from sdp_vs_penalty.estimators import interior_point
@@ -28,23 +28,6 @@ from sdp_vs_penalty.problem import (
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.robot import Joint, Robot, inertia
 from sdp_vs_penalty.simulation import experiment
-
-
-@given(seeds)
-def test_given_inertials_are_kept_where_they_are_consistent(seed):
-    rng = np.random.default_rng(seed)
-    robot = tree(rng, int(rng.integers(1, 6)))
-    given = np.array([link_parameters(rng, 0.5) for _ in robot.joints])
-    bad = rng.random(robot.n) < 0.5
-    spoiled = given.copy()
-    for link in np.flatnonzero(bad):
-        spoiled[link] = (
-            rng.choice([0, 1, 2]) * 0.0 if rng.random() < 0.5 else -given[link]
-        )
-    found, _ = plausible_links(robot, spoiled)
-    assert_array_equal(found[~bad], given[~bad])
-    assert np.all(inertia.consistency_margin(found) > 0.0)
-    assert_array_equal(plausible_links(robot, found)[0], found)
 
 
 @given(seeds)
@@ -240,30 +223,6 @@ def test_what_bounds_a_link_by_default_is_the_largest_that_is_known():
     problem = open_problem(Robot("one", (arm,)), np.zeros((1, 10)))
     # Where a centre of mass may be, the link reaches.
     assert with_box(problem, 0, 1, -3.0, 1.0).link_defaults[0, 1] == 4.5
-
-
-def test_bounds_alone_draw_ellipsoids_that_fill_them(tmp_path):
-    """Of at least 6 cm; masses share the middle of the total by surface, up to nine
-    tenths of theirs."""
-    (tmp_path / "problem.toml").write_text(
-        'title = "t"\n[kinematics]\nconvention = "modified"\na = [0.0, 0.5]\nd = [0.0,'
-        " 0.0]\nalpha_over_pi = [0.0, 0.0]\n[bounds]\ntables ="
-        ' ["bounds.csv"]\ntotal_mass = [4.0, 8.0]\n'
-    )
-    rows = "c1x,-0.3,0.1\nc1y,-0.1,0.1\nc1z,-0.02,0.02\nm2,0,1\nc2x,0,0.6\nc2y,-0.01,0.01\nc2z,0,0.1\n"
-    (tmp_path / "bounds.csv").write_text(f"parameter,lower,upper\n{rows}")
-    problem = load_problem(tmp_path)
-    size = np.array([[0.2, 0.1, 0.06], [0.3, 0.06, 0.06]])
-    surface = (
-        size[:, 0] * size[:, 1] + size[:, 1] * size[:, 2] + size[:, 2] * size[:, 0]
-    )
-    mass = np.array([6.0 * surface[0] / surface.sum(), 0.9])
-    found = inertia.barycentric_from_standard(problem.nominal_links)
-    assert_allclose(found[:, 0], mass)
-    assert_allclose(found[:, 1:4], [[-0.1, 0.0, 0.0], [0.3, 0.0, 0.05]], atol=1e-12)
-    second = mass[:, None] * size**2 / 5.0
-    assert_allclose(found[:, [4, 6, 9]], second.sum(axis=1, keepdims=True) - second)
-    assert problem.nominal_from == ("bounds", "bounds")
 
 
 def test_the_exciting_trajectory_is_that_of_table_two(panda):

@@ -15,7 +15,7 @@ from sdp_vs_penalty import InputError, find_ranges, identify, load_estimate, sim
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.estimation.proofs import verify_proof_file
 from sdp_vs_penalty.ranges import EndSearch, Ranges, allowed_set, find_end
-from sdp_vs_penalty.ranges.allowed import FAR, KINDS, kind_of
+from sdp_vs_penalty.ranges.allowed import KINDS
 from sdp_vs_penalty.ranges.ends import RangeEnd
 from sdp_vs_penalty.ranges.functions import functions_by_name
 from sdp_vs_penalty.ranges.rays import is_ray
@@ -85,17 +85,6 @@ def test_ends_are_those_of_an_outside_solver(allowed, ends):
         problem.solve(solver=cp.CLARABEL)
         scale = unit[np.argmax(np.abs(end.g))]
         assert end.lowest == pytest.approx(problem.value * scale, rel=1e-5, abs=1e-6)
-
-
-def test_fewer_constraints_allow_more(allowed):
-    unit = np.eye(len(allowed.bound))
-    lengths = []
-    for k in range(1, len(KINDS) + 1):
-        fewer = allowed.with_kinds(KINDS[:k])
-        assert {kind_of(c) for c in fewer.constraints.convex} <= {*KINDS[:k], FAR}
-        ((least, greatest),) = EndSearch(fewer).both([unit[10]])
-        lengths.append(greatest.value - least.value)
-    assert np.all(np.diff(lengths) <= 1e-6)
 
 
 def test_no_limit_of_the_programs_own_decides_an_end():

@@ -134,25 +134,6 @@ def test_ramps_and_stands_hide_no_period():
     assert repeat_period(run.t, run_of(10, 24.0, period=40.0).q) is None
 
 
-def phase_split(run, pause, shortest):
-    """Instants of training and of testing on the clock of a run's motion [s]."""
-    (clock,) = phases.motion_clocks(phases.tracks_of(run))
-    span = float(run.t[-1] - run.t[0])
-    windows = phases.phase_windows(clock, span, 0.7, pause, shortest)
-    train, test = (
-        np.concatenate([clock.at(np.linspace(a, b, 100)) for a, b in side])
-        for side in windows
-    )
-    return clock, train, test
-
-
-def test_repetitions_of_a_motion_lie_on_one_side_of_a_split():
-    """No tested phase is nearer to a trained one than the pause."""
-    clock, train, test = phase_split(run_of(10, 27.0), 0.25, 0.75)
-    apart = np.abs(train[:, None] - test[None, :])
-    assert np.minimum(apart, clock.length - apart).min() > 0.2
-
-
 def test_a_split_that_is_too_narrow_for_the_filters_is_none():
     (clock,) = phases.motion_clocks(phases.tracks_of(run_of(10, 27.0)))
     assert phases.phase_windows(clock, 27.0, 0.7, 0.5, 5.0) is None

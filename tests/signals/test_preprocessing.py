@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from random_robots import driven, sines, tree
 from recorded import refusal
 
-from sdp_vs_penalty import Measurements, load_problem
+from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.effects import Model, parse_effects
 from sdp_vs_penalty.signals import (
     Decimator,
@@ -231,39 +231,6 @@ def test_states_are_as_sharp_as_their_noise_allows(noise, ratio):
     torque = np.cos(np.pi * t) + rng.normal(0.0, 0.01, len(t))
     found = Preprocessing().resolve(Measurements(t, q[:, None], torque[:, None]))
     assert found.state_cutoff / found.torque_cutoff == pytest.approx(ratio, rel=0.3)
-
-
-def test_friction_turns_round_where_the_joint_does():
-    """Friction bends the motion that it makes. A log without a filter has its true
-    model to the noise, unless the states are filtered more than the torque."""
-    dt = 1e-3
-    t = np.arange(0.0, 20.0, dt)
-    drive = 3.0 * np.sin(np.pi * t) + np.sin(0.46 * np.pi * t)
-    q, dq = np.zeros((2, len(t)))
-    for k in range(len(t) - 1):
-        acceleration = drive[k] - 0.5 * np.tanh(dq[k] / 0.005) - 5.0 * q[k]
-        dq[k + 1] = dq[k] + dt * acceleration
-        q[k + 1] = q[k] + dt * dq[k + 1]
-    white = np.random.default_rng(0).normal(size=(2, len(t), 1))
-    noise = 0.01
-    run = Measurements(
-        t, q[:, None] + 1e-6 * white[0], drive[:, None] + noise * white[1]
-    )
-    robot = load_problem("emps").robot
-    effects = "rigid_body,joint_spring,torque_offset,coulomb_friction@v_s=0.005"
-    model = Model(robot, parse_effects(effects, robot))
-
-    def error_over_noise(settings):
-        filtered = FilteredRun(run, settings)
-        rows = filtered.all_rows(model)
-        (joint,) = rows.columns
-        torque = rows.torque[:, 0]
-        fit = joint.columns @ np.linalg.lstsq(joint.columns, torque, rcond=None)[0]
-        kernel = filtered.filters.column.value
-        return np.std(torque - fit) / (noise * np.sqrt(kernel @ kernel))
-
-    assert error_over_noise(Preprocessing().resolve(run)) < 1.2
-    assert error_over_noise(Preprocessing(5.0, 8.0)) > 10.0
 
 
 @pytest.mark.parametrize("poles", [[1.0], [1.0, -0.9], [1.0, -1.2, 0.5, -0.1, 0.05]])

@@ -229,21 +229,6 @@ def test_events_are_what_noise_does_not_reach():
         assert {*range(1000, 1008)} <= {*found.tolist()} <= {*range(984, 1024)}
 
 
-def test_noise_that_swells_with_a_rate_has_its_law():
-    rng = np.random.default_rng(3)
-    rates = rng.uniform(0.0, 1.0, (20_000, 2)) ** 2
-    variance = 0.3 + 2.0 * rates[:, 1]
-    white = np.sqrt(variance) * rng.normal(size=20_000)
-    found = signals.coloured_noise.noise_profile(white, rates, rates) ** 2
-    assert_allclose(found, variance / variance.mean(), rtol=0.3)
-    assert np.all(
-        signals.coloured_noise.noise_profile(white[:59], rates[:59], rates) == 1.0
-    )
-    assert signals.coloured_noise.robust_scale(
-        white / np.sqrt(variance)
-    ) == pytest.approx(1.0, abs=0.02)
-
-
 @given(seeds)
 def test_what_the_repeats_of_a_motion_share(seed):
     """Instants with the same motion are what the differences connect: counted, and

@@ -27,7 +27,6 @@ from sdp_vs_penalty.simulation import (
 )
 from sdp_vs_penalty.simulation.experiments import simulate
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs, planned
-from sdp_vs_penalty.simulation.worlds.hidden import make_hidden
 
 
 def test_an_ideal_sensor_shows_the_truth(panda):
@@ -165,18 +164,6 @@ def test_a_constant_that_is_given_is_hidden(written, given, law, two_link):
 def test_a_constant_that_no_world_takes_is_refused(written, said, two_link):
     with pytest.raises(InputError, match=said):
         planned(two_link, written)
-
-
-def test_a_pickled_effect_adds_the_same_torque(two_link):
-    world = true_world(two_link, experiment(two_link), seed=1)
-    t = np.arange(0.0, 0.2, 1e-3)
-    motion = TrueMotion(t, *(np.outer(np.sin(t + k), [1.0, 0.5]) for k in range(3)))
-    rng = np.random.default_rng(4)
-    for name in ("stribeck_friction", "torque_offset", "joint_zero_error"):
-        effect = replace(make_hidden(name, world, 1, rng), size=0.3)
-        again = pickle.loads(pickle.dumps(effect))
-        assert again.truth == effect.truth
-        assert_array_equal(again.torque(world, motion), effect.torque(world, motion))
 
 
 def test_simulated_runs_can_be_pickled(two_link):
