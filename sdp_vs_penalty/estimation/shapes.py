@@ -20,7 +20,7 @@ an error of a constant makes is in sensitivity.py.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -820,26 +820,21 @@ def changed_constant_in_words(
 
 
 def effects_to_estimate_again(
-    effects: Sequence[Effect], shapes: Sequence[Mapping[str, Any]]
+    effects: Sequence[Effect], shapes: Sequence[ShapeEstimate]
 ) -> list[str]:
     """Return the effects option with which `identify` estimates the same constants
     again.
 
-    An effect whose constants were estimated, an entry of
-    ``Estimate.details["shapes"]``, is written by its name ("coulomb_friction:1+3" for
-    joints 1 and 3 only), so that they are open; any other with its constants.
-
-    Parameters
-    ----------
-    effects : sequence of Effect
-        Effects of an identified model.
+    An effect of which ``shapes`` estimates the constants is written by its name
+    ("coulomb_friction:1+3" for joints 1 and 3 only), so that they are open; any other
+    with its constants.
 
     Returns
     -------
     list of str
         One text an effect, as the option `effects` takes it.
     """
-    estimated = {(s["effect"], s["joint"] - 1) for s in shapes}
+    estimated = {(s.effect, s.joint - 1) for s in shapes}
     joints_by_text = dict[str, list[str]]()
     for effect in effects:
         is_open = all((effect.name, j) in estimated for j in effect.joints)

@@ -1382,7 +1382,9 @@ def _files_judged(
             **_error_of(held.comparison),
             "lost": effects_in_words(held.lost),
             "n_lost": len(held.lost),
-            "effects": _effects_to_estimate_again(held.model),
+            "effects": effects_to_estimate_again(
+                held.model.model.effects, held.model.report.shapes
+            ),
             "verdict": held.verdict.to_dict(),
         }
     return judged
@@ -1400,12 +1402,6 @@ def _error_of(compared: Comparison) -> Answer:
     if errors.kind:  # a model and its files are judged on the same
         worst = worst.replace(f", {errors.kind}", "")
     return {"share": float(shares.max()), "error": errors.of_torque, "worst": worst}
-
-
-def _effects_to_estimate_again(estimate: Estimate) -> list[str]:
-    """Return a model's effects as `identify` takes them, to estimate the same again."""
-    shapes = estimate.details.get("shapes", ())
-    return effects_to_estimate_again(estimate.model.effects, shapes)
 
 
 def _curves_of_run(estimate: Estimate, arm: Estimate, rows: Rows) -> dict[str, Any]:
@@ -1518,7 +1514,9 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         "judged_on": list(judge.names),
         "errors_of_runs": errors_of_runs,
         "method": estimate.method,
-        "effects": _effects_to_estimate_again(estimate),
+        "effects": effects_to_estimate_again(
+            estimate.model.effects, estimate.report.shapes
+        ),
         "errors": _error_of(comparison),
         "factory": factory,
         "exported": exported,
