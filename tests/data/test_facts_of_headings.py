@@ -126,6 +126,7 @@ def test_commanded_positions_stand_in_place_of_a_torque_that_is_not_logged():
     found = recognise(["timestamp", *names], ROBOT)
     assert found.rename["qcmd3"] == "elbow.goal_position"
     assert found.rename["q3"] == "elbow.present_position"
+    assert recognise(["timestamp", *names, "abc1", "abc2", "abc3"], ROBOT) is None
 
 
 def test_rows_of_zeros_behind_the_run_are_left_out():

@@ -5,6 +5,7 @@ Forty in the suite, five hundred by ``pytest -m long tests/data/test_recogniser_
 two thousand by ``-m slow``.
 """
 
+import re
 import tempfile
 import warnings
 from dataclasses import dataclass
@@ -140,6 +141,9 @@ def require_right_or_refused(table):
     expected = 1.0 + np.arange(table.joints)
     factors = table.factors
     np.testing.assert_allclose(run.q[0], factors["q"] * expected, rtol=1e-5)
+    if not run.torque_logged:  # commands stand in its place where no torque is there
+        assert not re.search(r"\b4[1-4][.,]", table.text)
+        return
     tau = factors["tau"] * (40.0 + expected)
     np.testing.assert_allclose(run.tau[0], tau, rtol=1e-5)
     if run.dq is not None:

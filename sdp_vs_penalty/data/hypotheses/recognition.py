@@ -157,11 +157,18 @@ def recognise(
             letters = {x: y for x in usable if (y := read_letter(x))}
             letters = {x: y for x, y in letters.items() if _says_nothing(said.get(x))}
             choice = choose_sets(said | letters, len(joints) if joints else None)
-        for of_command in (read_commanded_torque, read_commanded_position):
-            if choice is None:
-                read = partial(_read_or_commanded, of_command=of_command)
-                said, choice = _read_and_choose(chosen, joints, read)
         clock = find_clock(chosen)
+        if choice is None:
+            read = partial(_read_or_commanded, of_command=read_commanded_torque)
+            said, choice = _read_and_choose(chosen, joints, read)
+        if choice is None:
+            read = partial(_read_or_commanded, of_command=read_commanded_position)
+            filled = {x: y for x, y in chosen.items() if y.kind != "empty"}
+            said, choice = _read_and_choose(filled, joints, read)
+            # A column that nothing names may be the torque.
+            known = {*said, clock}
+            if any(not (x in known or is_no_measurement(x)) for x in filled):
+                choice = None
     if choice is None:
         return None
     pairs = {} if clock is None else {"t": clock}
