@@ -3,8 +3,9 @@
     {theta : every F_i(theta) in its cone,   |A theta - a|^2 <= loss* - loss_ls + c},
 
 with |A theta - a|^2 = loss(theta) - loss_ls, loss_ls that of least squares and loss* the least
-one under the constraints. A = U^T R_lead B, U the column space of the data's triangle R in the
-base parameters B theta: directions that no torque shows are left out exactly.
+one under the constraints. A = U^T R_lead B: B theta are the base parameters, R_lead their columns
+of the data's triangle R, U an orthonormal basis of these columns. Directions that no torque shows
+are left out exactly.
 
 c is a likelihood ratio. An end of a range rests on the data through one function w^T theta
 alone, the slope of the loss there: every consistent theta beyond the end has a w^T theta
@@ -13,7 +14,7 @@ noise's correlation, the effective rows and all else that intervals have:
 
     c(w) = (half-width of w^T theta's interval)^2 / |w|^2,      |w| in the metric of A.
 
-Where the residual is structure more than noise, a model's error may hide in the columns as
+Where the residual is more structure than noise, a model's error may hide in the columns as
 well as beside them. The second, wider c adds the loss that noise does not explain: the
 consistent model may differ from the best one by as much torque (root mean square) as the
 best one, noise aside, differs from the measured torque.
@@ -45,8 +46,8 @@ from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers.primal_dual import minimise
 from sdp_vs_penalty.solvers.small_cones import SmallCones
 
-#: What a table names, each with those before it: physics alone, where mass can be, what
-#: bounds state of each link and joint, and the robot's mass.
+#: Kinds of constraints: physics alone, where mass can be, stated bounds of links and
+#: joints, and the robot's mass. A table shows ranges under each and those before it.
 KINDS = ("consistency", "bodies", "bounds", "total")
 _KIND_BY_FAMILY = {
     "pseudo-inertia": "consistency",
@@ -57,9 +58,10 @@ _KIND_BY_FAMILY = {
     "minimum thickness": "bodies",
     "total mass": "total",
 }
-#: Family of the limits that only keep the set finite: masses and distances beyond which
-#: the problem takes no link to be, and so many times the largest of a joint's parameters.
+#: Family of the limits that only keep the set finite: a mass and a distance that no link
+#: is taken to exceed, and a largest value of each joint's parameters.
 FAR = "far limit"
+#: Far limit of a joint's parameter, in multiples of the task's bound on it.
 _FAR_PARAMETER = 10.0
 
 
@@ -77,7 +79,7 @@ class DataBall:
 
     #: (r, p) visible directions of theta, in torque.
     A: Array
-    #: (r,) the same at least squares.
+    #: (r,) their values at least squares.
     a: Array
     #: Loss of least squares [weighted (N m)^2].
     loss_ls: float
@@ -122,7 +124,7 @@ class AllowedSet:
     #: (p,) the same of the far limits alone.
     far_bound: Array
     #: (p, p) column k: parameter k grows by one and others counter it, so that no torque
-    #: shows it; zero for those that lead the base parameters.
+    #: shows it; zero where k leads a base parameter.
     unseen: Array
     #: (p,) strictly inside of all constraints.
     interior: Array
@@ -153,7 +155,7 @@ class AllowedSet:
 
     @cached_property
     def first_rise(self) -> float:
-        """Median c of the ball's own axes, where the search for each end starts."""
+        """Median c of the rows of A, with which the search for each end starts."""
         return float(np.median(self.ball.rises(self.ball.A, self.z)))
 
     @property
@@ -185,12 +187,13 @@ class AllowedSet:
         return self.fit + min(t, 1.0) * (theta - self.fit)
 
     def best_fit(self, accuracy: float) -> Array:
-        """Return a central theta (p,) whose loss is within ``accuracy`` of the least."""
-        found = minimise(self.cones, self._data, [self.interior], accuracy)
-        if found is None:
+        """Return a central theta (p,) whose loss exceeds the least one by at most the
+        share ``accuracy``."""
+        optimum = minimise(self.cones, self._data, [self.interior], accuracy)
+        if optimum is None:
             what = "no consistent model that fits these data was found"
             raise InputError(what, "check the units of data and bounds")
-        return found.theta
+        return optimum.theta
 
     @cached_property
     def _data(self) -> LeastSquares:
@@ -217,8 +220,11 @@ class AllowedSet:
 
 
 def far_limits(problem: Problem, task: Task) -> tuple[ConstraintSet, Array]:
-    """Return the limits that only keep the set finite, and what they imply of |theta|
-    (p,): each link's mass and the distance of it, and the size of joints' parameters."""
+    """Return the limits that only keep the set finite, and the bounds (p,) on |theta|
+    that they imply.
+
+    They limit each link's mass and its distance, and the size of joints' parameters.
+    """
     bound = _FAR_PARAMETER * task.bound
     out = []
     for k, indices in enumerate(task.links):
@@ -280,12 +286,13 @@ def allowed_set(
     """
     task = posed.task
     data = task.data
-    # R = R_lead B: only the base parameters B theta make torque.
+    # R theta = R_lead B theta: only the base parameters B theta make torque.
     base = task.base
     U, _ = column_space(data.R[:, base.leading])
     A = U.T @ data.R[:, base.leading] @ base.rows
     a = U.T @ data.rho
     residual = data.rho - U @ a
+    # Columns of B unseen are zero: a leading parameter counters each other one.
     unseen = np.eye(A.shape[1])
     unseen[base.leading] = -base.rows
     unseen[:, base.leading] = 0.0
@@ -306,7 +313,7 @@ def allowed_set(
         far_bound=far_bound,
         unseen=unseen,
         interior=interior_point(task, ConstraintSet(convex)),
-        fit=np.zeros(0),
+        fit=np.zeros(0),  # set below: its search needs the other fields
         kinds=KINDS,
         level=level,
         floor=floor,
@@ -315,13 +322,17 @@ def allowed_set(
 
 
 def spread_of(posed: EstimationProblem, theta: Array) -> Callable[[Array], Array]:
-    """Return what gives functions (k, p) of theta their standard deviations (k,)."""
+    """Return the function that computes the standard deviations (k,) of linear functions
+    (k, p) of theta."""
     task = posed.task
     model = with_sensitivities(task.model, theta)
-    wide = None
-    if model is not task.model and posed.runs is not None:
-        wide = in_columns(posed.runs, model)
-    return linear_spread(task, posed.regression, theta, wide, posed.gain_errors)
+    regression_with_shapes = None
+    has_free_shapes = model is not task.model
+    if has_free_shapes and posed.runs is not None:
+        regression_with_shapes = in_columns(posed.runs, model)
+    return linear_spread(
+        task, posed.regression, theta, regression_with_shapes, posed.gain_errors
+    )
 
 
 def _structure(posed: EstimationProblem, floor: Array | None) -> float:

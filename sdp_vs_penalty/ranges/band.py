@@ -50,8 +50,8 @@ class Band(Record, JsonRecord):
     peaks: Array
 
     def inside(self, with_error: bool = True) -> Array:
-        """Return the share of samples (n,) whose torque lies in the band within 1.96
-        times its noise."""
+        """Return the share of samples (n,) whose torque lies in the band, widened by 1.96
+        times the noise."""
         half = self.half_width_with_error if with_error else self.half_width
         reach = half + 1.96 * self.noise
         return np.mean(np.abs(self.measured - self.centre) <= reach, axis=0)
@@ -162,21 +162,21 @@ def band_of(
     ball = allowed.ball
     V = ball.directions
     least_squares = V @ ball.a
-    centre, half, wide = np.zeros((3, len(t), len(columns)))
+    centre, half_width, half_width_with_error = np.zeros((3, len(t), len(columns)))
     peaks = np.zeros((len(columns), 2))
     rows_of_peaks = []
     for j, Y in enumerate(columns):
         centre[:, j] = Y @ least_squares
         leverage = np.linalg.norm(Y @ V, axis=1)  # (N,) |V^T y|
         by_noise = (allowed.z * np.nan_to_num(ball.spread(Y))) ** 2
-        half[:, j] = np.sqrt(allowed.cost * leverage**2 + by_noise)
+        half_width[:, j] = np.sqrt(allowed.cost * leverage**2 + by_noise)
         with_error = allowed.cost + ball.structure
-        wide[:, j] = np.sqrt(with_error * leverage**2 + by_noise)
-        # At the peak the constraints are asked as well.
-        peak = np.argmax(np.abs(centre[:, j]) + half[:, j])
+        half_width_with_error[:, j] = np.sqrt(with_error * leverage**2 + by_noise)
+        peak = np.argmax(np.abs(centre[:, j]) + half_width[:, j])
         rows_of_peaks.append(Y[peak])
+    # At the peaks the ends are those under the constraints as well.
     for j, (low, high) in enumerate(EndSearch(allowed).both(rows_of_peaks)):
         peaks[j] = low.value, high.value
     floor = allowed.floor
     noise = np.zeros(len(columns)) if floor is None else np.asarray(floor, float)
-    return Band(t, centre, half, wide, measured, noise, peaks)
+    return Band(t, centre, half_width, half_width_with_error, measured, noise, peaks)

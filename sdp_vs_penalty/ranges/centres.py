@@ -37,6 +37,7 @@ _NO_MASS = 1e-6
 _MOMENTS = (4, 6, 9)
 
 
+#: Open ends: that of the least value by 1.0, that of the greatest one by -1.0.
 OPEN = {sign: RangeEnd(-sign * np.inf, "open") for sign in (1.0, -1.0)}
 
 
@@ -57,17 +58,15 @@ def ratios(
         Least and greatest value of each m.
     """
     # Where the mass may be zero, no value of the ratio is excluded.
-    known = [
-        k
-        for k, (low, high) in enumerate(masses)
-        if not low.value <= _NO_MASS * high.value
+    with_mass = [
+        k for k, (low, high) in enumerate(masses) if low.value > _NO_MASS * high.value
     ]
     ends = search.least(
-        [sign * numerators[k] for k in known for sign in (1.0, -1.0)],
-        [denominators[k] for k in known for _ in range(2)],
+        [sign * numerators[k] for k in with_mass for sign in (1.0, -1.0)],
+        [denominators[k] for k in with_mass for _ in range(2)],
     )
     out = [(OPEN[1.0], OPEN[-1.0])] * len(masses)
-    for k, low, high in zip(known, ends[::2], ends[1::2], strict=True):
+    for k, low, high in zip(with_mass, ends[::2], ends[1::2], strict=True):
         h, m = numerators[k], denominators[k]
         least_mass = masses[k][0].value
         below = _ratio(low, h, m, least_mass)
@@ -142,24 +141,26 @@ def _outer(
 
     With u the middle of the box in which c lies, I_e = L_u - m (c - u)^T Q_e (c - u), L_u
     linear in theta. The last term is at most q m, so the bounds are the least value of
-    L_u - q m and the greatest one of L_u + q m. Open where the box is.
+    L_u - q m and the greatest one of L_u + q m. Both are open if the box is unbounded.
     """
     ends = np.array([[low.value, high.value] for low, high in centre])
     if not np.all(np.isfinite(ends)):
         return OPEN[1.0], OPEN[-1.0]
-    form = inertia.STEINER_FORMS[entry - 4]
+    Q = inertia.STEINER_FORMS[entry - 4]
     u = ends.mean(axis=1)
     delta = 0.5 * (ends[:, 1] - ends[:, 0])
-    q = float(delta @ np.abs(form) @ delta)
-    linear = np.zeros(len(search.allowed.bound))  # coefficients of L_u
+    q = float(delta @ np.abs(Q) @ delta)
+    # Coefficients of L_u and of q m; the link's parameters are m, h = m c, and J.
+    linear = np.zeros(len(search.allowed.bound))
+    linear[link[0]] = u @ Q @ u
+    linear[link[1:4]] = -2.0 * Q @ u
     linear[link[entry]] = 1.0
-    linear[link[1:4]] = -2.0 * form @ u
-    linear[link[0]] = u @ form @ u
-    rest = np.zeros_like(linear)  # of q m
-    rest[link[0]] = q
+    uncertain = np.zeros_like(linear)
+    uncertain[link[0]] = q
+    # The greatest value of L_u + q m is minus the least one of -L_u - q m.
     low, high = (
         RangeEnd(end.lowest, end.decided_by, end.limited_by, is_outer=True)
-        for end in search.least([linear - rest, -linear - rest])
+        for end in search.least([linear - uncertain, -linear - uncertain])
     )
     return low, replace(high, value=-high.value)
 
@@ -204,7 +205,7 @@ def greatest_moment(search: EndSearch, link: Array, entry: int) -> RangeEnd:
         A=np.pad(allowed.ball.A, ((0, 0), (0, 1))),
         spread=lambda rows: allowed.ball.spread(rows[:, :p]),
     )
-    wide = replace(
+    with_t = replace(
         allowed,
         ball=ball,
         constraints=allowed.constraints.plus([schur, least]),
@@ -212,6 +213,6 @@ def greatest_moment(search: EndSearch, link: Array, entry: int) -> RangeEnd:
         interior=with_moment(allowed.interior),
         fit=with_moment(allowed.fit),
     )
-    (end,) = EndSearch(wide, search.more).least([-np.eye(p + 1)[p]])
+    (end,) = EndSearch(with_t, search.more).least([-np.eye(p + 1)[p]])
     attained = float(end.witness[p])
     return RangeEnd(-end.lowest, end.decided_by, end.limited_by, attained=attained)

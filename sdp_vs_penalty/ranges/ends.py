@@ -31,16 +31,17 @@ from sdp_vs_penalty.solvers.fit import Fit, dual_evidence
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof
 from sdp_vs_penalty.solvers.rigorous_bounds import lower_bound
 
-#: Errors of a search as shares of the function's local size: of the first part, which
-#: only shows on what the end rests, and of the last.
+#: Largest error of a search as a share of the function's local size: of the first one,
+#: which only shows on what the end rests, and of the others.
 _ROUGH, _FINE = 0.2, 3e-9
-#: c is that of what a part of the search rests on times this: the last one's is not above.
-_ABOVE = 1.05
-#: Searches of an end at most, until c is the one of what the end rests on.
+#: The c of a search, over that which the search before it needed: a margin, so that the
+#: search itself seldom needs more.
+_MARGIN = 1.05
+#: Further searches of an end at most, as long as it needs more than its c.
 _ROUNDS = 4
 #: Gap of an end as a share of its terms, up to which a quick certificate is enough.
 _CERTAIN = 1e-7
-#: Local lengths of a search's first step, and of that of further searches.
+#: Local length of a search's first step, and of those tried where an end is uncertain.
 _FIRST, _OTHER_STARTS = 0.7, (0.2, 2.0, 0.05)
 #: Share of an end's size by which a proof's claim lies beyond it: what is proved to be
 #: empty must be so strictly.
@@ -55,15 +56,15 @@ class RangeEnd(JsonRecord):
     value: float
     #: "data", "consistency", "data and consistency", "bound" or "open".
     decided_by: str
-    #: Names of the bounds that it follows, the strongest first; "far limit" where links
-    #: of the far limits' mass and distance are among them.
+    #: Names of the bounds that it follows, the strongest first; "far limit" for all far
+    #: limits together.
     limited_by: tuple[str, ...] = ()
     #: Whether the true end may lie inside: a relaxation's bound.
     is_outer: bool = False
     #: Value of a consistent model that fits, on the inner side.
     attained: float = np.nan
-    #: Of an open end a change of parameters, by name: any multiple of it leaves models
-    #: consistent and shows no torque, and the function goes on by 1 each time.
+    #: Of an open end: a change of parameters, by name, that no torque shows. Any multiple
+    #: of it leaves models consistent; each one moves the function by 1.
     ray: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -141,9 +142,10 @@ class End:
 
     @cached_property
     def bounds(self) -> dict[str, float]:
-        """By how much of its size the end moves as a bound grows by itself, by the
-        bound's name, the largest first: multiplier times half of the terms that the
-        bound compares. The far limits count as one."""
+        """How far the end moves as a bound doubles, as a share of the end's size, by the
+        bound's name, the largest first. The far limits count as one.
+
+        It is the multiplier times the bound, which is half of the terms compared."""
         constraints = self.allowed.constraints
         entries = constraints.entries
         terms = entries.each(entries.at(self.witness)[1])
@@ -176,11 +178,11 @@ class End:
         if self.limited_by:
             return "bound"
         unit = np.abs(self.allowed.fit)
-        least = CHANGES * np.linalg.norm(self.g * unit)
-        if np.linalg.norm((self.g + self.rests_on) * unit) <= least:
+        negligible = CHANGES * np.linalg.norm(self.g * unit)
+        if np.linalg.norm((self.g + self.rests_on) * unit) <= negligible:
             return "data"
         by_data = np.linalg.norm(self.rests_on * unit)
-        return "data and consistency" if by_data > least else "consistency"
+        return "data and consistency" if by_data > negligible else "consistency"
 
     @cached_property
     def ray(self) -> Array | None:
@@ -203,11 +205,11 @@ class End:
         ball = allowed.ball
         # 1. The data: |A theta - a| is at most the radius.
         radius = np.sqrt(allowed.limit(self.rise))
-        every = np.arange(len(self.g))
+        all_places = np.arange(len(self.g))
         in_ball = build.linear(
             "data",
             f"weighted torque error within {radius:.6g} of least squares",
-            every,
+            all_places,
             np.column_stack([np.zeros(len(self.g)), ball.A.T]),
             np.concatenate([[radius], -ball.a]),
             cone="soc",
@@ -218,7 +220,7 @@ class End:
         claim = build.linear(
             "claim",
             f"{name} {relation} {self.sign * beyond:.9g}",
-            every,
+            all_places,
             -self.g[:, None],
             [beyond],
         )
@@ -277,16 +279,16 @@ class EndSearch:
         m = np.zeros_like(g) if masses is None else np.reshape(masses, g.shape)
         c = np.full(len(g), self.allowed.first_rise)
         rough = self._points(g, m, c, _ROUGH)
-        c = _ABOVE * self._rises_of(rough)
+        c = _MARGIN * self._rises_of(rough)
         points = self._points(g, m, c, _FINE, rough)
         for _ in range(_ROUNDS):
             needed = self._rises_of(points)
             wider = np.flatnonzero(needed > c)
             if not len(wider):
                 break
-            c[wider] = _ABOVE * needed[wider]
-            found = self._points(g[wider], m[wider], c[wider], _FINE, rough[wider])
-            points.put(wider, found)
+            c[wider] = _MARGIN * needed[wider]
+            again = self._points(g[wider], m[wider], c[wider], _FINE, rough[wider])
+            points.put(wider, again)
         return [
             self._best_certified(g[k], m[k], points[k], rise)
             for k, rise in enumerate(c.tolist())
@@ -354,6 +356,7 @@ class EndSearch:
         g = point.g
         weight = float(point.ball) / self._unit  # the method's ball is in this unit
         root = np.sqrt(weight)
+        # The loss of these data is l |A x - a|^2.
         data = LeastSquares(root * ball.A, root * ball.a, 0.0, 0.0, 0)
         multipliers, _ = allowed.cones.multipliers(point.multipliers)
         problem = ConvexProblem(data, allowed.constraints, allowed.bound, linear=g)

@@ -28,8 +28,9 @@ import scipy
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.solvers.small_cones import ORDER, SmallCones
 
-#: Share of the way to the boundary that a step goes at most.
-_SHARE = 0.95
+#: Share of the way to the boundary that a step goes if its predictor gets nowhere; one
+#: whose predictor goes all the way takes the second share.
+_LOWEST_SHARE, _HIGHEST_SHARE = 0.95, 0.999
 #: Relative changes of H's diagonal: the first that outweighs what rounding costs H of its
 #: positive definiteness is taken.
 _RIDGES = (1e-14, 1e-12, 1e-10, 1e-8)
@@ -43,7 +44,7 @@ _SHORTEST = 1e-8
 
 @dataclass(frozen=True)
 class Ball:
-    """The data's ball |A theta - a|^2 <= r^2, each function's with its own radius."""
+    """The data's ball |A theta - a|^2 <= r^2; each function has its own radius r."""
 
     #: (r, p) rows of the visible directions, orthonormal in them.
     A: Array
@@ -258,8 +259,8 @@ class _Newton:
         self.roots = np.hstack([state.root, _inverse_roots(Z)])
 
     def times(self, step: Array) -> Array:
-        """Return H step by slacks and torque: without rounding where no torque shows
-        the step."""
+        """Return H step (k, p), computed from slacks and torque: the data's part has no
+        rounding error where no torque shows the step."""
         state = self.state
         ball = self.points.ball
         slacks = (self.cones.slack_map @ step.T).T
@@ -276,11 +277,11 @@ class _Newton:
         bent_ball: Array | float = 0.0,
         refined: bool = False,
     ) -> _Direction:
-        """Return the changes that aim at complementarities mu (k,), by one solution of
-        the Newton system, or by a second one of what the first leaves.
+        """Return the changes that aim at complementarities mu (k,).
 
-        bent and bent_ball are second-order terms of an earlier direction, of the
-        multipliers of cones and ball.
+        bent and bent_ball are second-order terms of an earlier direction, for the
+        multipliers of cones and of the ball. ``refined`` solves the Newton system once
+        more, for what rounding has left of the first solution.
         """
         state = self.state
         points = self.points
@@ -351,7 +352,7 @@ class _Newton:
         ball, state = self.points.ball, self.state
         before = self.complementarity()
         first = self.direction(np.zeros_like(before))
-        reach = np.minimum(1.0, 0.999 * self.longest(first))
+        reach = np.minimum(1.0, _HIGHEST_SHARE * self.longest(first))
         remaining = np.maximum(self.complementarity(first, reach) / before, 0.0)
         power = np.maximum(1.0, 3.0 * reach**2)
         centring = np.clip(remaining**power, 1e-7, 1.0)
@@ -359,7 +360,7 @@ class _Newton:
         bent_ball = first.ball_slack * first.ball - ball * first.ball_bend
         bent_ball /= state.ball_slack
         d = self.direction(centring * before / degree, bent, bent_ball, refined=True)
-        share = _SHARE + (0.999 - _SHARE) * reach**2
+        share = _LOWEST_SHARE + (_HIGHEST_SHARE - _LOWEST_SHARE) * reach**2
         return d, np.minimum(1.0, share * self.longest(d))
 
 

@@ -8,12 +8,12 @@ the divergence from the nominal links with the weight k of the default method's 
 
 Hit-and-run (Smith, Operations Research 1984): along a random direction the density is a
 Gaussian on an interval, whose ends are eigenvalues of small matrices. A direction in which all
-parameters move at random meets some constraint at once. Directions are therefore of three kinds,
+parameters move at random soon meets a constraint. Directions are therefore of three kinds,
 in turn: a column of the covariance, which moves one parameter and the others as they follow it,
 with the precision A^T A / s^2 plus the barrier's Hessian at the chains' mean; a parameter that the
 fewest others counter, so that no torque shows it; and a principal axis of the states that the
 second half of the warm-up has met, along which the set is long. All are fixed after the warm-up.
-An entropic prior enters by a slice of it. Many chains run as one array, from starts near the
+An entropic prior enters by slice sampling. Many chains run as one array, from starts near the
 set's boundary. All their states are judged, one a sweep, by the split R^ of Gelman and Rubin
 (Bayesian Data Analysis, 3rd ed., 11.4) and the effective sample size of Geyer's initial positive
 sequence: R^ of the few states that are returned would be above 1 by chance.
@@ -45,11 +45,12 @@ PRIORS = ("flat", "entropic")
 #: Chains that run as one array.
 _CHAINS = 8
 #: Sweeps of the warm-up, and between two samples of a chain; a sweep has as many steps as
-#: there are directions.
+#: there are parameters.
 _WARM_UP, _BETWEEN = 20, 2
 #: Largest R^ of chains that have forgotten where they began.
 STATIONARY = 1.1
-#: Standard deviations of the distance from a bound, at most, of what piles up at it.
+#: Samples pile up at a bound if their mean distance from it is below so many of the
+#: distance's standard deviations.
 _PILED_UP = 2.0
 #: Share of the way from the centre to the boundary at which chains start.
 _DISPERSION = 0.9
@@ -58,7 +59,7 @@ _DRAWS = 30
 #: Eigenvalues of the metric below this share of the largest are rounding.
 _THIN = 1e-14
 
-#: Chains that many times as long are the longest that a sentence advises.
+#: The longest chains that a sentence advises, in multiples of the default length.
 _LONGEST = 16
 
 #: -2 log of a prior (chains,) at theta (chains, p).
@@ -180,8 +181,12 @@ def sample_models(
     ----------
     n : int
         Number of models that are drawn.
+    seed : int
+        Seed of all random numbers.
     prior : str
         "flat" in the standard parameters, or "entropic".
+    longer : int
+        Chains run so many times as long as by default.
 
     Returns
     -------
@@ -209,40 +214,41 @@ def sample_models(
         penalty=_divergence(allowed.task) if prior == "entropic" else None,
         unseen=allowed.unseen[:, allowed.unseen.any(axis=0)],
     )
-    # Every so many sweeps one state of each chain is a sample. As long as the warm-up at
-    # least, so that R^ has states to judge.
-    apart = longer * _BETWEEN
+    # One state of each chain in so many sweeps is a sample. Chains run at least as long
+    # as the warm-up, so that R^ has states to judge.
+    sweeps_per_sample = longer * _BETWEEN
     n_of_chain = -(-n // _CHAINS)  # rounded up
-    drawn = chains.draw(max(apart * n_of_chain, longer * _WARM_UP), longer)
-    flat = drawn[apart - 1 :: apart].reshape(-1, drawn.shape[2])
-    chosen = chains.rng.permutation(len(flat))[:n]
+    drawn = chains.draw(max(sweeps_per_sample * n_of_chain, longer * _WARM_UP), longer)
+    samples = drawn[sweeps_per_sample - 1 :: sweeps_per_sample]
+    theta = samples.reshape(-1, drawn.shape[2])
+    chosen = chains.rng.permutation(len(theta))[:n]
     r_hat, effective = diagnose_chains(drawn)
     return Samples(
-        theta=flat[chosen],
+        theta=theta[chosen],
         prior=prior,
         effective=np.minimum(effective, n),
         r_hat=r_hat,
         seed=seed,
         steps=chains.n_steps,
-        bounded=masses_by_bounds(flat, allowed.task),
+        bounded=masses_by_bounds(theta, allowed.task),
         longer=longer,
     )
 
 
 def masses_by_bounds(theta: Array, task: Task) -> tuple[str, ...]:
-    """Return the masses of samples (n, p) that pile up at an upper bound.
+    """Return the names of masses whose samples (n, p) pile up at an upper bound.
 
-    Their distance from it is less than twice its own standard deviation in the mean, as
-    that of a uniform or exponential distribution that ends there; a normal distribution
-    that ends before has more.
+    Their mean distance from it is then less than two of its standard deviations: it is
+    1.7 for a uniform and 1 for an exponential distribution that ends at the bound. A
+    normal distribution well below the bound has more.
     """
-    found = []
+    names = []
     for k, place in enumerate(task.links[:, 0].tolist(), start=1):
         upper = float(task.box[k - 1, 0, 1])
-        room = upper - theta[:, place]
-        if np.isfinite(upper) and room.mean() < _PILED_UP * room.std():
-            found.append(f"m{k} (below {upper:g} kg)")
-    return tuple(found)
+        distance = upper - theta[:, place]
+        if np.isfinite(upper) and distance.mean() < _PILED_UP * distance.std():
+            names.append(f"m{k} (below {upper:g} kg)")
+    return tuple(names)
 
 
 def dispersed_starts(allowed: AllowedSet, rng: np.random.Generator) -> Array:
@@ -317,36 +323,37 @@ class Chains:
         #: Steps that each chain has made.
         self.n_steps = 0
         self._refresh()
-        self._aim()
+        self._set_directions()
 
     def draw(self, sweeps: int, longer: int = 1) -> Array:
         """Return the states (sweeps, chains, p) after each sweep that follows a warm-up.
 
-        That is ``longer`` times as long as by default, and half as long as what follows
-        at least: a principal axis is known as well as the states that were met."""
+        The warm-up is ``longer`` times as long as by default, and at least half as long
+        as what follows: principal axes are known only as well as the states they are
+        computed from."""
         quarter = max(longer * _WARM_UP, sweeps // 2) // 4
         self._run(quarter)
-        self._aim()
+        self._set_directions()
         self._run(quarter)
-        self._aim()
-        met = self._run(quarter)
-        self._aim(met)
-        self._aim(np.concatenate([met, self._run(quarter)]))
+        self._set_directions()
+        states = self._run(quarter)
+        self._set_directions(states)
+        self._set_directions(np.concatenate([states, self._run(quarter)]))
         return self._run(sweeps)
 
-    def _aim(self, met: Array | None = None) -> None:
-        """Set the directions by the data, and by the barrier at the chains' mean: columns
-        of the covariance, unseen ones, and the principal axes of the states
-        (sweeps, chains, p) that were met."""
+    def _set_directions(self, states: Array | None = None) -> None:
+        """Set the directions of the moves: columns of the covariance by data and barrier
+        at the chains' mean, those that no torque shows, and principal axes of states
+        (sweeps, chains, p)."""
         barrier = barrier_hessian(self.cones, self.theta.mean(axis=0))
         precision = self.A.T @ self.A + barrier
         unit = np.sqrt(np.diagonal(precision))
         covariance = np.linalg.pinv(precision / np.outer(unit, unit), hermitian=True)
         directions = [covariance / unit[:, None], self.unseen]
-        if met is not None:
-            states = met.reshape(-1, met.shape[2])
-            std = nonzero_or_one(states.std(axis=0))
-            _, axes = np.linalg.eigh(np.cov((states / std).T))
+        if states is not None:
+            flat = states.reshape(-1, states.shape[2])
+            std = nonzero_or_one(flat.std(axis=0))
+            _, axes = np.linalg.eigh(np.cov((flat / std).T))
             directions.append(std[:, None] * axes)
         self.moves = [_Move.along(d, self.cones, self.A) for d in directions if d.size]
 
@@ -382,7 +389,7 @@ class Chains:
         mean = -np.sum(torque * self.residual, axis=1) / square
         std = 1.0 / np.sqrt(square)
         if self.penalty is None:
-            t = _along(mean, std, low, high, self.rng)
+            t = _draw_truncated_normal(mean, std, low, high, self.rng)
         else:
             t = self._within_slice(self.penalty, d, mean, std, low, high)
         self.theta += t[:, None] * d
@@ -402,16 +409,18 @@ class Chains:
         """Return moves (chains,) along directions d (chains, p) that leave the normal
         distributions on [low, high] times the prior as they are.
 
-        Where the prior's density exceeds a random share of the present one, the slice
-        (Neal, Annals of Statistics 2003), is an interval, since the prior is log-concave.
-        The normal distribution is drawn from until it meets the slice; a draw beside it
-        is the next end.
+        The slice (Neal, Annals of Statistics 2003) is where the prior's density exceeds a
+        random share of the present one: an interval, since the prior is log-concave. We
+        draw from the normal distribution until a draw lies in the slice; a draw outside
+        of it is the interval's next end. A chain without such a draw stays.
         """
         highest = penalty(self.theta) - 2.0 * np.log(self.rng.random(len(d)))
         t = np.zeros(len(d))
         is_open = np.ones(len(d), bool)
         for _ in range(_DRAWS):
-            drawn = _along(mean, std, low, high, self.rng, reflects=False)
+            drawn = _draw_truncated_normal(
+                mean, std, low, high, self.rng, reflects=False
+            )
             inside = penalty(self.theta + drawn[:, None] * d) <= highest
             t = np.where(is_open & inside, drawn, t)
             is_open &= ~inside
@@ -466,7 +475,7 @@ def _chord(
     )
 
 
-def _along(
+def _draw_truncated_normal(
     mean: Array,
     std: Array,
     low: Array,
@@ -482,20 +491,20 @@ def _along(
     all are samples.
     """
     # Ends and present point in standard deviations from the mean.
-    a, b, now = ((x - mean) / std for x in (low, high, np.zeros_like(mean)))
+    a, b, present = ((x - mean) / std for x in (low, high, np.zeros_like(mean)))
     # Mirrored to the lower tail, where the distribution function has its digits.
     sign = np.where(a > 0.0, -1.0, 1.0)
     left, right = np.minimum(sign * a, sign * b), np.maximum(sign * a, sign * b)
-    log_left, log_now, log_right = scipy.special.log_ndtr(
-        np.array([left, np.clip(sign * now, left, right), right])
+    log_left, log_present, log_right = scipy.special.log_ndtr(
+        np.array([left, np.clip(sign * present, left, right), right])
     )
     # Quantile u of the present point; where the chord is short the normal is flat on it.
     is_flat = b - a < 1e-5
     lowest = np.exp(log_left - log_right)
-    share = -low / (high - low)
+    flat_u = -low / (high - low)
     with np.errstate(invalid="ignore", divide="ignore"):
-        u = (np.exp(log_now - log_right) - lowest) / (1.0 - lowest)
-    u = np.where(is_flat, np.where(sign > 0.0, share, 1.0 - share), u)
+        u = (np.exp(log_present - log_right) - lowest) / (1.0 - lowest)
+    u = np.where(is_flat, np.where(sign > 0.0, flat_u, 1.0 - flat_u), u)
     is_sample = rng.random(len(mean)) < (0.5 if reflects else 1.0)
     u = np.where(is_sample, rng.random(len(mean)), 1.0 - u)
     u = np.clip(u, 0.0, 1.0)
@@ -525,6 +534,7 @@ def diagnose_chains(drawn: Array) -> tuple[Array, Array]:
     pooled = (half - 1) / half * within + between / half
     centred = drawn - drawn.mean(axis=(0, 1))
     tau = np.ones(drawn.shape[2])
+    # Geyer: sums of two neighbouring lags count until the first that is not positive.
     is_open = np.ones(drawn.shape[2], bool)
     for lag in range(1, T - 1, 2):
         pair = sum(

@@ -117,8 +117,8 @@ def compare_motions(
     for k, motion in enumerate(motions, start=1):
         progress(f"motion {k} of {len(motions)}")
         fitting = shrunk(motion, limits)
-        wider = with_rows(allowed, rows_of_motion(posed, fitting), c)
-        ((least, greatest),) = EndSearch(wider).both([g])
+        smaller = with_rows(allowed, rows_of_motion(posed, fitting), c)
+        ((least, greatest),) = EndSearch(smaller).both([g])
         # What is known already stays known.
         after = max(least.value, before[0]), min(greatest.value, before[1])
         out.append(ShorteningRun(fitting, before, after))
@@ -140,15 +140,15 @@ def with_rows(allowed: AllowedSet, rows: Array, c: float) -> AllowedSet:
     U, _ = column_space(A)
     outside = a - U @ (U.T @ a)
     loss_ls = ball.loss_ls + float(outside @ outside)
-    both = replace(ball, A=U.T @ A, a=U.T @ a, loss_ls=loss_ls)
+    extended = replace(ball, A=U.T @ A, a=U.T @ a, loss_ls=loss_ls)
     std = np.sqrt(c) / allowed.z
 
     def spread(w: Array) -> Array:
         """Return the standard deviations (k,) of functions w (k, p), of white noise."""
-        return std * np.linalg.norm(w @ both.directions, axis=1)
+        return std * np.linalg.norm(w @ extended.directions, axis=1)
 
-    longer = replace(allowed, ball=replace(both, spread=spread))
-    return replace(longer, fit=longer.best_fit(1e-10))
+    smaller = replace(allowed, ball=replace(extended, spread=spread))
+    return replace(smaller, fit=smaller.best_fit(1e-10))
 
 
 def rows_of_motion(posed: EstimationProblem, motion: FourierTrajectory) -> Array:

@@ -1,9 +1,9 @@
 """What a further measurement would tell of a range, before it is done.
 
-A weighed link is a bound on its mass, a known arm one on the sum of them: the range under
-that bound, at the value in the middle of the set, is what the scales would leave. Very much more
-motion takes c to nearly zero: what remains then consistency and bounds alone decide. A known load at
-the flange adds known torque: it says nothing of a link by itself, but the same motion again with it
+Scales bound a link's mass, or the sum of masses where they weigh the arm: the range under
+that bound, about the value in the middle of the set, is what the scales would leave. With very much
+more motion c is nearly zero: consistency and bounds alone decide what remains. A known load at the
+flange adds known torque: it says nothing of a link by itself, but the same motion again with it
 halves the noise's variance and fixes the gains of the torque channels.
 """
 
@@ -72,13 +72,15 @@ def what_to_measure(
     before = _ends(allowed, g)
     middle = allowed.optimiser(allowed.first_rise).centre
     after = {
-        _ANY_MOTION: _moved(allowed, middle),
-        "the same motion with a known load": _loaded(allowed, posed, estimate.theta),
+        _ANY_MOTION: _after_long_motion(allowed, middle),
+        "the same motion with a known load": _after_known_load(
+            allowed, posed, estimate.theta
+        ),
     }
     for scale in functions_by_name(posed.problem, posed.task.model, ["masses"]):
         if scale.name != function and scale.g is not None:
             what = "the arm" if scale.name == TOTAL else f"link {scale.name[1:]}"
-            after[f"weigh {what}"] = _weighed(allowed, middle, scale.g)
+            after[f"weigh {what}"] = _after_weighing(allowed, middle, scale.g)
     out = []
     for measurement, smaller in after.items():
         # What is known already stays known.
@@ -95,7 +97,7 @@ def _ends(allowed: AllowedSet, g: Array) -> tuple[float, float]:
     return low.value, high.value
 
 
-def _moved(allowed: AllowedSet, middle: Array) -> AllowedSet:
+def _after_long_motion(allowed: AllowedSet, middle: Array) -> AllowedSet:
     """Return the set of what very much more motion would leave, were the model in the
     middle (p,) the true one."""
     ball = allowed.ball
@@ -103,14 +105,16 @@ def _moved(allowed: AllowedSet, middle: Array) -> AllowedSet:
     return replace(allowed, ball=exact, fit=middle, interior=middle)
 
 
-def _loaded(allowed: AllowedSet, posed: EstimationProblem, theta: Array) -> AllowedSet:
+def _after_known_load(
+    allowed: AllowedSet, posed: EstimationProblem, theta: Array
+) -> AllowedSet:
     """Return the set that twice the data and exact gains would leave."""
     spread = spread_of(replace(posed, gain_errors=None), theta)
     twice = replace(allowed.ball, spread=lambda w: np.sqrt(0.5) * spread(w))
     return replace(allowed, ball=twice)
 
 
-def _weighed(allowed: AllowedSet, middle: Array, g: Array) -> AllowedSet:
+def _after_weighing(allowed: AllowedSet, middle: Array, g: Array) -> AllowedSet:
     """Return the set with g^T theta within SCALES of its value in the middle (p,)."""
     value = float(g @ middle)
     places = np.flatnonzero(g)
