@@ -30,7 +30,7 @@ CLAIMS = ("optimal", "infeasible", "unbounded", "inaccurate", "failed")
 
 @dataclass(frozen=True)
 class Given(JsonRecord):
-    """An answer in a file."""
+    """An answer as a file states it."""
 
     #: Name of the instance.
     problem: str

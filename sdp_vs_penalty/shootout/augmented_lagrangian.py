@@ -1,9 +1,9 @@
 """Log-Cholesky variables, an augmented Lagrangian and L-BFGS: what one writes without
 an SDP solver.
 
-Each link's 4x4 demand P (with a minimum thickness that of the demand) is L L^T in units
-of an interior point, L lower triangular, the logarithms of its diagonal variables:
-consistent by construction (Rucker, Wensing, "Smooth parameterization of rigid-body
+Each link's 4x4 demand P (that of the minimum thickness, if there is one) is L L^T in units
+of an interior point. The variables are the entries of the lower triangle L, with logarithms on
+its diagonal: every value of them is consistent (Rucker, Wensing, "Smooth parameterization of rigid-body
 inertia", RA-L 2022). Every other demand is imposed by the shifted penalty of
 ``estimators/penalty.py``, of one weight (Nocedal, Wright, Numerical Optimization,
 section 17.4), minimised by SciPy's L-BFGS-B, conditioned anew in each round.
@@ -23,11 +23,12 @@ from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.shootout.instances import Instance
 from sdp_vs_penalty.shootout.judge import Answer, no_answer
 
-#: Logarithms of a factor's diagonal end here, in units of an interior point: at what
-#: doubles resolve.
+#: Least logarithm of a factor's diagonal, in units of an interior point: below it doubles
+#: resolve nothing. Its negative is the greatest one.
 _SMALLEST_LOGARITHM = float(np.log(np.finfo(float).eps))
-#: Of the demands (100 fails on the Panda), and rounds of multipliers.
+#: Weight of the penalty; 100 fails on the Panda.
 _WEIGHT = 10.0
+#: Rounds of minimisation and update of the shifts, at most.
 _ROUNDS = 60
 
 
@@ -176,7 +177,8 @@ def _link_demands(demands: Sequence[Constraint]) -> list[Constraint]:
 
 @dataclass(frozen=True)
 class Round:
-    """One minimisation: the Lagrangian in z (n,), x + T z, with these shifts."""
+    """One minimisation of the augmented Lagrangian with fixed shifts, over z (n,), where
+    the variables are x + T z."""
 
     #: The problem.
     instance: Instance

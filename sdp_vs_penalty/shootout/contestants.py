@@ -171,8 +171,8 @@ class Contestant:
     entropy: bool = True
     #: What its processor time holds.
     clock: str = ALL_OF_IT
-    #: What a first call pays for once. It must start no thread: a forked child would wait
-    #: for it for ever.
+    #: Does once what only a first call costs. It must start no thread: a forked child
+    #: would wait for that thread for ever.
     warm_up: Callable[[], None] = lambda: None
 
     def asked(self, accuracies: Iterable[float]) -> list[float]:

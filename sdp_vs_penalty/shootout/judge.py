@@ -27,19 +27,19 @@ from sdp_vs_penalty.solvers.fit import Fit
 from sdp_vs_penalty.solvers.identification import unit_diagonal_factors
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_proof
 
-#: What a run is at an accuracy. "inaccurate": an optimum is claimed and the errors are
-#: larger than that, or the contestant says itself that it is inaccurate. Of claimed
-#: optima with an error or violation above FAR: "far", its DIMACS errors are within what
-#: was asked for, so it met the solver's own rule; "far_unchecked", it has none, or they
-#: are above, and that its rule is met in norms of its own it says, unchecked by us.
-#: "false_claim": infeasible or unbounded, where an optimum is proved, or an optimum
-#: without numbers. "unproved": we have no interval that could judge it, and it counts for
-#: nobody.
+#: Classes of a run at an accuracy. "inaccurate": it claims an optimum and its errors are
+#: larger than the accuracy, or it says itself that it is inaccurate. Two are claimed
+#: optima with an error or violation above FAR. "far": the DIMACS errors are within what
+#: was asked for, so the solver's own rule is met. "far_unchecked": they are not, or there
+#: are none; the solver says that its rule is met, in norms that we do not check.
+#: "false_claim": it claims infeasible or unbounded where an optimum is proved, or an
+#: optimum without numbers. "unproved": no interval is proved that could judge it, and it
+#: counts for nobody.
 CLASSES = (
     *("right", "inaccurate", "far", "far_unchecked", "false_claim"),
     *("failed", "timeout", "crash", "unproved"),
 )
-#: DIMACS errors that solvers' own rules bound: the cones', the slope's and the gap.
+#: DIMACS errors that solvers' own rules bound: of both cones, of the slope, and the gap.
 OF_THE_RULE = [f"dimacs_{k}" for k in (2, 3, 4, 5)]
 
 #: How far beyond an accuracy an answer may be and still count as right: solvers stop by
@@ -75,8 +75,7 @@ def proved(instance: Instance) -> tuple[str, Proof | None]:
     """
     names = [p.name for p in instance.task.model.parameters]
     with suppress(InputError, ValueError, np.linalg.LinAlgError):
-        # Nothing in between: what the rational checker does not accept is not called
-        # proved.
+        # Only what the rational checker accepts is called proved: it raises for the rest.
         try:
             posed = PosedSdp(instance.task, instance.problem, "clarabel")
             fit = posed.fit(LmiSdp.accuracy)
@@ -200,7 +199,7 @@ def judge(instance: Instance, reference: Reference, answer: Answer) -> Judgement
         error = 0.0 if is_proved else np.inf
         remark = "" if is_proved else f"claims {claims}, which is proved wrong"
     elif reference.verdict == "infeasible":
-        # Whoever asks for no more than by how much this misses cannot complain.
+        # At an accuracy looser than the violation the point is not wrong.
         error, remark = errors[1], "solves what is proved infeasible"
     return Judgement(
         outcome,
@@ -362,7 +361,7 @@ def relative_violation(
         else:
             terms = np.abs(c.coefficients * bound[c.indices, None]).max(axis=0)
             size = nonzero_or_one(np.maximum(terms, np.abs(c.constant)))
-            # The rows of a second-order cone belong together and have one scale.
+            # The rows of a second-order cone form one cone and have one scale.
             size = np.maximum(size.max() if c.cone == "soc" else size, least_size)
         worst = max(worst, -_margin(c.cone, value / size))
     return worst

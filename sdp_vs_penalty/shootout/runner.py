@@ -43,8 +43,8 @@ from sdp_vs_penalty.shootout.instances import Instance
 from sdp_vs_penalty.shootout.judge import Answer, Judgement, Reference, judge, reference
 
 Row = dict[str, Any]
-#: Every column, and what its cells are. Numbers have all their digits: what was proved
-#: is written.
+#: Type of each column. Numbers are written with all their digits, so that a file holds
+#: exactly the interval that was proved.
 COLUMNS: dict[str, type] = (
     dict.fromkeys(("problem", "set", "robot", "hash", "solver", "version"), str)
     | {"settings": str, "time_limit": float, "accuracy": float}
@@ -195,13 +195,15 @@ def perform(task: Assignment) -> list[Any]:
             return [Proved(task.hash, outcome)]
         return [Proved(task.hash, Reference("unknown"), f"{kind} {outcome}".strip())]
     _ = problem_instance.sdp
-    # Runs share the machine; and a thread of the first call would be none of a child's.
+    # One thread: runs share the machine, and a forked child does not have the threads
+    # that a first call has started.
     os.environ["RAYON_NUM_THREADS"] = "1"
     contestant = _warm(task.solver)
     form_seconds = 0.0
     if contestant.takes_conic_form:
         used = time.process_time()
-        _ = replace(problem_instance).sdp  # an interior point, and the form
+        # A copy has no cached properties: it finds an interior point and the form.
+        _ = replace(problem_instance).sdp
         form_seconds = time.process_time() - used
     stopped = ""
     rows = list[Row]()
@@ -484,7 +486,7 @@ def _is_current(
 ) -> bool:
     """Return whether a row of runs.csv is what this shootout would write.
 
-    Of problems and solvers that do not take part, that is not asked.
+    Solvers that do not take part are not compared, nor the hashes of such problems.
     """
     proved = references.get(row["problem"])
     if proved is not None and proved.hash != row["hash"]:
@@ -492,7 +494,7 @@ def _is_current(
     contestant = next((c for c in competing if c.name == row["solver"]), None)
     if contestant is None:
         return True
-    now = (
+    current = (
         facts.version_by_solver[contestant.name],
         contestant.settings(row["accuracy"]),
         setup.time_limit,
@@ -502,7 +504,7 @@ def _is_current(
         or row["seconds"] * row["repeats"] >= REPEAT_SECONDS
         or row["outcome"] != "claim"
     )
-    is_same = now == (row["version"], row["settings"], row["time_limit"])
+    is_same = current == (row["version"], row["settings"], row["time_limit"])
     return is_same and has_all_repetitions
 
 

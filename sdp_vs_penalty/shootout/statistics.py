@@ -1,10 +1,10 @@
 """How sure a table is: intervals of shares, paired tests, and who is about as good.
 
-A share right of n has Wilson's 95 % interval (J. Am. Stat. Assoc. 1927). Two contestants
+A share of right answers has Wilson's 95 % interval (J. Am. Stat. Assoc. 1927). Two contestants
 are compared on the problems that both ran, by the exact sign test of the problems on which
-they differ (of right answers that is McNemar's). What no test tells apart is about as good;
-the tests of a table err together in 5 % (Bonferroni). Problems of one robot are alike: the
-intervals are of the set that ran.
+they differ (McNemar's test, for right answers). Contestants that no test tells apart are about as
+good. All tests of a table together err with a probability of 5 % (Bonferroni). Problems of one
+robot are alike: the intervals hold for the set of problems that ran, not for others.
 """
 
 import math
@@ -12,8 +12,9 @@ import math
 import numpy as np
 import pandas
 
-#: Of intervals: the 97.5 % point of the normal distribution; and of tests.
+#: The 97.5 % point of the normal distribution, for 95 % intervals.
 _NORMAL_97 = 1.959964
+#: Probability that any test of a table errs.
 LEVEL = 0.05
 #: Times within this factor are about the same: runs again spread as much.
 SAME_TIME = 1.1
@@ -41,7 +42,7 @@ def sign_test(first: int, second: int) -> float:
 
 def level(n_contestants: int) -> float:
     """Return the level of each test of a table in which each contestant but one has a
-    test: together they err in LEVEL."""
+    test: LEVEL is the probability that any of them errs."""
     return LEVEL / max(n_contestants - 1, 1)
 
 

@@ -72,10 +72,10 @@ def accuracies(runs: pandas.DataFrame) -> list[float]:
 def best_answers(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
     """Return each solver's best answer to each problem, at an accuracy.
 
-    The fastest that is right, whatever was asked for; else its most accurate claim; else
-    how it failed last. What was asked for less than the accuracy is neither far nor
-    false. Unproved problems count for nobody, nor do solvers that were never asked for
-    the accuracy.
+    It is the fastest right one, whatever accuracy was asked for; else the most accurate
+    claim; else how it failed. A claim that was asked for less than the accuracy is neither
+    far nor false. Unproved problems are left out, and so are solvers that were never
+    asked for the accuracy.
 
     Returns
     -------
@@ -93,14 +93,15 @@ def best_answers(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
     is_loose = ~is_right & (runs["error"] > FAR) & (runs["accuracy"] > accuracy)
     is_loose &= runs["outcome"] == "claim"
     kinds = kinds.where(~is_loose, "inaccurate")
-    # Best first: right, claimed, inaccurate in its own words, failed; last what is far
-    # though less was asked.
+    # Best first: right, claimed, inaccurate in its own words, failed; last a claim that
+    # is far and was asked for less.
     order = np.select(
         [is_right, is_loose, runs["outcome"] == "claim", kinds == "inaccurate"],
         [0.0, 3.0, 1.0, 1.5],
         2.0,
     )
-    within = runs["seconds"].where(is_right, runs["error"])
+    # Right answers are ordered by time, the others by error.
+    second_key = runs["seconds"].where(is_right, runs["error"])
     by_own_dual = runs["own_gap"] <= SLACK * accuracy
     certifying = {name for name, c in contestants().items() if c.certifies}
     is_checked = (runs["claimed"] == "infeasible") & runs["solver"].isin(certifying)
@@ -110,10 +111,10 @@ def best_answers(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
     ranked["proved"] = is_proved.groupby(answers).transform("any")
     has_dual = pandas.Series(np.isfinite(runs["own_gap"]), runs.index)
     ranked["proves"] = has_dual.groupby(runs["solver"]).transform("any")
-    ranked = ranked.assign(order=order, within=within)
-    ranked = ranked.sort_values(["order", "within", "accuracy"], kind="stable")
+    ranked = ranked.assign(order=order, second_key=second_key)
+    ranked = ranked.sort_values(["order", "second_key", "accuracy"], kind="stable")
     return ranked.drop_duplicates(["problem", "solver"]).drop(
-        columns=["order", "within"]
+        columns=["order", "second_key"]
     )
 
 
@@ -153,10 +154,10 @@ def ranking(cells: pandas.DataFrame) -> pandas.DataFrame:
     counts = {name: cells["class"] == name for name in DOUBTFUL}
     rows = cells.assign(**counts, **medians)
     # 2. A row a solver.
-    how: dict[str, Any] = {"run": ("problem", "size"), "proves": ("proves", "any")}
-    how |= {name: (name, "sum") for name in ("right", "proved", *DOUBTFUL)}
-    how |= {name: (name, "median") for name in medians}
-    table = rows.groupby("solver").agg(**how).reset_index()
+    columns: dict[str, Any] = {"run": ("problem", "size"), "proves": ("proves", "any")}
+    columns |= {name: (name, "sum") for name in ("right", "proved", *DOUBTFUL)}
+    columns |= {name: (name, "median") for name in medians}
+    table = rows.groupby("solver").agg(**columns).reset_index()
     table["proved"] = table["proved"].where(table["proves"], np.nan)
     pairs_right = zip(table["right"], table["run"], strict=True)
     table["low"] = [wilson(right, n)[0] for right, n in pairs_right]
@@ -180,9 +181,9 @@ def ranking(cells: pandas.DataFrame) -> pandas.DataFrame:
 def about_as_right(cells: pandas.DataFrame, table: pandas.DataFrame) -> list[str]:
     """List the first of a ranking and all that no test tells from it."""
     names: list[str] = table["solver"][table["right"] > 0].tolist()
-    at = level(len(table))
+    test_level = level(len(table))
     return names[:1] + [
-        name for name in names[1:] if beside(cells, names[0], name)["p"] > at
+        name for name in names[1:] if beside(cells, names[0], name)["p"] > test_level
     ]
 
 
@@ -251,8 +252,8 @@ def sentences(runs: pandas.DataFrame) -> list[str]:
 def _tables(runs: pandas.DataFrame) -> list[tuple[str, str, str, pandas.DataFrame]]:
     """Return the runs of each table that has any, in the order of SETS.
 
-    Problems with log det are tables of their own: fewer solvers take them, and who takes
-    fewer problems is harder to tell from the first.
+    Problems with log det have tables of their own, because fewer solvers take them: a
+    solver that ran fewer problems is harder to tell from the first.
 
     Returns
     -------
@@ -335,16 +336,17 @@ def _doubtful(table: pandas.DataFrame, cells: pandas.DataFrame) -> str:
 def _by_count(
     table: pandas.DataFrame, column: str, cells: pandas.DataFrame | None = None
 ) -> str:
-    """List the contestants of a ranking that are so on any problem, with how many.
+    """List the contestants of a ranking whose count in a column is not zero, with it.
 
     Parameters
     ----------
     cells : DataFrame, optional
-        These answers: what is false is named, and which figure is far.
+        The answers that are counted; with them the text names what is claimed falsely,
+        and which figure is far.
     """
-    some = table[column][table[column] > 0].sort_values(ascending=False, kind="stable")
+    counts = table[column][table[column] > 0]
     texts = []
-    for name in some.index:
+    for name in counts.sort_values(ascending=False, kind="stable").index:
         claims = list[str]()
         if cells is not None:
             answers = cells[cells["solver"] == name]
@@ -370,14 +372,14 @@ def _share(
     common: float = np.nan,
     in_brackets: bool = True,
 ) -> str:
-    """Write on how many problems a contestant is so, and what is to be known with it.
+    """Write on how many problems a contestant has what a column counts, with notes.
 
     Parameters
     ----------
     more : sequence of str
         Words to add behind the share.
     common : float
-        Number of problems on which it is compared, said where it has run others.
+        Number of problems on which it is compared; written if it ran more.
     in_brackets : bool
         Whether the share is in brackets as well: "scs (3 of 4)", else "scs on 3 of 4".
     """
