@@ -17,9 +17,9 @@ torques are A^-T tau.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Annotated, Any, Literal, get_type_hints
 
 import numpy as np
 
@@ -50,6 +50,35 @@ class LogEvent:
 
 
 @dataclass(frozen=True)
+class _Entries:
+    """What a field with one number a joint says of itself, once for all that is done
+    with it."""
+
+    #: Number of a joint without a fault.
+    neutral: float
+    #: How two changes make one: "product", "sum", or "later" where the later one counts:
+    #: what all rows have, so that a part has none of its own.
+    composed: Literal["product", "sum", "later"]
+    #: Whose numbers they are: those of the channels in the field "order" (positions) or
+    #: "tau_order" (torques); "" for a joint's own.
+    channels: Literal["order", "tau_order", ""] = ""
+
+    def compose(self, first: float, later: float) -> float:
+        """Return the number of one change that does what two do."""
+        if self.composed == "product":
+            return later * first
+        return later + first if self.composed == "sum" else later
+
+    def change_alike(self, own: float, before: float, after: float) -> float:
+        """Return a number with what ``after`` changes of ``before``."""
+        if self.composed == "product":
+            return own * after / before
+        if self.composed == "sum":
+            return own + after - before
+        return own if after == before else after
+
+
+@dataclass(frozen=True)
 class LogTransform:
     """What is done to a log, as in the module's equations, and what its model has to
     assume; one entry a joint where a field has several."""
@@ -57,30 +86,30 @@ class LogTransform:
     #: Position channel that each joint takes.
     order: Order
     #: Factor of positions, q = scale q_raw + zero [-].
-    scale: Numbers
+    scale: Annotated[Numbers, _Entries(1.0, "product", "order")]
     #: Zero of positions, q = scale q_raw + zero [rad, m].
-    zero: Numbers
+    zero: Annotated[Numbers, _Entries(0.0, "sum", "order")]
     #: Torque channel that each joint takes.
     tau_order: Order
     #: Factor of torques [-].
-    gain: Numbers
+    gain: Annotated[Numbers, _Entries(1.0, "product", "tau_order")]
     #: How much later a torque is [s].
-    lead: Numbers
+    lead: Annotated[Numbers, _Entries(0.0, "sum", "tau_order")]
     #: Time constant of a torque's low-pass [s].
-    lag: Numbers
+    lag: Annotated[Numbers, _Entries(0.0, "sum", "tau_order")]
     #: Gravity in the base frame that the model assumes [m/s^2].
     gravity: tuple[float, ...]
     #: Share of the arm's weight that each torque lacks [-].
-    lacks: Numbers
+    lacks: Annotated[Numbers, _Entries(0.0, "sum")]
     #: Largest torque over an amplifier's limit [-].
-    bend: Numbers
+    bend: Annotated[Numbers, _Entries(0.0, "later", "tau_order")]
     #: Largest torque of a drive, in the place of commands beyond it [N m, N]; 0: any.
-    limit: Numbers
+    limit: Annotated[Numbers, _Entries(0.0, "later", "tau_order")]
     #: Gear ratio over the logger's: a factor of positions, a divisor of torques [-].
-    ratio: Numbers
+    ratio: Annotated[Numbers, _Entries(1.0, "product", "order")]
     #: How far the logged motor of a joint turns with the joint before it [-]: 1 or -1 of
     #: a parallelogram, whose motors sit on one link.
-    carried: Numbers
+    carried: Annotated[Numbers, _Entries(0.0, "later")]
     #: True time over the file's [-].
     rate: float = 1.0
     #: Whether the clock runs backwards.
@@ -96,11 +125,12 @@ class LogTransform:
         """Return the repair that changes nothing of n joints under a gravity in the
         base frame [m/s^2]."""
         in_order = tuple(range(n))
-        names = "zero", "lead", "lag", "lacks", "bend", "limit", "carried"
-        numbers: dict[str, Any] = dict.fromkeys(names, (0.0,) * n)
-        numbers |= dict.fromkeys(("scale", "gain", "ratio"), (1.0,) * n)
-        numbers |= {"gravity": gravity, "assumed": gravity}
-        return cls(in_order, tau_order=in_order, **numbers)
+        numbers: dict[str, Any] = {
+            name: (entries.neutral,) * n for name, entries in ENTRIES.items()
+        }
+        return cls(
+            in_order, tau_order=in_order, gravity=gravity, assumed=gravity, **numbers
+        )
 
     @property
     def n(self) -> int:
@@ -174,9 +204,8 @@ class LogTransform:
         """The repair with its changes of torque channels and of the direction of time
         undone, and gear ratios among the factors of positions. The columns of a fit depend
         on this part alone, and are cached by it."""
-        motion = self.with_defaults(
-            "tau_order", "gain", "lead", "lag", "bend", "limit", "reversed", "ratio"
-        )
+        of_torque = [x for x in ENTRIES if ENTRIES[x].channels == "tau_order"]
+        motion = self.with_defaults("tau_order", *of_torque, "reversed", "ratio")
         if motion.ratio == self.ratio:
             return motion
         return replace(motion, scale=tuple(self.position_factors.tolist()))
@@ -202,34 +231,29 @@ class LogTransform:
     def followed_by(self, later: LogTransform) -> LogTransform:
         """Return one repair that has the effect of this one followed by ``later``.
 
-        Order, scale, zero, gain, ratio, delay, low-pass, missing weight and clock are
-        composed, and drifts added (a step lies in one run by itself); gravity is this one's
-        where it is not the assumed one; everything else is the later one's.
+        Orders, clocks and numbers are composed, each number as its field says, and drifts
+        added (a step lies in one run by itself); gravity is this one's where it is not the
+        assumed one.
 
         Parameters
         ----------
         later : LogTransform
             What is done to the outcome of this one.
         """
-        # Pairs (j, k): joint j of the outcome takes channel k of this repair's outcome.
-        of_position = [*enumerate(later.order)]
-        of_torque = [*enumerate(later.tau_order)]
-        factor = later.position_factors
-        zero = tuple(
-            float(factor[j]) * self.zero[k] + later.zero[j] for j, k in of_position
-        )
+        channels = {"order": later.order, "tau_order": later.tau_order}
+        numbers: dict[str, Any] = {}
+        for name, entries in ENTRIES.items():
+            own = getattr(self, name)
+            first = [own[k] for k in channels.get(entries.channels, range(self.n))]
+            if name == "zero":
+                first = (later.position_factors * first).tolist()
+            numbers[name] = tuple(map(entries.compose, first, getattr(later, name)))
         drifts = [event for event in self.events if event.at is None]
         return replace(
             later,
             order=tuple(self.order[k] for k in later.order),
-            scale=tuple(later.scale[j] * self.scale[k] for j, k in of_position),
-            zero=zero,
             tau_order=tuple(self.tau_order[k] for k in later.tau_order),
-            gain=tuple(later.gain[j] * self.gain[k] for j, k in of_torque),
-            ratio=tuple(later.ratio[j] * self.ratio[k] for j, k in of_position),
-            lead=tuple(later.lead[j] + self.lead[k] for j, k in of_torque),
-            lag=tuple(later.lag[j] + self.lag[k] for j, k in of_torque),
-            lacks=tuple(np.add(later.lacks, self.lacks).tolist()),
+            **numbers,
             gravity=later.gravity if self.gravity == self.assumed else self.gravity,
             rate=later.rate * self.rate,
             reversed=later.reversed != self.reversed,
@@ -237,20 +261,20 @@ class LogTransform:
         )
 
     def changed_alike(self, before: LogTransform, after: LogTransform) -> LogTransform:
-        """Return this transform with what ``after`` changes of ``before``: its factors
-        multiplied, its numbers added, and else its entries."""
-        changed: dict[str, Any] = {}
-        for name in (entry.name for entry in fields(self) if entry.compare):
+        """Return this transform with what ``after`` changes of ``before``: its numbers as
+        their fields say, and else its entries."""
+        changed: dict[str, Any] = {"rate": self.rate * after.rate / before.rate}
+        for name, entries in ENTRIES.items():
+            three = (getattr(x, name) for x in (self, before, after))
+            changed[name] = tuple(map(entries.change_alike, *three))
+        for name in ("order", "tau_order"):
+            of_joints = zip(
+                *(getattr(x, name) for x in (self, before, after)), strict=True
+            )
+            changed[name] = tuple(x if b == a else b for x, a, b in of_joints)
+        for name in ("gravity", "reversed", "events"):
             own, old, new = (getattr(x, name) for x in (self, before, after))
-            if name in ("scale", "gain", "ratio"):
-                changed[name] = tuple((np.array(own) * new / old).tolist())
-            elif name in ("zero", "lead"):
-                changed[name] = tuple((np.array(own) + new - old).tolist())
-            elif isinstance(own, tuple) and name not in ("gravity", "events"):
-                of_joints = zip(own, old, new, strict=True)
-                changed[name] = tuple(x if b == a else b for x, a, b in of_joints)
-            else:
-                changed[name] = own if new == old else new
+            changed[name] = own if new == old else new
         return replace(self, **changed)
 
     @property
@@ -354,6 +378,14 @@ class LogTransform:
         tau = self.within_limits(tau * self.torque_factors)
         a = self.joints_by_motors
         return tau if a is None else tau @ np.linalg.inv(a)
+
+
+#: Fields of :class:`LogTransform` with one number a joint, each with what it says of itself.
+ENTRIES: dict[str, _Entries] = {
+    name: hint.__metadata__[0]
+    for name, hint in get_type_hints(LogTransform, include_extras=True).items()
+    if hasattr(hint, "__metadata__")
+}
 
 
 def _in_reverse(run: Measurements) -> Measurements:

@@ -14,7 +14,7 @@ from small_runs import small_run
 
 from sdp_vs_penalty import check, load_problem
 from sdp_vs_penalty.race import Hypothesis, Likelihood, Number, Part, Race
-from sdp_vs_penalty.race.chain import LogEvent, LogTransform
+from sdp_vs_penalty.race.chain import ENTRIES, LogEvent, LogTransform
 from sdp_vs_penalty.race.evidence import Evidence
 from sdp_vs_penalty.race.kinds import KINDS, mounting, several_joints
 from sdp_vs_penalty.race.race import HeldRaces
@@ -247,6 +247,26 @@ def test_what_is_changed_alike_keeps_what_is_its_own(name):
     kept = rival.changed_alike(none, claim)
     assert getattr(kept, name) == other
     assert kept.gain == claim.gain
+
+
+@pytest.mark.parametrize("name", ENTRIES)
+def test_a_change_before_an_unchanged_log_stays_but_what_all_rows_have(name):
+    """What all rows have, no part has of its own: the unchanged log's counts."""
+    none = LogTransform.unchanged(3, (0.0, 0.0, -9.81))
+    change = none.with_entries(name, [1], 0.5)
+    stays = ENTRIES[name].composed != "later"
+    assert change.followed_by(none) == (change if stays else none)
+    assert none.followed_by(change) == change
+
+
+def test_each_number_of_a_joint_says_how_two_of_its_changes_are_one():
+    none = LogTransform.unchanged(3, (0.0, 0.0, -9.81))
+    of_joints = {
+        entry.name
+        for entry in fields(none)
+        if isinstance(getattr(none, entry.name), tuple)
+    } - {"order", "tau_order", "gravity", "assumed", "events"}
+    assert of_joints == set(ENTRIES)
 
 
 def test_a_column_of_zeros_is_worth_less_than_nothing(evidence):
