@@ -142,8 +142,8 @@ class End:
 
     @cached_property
     def bounds(self) -> dict[str, float]:
-        """How far the end moves as a bound doubles, as a share of the end's size, by the
-        bound's name, the largest first. The far limits count as one.
+        """How far the end moves as a bound doubles, to first order and as a share of the
+        end's size, by the bound's name, the largest first. The far limits count as one.
 
         It is the multiplier times the bound, which is half of the terms compared."""
         constraints = self.allowed.constraints

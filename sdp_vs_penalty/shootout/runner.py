@@ -486,7 +486,7 @@ def _is_current(
 ) -> bool:
     """Return whether a row of runs.csv is what this shootout would write.
 
-    Solvers that do not take part are not compared, nor the hashes of such problems.
+    Solvers and problems that do not take part are not compared.
     """
     proved = references.get(row["problem"])
     if proved is not None and proved.hash != row["hash"]:
