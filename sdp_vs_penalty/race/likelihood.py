@@ -8,8 +8,8 @@ joint with noise of its own, the Gaussian log-likelihood is, up to constants,
 
 M the number of independent samples. It is free of units and gains. Own columns
 (friction, rotor, offset) are projected out of each joint's normal equations, which add:
-of parts of a log, and of several logs. The prior costs of a repair are the search's
-matter.
+of parts of a log, and of several logs. The prior odds of a repair are not in L: the race
+adds them.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ FEW_ROWS = 128
 #: Rows of several repaired motions that are computed at a time.
 ROWS_AT_A_TIME = 2000
 T = TypeVar("T")
-#: A logarithm's argument, a divisor: no smaller than this.
+#: Least limit of an amplifier: a channel is divided by it.
 _TINY = 1e-300
 #: An amplifier's curve is inverted up to this share of its limit [-].
 _LARGEST_SHARE_OF_LIMIT = 0.999
@@ -62,8 +62,8 @@ def keep_recent(results: dict[Any, T], key: Any, result: T, size: int) -> T:
 
 
 def recent(size: int) -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """Let a method remember its last results, as many as ``size``, in its object: with it
-    they go, since rows are large."""
+    """Let a method keep its last ``size`` results, by its arguments. They are kept in the
+    object, so that they are freed with it: rows are large."""
 
     def remembering(method: Callable[..., T]) -> Callable[..., T]:
         @wraps(method)
@@ -81,8 +81,7 @@ class Likelihood:
     """Fit arms to the rows of one log under any repair, of M rows and n joints.
 
     "Shared" columns belong to parameters that joints share (links); "own" columns to
-    one joint (friction, rotor, offset). What depends on a part of a repair is cached
-    for all repairs with that part.
+    one joint (friction, rotor, offset).
     """
 
     def __init__(self, problem: Problem, data: RegressionData) -> None:
@@ -100,10 +99,10 @@ class Likelihood:
         kinds = [joint.kind for joint in problem.robot.joints]
         self.revolute = [j for j in self.joints if kinds[j] == "revolute"]
         self.as_logged = LogTransform.unchanged(self.n, problem.robot.gravity)
-        # About the repairs of one round of a search; of many rows fewer.
+        # About as many as one round of a search proposes; fewer where rows are many.
         self.n_kept = 128 if data.count <= FEW_ROWS else 12
         #: The columns used last, by transform and whether the arm stands still.
-        self._kept: dict[tuple[LogTransform, bool], Array] = {}
+        self._kept_columns: dict[tuple[LogTransform, bool], Array] = {}
 
     @classmethod
     def of_all_runs(cls, logs: Sequence[Likelihood]) -> Likelihood:
@@ -128,9 +127,9 @@ class Likelihood:
 
     @cached_property
     def with_all_laws(self) -> Likelihood:
-        """The likelihood of the same rows by a richer model of each joint.
+        """The likelihood of the same rows with a richer model of each joint.
 
-        It adds, as columns of each joint alone, all laws that an arm may have: springs,
+        It has more columns of each joint alone, for laws that an arm may have: springs,
         drag, hysteresis, friction that grows with load. What these explain is no fault
         of the log.
         """
@@ -147,10 +146,10 @@ class Likelihood:
 
     @cached_property
     def spare_share(self) -> float:
-        """Share of the log's independent samples that no parameter takes,
-        1 - parameters / samples; negative where one arm has more parameters.
+        """Degrees of freedom as a share of the log's independent samples,
+        1 - parameters / samples; negative where the arm has more parameters than samples.
 
-        A torque behind a low-pass has two independent samples a second and hertz.
+        A torque behind a low-pass of f Hz has 2 f independent samples a second.
         """
         seconds = recorded_seconds(self.data.motion.t)
         n_samples = 2.0 * self.data.cutoff * seconds * len(self.joints)
@@ -192,11 +191,11 @@ class Likelihood:
         return repair.within_limits(repaired.T).T
 
     def torque_mask(self, repair: LogTransform) -> Array:
-        """Return which torques are used, (n, M): 1, or 0 where the joint does not
-        slide; the repair's order of the position channels counts.
+        """Return which torques are used, (n, M): 1 where the joint slides, and 0
+        elsewhere. Which joint slides depends on the repair's order of position channels.
 
         A joint at rest is held by dry friction, which may have any value up to its
-        size.
+        size: its torque tells nothing of the arm.
         """
         return self.data.torque_mask.T[list(repair.order)]
 
@@ -229,6 +228,7 @@ class Likelihood:
         """
         logged = self.data.motion
         order = list(repair.order)
+        # Velocities and accelerations of an arm that stands still are 0.
         scale = (not is_still) * repair.position_factors
         return Motion(
             logged.t[0] + repair.rate * (logged.t - logged.t[0]),
@@ -240,8 +240,7 @@ class Likelihood:
     # -- columns
 
     def rows(self, repair: LogTransform) -> RepairedRows:
-        """Return the rows that an arm is fitted to: the columns of its parameters as
-        repaired.
+        """Return the columns of an arm's parameters in the rows that it is fitted to.
 
         They do not depend on what the repair does to torque channels, so that repairs
         of the same motion share one cached result.
@@ -324,48 +323,59 @@ class Likelihood:
             Torque per unit of each parameter; p is 0 where joints share none.
         """
         key = repair.arm_part, is_still
-        columns = self._kept.get(key)
+        columns = self._kept_columns.get(key)
         if columns is None:
-            columns = self._make_columns(key[:1], is_still)[0]
-        return keep_recent(self._kept, key, columns, self.n_kept)
+            columns = self._make_columns([repair.arm_part], is_still)[0]
+        return keep_recent(self._kept_columns, key, columns, self.n_kept)
 
     def _make_columns(
-        self, arms: Sequence[LogTransform], is_still: bool = False
+        self, repairs: Sequence[LogTransform], is_still: bool = False
     ) -> list[Array]:
-        """Make the columns (n, M, p) of the links under each of several repairs, by the
-        logged motors.
+        """Make the columns (n, M, p) of the links under each of several repairs, as
+        torques of the logged motors.
 
-        The repairs have the same gravity, so that one model makes all columns, from the
+        The repairs must have the same gravity: one model makes all columns, from the
         rows of all repaired motions one after the other.
         """
-        model = self._model(arms[0].gravity)
+        model = self._model(repairs[0].gravity)
         if model is None:
-            return [np.zeros((self.n, self.data.count, 0)) for _ in arms]
-        motions = [self.motion(arm, is_still) for arm in arms]
+            return [np.zeros((self.n, self.data.count, 0)) for _ in repairs]
+        motions = [self.motion(repair, is_still) for repair in repairs]
         rows = motions[0] if len(motions) == 1 else joined(motions)
-        columns = np.split(model.dense_columns(rows), len(arms), axis=1)
-        for k, arm in enumerate(arms):
-            if (a := arm.joints_by_motors) is not None:  # torques of motors: A^T tau
+        columns = np.split(model.dense_columns(rows), len(repairs), axis=1)
+        for k, repair in enumerate(repairs):
+            a = repair.joints_by_motors
+            if a is not None:  # torques of motors: A^T tau
                 columns[k] = np.tensordot(a.T, columns[k], 1)
         return columns
 
     def prepare_columns(self, repairs: Sequence[LogTransform]) -> None:
-        """Compute and cache the columns of the links under all these repairs that are
-        not cached yet, many motions at a time."""
-        missing: dict[tuple[float, ...], list[LogTransform]] = {}
-        for arm in dict.fromkeys(repair.arm_part for repair in repairs):
-            if (arm, False) not in self._kept:
-                missing.setdefault(arm.gravity, []).append(arm)
-        size = max(1, ROWS_AT_A_TIME // self.data.count)
-        for arms in missing.values():
-            model = self._model(arms[0].gravity)
-            # An effect that remembers needs the rows of one motion by themselves.
-            if model is None or any(effect.has_memory for effect in model.effects):
+        """Cache the links' columns of the moving arm under several repairs, so that
+        :meth:`columns` finds them.
+
+        Repairs under the same gravity are computed together: one model evaluates the rows
+        of many motions faster than those of one motion after another.
+        """
+        uncached_by_gravity: dict[tuple[float, ...], list[LogTransform]] = {}
+        for arm_part in dict.fromkeys(repair.arm_part for repair in repairs):
+            if (arm_part, False) not in self._kept_columns:
+                of_gravity = uncached_by_gravity.setdefault(arm_part.gravity, [])
+                of_gravity.append(arm_part)
+        n_at_a_time = max(1, ROWS_AT_A_TIME // self.data.count)
+        for gravity, arm_parts in uncached_by_gravity.items():
+            model = self._model(gravity)
+            if model is None:
+                continue  # no columns to compute
+            # The torque of an effect with memory depends on the rows before: motions
+            # must not follow each other as rows of one. columns() makes each by itself.
+            if any(effect.has_memory for effect in model.effects):
                 continue
-            for first in range(0, len(arms), size):
-                some = arms[first : first + size]
-                for arm, columns in zip(some, self._make_columns(some), strict=True):
-                    keep_recent(self._kept, (arm, False), columns, self.n_kept)
+            for first in range(0, len(arm_parts), n_at_a_time):
+                batch = arm_parts[first : first + n_at_a_time]
+                made = self._make_columns(batch)
+                for arm_part, columns in zip(batch, made, strict=True):
+                    key = arm_part, False
+                    keep_recent(self._kept_columns, key, columns, self.n_kept)
 
     def shared(self, repair: LogTransform, is_still: bool = False) -> Array:
         """Return the columns (n, M, s) of s linearly independent parameters of the
@@ -375,10 +385,10 @@ class Likelihood:
 
     def nominal(self, repair: LogTransform, is_still: bool = False) -> Array:
         """Return the torque (M, n) of the problem's nominal links on the repaired
-        motion [N m or N]; of an arm that is still its full weight.
+        motion [N m or N]; their full weight if the arm is still.
 
-        It stands for a plausible arm. Weight that a controller took out of the torques
-        is left out.
+        The nominal links stand for a plausible arm. Weight that a controller has taken
+        out of the torques is left out, unless the arm is still.
         """
         model = self.data.shared
         rigid = np.arange(0) if model is None else model.rigid_indices
@@ -394,11 +404,17 @@ class Likelihood:
         """Make an orthonormal basis (n, M, k) of each joint's own columns.
 
         These are friction, rotor inertia, offset, and events of the log, 0 where the
-        torque is not used. order : channel of each joint's position. A joint whose
-        columns are dependent has zeros in place of the missing vectors, so that all
-        joints have k.
+        torque is not used. A joint with fewer than k independent columns has zeros in
+        place of the missing vectors.
+
+        Parameters
+        ----------
+        order : tuple of int
+            Position channel that each joint takes.
+        events : tuple of LogEvent
+            Events of the log's torques.
         """
-        # Each channel takes its columns along to the joint that it belongs to.
+        # The columns are made of position channels, and go with them to the joints.
         basis = self._basis_of_channels[list(order)]
         if not events:
             return basis
@@ -406,9 +422,9 @@ class Likelihood:
         columns += [self._columns_of_event(event) for event in events]
         used = np.concatenate(columns, axis=2)
         used = used * self.data.torque_mask.T[list(order)][:, :, None]
-        # Joints without an event keep their basis. It cannot have more vectors than rows.
-        width = min(used.shape[1:])
-        with_events = np.zeros((*used.shape[:2], width))
+        # Joints without an event keep their basis. A basis has no more vectors than rows.
+        n_vectors = min(used.shape[1:])
+        with_events = np.zeros((*used.shape[:2], n_vectors))
         with_events[:, :, : basis.shape[2]] = basis
         joints = sorted({event.joint for event in events})
         with_events[joints] = orthonormal(used[joints])
@@ -431,7 +447,7 @@ class Likelihood:
         """Return the torque (n, M) that the links of an arm, theta (s,), do not
         explain, tau - Y theta [N m or N].
 
-        Friction, rotor and offset of each joint are still in it.
+        It still holds the friction, rotor inertia and offset of each joint.
         """
         return self.channels(repair) - self.raw(repair) @ theta
 
@@ -439,7 +455,7 @@ class Likelihood:
 
     @recent(8)
     def fit(self, repair: LogTransform) -> ArmFit:
-        """Fit one arm of the largest likelihood to the log under a repair.
+        """Fit the arm of the largest likelihood to the log under a repair.
 
         Each joint's own parameters (friction, offset) are eliminated: their columns are
         projected out of the shared columns and of the torque.
@@ -459,7 +475,7 @@ class Likelihood:
         """Return the share (n,) of each torque's energy that the joint's own model
         leaves, on parts of the log that the model was not fitted to.
 
-        Here each joint has a separate set of all the arm's parameters. This shows how
+        Each joint is fitted by itself, with all parameters of the arm. This shows how
         well its torque can be explained at all, whatever the other joints say.
 
         Parameters

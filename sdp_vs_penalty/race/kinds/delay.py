@@ -1,5 +1,6 @@
-"""Torque later than the motion, or through a causal filter: one channel, or all. Nothing
-brings one channel ahead of the others: what looks like that is a law of its joint."""
+"""Torques that are logged later than the motion, or behind a causal filter: one channel, or
+all. No cause makes a single channel earlier than the others: what looks like that is a law
+of its joint."""
 
 from collections.abc import Iterator
 
@@ -12,29 +13,29 @@ from sdp_vs_penalty.race.fault import Fault, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
 
-#: Times that are tried [s], by entry of a transform: by how much a torque is later than
-#: the motion (``lead``), and time constants of a causal low-pass (``lag``).
+#: Times that the race begins from [s], by field of a transform: by how much a torque is
+#: later than the motion (``lead``), and time constants of a causal low-pass (``lag``).
 _TIMES_TRIED = {
     "lead": (0.0, -0.12, -0.06, -0.025, 0.025, 0.06, 0.12),
     "lag": (0.0, 0.04, 0.1, 0.2),
 }
-#: What each is called where all torques have it, and where one has.
-_KINDS = {
+#: Kind of the fault of all torques, and of one torque, by field of a transform.
+_KIND_OF_ALL_AND_OF_ONE = {
     "lead": ("delay", "channel delay"),
     "lag": ("torque filter", "channel filter"),
 }
-#: Standard deviation of a time beforehand [s].
-_SD = 0.05
+#: Prior standard deviation of a time [s].
+_PRIOR_SD = 0.05
 
 
-def _number(field: str, joints: tuple[int, ...]) -> Number:
+def _time_number(field: str, joints: tuple[int, ...]) -> Number:
     """Describe the size that is estimated: delay or time constant [s] of some joints'
-    torques. That of a single joint is not negative."""
+    torques. Only a delay of several joints may be negative."""
     may_be_negative = field == "lead" and len(joints) > 1
     return Number(
         field,
         joints,
-        sd=_SD,
+        sd=_PRIOR_SD,
         usual=c.USUAL_DELAY,
         usual_below=c.USUAL_LEAD,
         step=1e-3,
@@ -44,36 +45,42 @@ def _number(field: str, joints: tuple[int, ...]) -> Number:
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield a delay or a low-pass of all torques, and of each joint's torque."""
-    log, now = evidence.log, fit.chain
-    every = tuple(range(log.n))
+    log, chain = evidence.log, fit.chain
+    all_joints = tuple(range(log.n))
     for field, times in _TIMES_TRIED.items():
-        of_all, of_one = _KINDS[field]
-        yield from at_sizes(
-            of_all, prior_of_one_of(1), now, _number(field, every), times
-        )
-        late = [time for time in times if time >= 0.0]
-        for j in log.joints if len(log.joints) > 1 else ():
-            number = _number(field, (j,))
-            yield from at_sizes(of_one, prior_of_one_of(log.n), now, number, late)
+        kind_of_all, kind_of_one = _KIND_OF_ALL_AND_OF_ONE[field]
+        number = _time_number(field, all_joints)
+        yield from at_sizes(kind_of_all, prior_of_one_of(1), chain, number, times)
+        if len(log.joints) == 1:
+            continue  # its torque is all torques
+        # A single channel is never earlier than the others (see the module).
+        times_of_one = [time for time in times if time >= 0.0]
+        prior = prior_of_one_of(log.n)
+        for j in log.joints:
+            number = _time_number(field, (j,))
+            yield from at_sizes(kind_of_one, prior, chain, number, times_of_one)
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     """Yield a fault for each delay and each low-pass of torques."""
-    for field, kinds in _KINDS.items():
+    for field, (kind_of_all, kind_of_one) in _KIND_OF_ALL_AND_OF_ONE.items():
         for joints, seconds in chain.list_nonzero(field):
             is_all = len(joints) == log.n
-            channel = "the torques" if is_all else f"tau{joints[0] + 1}"
-            others = "the positions" if is_all else "the other torques"
-            if field == "lead":
-                when, back = (
-                    ("late", "earlier") if seconds > 0.0 else ("early", "later")
-                )
-                time = _milliseconds(abs(seconds))
+            if is_all:
+                channel, others = "the torques", "the positions"
+                comes = "the torques come"
+            else:
+                channel, others = f"tau{joints[0] + 1}", "the other torques"
                 comes = f"joint {joints[0] + 1}'s torque comes"
-                comes = "the torques come" if is_all else comes
+            if field == "lead":
+                time = _milliseconds(abs(seconds))
+                is_late = seconds > 0.0
+                when, shift = ("late", "earlier") if is_late else ("early", "later")
                 what = f"{comes} {time} {when}; {others} are in time."
-                shift = f"shift {channel} {time} {back}"
-                remedy = f"{shift} (and log all channels from one source)"
+                remedy = (
+                    f"shift {channel} {time} {shift} (and log all channels from one"
+                    " source)"
+                )
             else:
                 hertz = 1.0 / (2.0 * np.pi * max(seconds, 1e-6))  # corner frequency
                 low_pass = f"{hertz:.2g} Hz ({_milliseconds(seconds)})"
@@ -83,12 +90,12 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
                     " lag"
                 )
             yield Fault(
-                kind=kinds[0] if is_all else kinds[1],
+                kind=kind_of_all if is_all else kind_of_one,
                 joints=joints,
                 what=what,
                 remedy=remedy,
                 without=chain.with_entries(field, joints, 0.0),
-                number=_number(field, joints),
+                number=_time_number(field, joints),
                 in_words=_milliseconds,
                 # A single joint is named by the issue itself.
                 place="all torque channels" if is_all and log.n > 1 else "",
