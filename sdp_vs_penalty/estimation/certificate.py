@@ -60,16 +60,16 @@ class Certificate(Shown, JsonRecord):
         return max(self.violations.values(), default=0.0)
 
     @property
-    def is_local(self) -> bool:
-        """Whether the optimum may be a local one: limits that are not convex hold, and
-        the bound, which is of the convex ones alone, lies far below."""
+    def is_undecided(self) -> bool:
+        """Whether the bound cannot tell that the optimum was found: it lies far below,
+        but leaves out limits that are not convex, and those hold."""
         holds = self.violations.get(BarycentricBound.family, np.inf) == 0.0
         return holds and self.gap is not None and FAR_GAP < self.gap < 1.0
 
     @property
     def not_found(self) -> str:
         """A sentence if the gap shows that the optimum was not found, else ""."""
-        if self.gap is None or self.gap <= FAR_GAP or self.is_local:
+        if self.gap is None or self.gap <= FAR_GAP or self.is_undecided:
             return ""
         return (
             f"The optimum was not found: the certified lower bound is {self.gap:.2g} of"
@@ -159,8 +159,10 @@ class Certificate(Shown, JsonRecord):
         # Once each: a joint may have its effect with a shape constant of its own.
         kinds = dict.fromkeys(re.split("[:@]", text)[0] for text in self.held)
         held = f", with {', '.join(kinds)} held fixed" if self.held else ""
-        local = "; a local optimum: limits that are not convex" if self.is_local else ""
-        return f"{self.gap:.1e} of the loss (certified lower bound{local}){held}"
+        without = (
+            ", without the limits that are not convex" if self.is_undecided else ""
+        )
+        return f"{self.gap:.1e} of the loss (certified lower bound{without}){held}"
 
 
 #: Of parameters on the way to others, which nobody is shown.

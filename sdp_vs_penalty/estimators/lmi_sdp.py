@@ -192,7 +192,7 @@ class LmiSdpTwoStep(Estimator):
     name = "lmi-sdp-two-step"
     description = "Two-step SDP (Sousa and Cortesao)"
 
-    solver: str = "clarabel"
+    solver: str | None = None
     accuracy: float = 1e-10
 
     def fit(self, task: Task) -> Fit:
@@ -392,15 +392,34 @@ def _solved(posed: PosedSdp, accuracy: float, answers: Sequence[Fit]) -> Fit:
         best = with_best_dual(min(answers, key=_objective), answers)
         if best.gap <= TIGHT:
             break
-    # From a gap of 1 on nothing is proved of an answer.
-    largest_gap = 1.0 if is_answered else FAR_GAP
-    if best is None or best.gap >= largest_gap:
-        raise InputError(
+    if best is None or not (is_answered or best.gap <= FAR_GAP):
+        raise unsolved(
             f"solver {posed.solver} gave up on a problem that has an interior point"
-            f" ({', '.join(claims_made)})",
-            "choose another solver, or check the units of the robot and the measurements",
+            f" ({', '.join(claims_made)})"
         )
-    return best
+    return proved(best)
+
+
+def proved(fit: Fit) -> Fit:
+    """Return a fit whose bound says something of it.
+
+    The loss is not negative, so that a gap of one says nothing. Raises InputError.
+    """
+    if fit.gap < 1.0:
+        return fit
+    raise unsolved(
+        f"the optimum was not found: loss {fit.upper:.2g}, proved is nothing"
+    )
+
+
+def unsolved(what: str) -> InputError:
+    """Return the error of a problem that has a solution, which was not found."""
+    return InputError(
+        what,
+        "check the units of the robot, of lengths in mm first (`sdp-vs-penalty"
+        " check-urdf URDF --fix`), and those of the measurements; if they are right,"
+        " choose another method or solver",
+    )
 
 
 def _objective(fit: Fit) -> float:

@@ -31,7 +31,12 @@ import scipy
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint_prior
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, PosedSdp, interior_point
+from sdp_vs_penalty.estimators.lmi_sdp import (
+    LmiSdpThickness,
+    PosedSdp,
+    interior_point,
+    proved,
+)
 from sdp_vs_penalty.regression.linalg import InTurn
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
@@ -582,7 +587,9 @@ class Penalty(Estimator):
             """Solve the SDP without the limits that are not convex."""
             return PosedSdp(task, problem).fit()
 
-        return fit_penalty(task, problem, self.starts, self.tolerance, relaxation)
+        return proved(
+            fit_penalty(task, problem, self.starts, self.tolerance, relaxation)
+        )
 
     def data(self, task: Task) -> LeastSquares:
         """Return the loss that is minimised: that of the torque."""

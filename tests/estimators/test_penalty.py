@@ -2,6 +2,7 @@
 eigenvalues."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from numpy.testing import assert_allclose
 from random_robots import link_parameters, open_problem, posed_task, sines, tree
 
 from sdp_vs_penalty import Measurements
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation import certify
 from sdp_vs_penalty.estimators import (
     LmiSdp,
@@ -150,6 +152,14 @@ def test_a_loose_relaxation_of_a_convex_problem_is_the_last_start(monkeypatch):
     fit = Penalty(joint_prior=0.0).fit(task)
     assert len(fit.details["runs"]) == 2
     assert fit.gap <= 1e-8
+
+
+@pytest.mark.parametrize("gap", [1.0, 1.5, np.nan])
+def test_an_answer_of_which_nothing_is_proved_is_none(gap, monkeypatch):
+    unproved = SimpleNamespace(gap=gap, upper=1e31)
+    monkeypatch.setattr(penalty, "fit_penalty", lambda *_: unproved)
+    with pytest.raises(InputError, match=r"not found: .* lengths in mm .*--fix"):
+        Penalty().fit(little_motion(0))
 
 
 @pytest.mark.long
