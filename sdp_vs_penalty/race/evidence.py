@@ -10,7 +10,7 @@ N(m, P^-1), A_j their columns:
             - 1/2 log det(H P^-1) + sum_j log 2 Phi(z_j),    H = P + sum_j N_j / S_j A_j^T A_j,
 
 z_j the mean power of joint j's friction over its standard deviation: friction takes power.
-It is free of units and gains of the channels.
+The evidence does not depend on units and gains of the channels.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, nonzero_or_one
 
 #: Rounds of reweighting each joint by its own residual.
 _ROUNDS = 4
-#: Least share of the rows that own columns are taken to leave [-].
+#: Least share of the independent rows that counts, however many own columns there are [-].
 _LEAST_SHARE = 0.1
-#: Factor of the spread of a link that is a guess.
+#: Factor of the prior standard deviations of a link whose parameters are a guess [-].
 _GUESSED = 3.0
-#: By how much a URDF's centre of mass is off, in the joint's reach (standard deviation).
+#: Standard deviation of a URDF's centre of mass, over the joint's reach [-].
 _CENTRE = 1.0 / 15.0
 #: A logarithm's argument, a divisor: no smaller than this.
 _TINY = 1e-280
@@ -50,13 +50,13 @@ _TINY = 1e-280
 class _Prior(NamedTuple):
     """What is known of s parameters beforehand: N(mean, inverse^-1)."""
 
-    #: (s,) what they are expected to be.
+    #: (s,) their expected values.
     mean: Array
     #: (s, s) inverse of their covariance.
     inverse: Array
     #: Natural logarithm of the inverse's determinant.
     log_determinant: float
-    #: (s, s) their covariance by what a URDF's centres of mass are off.
+    #: (s, s) their covariance that errors of a URDF's centres of mass make.
     of_centres: Array
 
 
@@ -66,8 +66,8 @@ class _Columns:
 
     #: Columns of the links and further ones, and a basis of each joint's own.
     rows: RepairedRows
-    #: (n, M) velocity without what inertia's torque shows, of unit norm: the probe of
-    #: friction's power.
+    #: (n, M) the probe of friction's power: velocity without its part in proportion to the
+    #: acceleration, of unit norm, so that an inertia has no part in the power.
     probe: Array
     #: (n, s) products of the probe with the columns.
     power: Array
@@ -85,13 +85,13 @@ class ViewFit:
     columns: _Columns
     #: (n, s) products of the projected columns with the torque.
     cross: Array
-    #: (n,) squared torque beside own columns.
+    #: (n,) squared torque with own columns projected out.
     energy: Array
     #: (n,) squared torque.
     total: Array
     #: (n,) product of the probe with the torque.
     probed: Array
-    #: Rows that are worth one.
+    #: Number of correlated rows that are worth one independent row.
     v: float = 1.0
     #: (s,) parameters of the links, then sizes of further columns.
     theta: Array = None  # type: ignore[assignment]
@@ -105,7 +105,7 @@ class ViewFit:
     information: Array = None  # type: ignore[assignment]
     #: Log evidence.
     value: float = 0.0
-    #: What friction's power has of it, whether or not it is counted.
+    #: Log evidence of friction's power, whether or not ``value`` holds it.
     physics: float = 0.0
 
     @property
@@ -126,8 +126,8 @@ class ViewFit:
 
     @property
     def is_poorly_explained(self) -> Mask:
-        """(n,) whether more of a joint's torque is left than friction laws and filters
-        err by: its motion may be another one."""
+        """(n,) whether the arm leaves more of a joint's torque than errors of friction laws
+        and filters: its logged motion may be wrong."""
         return self.shares > c.POORLY
 
 
@@ -192,9 +192,12 @@ class _Products:
         )
 
     def _sizes(self, energy: Array, mean: Array) -> Array:
-        """Return the size (K,) of the torques of the median joint, of squares ``energy``
-        (K, n), beside those of the nominal arm, of parameters ``mean`` (s,); 1 where there
-        is none. A single joint, which may be explained best, sets the size of no other."""
+        """Return the size (K,) of the arms beside the nominal one, of parameters ``mean``
+        (s,): the median over the joints of torque over nominal torque, by squared torques
+        ``energy`` (K, n); 1 where the nominal arm has no torque.
+
+        Of the median, no single joint sets the size of the others.
+        """
         of_nominal = np.empty_like(self.energy)
         for at, gram in self.grams:
             of_nominal[at] = gram @ mean @ mean
@@ -207,10 +210,10 @@ class _Products:
     ) -> _Arms:
         """Fit an arm to each view, of n_rows (K, n) independent rows of each joint.
 
-        Each round weights a joint's rows by its residual, and scales the prior of the
-        first ``n_links`` parameters, the links', by how large the fitted arm is beside
-        the nominal one: at first by the size of the torques, for a prior of another
-        size would hold the arm fast at its own.
+        Each round weights a joint's rows by its residual. It also scales the prior of the
+        links, the first ``n_links`` parameters, by the size of the arm beside the nominal
+        one. The first round takes the size of the torques, since a prior of a wrong size
+        would pull the fit to that size.
         """
         mean, inverse = prior.mean, prior.inverse
         s, count = len(mean), len(n_rows)
@@ -250,8 +253,8 @@ class _Products:
 
 
 def _evidence_of_fit(arms: _Arms, total: Array, n_rows: Array, prior: _Prior) -> Array:
-    """Return the log evidence (K,) of fitted arms without that of friction, as in the
-    module's equation, where another size of the whole arm has a price as well.
+    """Return the log evidence (K,) of fitted arms, without that of friction: the module's
+    equation, less the price of a size of the whole arm that is not the nominal one.
 
     total, n_rows (K, n) : squared torques, and numbers of independent rows.
     """
@@ -289,9 +292,10 @@ class Evidence:
     def _prior_of_links(self) -> _Prior:
         """Return the prior of the links' independent parameters.
 
-        Of each nominal link the mass is known to a half, its centre to a fifteenth of the
-        joint's reach, its inertia to that of two fifths of it; of a guess to three times
-        as much, as the centre of a last link.
+        Standard deviations of a nominal link: half of its mass; a fifteenth of the joint's
+        reach for its centre; the inertia of its mass at two fifths of the reach. They are
+        three times as large for a link that is a guess, and for the centre of the last
+        link, which may carry a tool.
         """
         data, problem = self.log.data, self.log.problem
         if data.shared is None:
@@ -307,12 +311,12 @@ class Evidence:
         centres = np.zeros_like(spread)
         centres[:, 1:4] = _CENTRE * (mass * reach)[:, None]
         spread[:, 1:4] = 0.5 * np.abs(links[:, 1:4]) + centres[:, 1:4]
-        spread[-1, 1:4] += (_GUESSED - 1.0) * centres[-1, 1:4]  # it may carry a tool
+        spread[-1, 1:4] += (_GUESSED - 1.0) * centres[-1, 1:4]
         inertia = mass * (0.4 * reach) ** 2
         spread[:, 4:] = inertia[:, None] + np.abs(links[:, 4:])
         p = len(data.shared.parameters)
         rigid = data.shared.rigid_indices
-        # Couplings and what else joints share: as large as links.
+        # Couplings, and other parameters that joints share, may be as large as a link's.
         mean, sd = np.zeros(p), np.full(p, np.median(spread[:, 0], axis=0))
         mean[rigid] = links.ravel()[: len(rigid)]
         sd[rigid] = spread.ravel()[: len(rigid)]
@@ -333,9 +337,9 @@ class Evidence:
         return np.asarray(np.linalg.inv(self._prior.inverse), float)
 
     def nominal_size(self, columns: Array) -> float:
-        """Return the size of the torques that the nominal links need, as far as their
-        centres are known: the root of the squares that are expected of columns (n, M, s)
-        of the links' independent parameters."""
+        """Return the expected size of the nominal links' torques: the root of the expected
+        sum of squares, by columns (n, M, s) of the links' independent parameters. Centres
+        of mass are known as the prior says."""
         gram = np.tensordot(columns, columns, ((0, 1), (0, 1)))
         mean = self._prior.mean
         second_moment = np.outer(mean, mean) + self._prior.of_centres
@@ -368,21 +372,21 @@ class Evidence:
         if motion.parts:
             raw, states, mask = raw.copy(), states.copy(), mask.copy()
             own = self._own_columns(chain, chain)
-            is_own_alike = True
-            for part, beside in motion.parts:
-                at, other = self.rows_of(part), beside.followed_by(chain)
-                raw[:, at] = log.raw(other)[:, at]
-                mask[:, at] = log.torque_mask(other)[:, at]
-                states[:, :, at] = np.stack(self._states(other))[:, :, at]
-                turned = self._own_columns(other, chain)[:, at]
-                is_own_alike &= np.array_equal(own[:, at], turned)
-                own[:, at] = turned
-                for event in beside.events:
+            is_own_changed = False
+            for part, transform in motion.parts:
+                at, of_part = self.rows_of(part), transform.followed_by(chain)
+                raw[:, at] = log.raw(of_part)[:, at]
+                mask[:, at] = log.torque_mask(of_part)[:, at]
+                states[:, :, at] = np.stack(self._states(of_part))[:, :, at]
+                own_of_part = self._own_columns(of_part, chain)[:, at]
+                is_own_changed |= not np.array_equal(own[:, at], own_of_part)
+                own[:, at] = own_of_part
+                for event in transform.events:
                     column = np.zeros((*own.shape[:2], 1))
                     column[event.joint, at] = event.shape(log.data.motion.t[at])
                     own = np.concatenate([own, column], axis=2)
-                    is_own_alike = False
-            if not is_own_alike:
+                    is_own_changed = True
+            if is_own_changed:  # else the basis of all rows, which is cached, is that
                 basis = orthonormal(own * mask[:, :, None])
         if motion.further:
             further = [x.columns * mask[:, :, None] for x in motion.further]
@@ -396,9 +400,9 @@ class Evidence:
         return _Columns(rows, probe, power, mask.sum(axis=1))
 
     def _own_columns(self, part: LogTransform, whole: LogTransform) -> Array:
-        """Return the joints' own columns (n, M, k) under the transform of a part, so
-        that they go on those of the whole log: friction, which follows the sign of the
-        velocity, turns round with it, and the offset does not."""
+        """Return the joints' own columns (n, M, k) under the transform of a part, for the
+        parameters that they have in the whole log. Columns of friction change their sign
+        where the part's velocity does; the offset keeps its sign."""
         data = self.log.data
         columns = data.own_columns[list(part.order)]
         sign = np.sign(np.array(part.scale) / np.array(whole.scale))
@@ -422,25 +426,25 @@ class Evidence:
         return torque
 
     def _total(self, view: LogView, squares: Array) -> Array:
-        """Return the squared torque (n,) to which what is left is compared, so that the
-        evidence is free of gains; squares (n,) : of the view's torque.
+        """Return the squared torque (n,) that residuals are divided by, so that the evidence
+        does not depend on gains; squares (n,) : squared torque of the view.
 
-        Where parts have gains of their own it is that of all rows without these, times
-        the gains, each by the share of its rows.
+        If parts have gains of their own, it is the squared torque without these gains,
+        times each squared gain to the power of its part's share of the rows.
         """
         if not view.parts:
             return np.maximum(squares, _TINY)
         total = np.sum(self.log.channels(view.chain) ** 2, axis=1)
-        for part, beside in view.parts:
+        for part, transform in view.parts:
             share = np.mean(self.rows_of(part))
-            total = total * np.abs(beside.torque_factors) ** (2.0 * share)
+            total = total * np.abs(transform.torque_factors) ** (2.0 * share)
         return np.maximum(total, _TINY)
 
     # -- fits
 
     def _unfitted(self, columns: _Columns, views: Sequence[LogView]) -> list[ViewFit]:
-        """Return the fits of K views of one motion before they are fitted: only with
-        the products of torque and columns, which :meth:`fitted` needs."""
+        """Return what :meth:`fitted` needs of K views of one motion: fits that have the
+        products of torque and columns, and no parameters yet."""
         torques = np.stack([self._torque(view) for view in views], axis=-1)  # (n, M, K)
         without_own = columns.rows.project_out_own(torques)  # (n, M, K)
         cross = columns.rows.products_with(without_own)  # (n, K, s)
@@ -460,7 +464,7 @@ class Evidence:
         ]
 
     def fit(self, view: LogView, v: float) -> ViewFit:
-        """Fit one arm to the rows of one view; v : rows that are worth one."""
+        """Fit one arm to the rows of one view; v : rows worth one independent row."""
         unfitted = self._unfitted(self._columns(view.motion), [view])
         return self.fitted(unfitted, v)[0]
 
@@ -484,11 +488,11 @@ class Evidence:
         motions = [*by_motion]
         at_a_time = max(1, ROWS_AT_A_TIME // self.log.data.count)
         for first in range(0, len(motions), at_a_time):
-            some = motions[first : first + at_a_time]
-            self.log.prepare_columns([x for motion in some for x in motion.chains])
-            places = [k for motion in some for k in by_motion[motion]]
+            batch = motions[first : first + at_a_time]
+            self.log.prepare_columns([x for motion in batch for x in motion.chains])
+            places = [k for motion in batch for k in by_motion[motion]]
             unfitted: list[ViewFit] = []
-            for motion in some:
+            for motion in batch:
                 of_motion = [views[k] for k in by_motion[motion]]
                 unfitted += self._unfitted(self._columns(motion), of_motion)
             values[places] = [x.value for x in self.fitted(unfitted, v, rounds)]
@@ -507,7 +511,8 @@ class Evidence:
         value = _evidence_of_fit(arms, stacked.total, n_rows, prior)
         value -= [self._price_of_events(x, v) for x in products]
         value += [self._of_velocity(x.view) + self.of_ranges(x.view) for x in products]
-        # Each mean power of friction (K, n), and the likeness of the links (K,).
+        # Mean power of each joint's friction (K, n), and the variance of it and of the
+        # links' likeness to the nominal ones (K, n + 1).
         of_arms = (stacked.probe_on_columns @ arms.theta[..., None])[..., 0]
         power = stacked.probe_on_torque - of_arms
         known = np.concatenate(
@@ -519,8 +524,8 @@ class Evidence:
         sd_of_power = np.sqrt(np.maximum(arms.left / n_rows + variance[:, :-1], _TINY))
         log_odds = np.log(2.0) + log_ndtr(directions[:, None] * power / sd_of_power)
         physics = np.sum(np.maximum(log_odds, -c.MAX_PHYSICS_LOG_ODDS), axis=1)
-        # The links: they are like the nominal ones, and not like their mirror image, unless
-        # their centres are so near the axes that they may lie beyond them.
+        # The links resemble the nominal ones rather than their mirror image, unless their
+        # centres are so near the axes that they may lie on the other side.
         sd_of_likeness = np.sqrt(np.maximum(variance[:, -1], _TINY))
         log_odds_of_mirror = np.log(2.0) + log_ndtr(arms.likeness / sd_of_likeness)
         beforehand = np.sqrt(
@@ -529,7 +534,8 @@ class Evidence:
         expected = arms.nominal @ prior.mean / np.maximum(beforehand, _TINY)
         least = np.maximum(np.log(2.0) + log_ndtr(-expected), -c.MAX_PHYSICS_LOG_ODDS)
         value += np.maximum(log_odds_of_mirror, least)
-        # A controller that compensates friction leaves little of it: more costs.
+        # A controller that compensates friction leaves little of it, of either sign: the
+        # more is left, the more it costs.
         shares = power / np.sqrt(stacked.total)
         cost = np.minimum(0.5 * (shares / c.COMPENSATED) ** 2, c.MAX_PHYSICS_LOG_ODDS)
         is_real = np.array([x.view.is_friction_real for x in products])
@@ -555,7 +561,7 @@ class Evidence:
         return fits
 
     def worth(self, fit: ViewFit, v: float) -> ViewFit:
-        """Return a fit with v rows worth one; itself where they are already."""
+        """Return a fit with v rows worth one independent row; itself if it has this v."""
         return fit if fit.v == v else self.fitted([fit], v)[0]
 
     def _independent(self, fit: ViewFit, v: float) -> Array:
@@ -566,8 +572,9 @@ class Evidence:
         return np.maximum(count - n_own, _LEAST_SHARE * count)
 
     def _of_velocity(self, view: LogView) -> float:
-        """Return the log evidence of the logged velocities' signs: one that is turned says
-        that the rows of its run are, and one that is not forbids it."""
+        """Return the log evidence of the logged velocities' signs. If the velocities of a
+        run have the other sign than its positions' derivative, its rows are in reverse
+        order; if they have the same sign, its rows are in order."""
         of_parts = {part.run: transform.reversed for part, transform in view.parts}
         evidence = 0.0
         for run, sign in enumerate(self.log.data.velocity_signs):
@@ -580,8 +587,8 @@ class Evidence:
 
     @cached_property
     def _farthest(self) -> dict[int, Array]:
-        """By the run (2, n) the smallest and the largest position of each channel; of runs
-        alone whose angles lie far outside the joints' ranges."""
+        """(2, n) smallest and largest position of each channel, by run; only runs whose
+        angles lie far outside the joints' ranges."""
         q, runs = self.log.data.motion.q, self.log.data.run
         ends = {}
         for run in np.unique(runs).tolist():
@@ -595,8 +602,9 @@ class Evidence:
         return any(j in self.log.revolute for j in far)
 
     def of_ranges(self, view: LogView) -> float:
-        """Return the log evidence of the joints' ranges, of rows that are outside of them as
-        logged: they cannot be where a view has them, however well it explains."""
+        """Return the log evidence of the joints' ranges: 0, or the lowest there is if a view
+        leaves angles far outside the ranges, however well it explains the torques. Only
+        runs that are so as logged are looked at."""
         of_parts = {part.run: transform for part, transform in view.parts}
         for run, logged in self._farthest.items():
             before, chain = of_parts.get(run), view.chain
@@ -619,7 +627,8 @@ class Evidence:
         return beside_own - rows.projected @ fit.theta
 
     def rows_worth_one(self, fit: ViewFit) -> float:
-        """Return how many rows are worth one, by how long the residual stays alike."""
+        """Return how many rows are worth one independent row, by the correlation of the
+        residual."""
         residual = self.residual(fit)[self.log.moving]
         return max(1.0, residual.shape[1] / independent_rows(residual))
 
@@ -628,19 +637,21 @@ class Evidence:
     def slopes(
         self, fit: ViewFit, hypotheses: Sequence[Hypothesis], sizes: Sequence[float]
     ) -> Array:
-        """Return the torque (n, M, r) per unit of the number of each hypothesis at a
-        size, in the logged channels' size: beside a gain it is all that the model makes
-        of the channel. It is 0 on rows that a hypothesis is not about.
+        """Return the torque (n, M, r) per unit of the number of each hypothesis at a size;
+        0 on rows that the hypothesis is not about.
+
+        The slope by a gain is minus the modelled torque: the logged torque keeps its size,
+        and the model's is divided by the gain.
         """
         modelled = self._torque(fit.view) - self.residual(fit)
         slopes = np.zeros((*modelled.shape, len(hypotheses)))
-        # A number changes the same torque in every part that it is of.
-        alike: dict[tuple[Number | None, float, bool], list[int]] = {}
+        # Hypotheses about one number of several parts share a slope: only their rows differ.
+        places_by_number: dict[tuple[Number | None, float, bool], list[int]] = {}
         for k, (h, size) in enumerate(zip(hypotheses, sizes, strict=True)):
-            alike.setdefault((h.number, size, h.part is None), []).append(k)
+            places_by_number.setdefault((h.number, size, h.part is None), []).append(k)
         # Places of columns, step of their number, transform at the size and a step on.
         moved: list[tuple[list[int], float, LogTransform, LogTransform]] = []
-        for (number, size, _), places in alike.items():
+        for (number, size, _), places in places_by_number.items():
             assert number is not None
             if number.field == "gain":
                 for j in number.joints:
@@ -679,7 +690,8 @@ class Evidence:
         with_arm = np.tensordot(rows.projected[moving], weighted, ((0, 1), (0, 1)))
         alone = np.einsum("jmr,jmr->r", beside_own, weighted)
         of_arm = np.sum(with_arm * np.linalg.solve(fit.information, with_arm), axis=0)
-        # Rounding leaves nothing of what the arm's parameters span.
+        # Where the arm's parameters span a column, rounding errors must not count as
+        # information.
         information = np.maximum(alone - of_arm, 1e-9 * alone)
         score = np.einsum("jmr,jm->r", weighted, self.residual(fit)[moving])
         return score / np.maximum(information + sd**-2.0, _TINY), information
@@ -688,11 +700,11 @@ class Evidence:
         self, fit: ViewFit, groups: Sequence[tuple[Array, Array]]
     ) -> tuple[Array, Array]:
         """Return log-odds and first size of each of several groups of further columns,
-        the arm and the noise adapted to first order.
+        with arm and noise fitted anew to first order.
 
-        A group's columns (n, M, r) are z beside the arm's and each joint's own; with r
-        the residual, joint j's squared residual S_j becomes
-        S_j - 2 x z_j^T r_j + x^T z_j^T z_j x.
+        z is what is left of a group's columns beside the arm's and each joint's own. With
+        sizes x and the residual e, joint j's squared residual S_j becomes
+        S_j - 2 x^T z_j^T e_j + x^T z_j^T z_j x.
 
         Parameters
         ----------
@@ -740,7 +752,7 @@ class Evidence:
         by_group = z.transpose(2, 0, 3, 1)  # (G, n, r, M)
         gram = by_group @ by_group.swapaxes(2, 3)  # (G, n, r, r)
         score = score.swapaxes(0, 1)  # (G, n, r)
-        # Rounding leaves nothing of what the arm's parameters span.
+        # Where the arm's parameters span a column, rounding errors must not count.
         ridge = (sd**-2.0 + 1e-9 * alone)[:, :, None] * np.eye(sd.shape[1])
         after = np.broadcast_to(left, score.shape[:2])
         for _ in range(2):
@@ -810,9 +822,11 @@ class Evidence:
         return np.maximum(c.PARTS * left / energy, c.FLOOR), arms
 
     def jackknifed_spread(self, fit: ViewFit, slope: Array) -> float:
-        """Return the standard deviation of a number, from arms fitted without each part:
-        what the model lacks differs from part to part, and noise alone would look
-        exact.
+        """Return the jackknifed standard deviation of a number, from arms fitted without
+        each part of the log.
+
+        It holds the errors of the model, which differ from part to part. By the noise alone
+        the number would seem too exact.
 
         Parameters
         ----------

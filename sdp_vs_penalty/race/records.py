@@ -17,18 +17,18 @@ from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 class Number:
     """The size of a hypothesis: one number of a transform, 0 where the log is right.
 
-    Of a factor it is the natural logarithm of its absolute value.
+    The size of a factor is the natural logarithm of its absolute value.
     """
 
     #: Field of the transform.
     field: str
-    #: Joints from 0 whose entries it is; empty for a field of all.
+    #: Joints (from 0) whose entries have this number; empty for a field without joints.
     joints: tuple[int, ...]
-    #: Standard deviation of the size beforehand, in its own unit.
+    #: Prior standard deviation of the size, in its own unit.
     sd: float
-    #: Size that arms and loggers differ by themselves: up to there it is no fault.
+    #: Largest size that healthy arms and loggers have: up to there it is no fault.
     usual: float = 0.0
-    #: The same below zero; None: as far.
+    #: The same below zero, as a positive number; None: as above zero.
     usual_below: float | None = None
     #: Whether the entries are factors.
     is_factor: bool = False
@@ -38,9 +38,10 @@ class Number:
     widest: float = 1e9
     #: Sizes that are likelier than others: a quarter turn, a factor of ten.
     round_sizes: tuple[float, ...] = ()
-    #: Farthest from a size that is likelier than others with which it is taken as that.
+    #: Largest distance from a round size at which the size is rounded to it.
     rounded_within: float = 1e9
-    #: Half of the widest 95 % interval with which it is repaired: a wider one is asked for.
+    #: Half of the widest 95 % interval with which a log is repaired: with a wider one the
+    #: user is asked for the size.
     known_within: float = 1e9
     #: Smallest and largest possible size.
     limits: tuple[float, float] = (-1e9, 1e9)
@@ -65,7 +66,8 @@ class Number:
 
 
 def factor_of(field: str, joints: tuple[int, ...]) -> Number:
-    """Return a factor that drives and loggers know to a few per cent, e^2 at most."""
+    """Return the number of a factor that drives and loggers know to a few per cent; it is
+    tried from e^-2 to e^2."""
     return Number(
         field,
         joints,
@@ -122,18 +124,21 @@ class Further:
     sd: Array
     #: Whether the first size is positive: a mass that is added.
     is_positive: bool = False
-    #: First size that arms differ by themselves, to either side: up to there it is no fault.
+    #: Largest absolute value of the first size that healthy arms have: no fault up to there.
     usual: float = 0.0
     #: Span of time outside of which they are zero; None where it is all.
     span: Part | None = None
-    #: The same under another transform, where they hold channels of the log.
+    #: Function that makes the same columns under another transform; None if they do not
+    #: depend on it.
     under: Callable[[LogTransform], Further] | None = None
 
 
 @dataclass(frozen=True)
 class LogView:
-    """How rows are seen: under a transform, which in some parts another one precedes, and
-    with further columns of torque."""
+    """How rows are seen: under a transform of all rows, with further columns of torque.
+
+    Rows of some parts are changed by a transform of their own first.
+    """
 
     #: What is done to all rows.
     chain: LogTransform
@@ -146,7 +151,7 @@ class LogView:
 
     @property
     def motion(self) -> LogView:
-        """The view without what is done to torques alone: columns depend on no more."""
+        """The view without changes of torques alone, on which no column depends."""
         moved = []
         for part, transform in self.parts:
             # Friction of a part that runs backwards differs from that of the others.
@@ -157,7 +162,8 @@ class LogView:
 
     @property
     def chains(self) -> list[LogTransform]:
-        """What is done to all rows, and to those of each part in all."""
+        """The transform of all rows, then for each part the one transform that does what
+        is done to its rows."""
         return [self.chain, *(x.followed_by(self.chain) for _, x in self.parts)]
 
     def under(self, chain: LogTransform) -> LogView:
@@ -168,7 +174,8 @@ class LogView:
         return replace(self, chain=chain, further=further)
 
     def with_part(self, part: Part, chain: LogTransform) -> LogView:
-        """Return the view with one more transform of a part, before what it has."""
+        """Return the view with one more transform of a part, before those that the part
+        has."""
         parts = dict(self.parts)
         parts[part] = chain.followed_by(parts[part]) if part in parts else chain
         return replace(self, parts=tuple(parts.items()))
@@ -199,8 +206,8 @@ class Hypothesis:
     further_at: Callable[[float], Further] | None = None
     #: Whether friction takes power under it.
     is_friction_real: bool = True
-    #: Whether the sign of friction alone tells it, which a missing law or a controller that
-    #: subtracts friction makes as well.
+    #: Whether only the sign of friction shows it. A missing law, or a controller that
+    #: subtracts friction, changes that sign as well.
     tells_by_friction: bool = False
     #: What an effect of the arm is, in words; empty for a fault of the log.
     effect: str = ""
@@ -221,14 +228,14 @@ class Hypothesis:
         return self.kind, self.joints, self.part
 
     def at_size(self, base: LogTransform, size: float) -> LogTransform:
-        """Return what is done to its rows at a size of its number, beside what is done
+        """Return the transform of its rows at a size of its number; ``base`` is what is done
         to all rows."""
         assert self.number is not None
         chain = self.number.at(self.chain, size)
         return chain if self.part is None else chain.followed_by(base)
 
     def applied_to(self, view: LogView, size: float | None = None) -> LogView:
-        """Return how rows are seen where the hypothesis holds beside what a view has.
+        """Return a view with the hypothesis added.
 
         Parameters
         ----------
@@ -250,14 +257,14 @@ class Hypothesis:
 def at_sizes(
     kind: str,
     log_prior: float,
-    now: LogTransform,
+    chain: LogTransform,
     number: Number,
-    sizes: Iterable[float] = (0.0,),
+    changes: Iterable[float] = (0.0,),
 ) -> Iterator[Hypothesis]:
-    """Yield hypotheses about one number, from each of several sizes beyond what a
-    transform has: the race refines them."""
-    for size in sizes:
-        chain = now
-        if size:
-            chain = number.at(now, number.size_in(now) + size)
-        yield Hypothesis(kind, number.joints, log_prior, chain, number)
+    """Yield hypotheses about one number of a transform, one for each change of its size:
+    the sizes that the race begins from, and refines."""
+    for change in changes:
+        changed = chain
+        if change:
+            changed = number.at(chain, number.size_in(chain) + change)
+        yield Hypothesis(kind, number.joints, log_prior, changed, number)

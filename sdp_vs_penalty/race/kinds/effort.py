@@ -10,20 +10,23 @@ from sdp_vs_penalty.race.fault import Fault, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis
 
-#: A drive exceeds its limit by less than this share for longer than an instant.
+#: A torque above this many times its drive's limit is beyond it [-]: drives exceed their
+#: limits by less.
 _ABOVE_LIMIT = 1.05
-#: A torque that exceeds it by more than this factor has another unit (N cm are 100).
+#: A torque above this many times the limit has another unit (N cm are 100 times N m) [-].
 _OTHER_UNIT = 30.0
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield the effort limit of each joint whose torque lies beyond it; where those of most
-    joints do, the torques have another unit."""
+    """Yield the effort limit of each joint whose torque lies beyond it; nothing if the
+    torques of most joints do: they have another unit."""
     log, now = evidence.log, fit.chain
     largest = np.abs(log.torques(now)).max(axis=1)  # (n,)
     limits = np.array([joint.effort or np.inf for joint in log.problem.robot.joints])
     n_beyond = np.count_nonzero(largest > _ABOVE_LIMIT * limits)
-    for j in log.joints if log.n == 1 or 2 * n_beyond <= log.n else ():
+    if log.n > 1 and 2 * n_beyond > log.n:
+        return
+    for j in log.joints:
         limit = float(limits[j])
         if _ABOVE_LIMIT * limit < largest[j] < _OTHER_UNIT * limit:
             chain = now.with_entries("limit", (j,), limit)
@@ -32,7 +35,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
-    """Yield a fault for each joint whose limit stands in the place of commands."""
+    """Yield a fault for each joint whose commands the transform replaces by its limit."""
     for j in np.flatnonzero(chain.limit).tolist():
         factor = abs(chain.torque_factors[j])
         largest = factor * log.data.largest[chain.tau_order[j]]

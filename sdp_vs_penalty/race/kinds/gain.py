@@ -1,5 +1,5 @@
-"""Channels too large or too small beside their neighbours'. A factor that all have in common
-is not seen by what joints share: that is the size of torques."""
+"""Torque channels that are too large or too small beside the others. A factor that all
+channels have in common is not seen here: links of other masses fit it as well."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -40,16 +40,18 @@ def _number(joints: tuple[int, ...], sd: float = _SD) -> Number:
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield a factor of each joint's torque, near one and of a unit."""
     log, now = evidence.log, fit.chain
-    for j in log.joints if log.n > 1 else ():
-        prior = prior_of_one_of(log.n)
+    if log.n == 1:
+        return  # a factor of all torques is not seen
+    prior = prior_of_one_of(log.n)
+    for j in log.joints:
         yield from at_sizes("torque gain", prior, now, _number((j,)))
         unit, factors = _number((j,), _SD_OF_UNITS), np.log(_GAINS)
         yield from at_sizes("torque gain", prior - np.log(2.0), now, unit, factors)
 
 
 def of_all_torques(now: LogTransform) -> Iterator[Hypothesis]:
-    """Yield a factor of all torques, near one and of a unit, which only a part of the rows
-    shows, beside the others."""
+    """Yield a factor of all torques, near one and of a unit. Only a part of the rows can show
+    it, beside the other rows."""
     number = _number(tuple(range(now.n)), _SD_OF_UNITS)
     sizes = np.log([1.0, 1e-3, 1e3])
     return at_sizes("torque gain", prior_of_one_of(1), now, number, sizes)

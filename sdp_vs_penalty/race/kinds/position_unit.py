@@ -5,7 +5,7 @@ which look like radians of a small motion, and degrees of a smaller one, where t
 the torques poorly.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,16 +23,18 @@ from sdp_vs_penalty.race.records import Hypothesis, Number
 _TURN = NAMED["turns"]
 #: Natural logarithm of the odds that tell radians from another unit.
 _LEAST_TO_TELL = 6.0
-#: Encoders have a hundred counts a turn or a million (natural logarithm, from radians); a
-#: size of counts that is known to less is asked for.
+#: Prior standard deviation of the size of a count (natural logarithm, from radians):
+#: encoders have a hundred counts a turn, or a million. Half of the widest interval of the
+#: size with which positions are repaired; a wider one is asked for.
 _SPREAD_OF_COUNTS, _KNOWN = 6.0, 0.03
 #: First digits of counts a turn that people choose: fractions of a degree, or one digit.
 _CHOSEN = (1.0, 2.0, 3.6, 4.0, 5.0, 8.0)
 #: Half of the widest interval with which it is said at all that positions are counts.
 _WIDEST = 1.5
-#: Joints that are identified move farther than the first [rad]; they move about a radian,
-#: as the standard deviation of the natural logarithm says.
-_LITTLE, _SPREAD_OF_TRAVEL = 0.5, 1.0
+#: A joint that is identified moves farther than this [rad].
+_LITTLE = 0.5
+#: Joints travel about a radian: standard deviation of the travel's natural logarithm.
+_SPREAD_OF_TRAVEL = 1.0
 
 
 @dataclass(frozen=True)
@@ -65,8 +67,8 @@ class PositionUnit:
     def scales_and_middles(
         self, log: Likelihood
     ) -> Mapping[int, tuple[float, float]] | None:
-        """Return scale and middle [rad] of each revolute joint; None where one has no
-        range to share, or moves farther in this unit than any can."""
+        """Return scale and middle [rad] of each revolute joint. None if a joint has no
+        range to share, or moves farther in this unit than any joint can."""
         robot, q = log.problem.robot, log.data.motion.q
         numbers = dict.fromkeys(log.revolute, (self.scale, self.middle))
         if self.is_share:
@@ -80,7 +82,8 @@ class PositionUnit:
                 farthest = np.abs(self.scale * q[:, j] + middle_percent).max()
                 if farthest > LARGEST_PERCENT:
                     return None
-        # Their order may be wrong: none moves farther than any can.
+        # Channels may be in the wrong order: any channel may belong to the joint of the
+        # largest range.
         ranges = [robot.joints[j].upper - robot.joints[j].lower for j in numbers]
         travels = [scale * np.ptp(q[:, j]) for j, (scale, _) in numbers.items()]
         if max(travels, default=0.0) > max(ranges, default=0.0) + ENCODER_ZERO:
@@ -173,41 +176,37 @@ def counts_a_turn(log: Likelihood) -> Number:
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield what prismatic joints that are far beyond their ranges may have been multiplied
-    by, beside which angles may have a unit as well."""
+    """Yield units of angles. If prismatic joints are far beyond their ranges, yield what
+    they may have been multiplied by, and units of angles beside each of these."""
     log = evidence.log
     largest = np.abs(fit.chain.positions(log.data.motion.q)).max(axis=0)  # (n,)
-    beyond_range = [j for j in range(log.n) if largest[j] > _farthest(log, j)]
-    long = tuple(j for j in _prismatic(log) if j in beyond_range)
-    if not long:
-        yield from _of_angles(log, fit, fit.chain, largest, beyond_range)
-    for kind, (scale, _, _) in _OF_RAILS.items() if long else ():
-        now = fit.chain.with_multiplied("scale", long, scale)
-        yield Hypothesis(kind, long, prior_of_one_of(1), now)
-        yield from _of_angles(log, fit, now, largest, beyond_range)
+    rails = tuple(j for j in _prismatic(log) if largest[j] > _farthest(log, j))
+    if not rails:
+        yield from _of_angles(log, fit, fit.chain, largest)
+        return
+    for kind, (scale, _, _) in _OF_RAILS.items():
+        chain = fit.chain.with_multiplied("scale", rails, scale)
+        yield Hypothesis(kind, rails, prior_of_one_of(1), chain)
+        yield from _of_angles(log, fit, chain, largest)
 
 
 def _of_angles(
-    log: Likelihood,
-    fit: ViewFit,
-    now: LogTransform,
-    largest: NDArray[np.float64],
-    beyond_range: Sequence[int],
+    log: Likelihood, fit: ViewFit, chain: LogTransform, largest: NDArray[np.float64]
 ) -> Iterator[Hypothesis]:
-    """Yield units of angles: of all revolute joints, degrees of each single joint that moves
-    beyond a turn, and these beside a sign where positions are far beyond their ranges.
+    """Yield units of angles: of all revolute joints, and degrees of each single joint that
+    moves beyond a turn.
 
-    largest : (n,) largest position of each joint [rad, m]; beyond_range : the joints (from
-    0) that reach far beyond their ranges.
+    largest : (n,) largest position of each joint [rad, m].
     """
     beyond_turn = [j for j in log.revolute if largest[j] > _TURN]
     if not beyond_turn and not fit.is_poorly_explained.any():
         return
-    found = [*_units_of_all(log, now, bool(beyond_turn))]
-    for j in beyond_turn if log.n > 1 else ():  # else the only joint is all joints
-        chain = now.with_multiplied("scale", (j,), _DEGREES.scale)
-        found.append(Hypothesis("position unit", (j,), prior_of_one_of(log.n), chain))
-    yield from found
+    yield from _units_of_all(log, chain, bool(beyond_turn))
+    if log.n == 1:
+        return  # the only joint is all joints
+    for j in beyond_turn:
+        in_degrees = chain.with_multiplied("scale", (j,), _DEGREES.scale)
+        yield Hypothesis("position unit", (j,), prior_of_one_of(log.n), in_degrees)
 
 
 def _units_of_all(
@@ -219,18 +218,19 @@ def _units_of_all(
         return
     for unit in UNITS:
         is_of_little_motion = not unit.is_small or unit is _DEGREES
-        if not (unit.is_small if is_beyond_turn else is_of_little_motion):
+        is_tried = unit.is_small if is_beyond_turn else is_of_little_motion
+        numbers = unit.scales_and_middles(log) if is_tried else None
+        if not numbers:
             continue
-        numbers = unit.scales_and_middles(log)
-        if numbers:
-            has_any_count = unit.kind == COUNTS and not unit.middle
-            number = counts_a_turn(log) if has_any_count else None
-            chain = _in_radians(now, numbers)
-            travels = np.ptp(chain.positions(log.data.motion.q), axis=0)[log.revolute]
-            size = float(np.log(max(travels.max(), 1e-9)))
-            prior = prior_of_one_of(1) + float(np.log(unit.usual))
-            prior -= 0.5 * (size / _SPREAD_OF_TRAVEL) ** 2
-            yield Hypothesis(unit.kind, tuple(numbers), prior, chain, number)
+        # Counts about a middle are those of one encoder; of others the size is estimated.
+        has_free_count = unit.kind == COUNTS and not unit.middle
+        number = counts_a_turn(log) if has_free_count else None
+        chain = _in_radians(now, numbers)
+        travels = np.ptp(chain.positions(log.data.motion.q), axis=0)[log.revolute]
+        log_travel = float(np.log(max(travels.max(), 1e-9)))
+        prior = prior_of_one_of(1) + float(np.log(unit.usual))
+        prior -= 0.5 * (log_travel / _SPREAD_OF_TRAVEL) ** 2
+        yield Hypothesis(unit.kind, tuple(numbers), prior, chain, number)
 
 
 def _prismatic(log: Likelihood) -> list[int]:

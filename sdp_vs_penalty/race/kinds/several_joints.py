@@ -23,9 +23,11 @@ from sdp_vs_penalty.robot.arrays import Indices
 
 #: Standard deviation beforehand of a force [N] and of its moment [N m].
 _FORCE, _MOMENT = 30.0, 6.0
-#: Standard deviation of the ratio of gears, and of their friction and inertia over the
-#: joint's torque [-].
-_RATIO, _SHARE = 1.0, 0.3
+#: Prior standard deviation of the gears' ratio [-].
+_SD_OF_RATIO = 1.0
+#: Prior standard deviation of the gears' friction and inertia, as a share of the joint's
+#: torque [-].
+_SD_OF_SHARE = 0.3
 #: How long somebody pushes [s].
 _SPANS = (0.5, 1.0, 1.5, 2.5, 4.0)
 #: Parameters of a link, and how many of them make its weight.
@@ -98,8 +100,8 @@ def _couplings(log: Likelihood, now: LogTransform) -> Iterator[Hypothesis]:
 
 
 def _worst_spans(evidence: Evidence, fit: ViewFit) -> list[Part]:
-    """List for each length the span in which the arm errs most; spans that are
-    explained already do not count."""
+    """List, for each length of a push, the span in which the arm errs most. Spans that a
+    force explains already do not count."""
     t = evidence.log.data.motion.t
     errors = fit.weights @ evidence.residual(fit) ** 2  # (M,)
     for taken in fit.view.further:
@@ -141,7 +143,7 @@ def _coupling(
     size = np.sqrt(np.mean(columns**2, axis=1)).max(axis=0)
     of_joints = np.sqrt(np.mean(torque**2, axis=1))
     load = np.repeat(of_joints[[a, b]], [len(of_a), len(of_b)])
-    sd = _SHARE * load / np.maximum(size, 1e-12)
-    sd[0] = _RATIO
+    sd = _SD_OF_SHARE * load / np.maximum(size, 1e-12)
+    sd[0] = _SD_OF_RATIO
     under = partial(_coupling, log, a, b, ratio=ratio)
     return Further(columns, np.maximum(sd, 1e-12), under=under)

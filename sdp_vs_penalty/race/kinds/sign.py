@@ -23,7 +23,8 @@ SIGNS = {
 }
 #: Largest number of joints for which every pattern of signs is tried (2^8).
 _MOST_JOINTS = 8
-#: Patterns are tried where friction drives joints by so much (natural logarithm).
+#: Log-odds of friction's power below which friction seems to drive joints: patterns of
+#: torque signs are then tried.
 _FRICTION_DRIVES = -12.0
 
 
@@ -35,39 +36,46 @@ def with_signs(chain: LogTransform, kind: str, joints: tuple[int, ...]) -> LogTr
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield other signs: of all torques, of each torque, of positions of an arm that is
-    poorly explained, and of sets: of torques where friction drives joints, and of joints
-    of such an arm, whose mirror image may stand upside down."""
+    """Yield other signs: of all torques, and of each torque.
+
+    Signs of positions and of joints are tried if the arm is poorly explained. Patterns of
+    several torques are tried if friction seems to drive joints, and patterns of several
+    joints if the arm is poorly explained.
+    """
     log, now, n = evidence.log, fit.chain, evidence.log.n
-    every = tuple(range(n))
-    turned = now.with_multiplied("gain", every, -1.0)
-    yield Hypothesis("torque sign", every, prior_of_one_of(1), turned)
+    all_joints = tuple(range(n))
+    turned = now.with_multiplied("gain", all_joints, -1.0)
+    yield Hypothesis("torque sign", all_joints, prior_of_one_of(1), turned)
     upside_down = tuple(-g for g in now.gravity)
     both = replace(turned, gravity=upside_down)
-    yield Hypothesis("gravity direction", every, 2.0 * prior_of_one_of(1), both)
+    yield Hypothesis("gravity direction", all_joints, 2.0 * prior_of_one_of(1), both)
     prior = prior_of_one_of(n)
     is_poor = bool(fit.is_poorly_explained.any())
     for j in log.joints:
         for kind in SIGNS:
+            # The torque of an only joint is all torques.
             is_tried = n > 1 if kind == "torque sign" else is_poor
             if is_tried:
                 yield Hypothesis(kind, (j,), prior, with_signs(now, kind, (j,)))
-    patterns = ["torque sign"] * (fit.physics <= _FRICTION_DRIVES)
-    patterns += ["joint sign"] * is_poor
     if not 2 < len(log.joints) <= _MOST_JOINTS:
         return
-    # Joints that count the other way are as many single mistakes, or one mistake: another
-    # convention, of 2^n.
+    kinds_of_patterns = []
+    if fit.physics <= _FRICTION_DRIVES:
+        kinds_of_patterns.append("torque sign")
+    if is_poor:
+        kinds_of_patterns.append("joint sign")
+    # Several joints that count the other way are one mistake each, or one mistake in all:
+    # another convention, one of the 2^n.
     odds_of_convention = -c.LOG_ODDS_AGAINST_FAULT - n * float(np.log(2.0))
-    for kind, size in product(patterns, range(2, len(log.joints))):
+    for kind, size in product(kinds_of_patterns, range(2, len(log.joints))):
         for joints in combinations(log.joints, size):
             odds = max(size * prior, odds_of_convention)
             yield Hypothesis(kind, joints, odds, with_signs(now, kind, joints))
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
-    """Yield a fault for each position whose sign is changed alone, one about all joints
-    whose position and torque are, and one about all other torques."""
+    """Yield a fault for each joint of which only the position changes its sign, one for all
+    joints of which position and torque do, and one for all of which only the torque does."""
     is_q_turned = np.array(chain.scale) < 0.0
     is_tau_turned = np.array(chain.gain) < 0.0
     for j in np.flatnonzero(is_q_turned & ~is_tau_turned).tolist():

@@ -16,16 +16,21 @@ def _number(joints: tuple[int, ...]) -> Number:
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield weight that is missing: all of it or 80 %, of all torques, and all of it of
-    single joints. A little weight that is left makes the rest look like inertia under
-    another clock."""
+    """Yield weight that is missing: all of it or 80 % from all torques, and all of it from
+    single joints.
+
+    80 % is tried as well, because a little weight that is left beside much inertia looks
+    like another clock rate.
+    """
     log, now = evidence.log, fit.chain
     if not any(now.gravity):
         return
-    kind, every = "gravity removed", tuple(range(log.n))
-    yield from at_sizes(kind, prior_of_one_of(1), now, _number(every), (1.0, 0.8))
-    for j in log.revolute if log.n > 1 else ():
-        prior = prior_of_one_of(log.n)
+    kind, number = "gravity removed", _number(tuple(range(log.n)))
+    yield from at_sizes(kind, prior_of_one_of(1), now, number, (1.0, 0.8))
+    if log.n == 1:
+        return  # the only joint is all joints
+    prior = prior_of_one_of(log.n)
+    for j in log.revolute:
         yield from at_sizes(kind, prior, now, _number((j,)), (1.0,))
 
 

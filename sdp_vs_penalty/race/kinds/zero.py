@@ -56,7 +56,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
             yield Hypothesis("encoder offset", (j,), odds, chain, number)
     if not (fit.shares > c.BADLY).any():
         return
-    # Of two joints that are turned neither shows by itself.
+    # If two joints are turned, undoing one of them alone explains little.
     joints = [j for j in log.revolute if j]
     for a, b in combinations(joints, 2):
         for first, second in product(_QUARTERS, _QUARTERS):
@@ -80,7 +80,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         offset = float(offsets[j])
         of_size = degrees_text if j in log.revolute else _metres
         unit = log.problem.robot.position_units[j]
-        # The mounting about the first axis.
+        # A base that is turned about the first axis has the same effect.
         is_mounting = j == 0 and j in log.revolute
         base = ", or its base is turned as much about that axis" * is_mounting
         yield Fault(
