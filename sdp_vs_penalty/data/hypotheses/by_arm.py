@@ -17,7 +17,7 @@ from sdp_vs_penalty.data.hypotheses.arm import (
 )
 from sdp_vs_penalty.data.hypotheses.channels import Recognition
 from sdp_vs_penalty.data.hypotheses.recognition import is_current, with_torque
-from sdp_vs_penalty.data.hypotheses.renaming import factors_and_zeros
+from sdp_vs_penalty.data.hypotheses.renaming import factors_and_zeros, one_or_each
 from sdp_vs_penalty.data.hypotheses.weighing import (
     CERTAIN,
     DEGREES_OR_PERCENT,
@@ -88,15 +88,15 @@ class _Unit:
     def scale_words(self, robot: Robot) -> str:
         """Format the value of ``--scale q=`` that makes SI units of them."""
         words = list[str]()
-        zeros = (-self.middle / self.scale).tolist()
+        zeros = (-self.middle / self.scale).tolist()  # where scale q + middle is 0
         for joint, factor, zero in zip(
             robot.joints, self.scale.tolist(), zeros, strict=True
         ):
-            is_length = joint.kind == "prismatic"
-            said = "m mm" if is_length else "rad"
-            unit = unit_of_factor(factor, "q", said) or f"{factor:.9g}"
+            # A factor is written as a unit of the joint's kind: 0.001 is mm or mrad.
+            kind = "m mm" if joint.kind == "prismatic" else "rad"
+            unit = unit_of_factor(factor, "q", kind) or f"{factor:.9g}"
             words.append(f"{unit}@{zero:g}" if zero else unit)
-        return words[0] if len({*words}) == 1 else ":".join(words)
+        return one_or_each(words)
 
 
 def fit_of(
@@ -208,10 +208,12 @@ def with_unit_of_positions(
     return replace(found, is_of_arm=True), {**blocks, **moved}
 
 
-#: Steps by which gears' ratios are sought, of all joints and then of each, and what a step
-#: has to leave.
-_FAR_LESS = 0.99
-_OF_RATIOS, _STEPS_OF_RATIO, _N_RATIOS = 1.07, (1.15, 1.04, 1.01), 25
+#: Ratios that are tried for all joints at once: the step from one to the next, and how many.
+_STEP_OF_COMMON_RATIO, _N_COMMON_RATIOS = 1.07, 25
+#: Steps by which the best of them is then refined.
+_STEPS_OF_RATIOS = (1.15, 1.04, 1.01)
+#: A step is taken if the arm then leaves less than so many times what it left before.
+_LESS = 0.99
 
 
 def _explains(fit: ChannelFit | None) -> bool:
@@ -222,42 +224,75 @@ def _explains(fit: ChannelFit | None) -> bool:
 def _with_possible_gears(
     found: Recognition, robot: Robot, q: Array, tau: Array, fit: Fit, apart: Fit
 ) -> Recognition:
-    """Propose the motors' angles q (N, n) behind gears whose ratios the arm explains best,
-    if it explains the torques so: first one ratio of all joints, then each its own."""
-    turning = _revolute(robot)
-    reach = np.array([max(-x.lower, x.upper) for x in robot.joints]) + ENCODER_ZERO
-    least = np.abs(q).max(axis=0) / reach
-    if robot.transmission is not None or not np.isfinite(least).all():
+    """Propose ``--motors`` with the likeliest gear ratios, if positions q (N, n) can be
+    angles of motors and the robot declares no transmission."""
+    if robot.transmission is not None:
         return found
-
-    def share(ratios: Array) -> float:
-        of_arm = apart(q / ratios, tau)
-        is_possible = np.all(ratios[turning] >= least[turning])
-        return of_arm.share if of_arm is not None and is_possible else 1.0
-
-    is_turning = np.isin(np.arange(robot.n), turning)
-    common = least[turning].max() * _OF_RATIOS ** np.arange(_N_RATIOS)
-    ratios = min((np.where(is_turning, x, 1.0) for x in common), key=share)
-    best = share(ratios)
-    for step in _STEPS_OF_RATIO:
-        rows = [is_turning, *np.eye(robot.n)[turning]]
-        for row, factor in product(rows, (step, 1.0 / step)):
-            while (left := share(tried := ratios * factor**row)) < _FAR_LESS * best:
-                ratios, best = tried, left
-    if best > EXPLAINS_NONE:
+    ratios, share = _likeliest_ratios(robot, q, tau, apart)
+    if share > EXPLAINS_NONE:
         return found
-    rounded = np.where(is_turning, [float(f"{x:.3g}") for x in ratios], 1.0)
-    sides = [fit(q / rounded, x) or _NO_FIT for x in (rounded * tau, tau)]
+    rounded = np.array([float(f"{x:.3g}") for x in ratios])
+    # A gear multiplies its motor's torque: torques at the motors are that much too small
+    # for the nominal links, torques at the joints are not.
+    of_motors = _distance_to_nominal(fit(q / rounded, rounded * tau))
+    of_joints = _distance_to_nominal(fit(q / rounded, tau))
     words = ",".join(f"{x:g} q{k}" for k, x in enumerate(rounded.tolist(), 1))
-    # Torques of the motors are so many times too small for the nominal links.
-    is_at_joints = abs(np.log(sides[1].size or 1e9)) < abs(np.log(sides[0].size or 1e9))
-    options = ["--motors", words, *["--joint-torque"] * bool(is_at_joints)]
+    options = ["--motors", words]
+    if of_joints < of_motors:
+        options.append("--joint-torque")
     said = (
         f"q may be of motors behind gears of {words}: outside the joints' ranges as radians,"
-        f" and the arm leaves {formatting.percent(best, 2)} of the torques so (write the"
-        " ratios of its data sheet: a joint that bears little hardly tells its own)"
+        f" and with these ratios the arm leaves {formatting.percent(share, 2)} of the"
+        " torques (write the ratios of the data sheet: a joint that bears little hardly"
+        " tells its own)"
     )
     return replace(found, said=(*found.said, said), possible_options=tuple(options))
+
+
+def _likeliest_ratios(
+    robot: Robot, q: Array, tau: Array, apart: Fit
+) -> tuple[Array, float]:
+    """Search the gear ratios (n,), 1 for prismatic joints, by which the arm leaves least of
+    the torques (N, n); return them and the share that it leaves.
+
+    One ratio for all joints comes first. Steps then change all ratios, or a single one.
+    """
+    turning = _revolute(robot)
+    is_turning = np.isin(np.arange(robot.n), turning)
+    reach = np.array([max(-x.lower, x.upper) for x in robot.joints]) + ENCODER_ZERO
+    # By a smaller ratio a joint leaves its range.
+    smallest = np.abs(q).max(axis=0) / reach
+    if not np.isfinite(smallest).all():
+        return np.ones(robot.n), 1.0
+
+    def share_left(ratios: Array) -> float:
+        if np.any(ratios[turning] < smallest[turning]):
+            return 1.0
+        of_arm = apart(q / ratios, tau)
+        return 1.0 if of_arm is None else of_arm.share
+
+    common = _STEP_OF_COMMON_RATIO ** np.arange(_N_COMMON_RATIOS)
+    common = smallest[turning].max() * common
+    ratios = min((np.where(is_turning, x, 1.0) for x in common), key=share_left)
+    share = share_left(ratios)
+    all_and_each = [is_turning, *np.eye(robot.n, dtype=bool)[turning]]
+    for step in _STEPS_OF_RATIOS:
+        for changes, factor in product(all_and_each, (step, 1.0 / step)):
+            while True:
+                tried = np.where(changes, factor * ratios, ratios)
+                share_of_tried = share_left(tried)
+                if share_of_tried >= _LESS * share:
+                    break
+                ratios, share = tried, share_of_tried
+    return ratios, share
+
+
+def _distance_to_nominal(fit: ChannelFit | None) -> float:
+    """Return how far torques are from the size that the nominal links need, as a logarithm;
+    infinite where no size is known."""
+    if fit is None or fit.size == 0.0:
+        return np.inf
+    return abs(float(np.log(fit.size)))
 
 
 def with_lengths(found: Recognition, robot: Robot) -> Recognition:

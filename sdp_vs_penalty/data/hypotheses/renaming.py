@@ -71,32 +71,48 @@ def _writable(name: str, names: Sequence[str]) -> str:
 def scale_words(
     scale: Mapping[str, float],
     rename: Mapping[str, str],
-    said: Mapping[str, str],
+    units: Mapping[str, str],
     zeros: Sequence[float] = (),
 ) -> str:
     """Format factors to SI, by our names, as the value of ``--scale``:
-    "q=deg,tau1=0.5".
+    "q=deg,tau1=0.5", or "q=0.00153@2048" with readings at zero.
 
-    A factor that is a unit is written by its name, as ``said`` of its group, "deg and
-    mm". A group is written once if all of its columns, which ``rename`` lists, have one
-    factor and, of ``zeros``, the joints' readings at zero, one.
+    A group is written once if all of its columns have the same factor.
+
+    Parameters
+    ----------
+    scale : mapping of str to float
+        Factor of each column, "q1", or of a whole group, "q".
+    rename : mapping of str to str
+        The file's columns by our names, which tell how many columns a group has.
+    units : mapping of str to str
+        The units of a group in words, "deg and mm": a factor is written as one of them.
+    zeros : sequence of float
+        What each position reads where its joint is at zero; none where all read 0.
     """
     words = list[str]()
     n_columns = {group: len(pairs) for group, pairs in by_group(rename).items()}
     for group, factors in by_group(scale).items():
         texts = {
-            ours: unit_of_factor(factor, group, said.get(group, "")) or f"{factor:.12g}"
+            ours: unit_of_factor(factor, group, units.get(group, ""))
+            or f"{factor:.12g}"
             for ours, factor in factors.items()
         }
+        factor_texts = [*texts.values()]
+        is_whole_group = n_columns.get(group, 0) == len(texts)
         if group == "q" and zeros and len(texts) in (1, len(zeros)):
-            pairs = zip(cycle(texts.values()), zeros)
-            at_zero = [f"{text}@{zero:g}" for text, zero in pairs]
-            joined = at_zero[0] if len({*at_zero}) == 1 else ":".join(at_zero)
-            texts = {"q": joined}
-        elif len({*texts.values()}) == 1 and n_columns.get(group, 0) == len(texts):
-            texts = {group: next(iter(texts.values()))}
+            # The only factor, if there is one, belongs to all joints.
+            pairs = zip(cycle(factor_texts), zeros)
+            texts = {"q": one_or_each([f"{text}@{zero:g}" for text, zero in pairs])}
+        elif is_whole_group and len({*factor_texts}) == 1:
+            texts = {group: factor_texts[0]}
         words += [f"{ours}={text}" for ours, text in texts.items()]
     return ",".join(words)
+
+
+def one_or_each(texts: Sequence[str]) -> str:
+    """Join one text a joint by colons; write it once where all joints have the same."""
+    return texts[0] if len({*texts}) == 1 else ":".join(texts)
 
 
 def choosing_words(
@@ -107,9 +123,9 @@ def choosing_words(
 ) -> list[str]:
     """Format what ``convert`` has to be told of columns among ``names``: --rename, --scale
     (factors that are ``given`` go before those that were found), --joints and --rate."""
-    said = {group: x.answer for group, x in found.units.items()}
+    units = {group: x.answer for group, x in found.units.items()}
     scale = {x: y for x, y in found.scale.items() if x not in given}
-    factors = [scale_words(scale, found.rename, said, found.zeros)] if scale else []
+    factors = [scale_words(scale, found.rename, units, found.zeros)] if scale else []
     factors += [f"{name}={factor}" for name, factor in given.items()]
     options = {
         "--rename": rename_words(found.rename, names),

@@ -190,37 +190,54 @@ def units_of_heading(lines: Sequence[str]) -> dict[str, tuple[str, float]]:
 def facts_of_heading(
     lines: Sequence[str], n: int
 ) -> dict[str, tuple[list[float], str]]:
-    """Read numbers of n joints, or one of all, off the lines above a table, each with its
-    line: "rated" torques [N m], torque "constant"s [N m/A], gears' "ratio"s and encoders'
-    counts at "zero", as in "torque constants [Nm/A]: 0.12, 0.11", "gear ratios = [101:1,
-    120:1]" or "encoder: 4096 counts per revolution, zero at 2048"."""
+    """Read numbers of n joints off the lines above a table, by what they are, each with
+    its line.
+
+    They are "rated" torques [N m], a torque "constant" [N m/A], a gear's "ratio", or an
+    encoder's counts at "zero", as in "torque constants [Nm/A]: 0.12, 0.11", "gear ratios =
+    [101:1, 120:1]" or "encoder: 4096 counts per revolution, zero at 2048". A line gives n
+    numbers, or one for all joints.
+    """
     found = dict[str, tuple[list[float], str]]()
     for line in lines:
-        line_of_facts = _AT_ZERO.sub(r" zero \1 ", _COUNTS_A_TURN.sub(" ", line))
-        marks = [*_facts().finditer(line_of_facts)]
-        for mark, behind in zip_longest(marks, marks[1:]):
-            end = behind.start() if behind else None
-            text = line_of_facts[mark.end() : end]
-            if ";" in text:  # the commas are decimal
-                text = re.sub(r"(?<=\d),(?=\d)", ".", text)
-            units = (unit_of(x, "tau") for x in re.findall(r"[^\W\d_]+", text))
-            factor = next((x for _, x in filter(None, units)), 1.0)
-            # Without remarks in brackets, names of joints ("A1=") and the 1 of "101:1".
-            for left_out in (
-                r"[\[(][^\[\]()]*[^\W\d][^\[\]()]*[\])]",
-                r"[^\W\d]\w*\s*=|(?<![\w.])[^\W\d]+[0-9]+",
-                r"(?<=\d):1(?![\d.])|(?<![\d.])1:(?=\d)",
-                *(
-                    rf"(?i)(?<![^\W\d]){x}(?![^\W\d])"
-                    for x in table()["facts"]["beside"]
-                ),
-            ):
-                text = re.sub(left_out, " ", text)
-            words = re.sub(r"[][()=:,;|{}]|(?<!\d)\.(?!\d)", " ", text).split()
-            if len(words) in (1, n) and all(map(_POSITIVE.fullmatch, words)):
-                numbers = [factor * float(x) for x in words]
-                found[mark.lastgroup or ""] = numbers * (n // len(words)), line
+        without_counts_a_turn = _COUNTS_A_TURN.sub(" ", line)
+        line_of_facts = _AT_ZERO.sub(r" zero \1 ", without_counts_a_turn)
+        kinds = [*_facts().finditer(line_of_facts)]
+        for kind, next_kind in zip_longest(kinds, kinds[1:]):
+            end = next_kind.start() if next_kind else None
+            numbers = _numbers_alone(line_of_facts[kind.end() : end])
+            if len(numbers) in (1, n):
+                found[kind.lastgroup or ""] = numbers * (n // len(numbers)), line
     return found
+
+
+def _numbers_alone(text: str) -> list[float]:
+    """Read the numbers in a text, torques in N m; none where other words than a unit and
+    such as "of the joints" stand beside them."""
+    if ";" in text:  # the commas are decimal
+        text = re.sub(r"(?<=\d),(?=\d)", ".", text)
+    units = (unit_of(x, "tau") for x in re.findall(r"[^\W\d_]+", text))
+    factor = next((unit[1] for unit in units if unit), 1.0)
+    for pattern in (_REMARK, _NAME_OF_JOINT, _ONE_OF_RATIO, *_words_beside_facts()):
+        text = pattern.sub(" ", text)
+    words = re.sub(r"[][()=:,;|{}]|(?<!\d)\.(?!\d)", " ", text).split()
+    are_numbers = all(map(_POSITIVE.fullmatch, words))
+    return [factor * float(x) for x in words] if are_numbers else []
+
+
+#: A remark in brackets: "[Nm/A]", "(of the motors)".
+_REMARK = re.compile(r"[\[(][^\[\]()]*[^\W\d][^\[\]()]*[\])]")
+#: The name of a joint before its number: "shoulder =", "A1".
+_NAME_OF_JOINT = re.compile(r"[^\W\d]\w*\s*=|(?<![\w.])[^\W\d]+[0-9]+")
+#: The 1 of a ratio: "101:1", "1:101".
+_ONE_OF_RATIO = re.compile(r"(?<=\d):1(?![\d.])|(?<![\d.])1:(?=\d)")
+
+
+@cache
+def _words_beside_facts() -> list[re.Pattern[str]]:
+    """Compile the patterns of words that may stand beside numbers a joint."""
+    words = table()["facts"]["beside"]
+    return [re.compile(rf"(?i)(?<![^\W\d]){x}(?![^\W\d])") for x in words]
 
 
 #: A number above zero.
