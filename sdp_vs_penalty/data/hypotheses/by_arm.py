@@ -40,18 +40,18 @@ from sdp_vs_penalty.data.words.units import ENCODER_BITS, UNITS, unit_of_factor
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
-#: Odds of gears up to which a unit is possible.
+#: A unit stays possible up to these odds of gears in its place.
 _POSSIBLE = 30.0
-#: Shares of logs whose positions are in a unit, where no name says one: of numbers that are
-#: not radians; of a servo's; of turns, and of counts of one size.
+#: How usual units are that no name says, beside radians (1): degrees; per cent, of a
+#: servo; turns, or counts of one size.
 _DEGREES, _OF_SERVO, _RARE = 0.5, 0.5, 1e-2
 #: Share of logs whose zeros put a joint outside its range.
 _BESIDE_RANGE = 1e-2
-#: Factors beside a unit's that are tried, as gears have, of all joints and of one, each
-#: with the odds from which the unit is not certain: far ones have to explain far less, or
-#: the log tells no size.
-_OF_ALL = {0.6: 0.1, 0.75: 0.1, 0.91: 1.0, 1.1: 1.0, 1.33: 0.1, 1.7: 0.1}
-_OF_ONE = {0.6: 5.0, 1.7: 5.0}
+#: Factors by which gears could change the scale of all joints, or of one, each with its
+#: odds over the unit from which the unit is not certain. A unit that is not ten times as
+#: likely as a far factor (0.1) is not certain: the log does not tell the size of angles.
+_GEARS_OF_ALL = {0.6: 0.1, 0.75: 0.1, 0.91: 1.0, 1.1: 1.0, 1.33: 0.1, 1.7: 0.1}
+_GEARS_OF_ONE = {0.6: 5.0, 1.7: 5.0}
 _TURN = 2.0 * np.pi
 #: Torques that are so many times what the nominal links need, or less, are in another unit.
 _OTHER_SIZE = 4.0
@@ -106,9 +106,10 @@ def fit_of(
     *,
     each_in_its_unit: bool = False,
 ) -> Fit:
-    """Return what fits the arm, or its nominal links, along the clock (N,) [s] of positions
-    (N, n), whose speed may tell its unit; without a robot nothing does.
+    """Return a function that fits the arm, or its nominal links, to torques (N, n) by
+    positions (N, n). It returns None without a robot, or for another number of joints.
 
+    clock : returns the stamps (N,) [s] of positions, whose speed may tell the clock's unit.
     each_in_its_unit : as :func:`fit_arm` has it.
     """
 
@@ -130,76 +131,98 @@ def with_unit_of_positions(
     apart: Fit,
     of_others: str = "",
 ) -> tuple[Recognition, dict[str, Array]]:
-    """Decide the unit of positions that no name says and that may not be radians, or that
-    are impossible as radians, if one unit is certain: by the joints' ranges, by what the arm
-    leaves of the torques, and by how usual it is.
+    """Decide the unit of positions where it is open and one unit is certain; propose a
+    unit, or gears, where it is not certain and positions are impossible as radians.
 
+    The joints' ranges, what the arm leaves of the torques, and how usual a unit is decide.
     ``apart`` fits each joint's torque in a unit of its own.
     ``of_others`` : the unit that the arm has told of another run of the same recorder.
     """
     q, tau = blocks["q"], blocks["tau"]
+    is_impossible = bool(far_outside(robot, q))
+    if not _is_unit_open(found, robot, q, is_impossible or bool(of_others)):
+        return found, blocks
     register, bit = signed_register(tau)
     torques = [tau, register] if bit else [tau]
-    is_impossible = bool(far_outside(robot, q))
-    largest = np.abs(q[:, _revolute(robot)]).max(initial=0.0)
-    is_open = "q" in found.unsaid and not _LITTLE < largest < _TURN
-    is_open |= bool(of_others)
-    stated = found.units.get("q")
-    is_said = stated is not None and stated.answer != DEGREES_OR_PERCENT
-    is_said |= "q" in map(group_of, found.scale)
-    if is_said or not (is_impossible or is_open):
-        return found, blocks
-    is_of_servo = stated is not None and stated.answer == DEGREES_OR_PERCENT
+    is_of_servo = (
+        "q" in found.units
+    )  # degrees or per cent: other units close the question
     weighed = _weighed_units(robot, q, torques, fit, is_of_servo, of_others)
     if not weighed:
         return found, blocks
+    *other_weights, largest = sorted(weight for weight, _, _ in weighed)
+    _, of_best, best = max(weighed, key=lambda x: x[0])
     is_explained = min(x.share for _, x, _ in weighed) <= EXPLAINS_NONE
-    weights = [weight for weight, _, _ in weighed]
-    _, of_best, best = weighed[int(np.argmax(weights))]
-    share = of_best.share
-    others = sorted(weights)[:-1]
     if np.all(best.scale == 1.0) or not (is_explained or is_impossible):
         return found, blocks
-    lengths = np.delete(best.scale, _revolute(robot))
-    mm = ", lengths in mm" if np.any(lengths != 1.0) else ""
-    why = f"the arm leaves {formatting.percent(share, 2)} of the torques"
+    turning = _revolute(robot)
+    lengths = np.delete(best.scale, turning)
+    words = best.words + (", lengths in mm" if np.any(lengths != 1.0) else "")
+    why = f"the arm leaves {formatting.percent(of_best.share, 2)} of the torques"
     if is_impossible:  # the same in all runs, so that it is said once
         why = "outside the joints' ranges as radians"
-    is_clear = not others or max(weights) >= CERTAIN * others[-1]
-    is_clear &= is_explained
-    of_gears = 0.0
-    if is_explained and best.words != of_others:
-        turning = _revolute(robot)
-        if np.any(best.scale[turning] != 1.0):
-            of_gears = _odds_of_gears(best, share, q, torques, fit, turning)
-    if best.is_of_any_size or not is_clear or of_gears > 1.0:
-        may_ask = "q" in found.unsaid or found.has_our_names
-        if not (is_impossible and may_ask):
-            return found, blocks
-        if of_gears <= _POSSIBLE and (
-            is_explained or _explains(apart(best.in_si(q), tau))
-        ):
-            may_be = f"{_Q_MAY_BE}{best.words}{mm}: {why}"
-            scale = {"q": best.scale_words(robot)}
-            return replace(
-                found, said=(*found.said, may_be), possible_scale=scale
-            ), blocks
-        if found.unless_confirmed is not None:  # gears of any ratio confirm no columns
-            return found, blocks
-        return _with_possible_gears(found, robot, q, tau, fit, apart), blocks
-    found = replace(found, unit_by_arm=best.words)
-    if "tau" in found.unsaid and of_best.size > 0.0:
-        is_usual = max(of_best.size, 1.0 / of_best.size) < _OTHER_SIZE
+    odds_of_gears = 0.0
+    has_other_angles = np.any(best.scale[turning] != 1.0)
+    if is_explained and has_other_angles and best.words != of_others:
+        odds_of_gears = _odds_of_gears(best, of_best.share, q, torques, fit, turning)
+    is_far_likelier = not other_weights or largest >= CERTAIN * other_weights[-1]
+    is_certain = is_explained and is_far_likelier and odds_of_gears <= 1.0
+    if is_certain and not best.is_of_any_size:
+        return _in_certain_unit(found, blocks, best, of_best.size, words, why)
+    may_ask = "q" in found.unsaid or found.has_our_names
+    if not (is_impossible and may_ask):
+        return found, blocks
+    if odds_of_gears <= _POSSIBLE and (
+        is_explained or _explains(apart(best.in_si(q), tau))
+    ):
+        said = (*found.said, f"{_Q_MAY_BE}{words}: {why}")
+        scale = {"q": best.scale_words(robot)}
+        return replace(found, said=said, possible_scale=scale), blocks
+    if found.unless_confirmed is not None:  # gears of any ratio confirm no columns
+        return found, blocks
+    return _with_possible_gears(found, robot, q, tau, fit, apart), blocks
+
+
+def _is_unit_open(found: Recognition, robot: Robot, q: Array, is_doubted: bool) -> bool:
+    """Tell whether nothing says the unit of positions q (N, n), and they are not radians by
+    their size, or radians are doubted for another reason."""
+    stated = found.units.get("q")
+    is_stated = stated is not None and stated.answer != DEGREES_OR_PERCENT
+    if is_stated or "q" in map(group_of, found.scale):
+        return False
+    # Smaller numbers may be turns, larger ones degrees.
+    largest = np.abs(q[:, _revolute(robot)]).max(initial=0.0)
+    is_of_radians = _LITTLE < largest < _TURN
+    return is_doubted or ("q" in found.unsaid and not is_of_radians)
+
+
+def _in_certain_unit(
+    found: Recognition,
+    blocks: dict[str, Array],
+    unit: _Unit,
+    size: float,
+    words: str,
+    why: str,
+) -> tuple[Recognition, dict[str, Array]]:
+    """Take positions in a unit, which the recognition names by ``words``; shift positions
+    and commands where the unit's zero is not the joints'.
+
+    ``size`` : the torques over those that the nominal links need, 0 where it is not known.
+    """
+    found = replace(found, unit_by_arm=unit.words)
+    if "tau" in found.unsaid and size > 0.0:
+        is_usual = max(size, 1.0 / size) < _OTHER_SIZE
         said = (
             f"tau {'in' if is_usual else 'hardly in'} N m, which no name says: they are"
-            f" {of_best.size:.2g} times what the arm's nominal links need"
+            f" {size:.2g} times what the arm's nominal links need"
         )
         found = replace(found, said=(*found.said, said))
-    found = found.with_unit("q", ColumnHypothesis(f"{best.words}{mm}", 1.0, why))
-    found = found.with_factors("q", best.scale.tolist())
-    if not best.middle.any():
+    found = found.with_unit("q", ColumnHypothesis(words, 1.0, why))
+    found = found.with_factors("q", unit.scale.tolist())
+    if not unit.middle.any():
         return found, blocks
-    middle = best.middle / best.scale
+    q = blocks["q"]
+    middle = unit.middle / unit.scale
     moved = {
         x: block + middle
         for x, block in blocks.items()
@@ -296,7 +319,8 @@ def _distance_to_nominal(fit: ChannelFit | None) -> float:
 
 
 def with_lengths(found: Recognition, robot: Robot) -> Recognition:
-    """Take lengths of prismatic joints in metres where a unit of angles is said of all."""
+    """Take positions of prismatic joints in metres where the unit of all joints is one of
+    angles."""
     slides = np.delete(np.arange(robot.n), _revolute(robot))
     for group in ("q", "dq", "qcmd"):
         factors = np.array(found.factors(group, robot.n))
@@ -312,10 +336,11 @@ def with_joint_side(
     found: Recognition, blocks: dict[str, Array], robot: Robot, fit: Fit
 ) -> tuple[Recognition, dict[str, Array]]:
     """Bring positions and torques of the motors to the joints by the robot's transmission,
-    where positions are in the joints' ranges only so, and the arm explains the torques.
+    if nothing else brings positions into the joints' ranges and the arm explains the
+    torques.
 
-    Their names have to say motors, or a unit: others may be in degrees. Torques may be the
-    joints' already: then the arm leaves more of those that are brought there.
+    Names have to say motors, or a unit: other positions may be in degrees. Torques may be
+    the joints' already: the side is taken on which the arm leaves less of them.
     """
     q, tau = blocks["q"] * found.factors("q", blocks["q"].shape[1]), blocks["tau"]
     is_open = "q" in found.unsaid and not any(map(_says_motors, found.said))
@@ -337,9 +362,9 @@ def with_joint_side(
     if share > EXPLAINS_NONE:
         return found, blocks
     side = sides[text]
-    by_side = {"q": False, "qcmd": False, "dq": True, "dqcmd": True}
+    are_rates = {"q": False, "qcmd": False, "dq": True, "dqcmd": True}
     blocks = {**blocks, "tau": side.joint_torques(tau)}
-    for group, rates in by_side.items():
+    for group, rates in are_rates.items():
         if group in blocks:
             factors = found.factors(group, q.shape[1])
             blocks[group] = side.joint_positions(factors * blocks[group], rates=rates)
@@ -365,16 +390,18 @@ def _odds_of_gears(
     fit: Fit,
     turning: Sequence[int],
 ) -> float:
-    """Return how much likelier gears are than a unit in which the arm leaves ``share`` of
-    the torques.
+    """Return the largest odds of gears over a unit in which the arm leaves ``share`` of the
+    torques, each over those up to which the unit is certain: it is not, above 1.
 
-    The positions q (N, n) of the ``turning`` joints in that unit are multiplied by factors
-    that gears have, of all or of a single one; the range tells the unit of a length.
+    Factors change the scale of positions q (N, n) of all ``turning`` joints, or of one.
+    Those of prismatic joints stay: their ranges tell the unit of a length.
     """
     most = 0.0
     each = np.eye(q.shape[1])[turning]
-    factors = [(1.0 + (x - 1.0) * each.sum(axis=0), y) for x, y in _OF_ALL.items()]
-    for x, odds in _OF_ONE.items() if len(each) > 1 else ():
+    factors = [
+        (1.0 + (x - 1.0) * each.sum(axis=0), y) for x, y in _GEARS_OF_ALL.items()
+    ]
+    for x, odds in _GEARS_OF_ONE.items() if len(each) > 1 else ():
         factors += [(1.0 + (x - 1.0) * row, odds) for row in each]
     for factor, odds in factors:
         beside = replace(unit, scale=factor * unit.scale)
@@ -393,13 +420,16 @@ def _revolute(robot: Robot) -> list[int]:
 
 
 def likeliest_scale(robot: Robot, run: Measurements, links: Array | None) -> str:
-    """Return the value of ``--scale q=`` for positions that joints cannot reach: of the
-    unit that the ranges, the arm (its nominal links (n, 10)) and use make the likeliest;
-    "" where no unit brings them there."""
+    """Return the value of ``--scale q=`` for positions that joints cannot reach, "" where
+    no unit brings them into the joints' ranges.
+
+    The unit is the likeliest by the ranges, the arm (its nominal links (n, 10)) and use.
+    """
     torques = [run.tau] if run.torque_logged else []
     fit = fit_of(robot, lambda _: run.t, links)
     units = _weighed_units(robot, run.q, torques, fit, is_of_servo=False)
     if not {*far_outside(robot, run.q)} & {*_revolute(robot)}:
+        # Only lengths are out of reach: the angles are radians.
         units = [x for x in units if x[-1].words == "rad"]
     *_, best = max(units, key=lambda x: x[0], default=(None,))
     return "" if best is None or np.all(best.scale == 1.0) else best.scale_words(robot)
@@ -413,9 +443,11 @@ def _weighed_units(
     is_of_servo: bool,
     of_others: str = "",
 ) -> list[tuple[float, ChannelFit, _Unit]]:
-    """List the units in which positions (N, n) may be, each with its weight and what the
-    arm makes in it of the best of some torques: by the ranges and by use alone where it
-    explains them in no unit."""
+    """List the units in which positions (N, n) may be, each with its weight and with the
+    fit to those of several torques that the arm explains best in it.
+
+    Ranges and use alone make the weights where the arm explains the torques in no unit.
+    """
     fitted = list[tuple[ChannelFit, _Unit]]()
     for unit in _units(robot, q, is_of_servo):
         fits = (fit(unit.in_si(q), x) for x in torques)
@@ -511,22 +543,29 @@ def with_channel_of_torque(
 def with_signed_register(
     found: Recognition, blocks: dict[str, Array], fit: Fit
 ) -> tuple[Recognition, dict[str, Array]]:
-    """Read torques as a servo's registers with a sign bit, where the arm leaves far less of
-    them so; less is enough where they then vary less, as what jumps by the bit at each
-    change of sign."""
+    """Read torques as a servo's registers with a sign bit, if the arm then leaves far less
+    of them.
+
+    Slightly less is enough if they then vary less from row to row: as it is written, a
+    register jumps at each change of sign.
+    """
     register, bit = signed_register(blocks["tau"])
     q = blocks["q"] * found.factors("q", blocks["q"].shape[1])
-    pair = (fit(q, blocks["tau"]), fit(q, register)) if bit else (None, None)
-    if pair[0] is None or pair[1] is None:
+    if not bit:
         return found, blocks
-    by_values = _variation(register) < _variation(blocks["tau"])
-    if (pair[0].share / pair[1].share) ** N_PARTS < (1.0 if by_values else CERTAIN):
+    as_written, as_register = fit(q, blocks["tau"]), fit(q, register)
+    if as_written is None or as_register is None:
         return found, blocks
-    sign = 1.0 if pair[1].friction > 0.0 else -1.0
+    varies_less = _variation(register) < _variation(blocks["tau"])
+    odds = (as_written.share / as_register.share) ** N_PARTS
+    if odds < (1.0 if varies_less else CERTAIN):
+        return found, blocks
+    # Friction takes power: a negative one shows that torques count the other way.
+    sign = 1.0 if as_register.friction > 0.0 else -1.0
     text = (
         f"tau is a register whose bit {bit} is its sign: the arm leaves"
-        f" {formatting.percent(pair[1].share, 2)} of it,"
-        f" {formatting.percent(pair[0].share, 2)} as it is written"
+        f" {formatting.percent(as_register.share, 2)} of it,"
+        f" {formatting.percent(as_written.share, 2)} as it is written"
     )
     found = replace(found, said=(*found.said, text), is_of_arm=True)
     return found, {**blocks, "tau": sign * register}

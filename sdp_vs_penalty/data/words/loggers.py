@@ -20,11 +20,11 @@ def find_logger(names: Sequence[str]) -> tuple[dict[str, Any], dict[str, Meaning
     """Find the known logger that wrote a file with these columns, and what their names
     say; both empty where none did.
 
-    Its clock, positions, and torques or commands are there. Groups that do not have the
-    joints of q are left out. A logger with torques goes before one with commands alone:
-    two may differ in the name of the torques.
+    The file has the logger's clock, its positions, and its torques or commands. Groups
+    that do not have the joints of q are left out. A logger with torques goes before one
+    with commands alone: two loggers may differ only in the name of the torques.
     """
-    first = dict[str, Any](), dict[str, Meaning]()
+    with_commands = dict[str, Any](), dict[str, Meaning]()
     for logger in LOGGERS:
         groups = dict[str, dict[Hashable, str]]()
         for x in reversed(_GROUPS):  # "action.elbow.pos" is no "{joint}.pos"
@@ -48,8 +48,9 @@ def find_logger(names: Sequence[str]) -> tuple[dict[str, Any], dict[str, Meaning
             continue
         if "tau" in quantities:
             return logger, said
-        first = first if first[0] else (logger, said)
-    return first
+        if not with_commands[0]:
+            with_commands = logger, said
+    return with_commands
 
 
 def clock_of(logger: Mapping[str, Any], names: Sequence[str]) -> str | None:
@@ -87,4 +88,6 @@ def columns_of_pattern(patterns: Any, names: Sequence[str]) -> dict[Hashable, st
 
 def as_list(value: Any) -> list[Any]:
     """Return what an entry of loggers.toml lists: nothing, one text, or several."""
-    return [] if value is None else [value] if isinstance(value, str) else list(value)
+    if value is None:
+        return []
+    return [value] if isinstance(value, str) else list(value)

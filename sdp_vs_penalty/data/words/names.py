@@ -20,15 +20,20 @@ from sdp_vs_penalty.data.words.units import (
 
 #: The words of each quantity, the best first.
 WORDS: dict[str, list[str]] = table()["quantities"]
-#: Words that say nothing about a quantity; those of them that say "joint"; those of
-#: clocks whose names say the unit, and of counters otherwise; those of columns that are
-#: something else than was measured, and those of them that say what was commanded.
-_FILLERS, _JOINTS, _COUNTERS, _OTHERS, _COMMANDS, _PARTS = (
-    frozenset(table()[name])
-    for name in ("fillers", "joints", "counters", "others", "commands", "parts")
-)
-_RUNS = frozenset(table()["runs"])
-_INDICES = frozenset(table()["indices"])
+#: Words that say nothing about a quantity.
+_FILLERS = frozenset(table()["fillers"])
+#: Those of them that say "joint".
+_JOINTS = frozenset(table()["joints"])
+#: Words of a clock if a unit of time follows, else of a counter.
+_COUNTERS = frozenset(table()["counters"])
+#: Words of columns that were not measured.
+_OTHERS = frozenset(table()["others"])
+#: Those of them that say what was commanded.
+_COMMANDS = frozenset(table()["commands"])
+#: Words of what is only a part of a torque.
+_PARTS = frozenset(table()["parts"])
+#: Words for a run, and for its number.
+_RUNS, _INDICES = frozenset(table()["runs"]), frozenset(table()["indices"])
 #: Units of time that alone may mean anything else, such as a length or a minimum.
 _OTHER_SYMBOLS = ("s", "min", "mins", "h", "day")
 #: Units by which a torque is a current.
@@ -105,7 +110,7 @@ def read_name(name: str) -> Meaning | None:
     return _read_words(split_tokens(name))
 
 
-#: A share of a torque that its unit says.
+#: A share of a torque that the unit says, "% of 60 Nm".
 _SHARE_OF = re.compile(
     r"(?i)(%|percent|pct|permil|permille|promille|‰)[ _](?:of|von)[ _]"
     r"([0-9]*\.?[0-9]+) ?([^\W\d][\w·*]*)"
@@ -127,7 +132,7 @@ def rate_of_heading(lines: Sequence[str]) -> float | None:
     rates = set[float]()
     for match in filter(None, map(_sampling().search, lines)):
         if match["at"] and not match["unit"]:
-            continue
+            continue  # "logged at 12" is no rate
         size, unit = float(match["size"]), match["unit"] or match["unit_before"] or ""
         is_rate = (match["rate"] or match["rate_alone"]) is not None
         if unit.lower().endswith("hz") or (is_rate and not unit):
@@ -181,7 +186,7 @@ def units_of_heading(lines: Sequence[str]) -> dict[str, tuple[str, float]]:
                     found[quantity] = unit
                     texts = texts[1:]
                 elif quantity == "dq":
-                    break
+                    break  # a list may leave out velocities
                 else:
                     texts = []
     return found
@@ -252,11 +257,12 @@ def _facts() -> re.Pattern[str]:
     return re.compile(rf"(?i)(?<![^\W_])(?:{'|'.join(kinds)})(?![^\W_])")
 
 
-#: A word and its unit, "positions in deg", "torque [Nm]", "load: 0.1 % of stall torque",
-#: but for one of numbers that follow, "rated torque [Nm]: 60, 110"; units in a list.
+#: A word and its unit: "positions in deg", "torque [Nm]", "load: 0.1 % of stall torque".
+#: A unit of numbers that follow is left out: "rated torque [Nm]: 60, 110".
 _IN_UNIT = re.compile(
     r"(\w+)(?:\s+in\s+|\s*[\[(:=]\s*)(0\.1 ?%|[^\s,;\])]++)(?!\s*[\])]?\s*[:=]?\s*[-\d])"
 )
+#: The counts of an encoder in a turn: "4096 counts per revolution".
 _COUNTS_A_TURN = re.compile(
     r"(?i)\b([0-9]{3,9})\s*(inc|increments|counts|ticks|pulses?|qc)"
     r"\s*(?:/|per|a)\s*(?:joint\s+)?(?:turn|rev)\w*"
@@ -270,6 +276,7 @@ _PER_COUNT = re.compile(
 _AT_ZERO = re.compile(
     r"(?i)\b([0-9]+)\s*(?:inc|counts|ticks|pulses?)?\s*(?:=|is|at)\s*0(?:\.0*)?\s*(?:deg|rad|°)"
 )
+#: Units in a list: "units: s deg deg/s Nm".
 _LIST_OF_UNITS = re.compile(r"(?i)\b(?:units?|einheiten|unités|unidades)\s*[:=]\s*(.+)")
 
 
@@ -333,7 +340,7 @@ def _read_by_unit(unit: NamedUnit) -> Meaning | None:
     if not is_read or words & _OTHERS:
         return None
     letters = {*INITIALS.get(unit.quantity, "").split()} if numbers else set()
-    others = [x for x in _further(tokens) if x not in letters]
+    others = [x for x in _words_beside_fillers(tokens) if x not in letters]
     return Meaning(
         unit.quantity,
         rank=len(WORDS[unit.quantity]),
@@ -349,8 +356,8 @@ def read_time_by_unit(name: str) -> Meaning | None:
     """Read a name of unknown words that ends with a unit of time, "run_minutes", as a
     clock; None for names with numbers, or with a word for what was not measured.
 
-    Durations end so too ("delay_ms"): a clock's values rise, which whoever asks has to
-    see.
+    Durations end with such units too ("delay_ms"): the caller has to check that the values
+    rise, as those of a clock do.
     """
     for unit in units_of_name(name):
         tokens = split_tokens(unit.remainder)
@@ -386,7 +393,9 @@ def _read_words(tokens: list[str]) -> Meaning | None:
         return None
     known = WORDS[quantity]
     its_words = tuple(word for word in words if word in known)
-    others = [word for word in _further(tokens) if word not in (*known, "q")]
+    others = [
+        word for word in _words_beside_fillers(tokens) if word not in (*known, "q")
+    ]
     return Meaning(
         quantity,
         rank=min(known.index(word) for word in its_words),
@@ -396,13 +405,14 @@ def _read_words(tokens: list[str]) -> Meaning | None:
     )
 
 
-def _further(tokens: Sequence[str]) -> list[str]:
-    """Return the words that say more than nothing: a letter does, as a joint's name,
-    where no number does it."""
-    has_number = any(map(str.isdigit, tokens))
+def _words_beside_fillers(tokens: Sequence[str]) -> list[str]:
+    """Return the words that are no fillers. A single letter is none where no number names
+    the joint: the letter may name it."""
     words = [token for token in tokens if token.isalpha()]
-    is_joint = not has_number
-    return [x for x in words if x not in _FILLERS or (is_joint and len(x) == 1)]
+    has_number = any(map(str.isdigit, tokens))
+    if has_number:
+        return [x for x in words if x not in _FILLERS]
+    return [x for x in words if x not in _FILLERS or len(x) == 1]
 
 
 def _without_port(tokens: list[str]) -> list[str]:
