@@ -155,16 +155,17 @@ def check_runs(
 
 
 def _with_last_resort(report: Report, has_others: bool) -> list[Issue]:
-    """Return the issues of a run, of which errors, and differences from other runs, that
-    nothing else mends advise to leave the run out, where there are others."""
-    return [
-        replace(issue, changes=(leave_out(report.run),))
-        if has_others
-        and (issue.severity == "error" or issue.kind in NOT_REPAIRED)
-        and not issue.remedies
-        else issue
-        for issue in report.issues
-    ]
+    """Return the issues of a run. If there are other runs, errors and differences from the
+    others that have no remedy advise to leave this run out."""
+    if not has_others:
+        return [*report.issues]
+    issues = []
+    for issue in report.issues:
+        is_grave = issue.severity == "error" or issue.kind in NOT_REPAIRED
+        if is_grave and not issue.remedies:
+            issue = replace(issue, changes=(leave_out(report.run),))
+        issues.append(issue)
+    return issues
 
 
 def _facts_of_windows(problem: Problem, run: Measurements) -> list[Report]:
@@ -185,8 +186,8 @@ def _facts_of_windows(problem: Problem, run: Measurements) -> list[Report]:
 def judge_facts(problem: Problem, run: Measurements) -> Report:
     """Report the facts of a run, and repair those that can be repaired.
 
-    No fact is surer than the repairs that it stands on: those that the run without
-    uncertain repairs does not show are likely at most.
+    No fact is surer than the repairs before it: a fact that appears only after an uncertain
+    repair is likely at most.
     """
     report = _facts_of(problem, run)
     if all(f.repair is None or f.is_stood_on for f in report.issues):
@@ -196,7 +197,8 @@ def judge_facts(problem: Problem, run: Measurements) -> Report:
 
 
 def _facts_of(problem: Problem, run: Measurements, only_sure: bool = False) -> Report:
-    """Report the facts of a run, in which some are repaired.
+    """Report the facts of a run, with the run as their repairs leave it; only_sure :
+    without uncertain repairs.
 
     Facts are read from rows, clock and channels. An arm is fitted only to a torque that
     stays at one value, looks like a magnitude, or carries no noise. The rules run in
@@ -257,10 +259,11 @@ def judge_ranges(
 def _with_range_error(
     problem: Problem, report: Report, issues: Sequence[Issue], is_plausible: bool
 ) -> list[Issue]:
-    """Return the issues, with an error where positions cannot be this robot's, or where
-    torques say that they are in another unit: a model of such positions has no masses.
+    """Return the issues, with an error if positions are impossible for this robot, or if
+    the torques show that they are in another unit.
 
-    Otherwise nothing that a model makes of impossible positions is worth saying.
+    If positions are impossible, explanations by the arm's torques are left out, but for
+    those that make the positions possible.
     """
     run = report.as_logged
     impossible = None

@@ -53,13 +53,14 @@ from sdp_vs_penalty.race.race import Claim, HeldRaces, RaceOutcome
 from sdp_vs_penalty.race.rows import RegressionData
 from sdp_vs_penalty.results.remedy import Change
 
-#: Currents have no gains of their own that torques would show.
+#: Kinds of issue after which each channel has an unknown gain: gains are not judged.
 UNSCALED = ("torque channel kind",)
-#: What competes there with whatever acts on several joints.
+#: Rival of whatever acts on several joints, if gains are unknown.
 OWN_GAINS = "each channel's own drive gain"
-#: What changes within a run.
+#: Kind of the issue that a run ends with another arm than it begins with.
 CHANGE = "change within the run"
-#: Of torques that are none of the arm's motors, nothing else is said.
+#: Kind of the issue that the channels hold no torque of the arm's motors: nothing else is
+#: said of such a run.
 NO_TORQUE = "external torque"
 
 
@@ -144,7 +145,7 @@ class LoggerJudge:
         if self.is_poor_motion:
             kinds = SHOWN_BY_A_POOR_MOTION
         elif any(self.reports[k].lockstep is not None for k in self.logs):
-            # Channels that move in proportion look the same.
+            # An exchange of channels that move in proportion cannot be seen.
             kinds = tuple(kind for kind in KINDS if kind is not order)
         verdict = races.hold([*self.logs.values()], kinds, self.is_poor_motion)
         self._report(verdict)
@@ -182,7 +183,7 @@ class LoggerJudge:
         if first.torque_unit:
             size = [not_in_newton_metres(first)]
         elif not is_rated:
-            # Of a run of its own what differs is told.
+            # Runs that differ from the others have issues of their own: they are left out.
             parts = [claim.hypothesis.part for claim in verdict.differences()]
             differ = {part.run for part in parts if part is not None}
             alike = [x for place, x in enumerate(runs) if place not in differ] or runs
@@ -199,7 +200,8 @@ class LoggerJudge:
             return
         if is_rated or any(issue.kind in UNSCALED for issue in size):
             stated = [f for f in stated if f.kind not in ("torque gain", "torque unit")]
-            # Columns of several joints tell something where their torques compare.
+            # With unknown gains, torques of several joints cannot be compared: unequal
+            # gains look like an effect that acts on several joints.
             hypotheses = [claim.hypothesis for claim in verdict.claims]
             across = [h.kind for h in hypotheses if h.further is not None]
             stated = [
@@ -212,8 +214,11 @@ class LoggerJudge:
     def _differences(
         self, number: int, verdict: RaceOutcome, supposed: str
     ) -> tuple[list[Issue], LogTransform]:
-        """List the issues about what differs in one run, or from an instant of it on,
-        with what undoes those that a change of its log does."""
+        """List the issues about what differs in one run, or from an instant of it on.
+
+        Also return the transform that undoes those differences that a change of the run's
+        log can undo.
+        """
         log, run = self.logs[number], self.reports[number].run
         place = [*self.logs].index(number)
         issues: list[Issue] = []
@@ -274,8 +279,9 @@ class LoggerJudge:
         if undone != log.as_logged:
             # Rows are judged as the difference from the other runs is undone.
             net = repaired
-        # What is done twice to a run, as its sign turned in all runs and here again, is
-        # not done. A fault of no joint stands as one of joint 0.
+        # A fault of all runs may be undone by the difference of this run, as a sign that
+        # is turned twice: it is no fault of this run. A fault without joints counts as one
+        # of joint 0.
         faults_left = {
             (fault.kind, joint)
             for fault in list_faults(log, repaired)
@@ -286,20 +292,21 @@ class LoggerJudge:
             joints = issue.figures["joints"] or [0] if issue.apply else []
             if not issue.apply or faults_left & {(issue.kind, j) for j in joints}:
                 of_log.append(issue)
-        # Of a motion of few directions what is left says nothing.
+        # A motion of few directions cannot show what an arm leaves unexplained.
         unexplained = [] if self.is_poor_motion else [*unexplained_torque(log, net)]
         if any(x.kind in (CHANGE, EVENT, *NOT_REPAIRED) for x in differences):
             # One arm for all rows leaves what the difference explains.
             is_left = not verdict.is_well_explained
             unexplained = [f for f in unexplained if f.kind != EVENT and is_left]
-        if is_unscaled:  # it may be the gains, which are asked for
+        if is_unscaled:  # unknown gains, which the user is asked for, may explain it
             unexplained = [f for f in unexplained if f.kind != UNEXPLAINED]
         new = [
             replace(issue, changes=issue.changes or _cuts(report, issue))
             for issue in (*of_log, *size, *unexplained)
             if not is_explained_by_a_fact(issue, report)
         ]
-        # Repaired by the search first, then by what is left unexplained (events).
+        # The race's repair comes first, then the repairs of single issues (events). The
+        # race's repair already holds those of differences that have a word for --apply.
         run = repaired.apply(report.repaired_all)
         for issue in (*differences, *size, *unexplained):
             if issue.repair is not None and not (issue in differences and issue.apply):
@@ -372,8 +379,8 @@ def _kinds_corrected(
     """Return the kinds of issue that the fit of one arm to a run is corrected for, each
     once.
 
-    They are the facts that have a repair, and what the search found wrong with the log.
-    Notes are none: laws of friction are the arm's. Another load or arm stays in the rows.
+    They are the facts that have a repair, and faults of the log that the race found.
+    Notes do not count, nor does another load or arm, which stays in the rows.
     """
     repaired = [issue for issue in facts if issue.repair is not None]
     apart = (CHANGE, *NOT_REPAIRED)
@@ -415,9 +422,10 @@ def _is_near_gap(run: Measurements, t: float) -> bool:
 
 
 def _cuts(report: Report, issue: Issue) -> tuple[Change, ...]:
-    """Return the changes that leave out what happens once in a run, or what it holds
-    after an instant or before it: the longer part stays first. None for an issue that
-    is about no instant."""
+    """Return the changes that leave out the part of a run that an issue is about: the
+    time around an event, else what comes after the instant or what comes before it. The
+    change that leaves out the shorter part is first; an issue without an instant has none.
+    """
     if "t" not in issue.figures:
         return ()
     at = issue.figures["t"]

@@ -24,11 +24,11 @@ from sdp_vs_penalty.signals.runs import Movement, moving_joints, spans
 #: Which rows: (N,).
 Rows = Mask
 
-#: A joint that rests does so for so long [s], or as long as it is asked about.
+#: Shortest time [s] in which a joint is said to rest.
 _QUARTER_SECOND = 0.25
-#: A slide moves along such a share of its range.
+#: A prismatic joint that travels this share of its range moves [-].
 _OF_RANGE = 0.1
-#: What the arm says of rows that it does not explain.
+#: Witness against rows that the arm does not explain.
 _BY_ARM = "the arm that explains the other rows does not explain these"
 #: What to do about a clock that jumps.
 CONTINUE = "continue the time at the usual step there"
@@ -68,8 +68,8 @@ class RunSummary:
 
     @cached_property
     def moving(self) -> Rows:
-        """(n,) which joints move in this run at all: a slide does along a tenth of its range,
-        for its metres are few beside the others' radians."""
+        """(n,) which joints move in this run at all. A prismatic joint moves if it travels a
+        tenth of its range: its metres are few beside other joints' radians."""
         joints = self.robot.joints
         lengths = [
             x.upper - x.lower if x.kind == "prismatic" else np.inf for x in joints
@@ -83,16 +83,23 @@ class RunSummary:
         return Movement(self.run, self.standstill)
 
     def is_at_rest(self, j: int, first: int, end: int) -> bool:
-        """Whether joint j rests in the rows from ``first`` to before ``end``, and for a
-        quarter of a second that begins or ends with them if they are fewer: it moves by
-        less than the standstill share of its largest travel in as many rows."""
+        """Whether joint j rests in the rows from ``first`` to before ``end``.
+
+        Its travel there is compared with its largest travel in as many rows: at rest it is
+        at most the standstill share of that. Fewer rows than a quarter of a second are
+        widened to one that begins or ends with them.
+        """
         q = self.run.q[:, j]
         step = float(np.median(np.diff(self.run.t)))
-        rows = min(max(end - first, round(_QUARTER_SECOND / step)), len(q) - 1)
-        travel = np.abs(q[rows:] - q[:-rows])
-        begins = max(end - 1 - rows, 0), min(first, len(q) - 1 - rows)
-        least = min(np.ptp(q[begin : begin + rows + 1]) for begin in begins)
-        return bool(least <= self.standstill * travel.max())
+        n_steps = min(max(end - first, round(_QUARTER_SECOND / step)), len(q) - 1)
+        travels = np.abs(q[n_steps:] - q[:-n_steps])
+        ends_with_rows = max(end - 1 - n_steps, 0)
+        begins_with_rows = min(first, len(q) - 1 - n_steps)
+        least = min(
+            np.ptp(q[begin : begin + n_steps + 1])
+            for begin in (ends_with_rows, begins_with_rows)
+        )
+        return bool(least <= self.standstill * travels.max())
 
     @cached_property
     def arm_rows(self) -> FilteredRows | None:
@@ -112,13 +119,13 @@ class RunSummary:
             return None
 
     def one_arm_is_worse(self, j: int, at: Rows) -> float | None:
-        """Return how many times as large an error joint j's equations have if its
-        torque in the rows ``at`` (N,) is what the channel holds.
+        """Return by how many times the error of joint j's equations grows if they have to
+        explain the rows ``at`` (N,) as well.
 
-        They are fitted, all parameters free, to all rows and to the others alone. The
-        larger root mean square error of the first, in the rows or elsewhere, is divided
-        by that of the second. It is near 1 where the rows are of the same arm (Chow's
-        test).
+        The equations are fitted, all parameters free, to all rows, and to the other rows
+        alone. The error of the first fit (root mean square, the larger one of these rows
+        and of the others) is divided by that of the second. It is near 1 if the rows are of
+        the same arm (Chow's test).
 
         Returns
         -------
@@ -142,8 +149,8 @@ class RunSummary:
         return max(_rms(left[inside]), _rms(left[~inside])) / usual
 
     def holds_torque(self, j: int, at: Rows) -> bool | None:
-        """Whether the channel of joint j holds the joint's torque in some rows (N,), by
-        what the arm makes of the others; None where that is not known."""
+        """Whether the channel of joint j holds the joint's torque in the rows ``at`` (N,),
+        by the arm that explains the other rows; None where that is not known."""
         times = self.one_arm_is_worse(j, at)
         return None if times is None else times < c.OUTLYING
 

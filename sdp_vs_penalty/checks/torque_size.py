@@ -1,8 +1,8 @@
 """Are the torques those of joints: what made them, and are they of a possible size?
 
-What joints share tells the channels' ratios, never their common size. Two witnesses do:
-the joints' effort limits, which bind every sample, and what an arm of the problem's
-masses needs on the motion.
+The dynamics that joints share show the channels' ratios, never their common size. The size
+is judged by the joints' effort limits, which bind every sample, and by the torque that an arm
+of the problem's masses needs for the motion.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -29,13 +29,14 @@ from sdp_vs_penalty.regression.normal_equations import solve
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array, Mask, at_least_tiny, nonzero_or_one
 
-#: Largest share of the joints that have a unit of their own; of more, all share it.
+#: Largest share of the joints that may have a unit of their own: if more torques are too
+#: large, all are in another unit.
 _SINGLE_JOINTS = 0.3
 _BY_SIZE = likely("judged by size alone")
 #: Units of about a tenth of a N m.
 _TENTHS = {"kgf cm": NAMED["kgfcm"], "lbf in": NAMED["lbfin"]}
-#: Times the N m of an arm that its motors' currents in mA may be: their gears make more than
-#: 3 N m of an ampere.
+#: Largest ratio of motor currents in mA to an arm's torques in N m: with their gears, motors
+#: make more than 3 N m of an ampere.
 _OF_CURRENTS = 300.0
 #: What stands for the share of effort limits where there are none.
 _NO_LIMIT = -1.0
@@ -54,7 +55,7 @@ def torque_magnitude(
     Parameters
     ----------
     repair : LogTransform
-        What is repaired in them.
+        How the log is repaired.
     runs : sequence of ArmFit
         An arm fitted to each run alone: runs may carry different loads.
     """
@@ -95,9 +96,8 @@ def _shares_of_effort(log: Likelihood, repair: LogTransform) -> Array:
 def _is_as_nominal(log: Likelihood, repair: LogTransform) -> Mask:
     """Flag the joints (n,) whose torque is what the problem's links need for the motion.
 
-    A motion that needs more than a joint is made for tells of the limit, or of a
-    simulator without one, and not of the torque's unit. False where the masses are
-    unknown.
+    If the nominal links need more than the effort limit as well, the limit is wrong, or a
+    simulator had none: the torque's unit may be right. False where the masses are unknown.
     """
     if np.all(log.problem.guessed_links):
         return np.zeros(log.n, bool)
@@ -154,8 +154,8 @@ class _Size:
         measured = _norm(log.channels(repair).T) / evidence.nominal_size(rows.raw)
         largest = high / masses * c.EFFORT[1]
         smallest = max(low, 0.1 * high) / masses / c.EFFORT[1]
-        # Upright axes bear friction, and no weight: without it the torques have to be
-        # too large as well.
+        # Joints with upright axes carry no weight, and friction may be most of their
+        # torque: the torque without friction has to be too large as well.
         of_links = rows.projected @ log.fit(repair).theta
         shared = _norm(of_links) / evidence.nominal_size(rows.projected)
         return cls(
@@ -231,7 +231,7 @@ def _issues_of_size(
         remedy="log the measured joint torque: neither masses nor inertias can be"
         " identified from this",
     )
-    # Beside each joint's friction, which can be most of it.
+    # Friction, which can be most of the torque, is projected out.
     pair = np.stack([log.channels(repair), log.nominal(repair).T], axis=2)
     torques, nominal = np.moveaxis(log.rows(repair).project_out_own(pair), 2, 0)
     if _resembles(torques.T, nominal.T) < c.RESEMBLES:
@@ -245,7 +245,7 @@ def _issues_of_size(
         return  # another issue says that the arm does not explain them
     best = min(runs, key=lambda fit: fit.unexplained)
     if leaves_more_than_usual(log, best):
-        # A current is small, too, but the arm explains it where no fault hides that.
+        # Motor currents are small as well, but the arm's dynamics explain them.
         yield external(
             f"{are}the arm's dynamics leave {100.0 * best.unexplained**0.5:.2g} % of them,"
             " more than of a motor's current: what is left where a model was subtracted"
@@ -294,9 +294,9 @@ def not_in_newton_metres(run: Measurements) -> Issue:
 
 
 def with_one_unit(run: str, issues: Sequence[Issue], n: int) -> tuple[Issue, ...]:
-    """Return the issues of a run of n joints, in which torques of more than _SINGLE_JOINTS
-    of them that are all larger, or all smaller, than in the other runs are one issue: of
-    the unit of this run."""
+    """Return the issues of a run of n joints. If the torques of more than _SINGLE_JOINTS of
+    the joints are all larger, or all smaller, than in the other runs, their issues become
+    one: this run has another unit."""
     gains = [
         issue
         for issue in issues
@@ -327,8 +327,8 @@ def with_one_unit(run: str, issues: Sequence[Issue], n: int) -> tuple[Issue, ...
 
 
 def _of_another_unit(size: _Size, of_size: Callable[..., Issue], are: str) -> Issue:
-    """Return that torques too large for N m are in another unit, by its name where one
-    makes their size possible, and currents in mA do not."""
+    """Return the issue that torques too large for N m are in another unit. It names the unit
+    that makes their size possible; currents in mA are named beside it if they do as well."""
     for factor, name in UNITS.items():
         fits = size.smallest <= size.measured * factor <= size.largest
         if not (size.is_far and factor < 0.1 and fits):
@@ -399,7 +399,8 @@ def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
     ):
         return
     shares = _left_by_weight(log)
-    # Friction of a joint that goes one way at one speed is an offset.
+    # A joint that moves one way only has friction that looks like an offset: only joints
+    # that turn round show that there is none.
     speeds = log.data.motion.dq * log.torque_mask(log.as_logged).T
     turns_round = speeds.max(axis=0) * speeds.min(axis=0) < 0.0
     is_weight = shares[log.moving].max() < c.MODEL_OF_WEIGHT

@@ -1,7 +1,8 @@
 """Facts about the logged velocity: is it the derivative of the logged position?
 
-dq / dt tells the factor of the clock, or of a unit of velocity, to a per cent, and its
-lag to a sample, whatever the arm: it is the first evidence, before any dynamics.
+Velocity over the derivative of the position is the factor of the clock, or of a unit of
+velocity. It is known to a per cent, and the velocity's lag to a sample, whatever the arm is:
+this is the first evidence, before any dynamics.
 """
 
 from collections.abc import Iterator
@@ -20,7 +21,7 @@ from sdp_vs_penalty.data.words.units import UNITS
 from sdp_vs_penalty.race.kinds.clock_rate import stamps_text
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Ratios of joints that are one: they differ by no more than this share.
+#: Joints have the same ratio if theirs differ by no more than this share.
 _SAME = 0.05
 #: A ratio of all joints differs from one (natural logarithm) by so much at least, and by so
 #: many times as much as joints differ from it: filters weaken each joint by another share.
@@ -33,19 +34,19 @@ _OF_POSITIONS = {"radians": 1.0, "degrees": UNITS["deg"], "turns": UNITS["turns"
 _TWO_TURNS = 4.0 * np.pi
 #: Ratios of a clock in another unit, or at another rate, from the derivative's.
 _OF_CLOCKS = (0.5, 2.0, *(10.0**k for k in (-6, -3, -2, -1, 1, 2, 3, 6)))
-#: A known ratio is met to this share; one that a filter or another rate makes differs from
-#: one by mostly this share, rarely by any; one of an encoder's counts has any of so many
-#: sizes (natural logarithms).
+#: Natural logarithms: how exactly a known ratio is measured (standard deviation); how far
+#: ratios of filters or other rates are from 1 (half width of a Cauchy distribution: rarely
+#: they are any); over what range the ratio of an encoder's counts may lie.
 _EXACT, _OF_FILTERS, _OF_COUNTS = 0.01, 0.1, 28.0
-#: Leading digits of the rates that programs sample at [1/s], and how near one is to them that
-#: was set, or that the ratio of the velocity yields.
+#: Leading digits of the rates that programs sample at [1/s], and the relative distance
+#: from one of them of a rate that was set, and of one that the velocity's ratio yields.
 _ROUND_RATES = np.array((1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0))
 _OF_A_SET_RATE, _OF_A_RATIO = 1e-3, 0.01
-#: A velocity whose correlation with the derivative is lower is of something else.
+#: A velocity whose squared correlation with the derivative is lower is of something else.
 _PROPORTIONAL = 0.8
 #: Lags that are tried, to either side [samples].
 _LARGEST_LAG = 50
-#: So many rows tell a lag.
+#: Rows that a lag is measured in, at most.
 _ROWS_OF_LAG = 16384
 
 
@@ -74,7 +75,7 @@ def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
     """
     if glance.run.dq is None or len(glance.run.t) < 2 * RUN:
         return
-    # Ratios are those without the lag.
+    # A lag would lower the correlation: ratios are measured with it undone.
     lag = velocity_lag(glance)
     dq = np.roll(glance.run.dq, -round(lag or 0.0), axis=0)
     ratios = velocity_ratios(replace(glance, run=replace(glance.run, dq=dq)))
@@ -118,11 +119,12 @@ def _scatter_allowed(ratios: Array) -> float:
 
 def _in_another_unit(ratio: float, is_unit_said: bool) -> Issue | None:
     """Return the note that velocities are in another unit than positions, by the ratio to
-    the derivative of the position; None where a clock or a filter makes it as well.
+    the derivative of the position; None where a clock or a filter is as likely.
 
-    Two units have one ratio, and so have clocks in another unit. Filters and other rates
-    have any ratio, mostly near one; so have an encoder's counts, where no name says the
-    unit of positions. A unit is certain by its odds against all that say otherwise.
+    A pair of units has one exact ratio, and so has a clock in another unit. Filters and
+    other rates have any ratio, mostly near one. An encoder's counts have any ratio, if no
+    name says the unit of positions. The likeliest pair of units is certain if its odds
+    against all other explanations are high enough.
     """
     pairs = {
         (velocity, position): radians / per_second
@@ -156,8 +158,8 @@ def _in_another_unit(ratio: float, is_unit_said: bool) -> Issue | None:
 
 
 def _density(ratio: float, exact: float) -> float:
-    """Return how densely ratios that are measured lie at one, by its logarithm, where the
-    exact one is known."""
+    """Return the probability density of a measured ratio's logarithm, if the exact ratio
+    is known: a normal one of standard deviation _EXACT."""
     distance = np.log(ratio / exact) / _EXACT
     return float(np.exp(-0.5 * distance**2) / (np.sqrt(2.0 * np.pi) * _EXACT))
 
@@ -165,9 +167,10 @@ def _density(ratio: float, exact: float) -> float:
 def _against_the_clock(glance: RunSummary, ratio: float, alike: str) -> Issue:
     """Return the issue that the clock or the velocity is off by one factor.
 
-    The rate of the clock decides where it is a usual one with one of the two only: a clock
-    that is right leaves a note about the velocity. Otherwise both are possible and nothing
-    is repaired: the arm judges a clock at another rate, by inertia beside weight.
+    Programs sample at usual rates. If only the logged rate is a usual one, the clock is
+    right, and a note about the velocity is left. If only the corrected rate is, the clock is
+    repaired. Otherwise both are possible and nothing is repaired here: inertia beside weight
+    shows a clock at another rate.
 
     ratio : velocity over the derivative of the position; alike : the sentence that says
     in how many joints.
@@ -299,22 +302,24 @@ def velocity_lag(glance: RunSummary) -> float | None:
         Lag [samples]; negative where the velocity comes before.
     """
     # Steps across gaps count 0.
-    even = (glance.steps < GAP * glance.usual_step)[:_ROWS_OF_LAG]
-    largest_lag = min(_LARGEST_LAG, len(even) // 4)
-    tried = np.arange(-largest_lag, largest_lag + 1)
+    is_no_gap = (glance.steps < GAP * glance.usual_step)[:_ROWS_OF_LAG]
+    n_steps = len(is_no_gap)
+    largest_lag = min(_LARGEST_LAG, n_steps // 4)
+    lags_tried = np.arange(-largest_lag, largest_lag + 1)
     lags = []
     for j in np.flatnonzero(glance.moving).tolist():
-        rate = even * np.diff(glance.run.q[: len(even) + 1, j])
-        speed = even * _between_rows(glance, j)[: len(even)]
-        # Cross-correlation by FFT; zeros behind the rows keep it from wrapping round.
-        length = 2 * len(even)
-        spectrum = np.fft.rfft(speed, length) * np.fft.rfft(rate, length).conj()
-        match = np.abs(np.fft.irfft(spectrum, length)[tried])
-        lags.append(float(tried[np.argmax(match)]))
+        travel = is_no_gap * np.diff(glance.run.q[: n_steps + 1, j])
+        speed = is_no_gap * _between_rows(glance, j)[:n_steps]
+        # Cross-correlation by FFT; zeros behind the rows keep it from wrapping round. Its
+        # entry k is that of lag k: negative lags stand at the end, as negative indices do.
+        length = 2 * n_steps
+        spectrum = np.fft.rfft(speed, length) * np.fft.rfft(travel, length).conj()
+        correlation = np.abs(np.fft.irfft(spectrum, length)[lags_tried])
+        lags.append(float(lags_tried[np.argmax(correlation)]))
     if not lags:
         return None
     lag = float(np.median(lags))
     if abs(lag) == largest_lag:
-        return None  # the best is not among those tried
+        return None  # the best lag may lie beyond those tried
     spread = float(np.median(np.abs(np.array(lags) - lag)))
     return lag if spread <= 1.0 else None

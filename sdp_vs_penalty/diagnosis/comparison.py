@@ -265,16 +265,18 @@ class Comparison(Record):
 
     @fact("")
     def grades(self) -> str:
-        """What the grades mean."""
-        within, beyond = f"at most {ABOVE_NOISE:g} times its noise", " beyond its noise"
+        """What errors the grades stand for, in words; good ones are limited by the noise
+        floor, or by a share of the torque where there is none."""
         if self.noise_floor is None:
-            share = f"{100.0 * NEGLIGIBLE:g} % of its torque"
-            within, beyond = f"at most {share}, since no noise is known", ""
-        return (
-            f"Good: each joint errs by {within}, on motion that is new. Do not use: a"
-            f" joint errs by more than {NO_MODEL:g} % of its torque{beyond}. Usable: all"
-            " between."
-        )
+            of_torque = f"{100.0 * NEGLIGIBLE:g} % of its torque"
+            good_limit = f"{of_torque}, since no noise is known"
+            unusable_limit = f"{NO_MODEL:g} % of its torque"
+        else:
+            good_limit = f"{ABOVE_NOISE:g} times its noise"
+            unusable_limit = f"{NO_MODEL:g} % of its torque beyond its noise"
+        good = f"Good: each joint errs by at most {good_limit}, on motion that is new."
+        unusable = f"Do not use: a joint errs by more than {unusable_limit}."
+        return f"{good} {unusable} Usable: all between."
 
     @fact("Hz", name="band")
     def band(self) -> float:
@@ -283,7 +285,8 @@ class Comparison(Record):
 
     @fact("s", digits=2)
     def standstill_left_out(self) -> float:
-        """How long no joint moves in the judged runs; errors are those of the rest."""
+        """How long no joint moves in the judged runs; these rows have no part in the
+        errors."""
         return self.still
 
     @fact("")
@@ -305,8 +308,8 @@ class Comparison(Record):
     @fact(column="links can exist")
     def links_can_exist(self) -> bool:
         """Whether the verdict says that the links can exist: each is physically consistent,
-        up to rounding, reaches no farther than its body, and weighs something. The last is
-        no constraint: a certificate's ``worst`` may be 0."""
+        up to rounding, reaches no farther than its body, and weighs something. No constraint
+        demands a mass above 0: a certificate may have no violation without it."""
         return not implausible(self.estimate.certificate, *self._masses)
 
     @property
@@ -357,7 +360,7 @@ class Comparison(Record):
         """
         masses, nominal = self._masses
         errors = self.errors
-        if self.is_negligible:
+        if self.is_negligible:  # the error counts as its own noise floor
             errors = replace(errors, floor=nonzero_or_one(self.rmse))
         verdict = judge(
             errors=errors,
@@ -376,8 +379,9 @@ class Comparison(Record):
             highest=self.highest_relative_error,
             determined=(self.estimate.n_base_from_data, self.estimate.n_base),
         )
-        is_known = not self.is_negligible
-        return verdict if is_known else replace(verdict, error_over_noise=None)
+        if self.is_negligible:  # its floor was not the noise
+            return replace(verdict, error_over_noise=None)
+        return verdict
 
     def plot(
         self, joint: int | None = None, against: str = "time", axes: Any = None
@@ -449,14 +453,14 @@ class Comparison(Record):
 
 
 #: What a sensor of an arm resolves at best, as a share of the largest torque (RMS) of its
-#: joints: 20 bits. Logs without noise, of a joint that turns about its axis with next to
-#: no torque, would state errors of micronewton metres as multiples of a noise.
+#: joints: 20 bits. Without this limit, a log without noise of a joint with next to no torque
+#: would have errors of micronewton metres that are many times its noise.
 RESOLUTION = 1e-6
-#: Share of a joint's torque up to which an error is good without a known noise: the gain
-#: of no arm's torque is known better.
+#: Share of a joint's torque up to which an error is good if no noise is known: no arm's
+#: torque gain is known better.
 NEGLIGIBLE = 1e-3
-#: Length [s] of the stretches of which a relative error's spread is told: longer than
-#: errors of a friction or a filter stay alike.
+#: Length [s] of the stretches that the jackknife leaves out: longer than errors of a
+#: friction or a filter are correlated.
 _STRETCH = 1.0
 
 
@@ -718,7 +722,7 @@ def compare_filtered(
     return judged
 
 
-def _noise_floor(first: Estimate, shown: FilteredRuns) -> tuple[Array | None, str]:
+def _noise_floor(first: Estimate, runs: FilteredRuns) -> tuple[Array | None, str]:
     """Return the noise floor (n,) [N m or N] that models are judged by, and its source.
 
     It depends only on the first model's problem and on the recordings, so that all
@@ -727,35 +731,35 @@ def _noise_floor(first: Estimate, shown: FilteredRuns) -> tuple[Array | None, st
     these recordings do not repeat, since it is the same arm behind the same filters.
     None if it is not known.
     """
-    stored = _kept_noise(first, shown.settings)
-    recording = shown.measurements.recording
+    stored = _stored_noise(first, runs.settings)
+    recording = runs.measurements.recording
     if stored is not None and stored.data_hash == recording.data_hash:
         floor, source = stored.floor, stored.source
     else:
-        floor, source = noise_level(first.problem, shown)
+        floor, source = noise_level(first.problem, runs)
         if stored is not None and stored.source == REPETITION and source != REPETITION:
             floor, source = stored.floor, stored.source
     if floor is None:
         return None, source
-    return np.maximum(floor, resolution(shown.measurements.tau, first)), source
+    return np.maximum(floor, resolution(runs.measurements.tau, first)), source
 
 
 def resolution(tau: Array, model: Estimate) -> Array:
-    """Return what no sensor of an arm resolves, (n,) [N m or N]: RESOLUTION of the largest
-    torque (RMS) of the joints with the same unit, in measured torque (M, n)."""
+    """Return the smallest torque (n,) that a joint's sensor may resolve [N m or N]:
+    RESOLUTION times the largest torque (RMS) of the joints with the same unit; tau (M, n)."""
     torque = np.sqrt(np.mean(tau**2, axis=0))
     units = np.array(model.torque_units)
     return RESOLUTION * np.array([torque[units == unit].max() for unit in units])
 
 
-def _kept_noise(model: Estimate, settings: Preprocessing) -> NoiseFloor | None:
+def _stored_noise(model: Estimate, settings: Preprocessing) -> NoiseFloor | None:
     """Return the noise floor stored with a model, from the recordings it was identified
     from.
 
     Parameters
     ----------
     settings
-        Filters of the recordings that are judged. A floor is that behind filters.
+        Filters of the recordings that are judged: a noise floor is one behind filters.
 
     Returns
     -------
@@ -816,7 +820,7 @@ def _compare_one(
     record = model.training_motion
     new_share = None if record is None else record.new_share(runs)
     if model.method == NOMINAL:
-        new_share = 1.0  # no motion made it
+        new_share = 1.0  # it was fitted to no motion
     noise, noise_source = floor
     return Comparison(
         name=name,
@@ -863,7 +867,7 @@ def _predict_runs(
             columns["dq"].append(motion.dq)
             columns["measured"].append(rows.torque)
             columns["modelled"].append(modelled)
-            # An effect's range may be one of torque: the modelled one counts.
+            # An effect's range may be one of torque: the modelled torque is judged.
             motion_with_torque = replace(motion, torque=modelled)
             for effect in model.model.effects:
                 is_outside = effect.outside(motion_with_torque)
