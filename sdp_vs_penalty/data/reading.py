@@ -54,13 +54,14 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: The groups of columns, in the order in which they are written.
 GROUPS = ("q", "dq", "tau", "temp", *COMMANDED)
-#: Groups that are taken where they are whole: other logs call other things so.
+#: Groups that are left out unless every joint has them: other logs use these names for
+#: other things.
 _WHOLE = ("temp", "current", "voltage")
-#: Share of empty cells in a channel that competes with others.
+#: Largest share of empty cells in a channel that competes with others.
 _MOST_GAPS = 0.1
-#: Whole numbers that stand for a missing measurement are as large.
+#: Whole numbers that stand for a missing measurement are at least so large.
 _LEAST_SENTINEL = 99.0
-#: How the set of columns that competes as the torques is told from our groups.
+#: Name of the group that holds a set of columns which competes as the torques.
 _RIVAL = "torques: {}"
 #: A joint that moves by less does not move [rad, m].
 _AT_REST = 1e-3
@@ -70,6 +71,8 @@ _OF_OURS = "ours"
 _USUAL_STEPS = (2e-5, 0.1)
 #: Desired positions are at most so far from the measured ones, over their motion.
 _FOLLOWS = 0.1
+#: Rates that velocities and the clock tell are the same up to this share.
+_SAME_RATE = 0.1
 #: Rows by which a derivative is judged.
 _LEAST_ROWS = 50
 #: Rows that are shown of columns that were guessed, and orders of columns that are tried.
@@ -128,13 +131,15 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
         A channel that is missing, or columns that do not fit together.
     """
     log, run, found = run_and_reading(log, choice)
-    n, first = choice.n_logged, ""
+    n = choice.n_logged
+    of_first_joints = ""
     if run.n == n + 1 > 1 and not (run.joint_names or choice.is_of_motors):
-        first = _command_of_first_joints(log, found, choice, n)
+        of_first_joints = _command_of_first_joints(log, found, choice, n)
         what = f"{run.n} joints, the robot has {n}, and no name tells which"
-        _remark(log, f"{what}: where the last is a gripper's, convert it by `{first}`")
+        how = f"where the last is a gripper's, convert it by `{of_first_joints}`"
+        _remark(log, f"{what}: {how}")
     if found.is_identity:
-        return replace(run, unit_command=first)
+        return replace(run, unit_command=of_first_joints)
     sentence, said = sentence_and_command(log, found, choice)
     others = {
         name: columns
@@ -148,7 +153,7 @@ def run_of(log: Log, choice: Choice = Choice()) -> Measurements:
     )
     is_asked = ("q" in found.unsaid and not found.is_of_arm) or found.is_possible
     asked = _asking_command(log, found, choice) if is_asked else ""
-    return replace(run, unit_command=first or asked)
+    return replace(run, unit_command=of_first_joints or asked)
 
 
 def _command_of_first_joints(
@@ -229,11 +234,11 @@ def _are_exchanged(run: Measurements) -> bool:
     turned = rate_from_velocities(run.dq, run.q)
     if turned is None or rate_from_velocities(run.q, run.dq) is not None:
         return False
-    return abs(turned * float(np.median(np.diff(run.t))) - 1.0) < _FOLLOWS
+    return abs(turned * float(np.median(np.diff(run.t))) - 1.0) < _SAME_RATE
 
 
 def _follows_positions(run: Measurements) -> bool:
-    """Whether what a name calls velocities are positions, as desired ones are ("qd")."""
+    """Tell whether what a name calls velocities are positions: "qd" may be desired ones."""
     if run.dq is None or len(run.t) < 2:
         return False
     apart = np.sqrt(np.mean((run.dq - run.q) ** 2, axis=0))
@@ -241,7 +246,7 @@ def _follows_positions(run: Measurements) -> bool:
 
 
 def _without_given_units(found: Recognition, choice: Choice) -> Recognition:
-    """Leave the units of what ``--scale`` names to it."""
+    """Leave out the units of groups that ``--scale`` names: the option states them."""
     for name in choice.scale or {}:
         if group_of(name) in ("t", *GROUPS):
             found = found.without_unit(name)
@@ -266,7 +271,8 @@ def _confirmed_order(log: Log, found: Recognition, choice: Choice) -> Recognitio
     for order, share in explained:
         motion = _motion_columns(order)
         shares[motion] = min(share, shares.get(motion, share))
-    # Of torques beside one motion the arm leaves least of a model's: it tells no measured one.
+    # Orders with the same motion share one number: the arm leaves least of a model's torque,
+    # so that it does not tell which of several torques was measured.
 
     def odds(order: Recognition) -> float:
         return order.weight * shares[_motion_columns(order)] ** -N_PARTS
@@ -451,7 +457,8 @@ def _in_stated_order(
 
 
 def _has_other_velocities(log: Log, ours: Mapping[str, str]) -> bool:
-    """Whether a file with our names calls its velocities otherwise, "qd": a stranger's."""
+    """Tell whether a file with our names has velocities by another name, "qd": another
+    program wrote it."""
     if len(ours) == len(log.columns) or "dq" in map(group_of, ours):
         return False
     found = recognised_in(log, None)
@@ -461,11 +468,11 @@ def _has_other_velocities(log: Log, ours: Mapping[str, str]) -> bool:
 def _of_wide_block(
     log: Log, found: Recognition | None, joints: Sequence[str] | None
 ) -> tuple[Log, Recognition] | None:
-    """Return the log with a column for each of the block that holds several columns of each
-    joint, and what these are by their values; None without such a block.
+    """Split the block that holds several columns of each joint, and tell by their values
+    what its columns are; None without such a block.
 
-    It is that of the positions, or, where nothing is recognised, the only one that no name
-    calls anything else.
+    The block is that of the positions or, where nothing is recognised, the only one whose
+    name says nothing else.
     """
     widths = {x: y.width for x, y in log.columns.items() if y.kind == "list"}
     if not widths or log.remedy:
@@ -480,13 +487,13 @@ def _of_wide_block(
         clock = find_clock(log.columns)
         pairs = {"t": clock} if clock else {}
         found = Recognition(pairs | ({"tau": taus[0]} if taus else {}))
-        # Without a robot what is called positions is all that.
+        # Without a robot or torques nothing tells how many joints a block of positions has.
         open_to = (None, "q") if joints or taus else (None,)
         blocks = [x for x, quantity in said.items() if quantity in open_to]
     else:
         blocks = [x for x in widths if x == found.rename.get("q")]
     n = len(joints) if joints else widths.get(found.rename.get("tau", ""))
-    wide = [x for x in blocks if n is None or widths[x] % n == 0 < widths[x] - n]
+    wide = [x for x in blocks if n is None or (widths[x] > n and widths[x] % n == 0)]
     if len(wide) != 1 or (n is None and "q" in found.rename):
         return None
     (block,) = wide
@@ -840,11 +847,7 @@ def _in_si(
     columns: Mapping[str, Array],
     choice: Choice,
 ) -> tuple[Measurements, Recognition]:
-    """Make the run in SI units, and decide by its values the units that are open.
-
-    Episodes (runs that begin their clock anew) are put one after the other, a second
-    apart.
-    """
+    """Make the run in SI units, and decide by its values the units that are open."""
     first = columns[groups["q"][0]]
     # A block can be (N, n) or (n, N): its longer side is that of the samples.
     count = max(first.shape) if first.ndim == 2 else len(first)
@@ -880,8 +883,8 @@ def _in_si(
 
         follows = is_in_one_unit(blocks["q"], blocks["qcmd"])
     if found.zeros:
-        of_q = ["q", *["qcmd"] * follows]
-        blocks |= {x: blocks[x] - found.zeros for x in of_q}
+        in_counts = ["q", "qcmd"] if follows else ["q"]
+        blocks |= {x: blocks[x] - found.zeros for x in in_counts}
     if not choice.as_written:
         found = _with_unit_of_clock(found, t, blocks, choice.rate)
     if len(t) > 1 and "tau" in blocks:
@@ -907,28 +910,45 @@ def _in_si(
     episode = None
     is_read = has_clock and not choice.as_written
     if len(t) > 1 and (found.episode or (is_read and is_set_back(t))):
-        steps, seconds = np.diff(t), np.ones(len(t) - 1)
-        begins = steps <= 0.0
-        if found.episode and not has_clock:
-            begins = np.diff(columns[found.episode]) != 0.0
+        # Steps over which the clock was only set back, while the motion goes on.
+        set_back = np.zeros(len(t) - 1, bool)
         if not found.episode:
-            begins = steps < 0.0
+            begins = np.diff(t) < 0.0
             rows = np.flatnonzero(begins)
-            seconds[rows[goes_on(blocks["q"], rows)]] = usual_step(t)
-        apart = np.where(begins, seconds - steps, 0.0)
-        if apart.any():
-            begins &= seconds == 1.0
-            n_episodes = formatting.count(int(np.sum(begins)) + 1, "episode")
-            said = f"{n_episodes} one after the other, a second apart"
-            if not begins.any():
-                said = "the clock was set back while the motion goes on: continued"
-            _remark(log, said)
-            t = t + np.cumsum(np.append(0.0, apart))
-            episode = np.cumsum(np.append(0, begins))
+            set_back[rows] = goes_on(blocks["q"], rows)
+        elif has_clock:
+            begins = np.diff(t) <= 0.0
+        else:
+            begins = np.diff(columns[found.episode]) != 0.0
+        t, episode = _one_after_the_other(log, t, begins, set_back)
     name = log.run_name or log.path.name
     run = Measurements.from_channels(t, blocks, (name,), None, found.torque_unit)
     run = replace(run, joint_names=found.joints, episode=episode)
     return _without_others(log, run, choice), found
+
+
+def _one_after_the_other(
+    log: Log, t: Array, begins: NDArray[np.bool_], set_back: NDArray[np.bool_]
+) -> tuple[Array, NDArray[np.intp] | None]:
+    """Continue the clock t (N,) [s] at the steps (N - 1,) over which it ``begins`` anew, and
+    return it with the number of each row's episode; None where the clock needs no change.
+
+    Episodes come a second apart. None begins where the clock was only ``set_back``.
+    """
+    steps = np.diff(t)
+    new_steps = np.ones(len(steps))
+    if set_back.any():
+        new_steps[set_back] = usual_step(t)
+    added = np.where(begins, new_steps - steps, 0.0)
+    if not added.any():
+        return t, None
+    begins = begins & ~set_back
+    n_episodes = formatting.count(int(np.sum(begins)) + 1, "episode")
+    said = f"{n_episodes} one after the other, a second apart"
+    if not begins.any():
+        said = "the clock was set back while the motion goes on: continued"
+    _remark(log, said)
+    return t + np.cumsum(np.append(0.0, added)), np.cumsum(np.append(0, begins))
 
 
 def _of_the_same_joints(
@@ -939,8 +959,11 @@ def _of_the_same_joints(
     choice: Choice,
 ) -> tuple[Recognition, dict[str, Array]]:
     """Leave out of blocks (N, n) the joints that some groups lack, such as a gripper without
-    torque: by the joints' names, else a last one beyond the robot's. Raises InputError where
-    these do not tell."""
+    torque.
+
+    The joints' names tell which these are. Without names it is the last one, if the robot
+    has one joint less. Raises InputError otherwise.
+    """
     widths = {x: y.shape[1] for x, y in blocks.items() if x not in _WHOLE}
     n = min(widths.values())
     if max(widths.values()) > n:
@@ -1082,7 +1105,7 @@ def _as_the_arm_says(
         found, blocks = by_arm.with_unit_of_positions(
             found, blocks, robot, of_links, apart, choice.unit_of_others
         )
-        if found is not before:  # so fast joints move in that unit
+        if found is not before:  # the speed of joints in the new unit tells the clock's
             found = _with_unit_of_clock(found, t, blocks, choice.rate)
         if found.possible_scale:
             found = _with_possible_clock(found, t, blocks["q"], choice.rate)
@@ -1168,8 +1191,8 @@ def sentence_and_command(
             "no torque is in the file: log it as well, or identify the servos from their"
             " commands with --known, such as a mass"
         )
-    heard = {x.split(" ")[0] for x in (*found.units, *found.said)}
-    if unsaid := sorted(found.unsaid - heard):
+    named_above = {x.split(" ")[0] for x in (*found.units, *found.said)}
+    if unsaid := sorted(found.unsaid - named_above):
         said.append(f"no name says the unit of {formatting.words(unsaid)}: taken as SI")
     if found.joints:
         other = " in the file's order, for the robot's have other names"
@@ -1191,7 +1214,9 @@ def repeating_command(log: Log, found: Recognition, choice: Choice) -> str:
     from sdp_vs_penalty.data.hypotheses.renaming import choosing_words
 
     words = list[str]()
-    if found.is_of_arm:  # it decides again where the robot is named, and no column is
+    if (
+        found.is_of_arm
+    ):  # the arm decides again if the command names the robot, no columns
         if "--problem" not in choice.options:
             return ""
     else:

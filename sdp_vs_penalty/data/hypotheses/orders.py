@@ -148,6 +148,7 @@ def _of_joints(
         for groups in (wanted, without):
             for chosen in permutations(range(k), len(groups)):
                 of_group = dict(zip(groups, chosen, strict=True))
+                # Place k, behind all columns, is that of a group without columns.
                 q, dq, tau = (of_group.get(x, k) for x in ("q", "dq", "tau"))
                 velocities = {b for a, b in shares if a == q} - {tau} or {k}
                 if dq not in velocities or any(b == q for _, b in shares):

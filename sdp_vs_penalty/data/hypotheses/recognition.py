@@ -294,13 +294,13 @@ def _clock_by_values(
     unknown = [
         x for x in rising if not (said[x] or is_no_measurement(x) or x in indices)
     ]
-    weaker = (
+    surest_first = (
         [x for x, y in columns.items() if y.kind == "stamp"],
         [x for x in indices if x in rising and np.any(rising[x] % 1.0)][:1],
         [x for x in unknown if read_time_by_unit(x)],
         [x for x in unknown if not counts_rows(rising[x])],
     )
-    return next((found[0] for found in weaker if len(found) == 1), None)
+    return next((found[0] for found in surest_first if len(found) == 1), None)
 
 
 def _our_name(group: str, key: Hashable, number: int) -> str:
@@ -312,7 +312,7 @@ def _our_name(group: str, key: Hashable, number: int) -> str:
 def _read_or_commanded(
     name: str, of_command: Callable[[str], Meaning | None]
 ) -> Meaning | None:
-    """Read a name, or what was commanded."""
+    """Read the measured quantity that a name says, else a commanded one."""
     return read_name(name) or of_command(name)
 
 
@@ -323,8 +323,8 @@ def _read_and_choose(
 ) -> tuple[dict[str, Meaning], SetChoice | None]:
     """Read the columns' names, and choose the sets of columns that hold q, tau and so on.
 
-    What the robot's joints are called says nothing else. Names that say nothing but a
-    joint are positions where nothing else is.
+    The names of the robot's joints say no quantity. Columns that are called by a joint
+    alone are positions if no other columns are.
     """
     n_joints = len(joints) if joints else None
     single = [name for name, x in usable.items() if x.kind == "number"]
@@ -359,7 +359,7 @@ def known_columns(
 
 
 def _says_nothing(said: Meaning | None) -> bool:
-    """Return whether a name says nothing, or a clock with a number, "T1", which is none."""
+    """Return whether a name says nothing, or a clock with a number: "T1" is no clock."""
     return said is None or (said.quantity == "t" and said.number is not None)
 
 
@@ -414,9 +414,8 @@ def _joints_of_words(
 
 
 def _with_numbers(joints: Sequence[str], names: Collection[str]) -> list[str]:
-    """Name numbered columns, in the order of their numbers, by the robot's joints that
-    have these numbers, where all others have none: a gripper that was not logged. None
-    named otherwise."""
+    """List the robot's joints that have the numbers of the columns, if the robot has
+    further joints, such as a gripper that was not logged; none otherwise."""
     numbers = ["".join(re.findall("[0-9]+", x)[-1:]) for x in names]
     found = match_joints(joints, numbers, by_numbers=True)
     by_number = {y: x for x, y in found.items()}
@@ -525,9 +524,12 @@ _AT_MOTORS = re.compile(r"(?i)\b(motor side|motorseit\w*|at the motors?)\b")
 def with_facts(
     found: Recognition, columns: Columns, heading: Sequence[str], n: int
 ) -> Recognition:
-    """Bring shares of rated torques, currents, what n motors do behind gears, and counts of
-    encoders, to joints by the numbers that the lines above the table say
-    (:func:`facts_of_heading`), in the order of the columns."""
+    """Bring channels to SI units of the n joints by the numbers that the lines above the
+    table say (:func:`facts_of_heading`).
+
+    Channels are shares of rated torques, currents, motions and torques of motors behind
+    gears, and counts of encoders. The numbers stand in the order of the columns.
+    """
     facts = facts_of_heading(heading, n)
     if found.joints and {"q1", f"q{n}"} <= {*found.rename}:
         in_file = [[*columns].index(found.rename[f"q{k}"]) for k in range(1, n + 1)]
@@ -557,6 +559,7 @@ def with_facts(
     if "ratio" in facts and is_torque:
         ratios, line = np.array(facts["ratio"][0]), facts["ratio"][1]
         for group in are_of_motors & {"q", "dq", "qcmd", "tau"}:
+            # A gear multiplies torques by its ratio, and divides motions.
             power = 1.0 if group == "tau" else -1.0
             factors[group] = factors.get(group, 1.0) * ratios**power
             lines = [*dict.fromkeys([*lines, line])]
@@ -565,6 +568,7 @@ def with_facts(
         found = found.with_factors(group, (own * factor).tolist())
     if not factors:
         return found
+    # These sentences ask for the factors that the lines have said.
     begins = tuple(f"{x} {y}" for x in factors for y in ("is ", "are the motors'"))
     said = _said_above(formatting.words([*factors]), lines)
     kept = [x for x in found.said if not x.startswith(begins)]

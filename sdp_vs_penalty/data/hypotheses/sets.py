@@ -145,6 +145,7 @@ def _with_rails(
     return names
 
 
+#: Words and symbols that say on which side of the gear a column was measured.
 _SIDES = {*_MOTOR_WORDS, *_LINK_WORDS, *_MOTOR_SYMBOLS}
 
 
@@ -289,11 +290,14 @@ def choose_sets(
         Columns that hold a number a row: one that is called by more than its quantity,
         "q_elbow", is not all of several joints.
     """
-    every = {x: column_sets(x, said, n_joints) for x in WORDS if x != "t"}
+    by_quantity = {x: column_sets(x, said, n_joints) for x in WORDS if x != "t"}
     motors = {
-        x: [s for s in sets if _is_of_motors(s, sets)] for x, sets in every.items()
+        x: [s for s in sets if _is_of_motors(s, sets)]
+        for x, sets in by_quantity.items()
     }
-    links = {x: [s for s in sets if s not in motors[x]] for x, sets in every.items()}
+    links = {
+        x: [s for s in sets if s not in motors[x]] for x, sets in by_quantity.items()
+    }
     candidates = list[dict[str, ColumnSet]]()
     for positions in links["q"]:
         positions = _driven(positions, links["tau"])

@@ -32,17 +32,20 @@ ROWS_JUDGED = 100_000
 _TWO_TURNS = 4.0 * np.pi
 #: Steps of a clock are mostly shorter [s].
 _SLOWEST_STEP = 0.1
-#: Usual speed of the joint that moves most [rad/s, m/s]; how far sizes are from the usual
-#: one [powers of ten]; share of logs whose positions are larger numbers than radians.
-_USUAL_SPEED, _DECADES, _OTHER_UNIT = 0.5, 0.5, 3e-3
+#: Usual speed of the joint that moves most [rad/s, m/s].
+_USUAL_SPEED = 0.5
+#: How far sizes are from the usual one: the standard deviation [powers of ten].
+_DECADES = 0.5
+#: Share of logs whose positions are larger numbers than radians.
+_OTHER_UNIT = 3e-3
 #: Seconds since 1970 in the years 2001 and 2128: stamps in between are plausible [s].
 _EARLIEST_STAMP, _LATEST_STAMP = 1e9, 5e9
 #: Steps of a clock in seconds are longer: no arm is logged at 50 kHz [s].
 _SHORTEST_STEP = 2e-5
 #: From this share of repeated stamps on, a clock is rounded to more than a row.
 _ROUNDED = 0.5
-#: Share of each of several channels that an arm leaves which explains none of them: its
-#: positions, or the clock, are in another unit.
+#: An arm that leaves more than this share of each torque explains none: positions, or the
+#: clock, are in another unit.
 EXPLAINS_NONE = 0.3
 #: A measured torque carries noise; less than this share of its scatter is a model's, or
 #: the rounding of one, beside a torque with ten times as much.
@@ -306,9 +309,12 @@ def in_one_unit(
 def _unit_of_velocities(
     t: Array, q: Array, dq: Array, own: Sequence[float]
 ) -> tuple[Array, str] | None:
-    """Return the factors (n,) to SI of velocities and their names; None where they are in
-    SI, or in no known unit, unless positions were counted. A thousand of all joints may be
-    the clock's."""
+    """Return the factors (n,) to SI of velocities and the names of their units; None where
+    they are in SI, or in no known unit.
+
+    Beside counted positions any unit is possible. A factor of a thousand in all joints is
+    not taken, unless positions have it: it may be the clock's.
+    """
     step = float(np.median(np.diff(t[:ROWS_JUDGED]))) if len(t) > 1 else 0.0
     if not 0.0 < step < np.inf:
         return None
@@ -325,8 +331,9 @@ def _unit_of_velocities(
     units = {*found.values()}
     if 0.0 in units or units <= {1.0} or (units == {UNITS["mm"]} != {*own}):
         return None
-    most = max(units, key=[*found.values()].count)  # of joints at rest
-    factors = [found.get(j, most) for j in range(q.shape[1])]
+    # Joints at rest tell no unit: they have the most frequent one.
+    most_frequent = max(units, key=[*found.values()].count)
+    factors = [found.get(j, most_frequent) for j in range(q.shape[1])]
     words = dict.fromkeys(VELOCITY_UNITS.get(x, f"steps of {x:.3g}") for x in factors)
     return np.array(factors), " and ".join(words)
 
