@@ -58,10 +58,10 @@ def list_candidates(data: WhiteData, progress: Progress = no_progress) -> Librar
     # Candidates with the white columns of each joint, by what a batch has in common.
     groups = dict[Hashable, list[tuple[Candidate, dict[int, Array]]]]()
     forms = [*effect_candidates(data), *own_constant_candidates(data)]
-    said = ""
+    last_name = ""
     for number, form in enumerate(forms, start=1):
-        if form.effect.name != said:
-            said = form.effect.name
+        if form.effect.name != last_name:
+            last_name = form.effect.name
             progress(f"trying effects: {number} of {len(forms)}")
         white = white_candidate(data, form)  # columns by joint (from 0)
         if white:  # it changes the torque of some joint
@@ -120,8 +120,8 @@ def effect_candidates(data: WhiteData) -> Iterator[Candidate]:
 
 def _at_own_width(kind: type[Effect], model: Model, joint: int) -> list[Effect]:
     """Return the forms of an effect that begin at the width over which the model's
-    friction turns round: of another law of it only widths within a sixth of the true one
-    explain much."""
+    friction turns round: another law of friction explains much only if its width is within
+    a sixth of the true one."""
     width = {kind.width_shape: model.sign_width[joint]}
     if kind.shapes[kind.width_shape].complaint(model.sign_width[joint]):
         return []

@@ -40,10 +40,10 @@ def refer_columns_to_current_model(
 
     A delay or a filter acts on all torque, also on that of the findings. Its columns
     are therefore computed from the torque of the model, refitted beside the findings,
-    plus the findings' torque. And friction turns round over the velocity that the
-    model's constants say, which have to be free before a second law of it is a finding.
-    Search and columns alternate (a Gauss-Newton iteration) until a set of findings comes
-    back.
+    plus the findings' torque. A second law of a joint's friction waits as well, until the
+    constants of the model's own friction (the velocity over which it reverses) are
+    re-estimated. Search and columns alternate (a Gauss-Newton iteration) until a set of
+    findings comes back.
 
     Parameters
     ----------
@@ -132,8 +132,7 @@ def delays_torque(search: Search) -> bool:
     """
     effects = [t.form.effect for t in search.terms]
     effects += search.data.estimate.model.effects
-    is_late = any(map(_is_delay, effects))
-    return bool(search.terms) and is_late
+    return bool(search.terms) and any(map(_is_delay, effects))
 
 
 def refer_once(search: Search) -> Search:
@@ -162,8 +161,8 @@ def beside_constants(
 ) -> Search:
     """Return the search beside a model with re-estimated constants.
 
-    Signs of velocities in the findings turn round as the model's friction does: its
-    constants are estimated beside these, by steps of Gauss and Newton.
+    The findings' columns use the velocity over which the model's friction reverses. So the
+    constants are estimated beside the findings, by Gauss-Newton steps.
     """
     out = copy(search)
     out.constants = tuple(constants)
@@ -182,7 +181,7 @@ def beside_constants(
             effect = error[0].effect
             key = effect.name, *effect.joints
             out.constants = tuple(
-                _settled(out.fit, own, error)
+                _with_constants_stepped(out.fit, own, error)
                 if own in moving and own.key == key
                 else own
                 for own in out.constants
@@ -190,9 +189,14 @@ def beside_constants(
     return out
 
 
-def _settled(fit: WhiteFit, own: ScoredEffect, error: ConstantErrors) -> ScoredEffect:
-    """Return one of the model's effects with its constants a step of Gauss and Newton
-    further, up to a factor of two; ``error`` : what errors of them make of torque."""
+def _with_constants_stepped(
+    fit: WhiteFit, own: ScoredEffect, error: ConstantErrors
+) -> ScoredEffect:
+    """Return one of the model's effects with its constants moved by a Gauss-Newton step,
+    by a factor of two at most.
+
+    error : derivatives of the torque by the constants, and their white columns.
+    """
     derivatives, columns = error
     left = fit.residual_of(fit.scaled(columns))  # (n, M, constants)
     both = ((0, 1), (0, 1))
@@ -201,10 +205,10 @@ def _settled(fit: WhiteFit, own: ScoredEffect, error: ConstantErrors) -> ScoredE
     effect = own.form.effect
     shape = {}
     for name, step in zip(derivatives.keys, steps.tolist(), strict=True):
-        now = effect.shape[name]
+        present = effect.shape[name]
         value = moved(effect, name, step * prior_deviation(effect, name)).shape[name]
         low, high = own.form.bounds(name) or (0.0, np.inf)
-        inside = np.clip(value, max(low, 0.5 * now), min(high, 2.0 * now))
+        inside = np.clip(value, max(low, 0.5 * present), min(high, 2.0 * present))
         shape[name] = float(f"{inside:.6g}")
     return replace(own, form=own.form.with_shape(**shape))
 

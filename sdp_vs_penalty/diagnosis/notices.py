@@ -91,13 +91,14 @@ def load_beyond_file(search: Search, estimate: Estimate) -> Notice | None:
     Returns
     -------
     Notice or None
-        Its size is the mass [kg] beyond the file, by which the last link still has a
-        mass above zero; where the data do not show a mass,
-        the length of the first moment [kg m].
+        Its size is the mass [kg] beyond the file; if the data do not show a mass, the
+        length of the first moment [kg m] beyond the file. None as well if the last link
+        would have no mass above zero.
     """
     links = estimate.problem.nominal_links
     rigid = estimate.model.rigid_indices
-    is_in_si = estimate.torque_units == estimate.robot.torque_units  # else no kg is one
+    # Of torques in another unit, such as currents, no mass is in kg.
+    is_in_si = estimate.torque_units == estimate.robot.torque_units
     is_stated = (
         is_in_si
         and not estimate.problem.guessed_links.any()
@@ -128,7 +129,7 @@ def load_beyond_file(search: Search, estimate: Estimate) -> Notice | None:
     std_of_mass = float(np.sqrt(covariance[0, 0]))
     if abs(mass) > _IS_KNOWN * std_of_mass:
         if theta[place[0]] <= 0.0:
-            # No arm carries less than nothing: torques in another unit, say.
+            # No link has a mass below zero: the torques may be in another unit.
             return None
         return _notice_of_mass(len(links), mass, std_of_mass)
     moment = float(np.linalg.norm(excess[1:]))

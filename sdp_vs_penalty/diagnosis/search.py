@@ -359,9 +359,9 @@ class Search:
         It is the simplest of the best candidates with J > EVIDENCE_TO_ADD. Candidates
         are added to a fit with the effects chosen so far and with small tolerated
         errors of these effects' laws. A law that generalises one of the model's effects
-        waits for a constant of that effect that explains half as much: both are laws of
-        one cause, and others' constants are refined beside it. A second law of that cause
-        waits until the constant is free beside the first, in columns that follow it.
+        waits if a constant of that effect explains half as much: both are laws of one cause,
+        and the constants of other effects are refined beside it. A second law of that cause
+        waits until the constant is re-estimated beside the first, in columns that follow it.
         """
         self.fit = self.score.fit(self.nuisances.with_law_misfits(self.terms), self.fit)
         candidates = self.top_candidates(self.fit, self.terms)
@@ -486,7 +486,8 @@ class Search:
         """Return a copy of the search with the chosen effects judged beside each other,
         without those that the rows speak against, the one with the least evidence first.
 
-        Beside all others and the constants of now a finding may have lost its torque.
+        Beside the other findings and the present constants a finding may have no torque
+        left.
         """
         out = self.with_terms(self.terms)
         while True:

@@ -45,14 +45,13 @@ from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT, proves_infeasible
 from sdp_vs_penalty.solvers.small_cones import SmallCones
 
-#: Whose answers every solver is judged beside; our own method goes before it where it
-#: can.
+#: Solver of every SDP that our own method cannot take or does not solve tightly.
 REFERENCE = "clarabel"
-#: A certified gap up to which an answer counts that its solver itself did not call one;
-#: above it no solver's rounding (below 1e-6) is the reason: it stopped short.
+#: Largest certified gap of an answer that its solver did not call a solution. Rounding makes
+#: gaps below 1e-6: at a larger gap than this the solver stopped short.
 FAR_GAP = 1e-3
-#: Each attempt's way from the last answer to the interior point at which cones are
-#: scaled, and whether parameters are scaled by the residual instead of the torque.
+#: Of each attempt: where cones are scaled, as a share of the way from the best answer to the
+#: interior point; and whether parameters are scaled by the residual instead of the torque.
 ATTEMPTS = ((1.0, False), (0.3, False), (0.1, True), (0.03, False))
 
 

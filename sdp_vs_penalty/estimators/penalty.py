@@ -65,9 +65,9 @@ _SETTLED = 1e-14
 _LAST_GAIN = 0.01
 #: Evaluations of a stage by Gauss-Newton steps, at most.
 _EVALUATIONS = 30
-#: Share of what its slope promises that a step has to gain; to what share a step is cut at
-#: once, at most.
-_ARMIJO, _LARGEST_CUT = 1e-4, 1e-3
+#: Share of what its slope promises that a step has to gain; smallest share to which a step
+#: is cut at once.
+_ARMIJO, _SMALLEST_CUT = 1e-4, 1e-3
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,8 @@ class QuadraticForms:
 def barycentric_part(
     bounds: Sequence[BarycentricBound], theta_scale: Array, reference: Array
 ) -> PenaltyPart:
-    """Return the penalty on bounds of inertias about the centre of mass.
+    """Return the penalty on bounds of moments and products of inertia about the centre of
+    mass.
 
     With m I_e = m J_e - h^T Q_e h, h = m c, a bound on the entry e of that inertia
     becomes m sign (I_e - limit) >= 0, which is quadratic in x = theta / theta_scale and
@@ -466,7 +467,7 @@ class _Stage:
                 if n_evaluations == _EVALUATIONS:
                     return point, False
                 lowest = gain * share**2 / (rise + 2.0 * gain * share)
-                share = min(0.5 * share, max(lowest, _LARGEST_CUT * share))
+                share = min(0.5 * share, max(lowest, _SMALLEST_CUT * share))
                 trial = self.at(point.z + share * step)
                 n_evaluations += 1
             point = trial
@@ -475,7 +476,7 @@ class _Stage:
 
 @dataclass(frozen=True)
 class _Point:
-    """Where a stage stands: residuals and rows at z, of p parameters."""
+    """A point of a stage: its value, residuals and rows at z, of p parameters."""
 
     #: (p,) scaled parameters.
     z: Array
@@ -701,8 +702,8 @@ def fit_penalty(
             f"run {number + 1} of {n_starts}: best {lowest:.6g}, violation"
             f" {run.figures['violation']:.1e}"
         )
-        # One that is lower by less than it violates is no better: its multipliers may
-        # be worse.
+        # A run that is lower by so little is no better: it may be lower because it
+        # violates a constraint within the tolerance, and its multipliers may be worse.
         if best is None or run.rank < best.rank * (1.0 - 1e-7):
             best = run
         fit = Fit(
@@ -740,11 +741,11 @@ class _Start:
         constraints = problem.constraints
         theta = self.theta
         multipliers = None if self.relaxed is None else self.relaxed.multipliers
-        spent = {"residual": 0.0, "stages": 0}
+        effort = {"residual": 0.0, "stages": 0}
         if multipliers is None or not _obeys_nonconvex(constraints, theta):
             x = theta / penalty.theta_scale
             shifts = penalty.shifts(constraints, multipliers, x)
-            x, shifts, spent = minimise(penalty, x, tolerance, shifts)
+            x, shifts, effort = minimise(penalty, x, tolerance, shifts)
             theta = made_feasible(constraints, penalty.theta_scale * x, interior)
             multipliers = penalty.multipliers(constraints, shifts)
         figures = {
@@ -752,7 +753,7 @@ class _Start:
             "objective": problem.least_squares.loss(theta),
             "violation": max(constraints.worst(theta).values(), default=0.0),
         }
-        return PenaltyRun(theta, multipliers, figures | spent)
+        return PenaltyRun(theta, multipliers, figures | effort)
 
 
 def _starts(
@@ -769,7 +770,8 @@ def _starts(
     """
     yield _Start(interior)
     if relaxation is not None:
-        with suppress(InputError):  # its solvers gave up: random starts are left
+        # If its solvers give up, the random starts below are tried.
+        with suppress(InputError):
             relaxed = relaxation()
             yield _Start(relaxed.theta, relaxed)
             if not constraints.nonconvex:

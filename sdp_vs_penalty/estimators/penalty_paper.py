@@ -159,8 +159,8 @@ def retrieve(
         n_evaluations = 0
         for step, weight in enumerate(settings.weights):
             rng = random_numbers_of_step(task.seed, number, step)
-            u, spent = search(loss, weight, u, budget, rng)
-            n_evaluations += spent
+            u, n_of_step = search(loss, weight, u, budget, rng)
+            n_evaluations += n_of_step
         run = _run_summary(loss, task, u, settings.weights[-1], n_evaluations)
         runs.append(run)
         if run["penalised"] < best_value:
@@ -184,7 +184,8 @@ def start_of_run(seed: int, number: int, size: int) -> Array:
 def random_numbers_of_step(seed: int, number: int, step: int) -> np.random.Generator:
     """Return the random generator of one step of one run, so that a stopped run can go
     on."""
-    # Not from 0: a zero at the end is the same seed as none.
+    # Steps count from 1: NumPy takes a seed that ends in 0 for the seed without that 0,
+    # which is the seed of the run's start.
     return np.random.default_rng([seed, number, 1 + step])
 
 
@@ -293,7 +294,8 @@ def search_locally(
         if not (n_evaluations < budget and lowest > 0.0):
             break
         scaled = _ScaledLoss(loss, weight, 1.0 / lowest)
-        # A step of SLSQP may take more than one evaluation: four fifths of the budget.
+        # A step of SLSQP may take more than one evaluation: it is given fewer steps than
+        # evaluations are left.
         steps = max(1, (budget - n_evaluations) * 4 // 5)
         local = scipy.optimize.minimize(
             scaled.value,

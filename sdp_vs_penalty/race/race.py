@@ -1,5 +1,6 @@
-"""One race: screen, exact, take, again; then what is left beside the others is what is
-claimed, with what is as likely."""
+"""One race of hypotheses. In each round all are screened on few rows, the best are fitted on
+all rows, and the best of these is taken; claims that were taken before are judged again beside
+it. A claim names the rivals that are as likely."""
 
 from __future__ import annotations
 
@@ -29,25 +30,28 @@ from sdp_vs_penalty.race.records import Further, Hypothesis, LogView, Number, Pa
 from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Steps of Newton by which a size is found on few rows, and share of its standard
-#: deviation below which a step ends it.
+#: Newton steps by which a size is found on few rows, at most, and share of the size's
+#: standard deviation below which a step is the last one.
 _STEPS, _SHORT = 8, 0.2
 #: Largest first step of a size, and largest step, in standard deviations beforehand.
 _FIRST_STEP, _LARGEST_STEP = 0.7, 1.0
 #: Rounds of reweighting at the first look.
 _ROUNDS_OF_A_LOOK = 2
-#: A change's log-odds rise by at most so much more than a claim explains.
+#: Largest rise of a change's log-odds by a claim, beyond what the claim explains.
 _MORE_ODDS = 100.0
-#: Fits after which columns that depend on their size are those of it.
+#: Fits in which columns that depend on their size are made anew, each with the size of the
+#: last one.
 _ROUNDS_OF_COLUMNS = 3
 #: Units of positions that differ by less are one (natural logarithm).
 _NEAR_UNIT = 0.1
-#: Share of a torque's energy that the arm of all runs leaves, from which on a run may have
-#: any fault of its own, and factor by which less is left of the other runs without it.
+#: A run may have any fault of its own if the arm of all runs leaves more than the first share
+#: of a torque's energy, and of the other runs more than the second number times what an arm
+#: leaves that is fitted to these alone.
 _CONTRADICTS, _CONFUSED = 1e-3, 3.0
 #: Odds of a claim beside the least likely of its rivals.
 _LEAST_ODDS = 20.0
-#: A step that looks for a size far off is not held back by its prior.
+#: Factor of a size's prior standard deviation while it is searched: the prior must not hold
+#: a step towards a far size back.
 _LOOSE = 10.0
 
 
@@ -91,16 +95,19 @@ class Claim:
 
     @property
     def probabilities(self) -> Array:
-        """(1 + R,) probabilities of the claim and of its rivals, where one of them is so.
-        Odds are too bold: of what is told with a claim the least likely has one to twenty.
+        """(1 + R,) probabilities of the claim and of its rivals, given that one of them is
+        right.
+
+        Log-odds of the race are too bold. They are divided so that a rival that is
+        LOG_ODDS_OF_A_CLAIM behind has odds of one to twenty.
         """
-        odds = np.array([x.log_odds for x in (self, *self.rivals)])
-        bold = c.LOG_ODDS_OF_A_CLAIM / float(np.log(_LEAST_ODDS))
-        return np.asarray(softmax(odds / bold))
+        log_odds = np.array([x.log_odds for x in (self, *self.rivals)])
+        overconfidence = c.LOG_ODDS_OF_A_CLAIM / float(np.log(_LEAST_ODDS))
+        return np.asarray(softmax(log_odds / overconfidence))
 
     @property
     def is_usual(self) -> bool:
-        """Whether its size is one that arms and loggers differ by themselves."""
+        """Whether healthy arms and loggers have such a size, up to its errors."""
         number, further = self.hypothesis.number, self.hypothesis.further
         reach = c.SIGMAS_BEYOND_USUAL * self.spread
         if further is not None and further.usual:
@@ -133,12 +140,12 @@ class RaceOutcome:
         ]
 
     def is_sure_of(self, claim: Claim) -> bool:
-        """Whether a claim may be likely: claims of its odds have been right, and what is
-        left is small, or it explains half of what was left. An arm that leaves much tells
-        no sign by its friction.
+        """Whether a claim may be called likely.
 
-        Friction of the wrong sign has no second witness, nor has a motion of few
-        directions. Nothing is surer than the unit of positions that it stands on.
+        Its log-odds must be at least LIKELY: claims of such odds have been right. And the
+        arm must leave little of the torques, or the claim must explain half of what was
+        left. A claim that friction's sign alone shows has no second witness, nor has one of
+        a motion of few directions. No claim is surer than the unit of positions before it.
         """
         first = self.claims[0]
         is_unit_open = first.hypothesis.kind in position_unit.KINDS_OF_UNITS
@@ -275,9 +282,9 @@ class Race:
         return before < after
 
     def _looked_ahead(self, claim: Claim, fit: ViewFit) -> Claim:
-        """Return a claim, or that of its rivals beside which the next claim explains more:
-        two faults hide each other. Where the ranges ask for a unit of positions, those
-        that are more usual are among the rivals."""
+        """Return a claim, or the rival of it that explains more together with the next
+        claim: two faults hide each other. If the joints' ranges ask for a unit of
+        positions, units that are more usual count as rivals."""
         firsts = [claim, *(x for x in claim.rivals if x.is_of_all)]
         if self._is_by_ranges(claim):
             for h in position_unit.propose(self.all, fit):
@@ -288,13 +295,16 @@ class Race:
         if len(firsts) < 2 or not claim.is_of_all:
             return claim
         known = self.looked_at
+        # Of each first claim: the prior of it and of the next one, and the fit with both.
         ends: list[tuple[Claim, float, ViewFit]] = []
         for first in firsts:
             self.looked_at = {}
-            fit = self._incumbent(first.fit.view)
-            then = self._best(fit, np.inf)
-            prior = first.prior + (0.0 if then is None else then.prior)
-            ends.append((first, prior, fit if then is None else then.fit))
+            with_first = self._incumbent(first.fit.view)
+            second = self._best(with_first, np.inf)
+            if second is None:
+                ends.append((first, first.prior, with_first))
+            else:
+                ends.append((first, first.prior + second.prior, second.fit))
         self.looked_at = known
         v = min(fit.v for _, _, fit in ends)
         odds = [prior + self.all.worth(fit, v).value for _, prior, fit in ends]
@@ -303,9 +313,15 @@ class Race:
         return replace(best, rivals=tuple(others))
 
     def _again(self, claim: Claim, fit: ViewFit) -> tuple[Claim, ViewFit]:
-        """Return a claim, or the likelier one of its rivals, with those that are as likely
-        beside what was taken after it, and the fit with all of it: what hid behind another
-        fault is told once that is undone."""
+        """Judge a claim and its rivals again beside the claims that were taken after it.
+
+        Returns
+        -------
+        tuple of (Claim, ViewFit)
+            The likeliest one, with those that are as likely as its rivals, and the fit with
+            all that was taken. Another one may be the likeliest, once a fault that hid it is
+            undone.
+        """
         if not claim.is_of_all:
             return claim, fit
         best, others = (claim, fit), list[tuple[float, Claim, ViewFit]]()
@@ -335,8 +351,8 @@ class Race:
         return replace(best[0], rivals=rivals), found
 
     def _incumbent(self, view: LogView) -> ViewFit:
-        """Fit the rows as they are seen. How many of them are worth one is what the
-        residual of a first fit says."""
+        """Fit the rows of a view. The residual of a first fit says how many rows are worth
+        one independent row."""
         fit = self.all.fit(view, 1.0)
         return self.all.worth(fit, self.all.rows_worth_one(fit))
 
@@ -380,10 +396,10 @@ class Race:
     ) -> list[_FirstLook]:
         """List the hypotheses that are worth a look at all rows, of each key the best.
 
-        What a wrong incumbent leaves errs slowly, and what is right may leave white
-        noise: in ``few_fit``, the incumbent on few rows, each row is worth one. Changes
-        that were less likely than by ``explained`` [log-odds] before are not looked at
-        again.
+        In ``few_fit``, the incumbent on few rows, each row counts as independent: a wrong
+        incumbent leaves a residual that is correlated, the right hypothesis may leave white
+        noise. Changes whose log-odds were below minus ``explained`` at an earlier look are
+        not looked at again.
         """
         looks: list[_FirstLook] = []
         numbers: list[Hypothesis] = []
@@ -404,7 +420,7 @@ class Race:
             else:
                 count[h.key] += 1
                 key = h.key, count[h.key]
-                # What a claim explains, another cannot lack, nor much more.
+                # A claim raises another change's log-odds by little more than it explains.
                 if self.looked_at.get(key, 0.0) > -explained:
                     changes[key] = h
         looks += self._look_to_first_order(
@@ -423,8 +439,9 @@ class Race:
     def _look_nearer(
         self, looks: Sequence[_FirstLook], away: Array, fit: ViewFit, few_fit: ViewFit
     ) -> list[_FirstLook]:
-        """Look at loads and arms from instants ``away`` from that of the likeliest on, in
-        shares of the rows: what is cut at a wrong instant explains little."""
+        """Look at loads and arms that begin near the likeliest instant, at distances
+        ``away`` from it, in shares of the rows: one that begins at a wrong instant explains
+        little."""
         instants = [
             (look.log_odds, part.after)
             for look in looks
@@ -463,14 +480,14 @@ class Race:
         for part in suspects:
             run = self.all.of_rows(np.flatnonzero(self.all.rows_of(part)))
             alone = run.fit(LogView(none), fit.v)
-            # Beside the others it errs as one arm for all does.
+            # Kinds are proposed by what the arm of all runs leaves.
             alone = replace(alone, left=fit.shares * alone.total)
             of_run = [*scaled, *(h for kind in kinds for h in kind.propose(run, alone))]
             yield from of_one_part.confined(of_run, none, [part], odds, True)
 
     def _is_suspect(self, part: Part, fit: ViewFit) -> bool:
-        """Whether a run may have any fault of its own: one arm for all errs, and errs less
-        of the others where it is fitted to them alone."""
+        """Whether a run may have any fault of its own: the arm of all runs leaves much, and
+        an arm that is fitted to the other runs alone leaves far less of them."""
         if part.run is None or not (fit.shares > _CONTRADICTS).any():
             return False
         others = ~self.all.rows_of(part)
