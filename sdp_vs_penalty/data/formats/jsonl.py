@@ -1,8 +1,8 @@
 """JSON: one object a line, {"t": 0.005, "q": [0.1, 0.2], "tau": [3, 4]}; or a text with
 a list of samples, or a list for each channel.
 
-Of the latter are lists of objects or of numbers, objects of lists, and what pandas writes by
-``to_json``: columns of values by their row, or the names beside the rows ("split").
+Such a text is a list of objects or of lists of numbers, an object of lists, or what pandas
+writes by ``to_json``: columns of values by their row, or names beside rows ("split").
 """
 
 import json
@@ -62,7 +62,7 @@ def read_text(path: Path, refused: InputError) -> Log:
             rows = zip(*content["data"], strict=True)
             content = dict(zip(content["columns"], rows, strict=True))
         lists = dict(_lists(content)) if isinstance(content, Mapping) else {}
-    except (TypeError, ValueError):  # rows of pandas that are none
+    except (TypeError, ValueError):  # "data" holds no rows of equal length
         raise refused from None
     _refuse_columns_of_other_rows(path, content)
     log = log_of_lists(path, lists)
@@ -76,19 +76,18 @@ def read_text(path: Path, refused: InputError) -> Log:
 
 def _units(content: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return the first object "units" in nested objects; empty without one."""
-    within = (x for x in content.values() if isinstance(x, Mapping))
     units = content.get("units")
-    return (
-        units
-        if isinstance(units, Mapping)
-        else next(filter(None, map(_units, within)), {})
-    )
+    if isinstance(units, Mapping):
+        return units
+    nested = (x for x in content.values() if isinstance(x, Mapping))
+    return next(filter(None, map(_units, nested)), {})
 
 
 def _lists(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, list]]:
     """Iterate over the lists in nested objects, named like "log.q". An object whose keys
-    are all numbers is a list in the order of these, as pandas writes a column; a list of
-    objects is a list of each of their fields; of runs, the lists of each run."""
+    are all numbers is a list in the order of these, as pandas writes a column. A list of
+    objects becomes one list for each of their fields; a list of runs, the lists of each
+    run."""
     for key, value in content.items():
         name = f"{prefix}{key}"
         if _is_keyed_by_rows(value):
@@ -200,7 +199,7 @@ def log_of_lists(
             try:
                 columns[name] = np.array(values, float)
             except (TypeError, ValueError, OverflowError) as error:
-                # Whoever chooses it hears so.
+                # The error is the column's text: it is shown if the column is chosen.
                 texts[name] = [[str(error)]] * len(values)
     facts = {
         name: {"joints": joints}

@@ -87,7 +87,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
     with (
         understood(path, "Parquet file", _REMEDY),
-        # Buffered ahead, all of a row group would be in memory.
+        # pre_buffer would hold a whole row group in memory.
         parquet.ParquetFile(path_or_file(path), pre_buffer=False) as file,
     ):
         metadata = file.metadata
@@ -158,8 +158,8 @@ def numbers_of(path: Path, name: str, column: Any) -> Array:
 
 
 def table_of(columns: Mapping[str, Any]) -> Any:
-    """Return columns (N,) of pandas, polars or Python as a table of Arrow's; as texts what
-    Arrow does not take."""
+    """Return columns (N,) of pandas, polars or Python as a table of Arrow's; columns that
+    Arrow does not take become texts."""
     import pyarrow as arrow
 
     arrays = list[Any]()

@@ -41,11 +41,13 @@ _MARKUPS = {
         " numpy.savez(path, t=..., q=..., tau=...)",
     ),
 }
-#: How leading lines begin that are comments; and a title has at most so many lines.
+#: How comments begin.
 _COMMENTS = ("#", "//", "% ", "%%")
+#: A title has at most so many lines.
 _LONGEST_TITLE = 40
-#: The line that ends a header of OpenSim's and others', and the front matter of Markdown.
+#: The line that ends a header, as OpenSim and others write it.
 _END_OF_TITLES = re.compile(r"(?i)end_?(of_?)?header")
+#: The line that begins and ends the front matter of Markdown.
 _FRONT_MATTER = "---"
 #: Lines of so many words are titles where a mark separates what is below.
 _FEW_WORDS = 3
@@ -167,10 +169,13 @@ def _is_any_number(text: str) -> bool:
 
 
 def _decimals_of(columns: Cells) -> list[str]:
-    """Return the decimal mark of each column's numbers: the one that separates no thousands
-    in some of its cells, else, of its marks, in those of another column. A column without
-    marks has that of the nearest one, for later rows; without such cells it is the one
-    that more cells have."""
+    """Return the decimal mark of each column's numbers.
+
+    A mark that cannot separate thousands in some of a column's cells decides ("1.5", but
+    not "1.500"). A column without such cells has the one of its own marks that other
+    columns decide for; without any mark it has that of the nearest column, which serves
+    later rows. Where no cell decides, the most frequent mark does.
+    """
     sure, seen = list[Counter[str]](), list[Counter[str]]()
     for cells in columns:
         points = [x for x in cells if "." in x and is_number(x)]
@@ -263,7 +268,9 @@ def inspect_table(path: Path) -> TextTable:
     kinds = ["number" if k in cell_units else kind for k, kind in enumerate(kinds)]
     names = names if has_header else _unnamed(kinds)
     is_quoted = any('"' in line for line in lines[n_head:])
-    first = rows[n_head][0] if len(rows) > n_head else rows[-1][0] + 1 if rows else 2
+    first = rows[-1][0] + 1 if rows else 2  # the row below, if there are no values
+    if len(rows) > n_head:
+        first = rows[n_head][0]
     return TextTable(
         path,
         delimiter=delimiter,
