@@ -288,3 +288,17 @@ def test_an_interval_begins_with_its_smaller_number():
         number_told=abs,
     )
     assert fault.interval_in_words([-0.2, -0.1]) == "0.1 too large to 0.2 too large"
+
+
+def test_joints_that_are_counted_from_the_wrist_are_one_mistake():
+    """No single exchange of the six explains it."""
+    arm = load_problem("panda")
+    run = small_run(arm, seconds=12.0)
+    fields = {x: getattr(run, x) for x in ("q", "tau", "dq")}
+    turned = {x: v[:, ::-1] for x, v in fields.items()}
+    report = report_of_run(arm, replace(run, **turned))
+    orders = [x for x in report.errors_and_warnings if "order" in x.kind]
+    (order,) = orders
+    assert order.kind == "joint order"
+    assert report.repaired_all.tau == pytest.approx(run.tau)
+    assert report.repaired_all.q == pytest.approx(run.q)

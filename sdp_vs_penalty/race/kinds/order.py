@@ -1,6 +1,7 @@
 """Channels of other joints: positions, torques, or both exchanged."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -22,10 +23,17 @@ _KINDS: dict[str, tuple[tuple[str, ...], str, str]] = {
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield an exchange of two moving joints' torques, for each pair, and of positions
-    and of both if one is poorly explained."""
+    and of both if one is poorly explained; and joints that are counted from the wrist
+    on, one mistake that several exchanges make only together."""
     now, poor = fit.chain, fit.is_poorly_explained
+    joints = tuple(evidence.log.joints)
+    if len(joints) > 3 and poor.any():
+        for kind, (fields, _, _) in _KINDS.items():
+            from_the_wrist = {name: getattr(now, name)[::-1] for name in fields}
+            reverse = replace(now, **from_the_wrist)
+            yield Hypothesis(kind, joints, prior_of_one_of(1), reverse)
     prior = prior_of_one_of(evidence.log.n * (evidence.log.n - 1) // 2)
-    for pair in combinations(evidence.log.joints, 2):
+    for pair in combinations(joints, 2):
         for kind, (fields, _, _) in _KINDS.items():
             if kind == "torque order" or poor[list(pair)].any():
                 yield Hypothesis(kind, pair, prior, now.with_swap(*pair, *fields))
