@@ -42,20 +42,19 @@ def units_as_facts(
     and both commands are named; rails : the joints (from 1) whose positions are lengths.
     """
     has_gears = is_impossible and any(f.kind in _OF_GEARS for f in issues)
-    settled = list[Issue]()
+    # Quantisation is that of the unit's steps.
+    kinds_left_out = ("quantisation", *(_OF_GEARS if has_gears else ()))
+    new_issues = list[Issue]()
     for issue in issues:
         if issue.kind not in KINDS_OF_UNITS:
-            # Quantisation is that of the unit's steps.
-            if issue.kind != "quantisation" and not (
-                has_gears and issue.kind in _OF_GEARS
-            ):
-                settled.append(issue)
+            if issue.kind not in kinds_left_out:
+                new_issues.append(issue)
         elif has_gears:
-            settled.append(_of_motors(issue))
+            new_issues.append(_of_motors(issue))
         else:
             is_of_rails = {*issue.figures.get("joints", [0])} <= {*rails}
-            settled.append(_as_fact(issue, is_impossible, percent, is_of_rails))
-    return settled
+            new_issues.append(_as_fact(issue, is_impossible, percent, is_of_rails))
+    return new_issues
 
 
 def _of_motors(issue: Issue) -> Issue:

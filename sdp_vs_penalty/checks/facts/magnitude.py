@@ -122,11 +122,11 @@ def _is_magnitude(rows: Rows, joint: int, nominal: Array) -> bool:
     basis = orthonormal(columns.columns[None])[0]
     squares_as_logged = _squares_left(torque, basis)
     nominal_torque = columns.columns @ nominal[columns.indices]
-    squares_signed = [
-        _squares_left(signs * torque, basis)
-        for first_signs in _first_signs(rows, joint, nominal_torque)
-        if np.ptp(signs := _settled(first_signs, torque, basis)) > 0.0
-    ]
+    squares_signed = []
+    for first_signs in _first_signs(rows, joint, nominal_torque):
+        signs = _consistent_signs(first_signs, torque, basis)
+        if np.ptp(signs) > 0.0:  # equal signs are the torque as logged
+            squares_signed.append(_squares_left(signs * torque, basis))
     smallest = min(squares_signed, default=np.inf)
     return _TIMES * smallest < squares_as_logged
 
@@ -145,8 +145,9 @@ def _first_signs(rows: Rows, joint: int, nominal: Array) -> Iterator[Array]:
     yield np.where(n_crossings % 2 == 0, 1.0, -1.0)
 
 
-def _settled(signs: Array, torque: Array, basis: Array) -> Array:
-    """Return the signs (M,) that the model gives a torque (M,) that has these signs.
+def _consistent_signs(signs: Array, torque: Array, basis: Array) -> Array:
+    """Return signs (M,) of a torque (M,) for which the fitted model's torque has the same
+    signs, by iteration from given ones.
 
     basis (M, r) : orthonormal basis of the model's columns.
     """
