@@ -9,6 +9,7 @@ from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.project import ProjectState
 from sdp_vs_penalty.page.spoken import progress_in_words
 from sdp_vs_penalty.page.worker import sentence
@@ -60,6 +61,8 @@ class JobQueue(ProjectState):
     running: tuple[Any, ...] = ()
     #: The same of what was asked for while it ran, in order.
     waiting: list[tuple[Any, ...]] = field(default_factory=list)
+    #: The project before that job.
+    before: dict[str, Any] = field(default_factory=dict)
     #: What tries the remedies beside everything else; None while nothing does.
     aside: asyncio.Task[None] | None = None
 
@@ -83,6 +86,7 @@ class JobQueue(ProjectState):
         self.notice = None
         self.working = Working()
         self.running = call
+        self.before = self._copied("past", "future")
         self.unfinished = {
             "do": getattr(do, "__name__", ""),
             "arguments": arguments,
@@ -119,6 +123,9 @@ class JobQueue(ProjectState):
         if task.cancelled():
             self.say("Cancelled: nothing was changed.", *dropped, error=False)
         elif (error := task.exception()) is not None:
+            if not isinstance(error, InputError):  # a defect, amid what it changes
+                for name, value in self.before.items():
+                    setattr(self, name, value)
             self.say(sentence(error), *dropped)
         else:
             for do, arguments, how in waiting:

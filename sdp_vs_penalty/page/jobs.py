@@ -89,6 +89,7 @@ from sdp_vs_penalty.exporters.export import effects_left_out, write_model
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import read_bytes, write_bytes, write_text, writing
 from sdp_vs_penalty.page.splits import split_run
+from sdp_vs_penalty.page.spoken import name_beside
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import convert, load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
@@ -256,9 +257,11 @@ def _by_use(
 def read(job: JobRequest) -> Answer:
     """Read the files that a person dropped; keep each usable one as a run.
 
-    ``job["files"]`` lists {path, name} of each file; ``job["assigned"]`` holds options of
-    `convert` by the columns of the files that they are for, as JSON. Joints that no file
-    has, or that stand still without torque in all runs, are held, as in a terminal.
+    ``job["files"]`` lists {path, name} of each file, ``job["taken"]`` names of files that
+    wait: a file whose name is there already gets a second one. ``job["assigned"]`` holds
+    options of `convert` by the columns of the files that they are for, as JSON. Joints
+    that no file has, or that stand still without torque in all runs, are held, as in a
+    terminal.
 
     Returns
     -------
@@ -274,8 +277,11 @@ def read(job: JobRequest) -> Answer:
     refused = list[str]()
     remarks = list[str]()
     mappings = list[Answer]()
+    there = {*job["taken"], *(run["name"] for run in job["runs"])}
     for file in _joined(job["files"]):
-        job.progress(f"reading {file['name']}, and what its columns are")
+        name = file["name"] = name_beside(file["name"], there)
+        there.add(name)
+        job.progress(f"reading {name}, and what its columns are")
         path = Path(file["path"])
         how = dict[str, str]()
         try:
@@ -291,7 +297,6 @@ def read(job: JobRequest) -> Answer:
             each_once = {str(w.message): w.message for w in heard}.values()
             said = [remark for remark in each_once if isinstance(remark, Remark)]
             remarks += filter(None, map(_news_of, said))
-            name = file["name"]
             if "scale" in how:
                 remarks.append(f"{name}: read in the units of runs like it.")
             part = replace(part, names=(name,))
@@ -307,7 +312,7 @@ def read(job: JobRequest) -> Answer:
                     "rougher": _rougher_block(path, how.get("rename", ""), names),
                 }
             )
-            read_so.append({"file": file["name"], "options": how})
+            read_so.append({"file": name, "options": how})
             for taken in said:
                 columns = isinstance(taken, ColumnsRemark) and _columns_of(
                     path, state.problem, taken

@@ -16,7 +16,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.files import require_format, write_text
 from sdp_vs_penalty.page.model_step import ModelStep
-from sdp_vs_penalty.page.spoken import spoken
+from sdp_vs_penalty.page.spoken import name_beside, spoken
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.records import from_json, to_json
 
@@ -227,11 +227,15 @@ class ProjectState:
         """
         self.taken = set()
         self.impossible = ""
-        now = {name: copy.copy(getattr(self, name)) for name in KEPT}
+        now = self._copied()
         self.past = [*self.past, (label, now)][-MOST_STEPS:]
         self.future = []
         if not keeps_models:
             self.history = []
+
+    def _copied(self, *more: str) -> dict[str, Any]:
+        """Return a copy of what a step back brings back, and of ``more`` fields."""
+        return {name: copy.copy(getattr(self, name)) for name in (*KEPT, *more)}
 
     def undo(self) -> None:
         """Take the last step back: :meth:`redo` can repeat it."""
@@ -315,8 +319,13 @@ class ProjectState:
                 robot["source"] = here(robot["source"])
             for mapping in kept["mappings"]:
                 mapping["path"] = here(mapping["path"])
-            for run in kept["runs"]:  # an older version knows one name
+            taken = list[str]()
+            for run in kept[
+                "runs"
+            ]:  # an older version knows one name, or has one twice
                 run.setdefault("in_commands", run["name"])
+                run["name"] = name_beside(run["name"], taken)
+                taken.append(run["name"])
             # An older version does not know the change, and the effect in words alone.
             none = {"verb": "", "arguments": {}}
             kept["repairs"] = [

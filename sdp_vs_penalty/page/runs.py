@@ -119,6 +119,8 @@ class RobotAndRuns(RunIssues):
         options = self.reading if reading is None else reading
         how: dict[str, Any] = {"files": listed, "options": options}
         how["assigned"] = self.assigned
+        read = {str(path) for path in files.values()}
+        how["taken"] = [m["name"] for m in self.refused if m["path"] not in read]
         others = [run for run in self.runs if run["file"] not in again]
         try:
             await self._take_runs("Reading measurements", "read", others, **how)

@@ -27,7 +27,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.auth_middleware import KEY, guarded
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import SILENCE, Sessions, receive
-from sdp_vs_penalty.page.spoken import shown_name
+from sdp_vs_penalty.page.spoken import name_beside, shown_name
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
@@ -262,7 +262,5 @@ async def keep(session: Session, request: Request, name_given: str) -> int:
     except OSError as error:
         session.say(f"{name}: cannot be stored ({error.strerror}): free disk space.")
         return 507
-    while name in session.arrived:
-        name = f"{Path(name).stem} again{Path(name).suffix}"
-    session.arrived[name] = path
+    session.arrived[name_beside(name, session.arrived)] = path
     return 200

@@ -1,8 +1,9 @@
 """What the page says for sentences of the command line, and for names."""
 
 import re
-from collections.abc import Iterable, Sequence
-from pathlib import PureWindowsPath
+from collections.abc import Container, Iterable, Sequence
+from itertools import chain, count
+from pathlib import PurePath, PureWindowsPath
 from typing import Any
 
 from sdp_vs_penalty import formatting
@@ -161,6 +162,18 @@ def shown_name(name_given: str) -> str:
     if name in ("", ".", ".."):
         return "file"
     return name if len(name) <= 80 else f"{name[:40]}...{name[-36:]}"
+
+
+def name_beside(name: str, taken: Container[str]) -> str:
+    """Return the name of a file where others are taken: the second of a name has a number.
+
+    >>> name_beside("run.csv", ()), name_beside("run.csv", ("run.csv", "run (2).csv"))
+    ('run.csv', 'run (3).csv')
+    """
+    suffix = PurePath(name).suffix
+    stem = re.sub(r" \(\d+\)$", "", name.removesuffix(suffix))
+    numbered = (f"{stem} ({k}){suffix}" for k in count(2))
+    return next(x for x in chain([name], numbered) if x not in taken)
 
 
 def name_in_title(title: str) -> str:

@@ -24,6 +24,7 @@ from sdp_vs_penalty.page.sessions import title_of
 from sdp_vs_penalty.page.spoken import label_of, with_whole_amounts
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
+from sdp_vs_penalty.page.worker import sentence
 
 #: Characters of a sentence of a notice; what a longer one adds is folded.
 _MOST_IN_NOTICE = 160
@@ -111,19 +112,38 @@ class Workbench:
             self.session.left(self)
             return
         with self.client:
-            self._redraw_dock()  # first: a job has ended, whatever else cannot be drawn
-            step = next_step(self.view)
-            for stage in STAGES:
-                for part in stage.parts:
-                    ready = part.ready(self.session)
-                    place, body = self._elements[f"part-{part.anchor}"]
-                    place.set_visibility(ready)
-                    state = part.depends(self.session) if ready else None
-                    self._fill(body, state, partial(self._part, part, ready))
-                self._redraw_stage(stage, step)
-            self._intro.set_visibility(not self.session.robot)
-            self._redraw_next(step)
-            self._scroll_to_news()
+            # A job has ended, and Undo is there, whatever else cannot be drawn.
+            self._redraw_dock()
+            self._redraw_top()
+            try:
+                self._redraw_stages()
+            except Exception as error:  # a defect, of any kind: the page has to go on
+                self._drawn_states.clear()  # parts may be drawn by half
+                self._fill(self._next, str(error), partial(self._failed, error))
+
+    def _redraw_stages(self) -> None:
+        """Update the screens of all stages, and the next step."""
+        step = next_step(self.view)
+        for stage in STAGES:
+            for part in stage.parts:
+                ready = part.ready(self.session)
+                place, body = self._elements[f"part-{part.anchor}"]
+                place.set_visibility(ready)
+                state = part.depends(self.session) if ready else None
+                self._fill(body, state, partial(self._part, part, ready))
+            self._redraw_stage(stage, step)
+        self._intro.set_visibility(not self.session.robot)
+        self._redraw_next(step)
+        self._scroll_to_news()
+
+    def _failed(self, error: Exception) -> None:
+        """Draw why the project cannot be shown, and the way to the other ones."""
+        with tag("div", style="now-words bad"):
+            tag("p", f"This project cannot be shown. {sentence(error)}")
+            note("Undo takes its last step back; nothing of it is lost.")
+        other = {"href": "/new", "data_key": "other-projects"}
+        with tag("div", style="choices"):
+            tag("a", "Your projects", "action primary", **other)
 
     def _scroll_to_news(self) -> None:
         """Scroll the browser to the stage and part with a new result, once."""
@@ -235,8 +255,7 @@ class Workbench:
         self._fill(above, state, draw_verdict)
 
     def _redraw_next(self, step: NextStep) -> None:
-        """Update what stays in view: the verdict with the one next step, the project's
-        name, and the steps back."""
+        """Update what stays in view: the verdict with the one next step."""
         session = self.session
 
         def draw_next() -> None:
@@ -263,6 +282,21 @@ class Workbench:
                     do = other.do or (lambda: None)
                     button(other.label, do, "next-other", "quiet", **at)
 
+        other = step.other and step.other.label
+        words = [step.text, step.number, step.more]
+        state = [words, step.label, step.stage, step.opens, step.level, other]
+        # What the button does depends on the remedies and on the model.
+        depends = [
+            session.remedies,
+            [m.file for m in session.history],
+            session.mappings,
+        ]
+        self._fill(self._next, [state, depends], draw_next)
+
+    def _redraw_top(self) -> None:
+        """Update the project's name and the steps back."""
+        session = self.session
+
         def draw_steps() -> None:
             """Draw the buttons that take a step back, or again."""
             for word, arrow, steps, do in (
@@ -275,16 +309,6 @@ class Workbench:
                         with tag("span", word, "what"):  # on a phone the word alone
                             tag("span", f": {label_of(label)}")
 
-        other = step.other and step.other.label
-        words = [step.text, step.number, step.more]
-        state = [words, step.label, step.stage, step.opens, step.level, other]
-        # What the button does depends on the remedies and on the model.
-        depends = [
-            session.remedies,
-            [m.file for m in session.history],
-            session.mappings,
-        ]
-        self._fill(self._next, [state, depends], draw_next)
         labels = [[label for label, _ in x] for x in (session.past, session.future)]
         self._fill(self._steps, labels, draw_steps)
         self._project.set_visibility(bool(session.robot))

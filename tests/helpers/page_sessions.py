@@ -87,13 +87,13 @@ class Screen:
     """The page of a session, drawn without a browser; its controls are found by their
     keys."""
 
-    def __init__(self, session, folder=None):
+    def __init__(self, session, folder=None, is_broken=False):
         from nicegui import Client, core
         from nicegui.page import page
 
         from sdp_vs_penalty.page import View, Workbench
 
-        self.session, self.scripts = session, []
+        self.session, self.scripts, self.is_broken = session, [], is_broken
         self.loop = asyncio.new_event_loop()
         core.loop = self.loop
         self.client = Client(page("/"))
@@ -113,6 +113,7 @@ class Screen:
                 await asyncio.sleep(0.0)
 
         self.loop.run_until_complete(doing())
+        assert ("other-projects" in self.keys) is self.is_broken, self.text("next")
 
     @property
     def keys(self):

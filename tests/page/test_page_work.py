@@ -38,6 +38,7 @@ from sdp_vs_penalty.checks.issue import leave_out, make_explanation, make_issue
 from sdp_vs_penalty.checks.report import list_remedies
 from sdp_vs_penalty.checks.torque_size import with_one_unit
 from sdp_vs_penalty.cli.main import main
+from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.findings import ErrorWith, Invisible
 from sdp_vs_penalty.files import opened as register_input
@@ -454,6 +455,69 @@ def test_what_is_dropped_in_a_job_is_opened_after_it(sessions):
     asyncio.run(story())
     assert s.notice.texts[0].startswith("arm.urdf: ")
     assert s.robot["name"] == "two_link"
+
+
+def test_runs_of_one_name_are_dropped_in_a_row(kept, hidden, tmp_path):
+    """Each has a name of its own, also after the server's end, and where an older version
+    has written one name twice; the same samples are no second run."""
+    names = ["run1.csv", "run2.csv"]
+    s = kept.new()
+
+    async def drop(k):
+        """The k-th day's files: those of the last day are those of the first."""
+        for name, run in zip(names, hidden.runs[:2], strict=True):
+            day = tmp_path / name
+            save(run.window(0.0, 8.0 - k % 2), day)
+            assert await put(s, name, day.read_bytes()) == 200
+        s.read_arrived()
+
+    async def story():
+        await s.choose_robot("two_link")
+        for k in range(3):
+            await drop(k)
+        while s.task is not None:
+            await asyncio.wait([s.task])
+            await asyncio.sleep(0.0)
+
+    asyncio.run(story())
+    every = [*names, "run1 (2).csv", "run2 (2).csv"]
+    assert [run["name"] for run in s.runs] == every
+    assert any("holds the same samples as run1.csv" in x for x in s.notice.texts)
+    s.runs = [{**run, "name": run["name"].replace(" (2)", "")} for run in s.runs]
+    s.save()
+    later = Sessions(Here(), kept.projects)
+    again = later.get(s.token)
+    assert [run["name"] for run in again.runs] == every
+    screen = Screen(again)
+    for name in every:
+        screen.set("checked-run", name)
+
+
+def test_a_project_that_cannot_be_drawn_offers_undo_and_the_others(
+    here, hidden, tmp_path
+):
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:1], "a.csv"))
+    whole = s.runs
+    s._step_from_here("a step that fails")
+    s.runs = [{"name": "a.csv"}]
+    screen = Screen(s, is_broken=True)
+    assert "This project cannot be shown. Internal error" in screen.text("next")
+    screen.is_broken = False
+    screen.click("undo")
+    assert s.runs == whole
+
+
+def test_a_job_that_fails_amid_its_changes_changes_nothing(
+    here, hidden, tmp_path, monkeypatch
+):
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:1], "a.csv"))
+    before, steps = s.runs, [label for label, _ in s.past]
+    s.arrived = saved(tmp_path, hidden.runs[1:2], "b.csv")
+    monkeypatch.setattr(s, "_choose_uses", lambda new: 1 / 0)
+    asyncio.run(begin(s, s.read_files))
+    assert "ZeroDivisionError" in s.notice.texts[0]
+    assert s.runs == before
+    assert [label for label, _ in s.past] == steps
 
 
 def test_a_press_waits_for_its_turn_and_is_not_lost(here, hidden, tmp_path):
