@@ -8,6 +8,7 @@ import pytest
 from recorded import refusal
 
 from sdp_vs_penalty.data.files import load_measurements, read_run
+from sdp_vs_penalty.data.hypotheses.proposals import proposed
 from sdp_vs_penalty.data.hypotheses.recognition import recognise
 from sdp_vs_penalty.data.hypotheses.renaming import choosing_words
 from sdp_vs_penalty.data.log import log_of_arrays
@@ -127,6 +128,27 @@ def test_commanded_positions_stand_in_place_of_a_torque_that_is_not_logged():
     assert found.rename["qcmd3"] == "elbow.goal_position"
     assert found.rename["q3"] == "elbow.present_position"
     assert recognise(["timestamp", *names, "abc1", "abc2", "abc3"], ROBOT) is None
+
+
+@pytest.mark.parametrize(
+    ("torques", "others"),
+    [("τ{}(t)", ()), ("/forceset/A{}_actuator", ()), ("sensor_{}_Mz", ("tau{}_ff",))],
+)
+def test_torques_are_what_was_measured_of_the_joints(torques, others):
+    """A feed-forward was the torque without a word, and q1(t) was proposed as torques."""
+    n = range(1, 4)
+    named = {"q": "q{}(t)" if "(t)" in torques else "q{}", "tau": torques}
+    columns = {x: [y.format(k) for k in n] for x, y in named.items()}
+    if "sensor" in torques:
+        columns["tau"] = [torques.format(x) for x in ROBOT]
+    beside = [x.format(k) for x in others for k in n]
+    names = ["t", *columns["q"], *beside, *columns["tau"]]
+    found = recognise(names, ROBOT)
+    if others:
+        assert found is None
+        log = log_of_arrays(Path("run"), {x: np.arange(60.0) for x in names})
+        found = proposed(log, ["tau"], ROBOT, {})
+    assert [found.rename[f"tau{k}"] for k in n] == columns["tau"]
 
 
 def test_rows_of_zeros_behind_the_run_are_left_out():

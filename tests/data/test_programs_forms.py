@@ -449,6 +449,39 @@ ARRANGED = {
         for t, q, tau in ROWS
     ],
     "Python's logging": [log_line(*row) for row in ROWS],
+    "joint: key=value": [
+        f"[{t:.2f}] "
+        + " ".join(
+            f"{x}: pos={y:.9f} eff={z:.6f}"
+            for x, y, z in zip(JOINTS, q, tau, strict=True)
+        )
+        for t, q, tau in ROWS
+    ],
+    "names with blanks": [
+        f"t: {t:.2f}, "
+        + ", ".join(f"J{k} pos: {x:.9f}" for k, x in enumerate(q, 1))
+        + ", "
+        + ", ".join(f"J{k} torque: {x:.6f}" for k, x in enumerate(tau, 1))
+        for t, q, tau in ROWS
+    ],
+    "a list of YAML": [
+        line
+        for t, q, tau in ROWS
+        for line in (
+            f"- t: {t}",
+            f"  q: {[*map(float, q)]}",
+            f"  tau: {[*map(float, tau)]}",
+        )
+    ],
+    "lists without brackets": [
+        f"t: {t:.2f} q: {vector(q)[1:-1]} tau: {vector(tau)[1:-1]}"
+        for t, q, tau in ROWS
+    ],
+    "dicts of Python": [
+        str({"t": float(t), "q": [*map(float, q)], "tau": [*map(float, tau)]})
+        for t, q, tau in ROWS
+    ],
+    "a pair a line": ["rate: 100", *"\n".join(named("{}: {}", "\n")).split("\n")],
     "InfluxDB's lines": [
         f"arm,joint={joint} position={x:.9f},torque={y:.6f} {1_763_966_921 + t:.9f}".replace(
             ".00 ", "0"

@@ -35,7 +35,7 @@ _MARKUPS = {
         "print it with `ros2 topic echo --csv`, or record a bag",
     ),
     r"<[A-Za-z?!]": ("XML text", "write one row a sample as CSV"),
-    r"[{]|\[ *([{\[]|$)": (
+    r"[{](?!')|\[ *([{\[]|$)": (
         "JSON text",
         "write one object a line into a .jsonl file, or save with"
         " numpy.savez(path, t=..., q=..., tau=...)",
@@ -300,8 +300,7 @@ def _refuse_markup(path: Path, lines: Sequence[str]) -> None:
     for pattern, (what, remedy) in _MARKUPS.items():
         if re.match(pattern, lines[0].strip()) and not _end_in_a_table(lines):
             raise MarkupError(what, remedy, path)
-    last = [line for line in lines if line.strip()][-3:]
-    if are_named_values(last):
+    if are_named_values(lines):
         raise MarkupError("names and values in each line", "write a table as CSV", path)
 
 

@@ -25,6 +25,7 @@ from sdp_vs_penalty.data.log import Log
 from sdp_vs_penalty.data.words.joints import families_of_joints
 from sdp_vs_penalty.data.words.names import (
     INITIALS,
+    WORDS,
     is_no_measurement,
     is_part_of_torque,
     quantity_of,
@@ -160,16 +161,17 @@ def _by_words(
     of_group, in_file = known_columns(log.columns, joints)
     taken = {name for columns in of_group.values() for name in columns}
     alike = [x for x in families(log.names).values() if len(x) > 1]
-    alike += families_of_joints(log.names, in_file)
+    alike += families_of_joints(log.names, in_file or joints or ())
     alike += [[name] for name, x in log.columns.items() if x.kind == "list"]
-    alike = [x for x in alike if taken.isdisjoint(x)]
+    alike = [x for x in alike if taken.isdisjoint(x) and not is_no_measurement(x[0])]
     for columns in sorted(alike, key=lambda x: quantity_of(x[0]) in (None, "t")):
         words = {*split_tokens(columns[0])}
         quantity = quantity_of(columns[0])
         if quantity in (None, "t"):
-            letters = (x for x, known in INITIALS.items() if words & {*known.split()})
-            quantity = next(letters, None)
-        if quantity and not is_no_measurement(columns[0]):
+            letters = {x: {*y.split(), *WORDS[x]} for x, y in INITIALS.items()}
+            by_letter = [x for x, known in letters.items() if words & known]
+            quantity = by_letter[0] if len(by_letter) == 1 else None
+        if quantity:
             of_group.setdefault(quantity, columns)
     left = [x for x in alike if x not in of_group.values()]
     groups = [x for x in missing if x not in ("t", *of_group)]

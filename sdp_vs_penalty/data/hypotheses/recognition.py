@@ -67,7 +67,7 @@ from sdp_vs_penalty.data.words.stamps import (
     fraction_column,
     has_fraction,
 )
-from sdp_vs_penalty.data.words.tokens import brief_names, group_of
+from sdp_vs_penalty.data.words.tokens import OF_TIME, brief_names, group_of
 from sdp_vs_penalty.data.words.units import SHARES, UNITS, units_of_name
 from sdp_vs_penalty.errors import InputError
 
@@ -590,7 +590,7 @@ def _joined(units: Mapping[str, tuple[str, float]]) -> tuple[str, dict[str, floa
 def _unknown_unit(names: Iterable[str], said: Mapping[str, Meaning]) -> str:
     """Return what stands in brackets at the end of all of some names; "" where it
     differs, or they say a unit that is known."""
-    matches = [_IN_BRACKETS.search(x) for x in names if x in said]
+    matches = [_IN_BRACKETS.search(OF_TIME.sub("", x)) for x in names if x in said]
     texts = {match[1].strip() if match else "" for match in matches}
     return texts.pop() if len(texts) == 1 else ""
 

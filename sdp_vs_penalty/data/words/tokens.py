@@ -4,6 +4,9 @@ import re
 import unicodedata
 from collections.abc import Sequence
 
+#: What marks a name as that of a function of time: "q1(t)".
+OF_TIME = re.compile(r"(?<=\S)\(t\)$")
+
 
 def split_tokens(name: str) -> list[str]:
     """Split a column's name into words and numbers, in small letters without accents.
@@ -14,7 +17,10 @@ def split_tokens(name: str) -> list[str]:
     ['axis', 'q', 'msr']
     >>> split_tokens("q\u0307\u2081")
     ['dq', '1']
+    >>> split_tokens("q1(t)")
+    ['q', '1']
     """
+    name = OF_TIME.sub("", name)
     name = re.sub(
         "([q\u03b8\u03c6])\u0307", r"d\1", name
     )  # a dot above is a derivative
