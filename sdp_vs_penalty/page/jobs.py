@@ -108,6 +108,7 @@ from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.robot_file import as_urdf
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, PointTrajectory
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, Rows
+from sdp_vs_penalty.signals.runs import sample_rate
 from sdp_vs_penalty.simulation.follow import follow
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
@@ -883,7 +884,7 @@ def keep(
         "samples": part.samples,
         "seconds": seconds,
         "split": split,
-        "rate": (shown.samples - 1) / seconds if seconds > 0.0 else 0.0,
+        "rate": sample_rate(shown) if seconds > 0.0 else 0.0,
         "findings": findings,
         "torque_unit": part.torque_unit,
     }

@@ -206,8 +206,7 @@ def _as_logged(session: Session, said: str = "") -> NextStep:
         do = partial(session.start, session.set_aside)
         label = set_aside_in_words(apart)
         return NextStep(of_check.text, label, "check", do, level=of_check.level)
-    kinds = {*session.kinds_of_issue}
-    if len(kinds) > bool(said) and not kinds <= {*session.seen_issues}:
+    if len(session.kinds_of_issue) > bool(said) and session.kinds_to_see:
         label, see = "See what Check found", session.see_issues
         return NextStep(of_check.text, label, "check", see, level=of_check.level)
     if text := session.impossible:

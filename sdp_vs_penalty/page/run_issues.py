@@ -11,6 +11,8 @@ from sdp_vs_penalty.page.job_queue import JobQueue
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.problem.check_command import CheckCommand
 
+#: How the remedy of an issue begins that asks for nothing.
+NO_ACTION = "no action needed"
 #: Letters of a place that is named beside a fault among others.
 _MOST_OF_PLACE = 20
 
@@ -18,6 +20,11 @@ _MOST_OF_PLACE = 20
 def is_refused(run: Mapping[str, Any]) -> bool:
     """Whether the check calls something in a run an error."""
     return any(issue["severity"] == "error" for issue in run["findings"])
+
+
+def asks_nothing(issue: Mapping[str, Any]) -> bool:
+    """Whether an issue asks nothing of a person: what it says is reckoned with."""
+    return str(issue["remedy"]).startswith(NO_ACTION)
 
 
 def asks_for_unit(run: Mapping[str, Any]) -> bool:
@@ -86,6 +93,13 @@ class RunIssues(JobQueue):
     def kinds_of_issue(self) -> list[str]:
         """Kinds of what the check found in the runs, each once."""
         return sorted({issue["kind"] for issue in self.warnings})
+
+    @property
+    def kinds_to_see(self) -> set[str]:
+        """Kinds of what the check found that asks for something, and that the person was
+        not led to."""
+        asking = {issue["kind"] for issue in self.warnings if not asks_nothing(issue)}
+        return asking - {*self.seen_issues}
 
     def see_issues(self) -> None:
         """Remember that the person was led to the issues of the check."""

@@ -17,6 +17,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.causes import VELOCITY
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.page.model_step import level_of
+from sdp_vs_penalty.page.run_issues import NO_ACTION, asks_nothing
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import graded, heading_of, label_of, repairs_in_words
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
@@ -208,7 +209,11 @@ def checked(session: Session) -> StageVerdict:
         grade = warnings[0]["certainty"].partition(":")[0]
         having = next((r for issue, r in session.issues if issue is warnings[0]), ())
         names = formatting.words([run["name"] for run in having or session.runs])
-        text = graded(f"{names}: {heading_of(warnings[0]['kind'])}", grade)
+        text = heading_of(warnings[0]["kind"])
+        if asks_nothing(warnings[0]):
+            done = warnings[0]["remedy"].removeprefix(NO_ACTION).replace(":", ";", 1)
+            text = f"{warnings[0]['what'].rstrip('.')}{done}"
+        text = f"{names}: {graded(text, grade)}"
         text += f" And {others} more." if others else ""
         return StageVerdict("usable", text, "Check")
     runs = formatting.count(len(session.runs), "run")

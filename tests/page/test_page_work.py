@@ -53,6 +53,7 @@ from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.render.words import describe_diagnosis, describe_remedy
 from sdp_vs_penalty.results import Change, Remedy
 from sdp_vs_penalty.robot.robot import joint_limits
+from sdp_vs_penalty.signals.runs import sample_rate
 
 #: Headers, and whether they may ask (null: a page may, a socket may not).
 REQUESTS = Path(__file__).parents[1] / "data" / "page_requests.json"
@@ -518,6 +519,17 @@ def test_a_job_that_fails_amid_its_changes_changes_nothing(
     assert "ZeroDivisionError" in s.notice.texts[0]
     assert s.runs == before
     assert [label for label, _ in s.past] == steps
+
+
+def test_a_pause_is_said_and_keeps_nobody_from_identifying(here, hidden, tmp_path):
+    whole = hidden.runs[0]
+    paused = whole.rows((whole.t < 3.0) | (whole.t > 5.5))
+    s = opened(here, "two_link", **saved(tmp_path, [paused], "run1.csv"))
+    assert s.runs[0]["rate"] == pytest.approx(sample_rate(whole))
+    step = next_step(SimpleNamespace(session=s))
+    assert step.text == "run1.csv: 1 gap of up to 2.51 s, 2.51 s in all."
+    assert "the run is split there" in step.more
+    assert step.label == "Identify the model"
 
 
 def test_a_press_waits_for_its_turn_and_is_not_lost(here, hidden, tmp_path):
