@@ -514,6 +514,21 @@ ARRANGED = {
     ],
     "a list of lists": [json.dumps([[t, *q, *tau] for t, q, tau in ROWS])],
     "vectors of NumPy": [f"{t:.2f} {vector(q)} {vector(tau)}" for t, q, tau in ROWS],
+    "Octave's text": [
+        "# Created by Octave 8.4.0, Tue Jun 11 10:01:12 2024 UTC <lab@pc>",
+        *(
+            line
+            for name, matrix in (("t", T[:, None]), ("q", Q), ("tau", TAU))
+            for line in (
+                f"# name: {name}",
+                "# type: matrix",
+                f"# rows: {len(matrix)}",
+                f"# columns: {matrix.shape[1]}",
+                *(f" {' '.join(map(str, row))}" for row in matrix.tolist()),
+                "",
+            )
+        ),
+    ],
     "a web page": [
         "<html><body><table><thead>",
         *(f"<tr><td>{row.replace(',', '</td><td>')}</td></tr>\n" for row in PLAIN),
@@ -548,6 +563,13 @@ def test_a_line_of_other_names_is_refused_and_words_are_not(line, words, tmp_pat
         refusal(lambda: read(path), words)
     else:
         same(read(path)[0])
+
+
+def test_a_row_of_octave_s_text_that_is_none_is_refused(tmp_path):
+    lines = [*ARRANGED["Octave's text"]]
+    lines[-5] = " 0.1 0.2"
+    path = write(tmp_path / "run.txt", lines)
+    refusal(lambda: read(path), "is no row of numbers of tau")
 
 
 def test_a_column_without_a_comma_at_first_has_that_of_the_nearest_one(tmp_path):

@@ -76,12 +76,20 @@ def read(path: Path) -> Log:
     try:
         table = inspect_table(path)
     except MarkupError as error:
-        from sdp_vs_penalty.data.formats import jsonl, named_values, ros_echo, rsi_xml
+        from sdp_vs_penalty.data.formats import (
+            jsonl,
+            matlab,
+            named_values,
+            ros_echo,
+            rsi_xml,
+        )
 
         if error.what.startswith("YAML"):
             return ros_echo.read(path)
         if error.what.startswith("names"):
             return named_values.read(path)
+        if error.what.startswith("Octave"):
+            return matlab.read_text(path)
         return (jsonl if error.what.startswith("JSON") else rsi_xml).read_text(
             path, error
         )

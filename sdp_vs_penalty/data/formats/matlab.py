@@ -1,5 +1,5 @@
 """MATLAB .mat files (versions 4 to 7; 7.3 with h5py) with variables t, q, tau (dq optional), or q1,
-q2, ..."""
+q2, ...; and the text that Octave's ``save`` writes of such variables."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.formats.limits import joint_names_in, parse_apart, texts_apart
 from sdp_vs_penalty.data.formats.npz import columns_of_array
+from sdp_vs_penalty.data.formats.text_file import iter_rows
 from sdp_vs_penalty.data.log import Log, log_of_arrays
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
@@ -43,12 +44,48 @@ def read(path: Path) -> Log:
     kind = ".mat file", "save it again, as version 7 or earlier"
     sent = parse_apart(numeric_variables, path, "scipy.io", *kind)
     variables, texts = texts_apart(sent)
+    return _log_of_variables(path, variables, texts)
+
+
+def _log_of_variables(
+    path: Path,
+    variables: Mapping[str, Array],
+    texts: Mapping[str, Sequence[Sequence[str]]] | None = None,
+) -> Log:
+    """Make a log of variables; a single matrix gives its columns."""
     arrays = {name: np.atleast_1d(block) for name, block in variables.items()}
     if len(arrays) == 1:
         (block,) = arrays.values()
         if block.ndim > 1 and min(block.shape) > 1:
             arrays = columns_of_array(path, block)
     return log_of_arrays(path, arrays, texts)
+
+
+def read_text(path: Path) -> Log:
+    """Read the matrices of Octave's text: "# name: q" stands above the rows of each."""
+    blocks = dict[str, list[list[float]]]()
+    for first, lines in iter_rows(path):
+        for number, line in enumerate(lines, start=first):
+            if line.startswith("# name: "):
+                blocks[line.removeprefix("# name: ").strip()] = []
+            if not line.strip() or line.startswith("#") or not blocks:
+                continue
+            name, block = [*blocks.items()][-1]
+            try:
+                block.append([*map(float, line.split())])
+            except ValueError:
+                block.append([])
+            if len(block[-1]) != len(block[0]) or not block[0]:
+                what = (
+                    f"line {number} is no row of numbers of {name}, as those above it"
+                )
+                remedy = (
+                    "save matrices of numbers alone, with save('run.mat', '-v7', ...)"
+                )
+                raise InputError(what, remedy, path)
+    matrices = {x: np.array(y) for x, y in blocks.items() if y}
+    columns = {x: y[:, 0] if y.shape[1] == 1 else y for x, y in matrices.items()}
+    return _log_of_variables(path, columns)
 
 
 def numeric_variables(path: str) -> Iterator[dict[str, Array]]:

@@ -297,6 +297,9 @@ def _refuse_markup(path: Path, lines: Sequence[str]) -> None:
     table of numbers stands below, InputError where it is what a download leaves in place of
     a file."""
     refuse_stand_in(path, lines[0].encode())
+    if lines[0].startswith("# Created by Octave"):
+        remedy = "save matrices with save('run.mat', '-v7', ...)"
+        raise MarkupError("Octave's text", remedy, path)
     for pattern, (what, remedy) in _MARKUPS.items():
         if re.match(pattern, lines[0].strip()) and not _end_in_a_table(lines):
             raise MarkupError(what, remedy, path)
