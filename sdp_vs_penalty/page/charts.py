@@ -114,12 +114,13 @@ def data_chart(
                 plot.add("scatter", row, x=t[rows], y=repaired[name][rows, j], **look)
         span = _span_without_spikes(read[name], repaired[name])
         plot.update_axes("y", row, range=span)
-    kinds = "/".join(dict.fromkeys("m" if unit == "N" else "rad" for unit in units))
-    kinds = position_unit or kinds
+    usual = dict.fromkeys("m" if unit == "N" else "rad" for unit in units)
+    kinds = [position_unit] if position_unit else [*usual]
+    torques = [torque_unit] if torque_unit else [*dict.fromkeys(units)]
     titles = (
-        f"Position<br>[{kinds}]",
-        f"Velocity<br>[{kinds}/s]",
-        f"Torque<br>[{torque_unit or '/'.join(dict.fromkeys(units))}]",
+        f"Position<br>[{' or '.join(kinds)}]",
+        f"Velocity<br>[{' or '.join(f'{kind}/s' for kind in kinds)}]",
+        f"Torque<br>[{' or '.join(torques)}]",
     )
     for row, title in enumerate(titles[: len(shown)]):
         plot.update_axes("y", row, title=title)
