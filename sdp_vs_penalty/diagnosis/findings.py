@@ -1103,9 +1103,13 @@ class Diagnosis(Record, JsonRecord):
     @property
     def main_remedy(self) -> Remedy | None:
         """The remedy that adds what is sure, where that is several findings and the main
-        one among them; else that of the main finding. None where that does not lower the
-        error of the joint that errs most: what helps only does together."""
+        one among them; else that of the main finding, with the rest of what helps where
+        all of the rest is confident. None where that does not lower the error of the joint
+        that errs most: what helps only does together."""
         main, sure = self.main_finding, self.sure
+        rest = [f for f in self.helpful if f is not main]
+        if main not in sure and all(f.rating == "confident" for f in rest):
+            sure = self.helpful
         after = self.error_with(sure)
         if main in sure and len(sure) > 1 and after is not None:
             findings = [f for f in self.in_order_of_reading if f in sure]

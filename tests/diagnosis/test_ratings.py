@@ -155,6 +155,20 @@ def test_what_is_confident_is_read_first_and_what_is_within_the_noise_last():
     assert "Still to be won: base tilt" in diagnosis(small).cause
 
 
+def test_a_near_tie_is_added_with_the_constants_that_are_confident():
+    """Alone it left the rest to a second diagnosis, which did not find it again."""
+    loud = {"held_out_rmse_before": np.full(7, 3.0)}
+    tie = finding("stribeck_friction", 3, "torque_gain", **loud)
+    shape = ShapeEstimate("coulomb_friction", 3, "v_s", 0.01, 0.02)
+    fall = {"rmse_before": 0.2, "rmse_after": 0.1, "explanation": "it is wider"}
+    constant = Retune(**vars(shape), confidence="confident", **fall)
+    errors = (ErrorWith((tie.text, constant.text), np.full(7, 1.0)),)
+    found = replace(diagnosis(tie), retuned=(constant,), errors_with=errors)
+    assert found.main_finding == tie
+    assert tie not in found.sure
+    assert found.main_remedy.change.arguments["findings"] == "helpful"
+
+
 def test_what_lowers_the_worst_joint_most_is_read_first():
     """A confident finding that lowers nothing by itself comes last, and has no button of
     its own."""
