@@ -161,7 +161,8 @@ def _by_words(
     of_group, in_file = known_columns(log.columns, joints)
     taken = {name for columns in of_group.values() for name in columns}
     alike = [x for x in families(log.names).values() if len(x) > 1]
-    alike += families_of_joints(log.names, in_file or joints or ())
+    of_joints = families_of_joints(log.names, in_file or joints or ())
+    alike += [x for x in of_joints if x not in alike]
     alike += [[name] for name, x in log.columns.items() if x.kind == "list"]
     alike = [x for x in alike if taken.isdisjoint(x) and not is_no_measurement(x[0])]
     for columns in sorted(alike, key=lambda x: quantity_of(x[0]) in (None, "t")):
