@@ -12,6 +12,7 @@ from sdp_vs_penalty.checks.glance import Rows, RunSummary
 from sdp_vs_penalty.checks.issue import Issue, make_issue
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import beside_range
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -189,7 +190,10 @@ def find_coarse_sampling(glance: RunSummary) -> Iterator[Issue]:
         return
     settings = glance.filtered.settings
     rate = 1.0 / glance.usual_step
-    highest = highest_harmonic(glance.run)
+    try:
+        highest = highest_harmonic(glance.run)
+    except InputError:  # no stretch is long enough for a spectrum
+        return
     needed = c.SAMPLES_A_PERIOD * highest
     if rate < needed:
         yield make_issue(

@@ -150,6 +150,12 @@ def _rename_remedy(log: Log, missing: Sequence[str], found: Recognition) -> str:
     return how
 
 
+def _is_asked_for(name: str) -> bool:
+    """Return whether a person may say that a column is a measurement: a part of the
+    torque is one for whoever knows the rest."""
+    return is_part_of_torque(name) or not is_no_measurement(name)
+
+
 def _by_words(
     log: Log, missing: Sequence[str], joints: Sequence[str] | None
 ) -> dict[str, str]:
@@ -164,7 +170,7 @@ def _by_words(
     of_joints = families_of_joints(log.names, in_file or joints or ())
     alike += [x for x in of_joints if x not in alike]
     alike += [[name] for name, x in log.columns.items() if x.kind == "list"]
-    alike = [x for x in alike if taken.isdisjoint(x) and not is_no_measurement(x[0])]
+    alike = [x for x in alike if taken.isdisjoint(x) and _is_asked_for(x[0])]
     for columns in sorted(alike, key=lambda x: quantity_of(x[0]) in (None, "t")):
         words = {*split_tokens(columns[0])}
         quantity = quantity_of(columns[0])
