@@ -264,7 +264,7 @@ def numbers_of_cases(amount, first):
 @pytest.mark.fuzz
 def test_thousands_of_files(tmp_path, capsys):
     """Changed files, and now and then a log: so many cases, or seconds of them."""
-    amount, _, seed = os.environ.get("SDP_VS_PENALTY_FUZZ", "400").partition(":")
+    amount, _, seed = os.environ.get("SDP_VS_PENALTY_FUZZ", "200").partition(":")
     sources = sources_by_format(sound_files(tmp_path))
     uses = list(verbs().items())
     outcomes = Counter[str]()
