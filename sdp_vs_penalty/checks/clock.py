@@ -9,7 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.certainty import likely, told_by
-from sdp_vs_penalty.checks.constants import GAP, MOST_REPEATED, RUN
+from sdp_vs_penalty.checks.constants import GAP, MOST_REPEATED, NO_ACTION, RUN
 from sdp_vs_penalty.checks.glance import CONTINUE, Rows, RunSummary, with_time_steps
 from sdp_vs_penalty.checks.issue import Issue, make_issue, rows_text
 from sdp_vs_penalty.checks.velocity import velocity_ratio
@@ -157,7 +157,7 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
             otherwise = "let each begin a second after the end of the one before"
             step = max(1.0, 50.0 * step)
         what = f"{what} {seen}"
-        remedy = f"no action needed: a run begins there (or {otherwise})"
+        remedy = f"{NO_ACTION}: a run begins there (or {otherwise})"
         repair = partial(with_time_steps, where=glance.steps < 0.0, steps=step)
     yield make_issue(
         kind="time runs backwards",
@@ -402,7 +402,7 @@ def _clock_step(glance: RunSummary, rows: Indices) -> Issue:
         what=f"the clock jumps ahead by up to {glance.steps[rows].max():.3g} s while the"
         " moving arm does not: the clock was set, and no sample is missing.",
         certainty=likely("the distance travelled is that of one usual step"),
-        remedy=f"no action needed: the run is split there (or {CONTINUE})",
+        remedy=f"{NO_ACTION}: the run is split there (or {CONTINUE})",
         repair=partial(with_time_steps, where=is_wrong, steps=glance.usual_step),
     )
 
@@ -417,7 +417,7 @@ def _gap(glance: RunSummary, rows: Indices) -> Issue:
         what=f"{formatting.count(len(rows), 'gap')} of up to {steps.max():.3g} s (the"
         f" usual step is {glance.usual_step:.3g} s), {steps.sum():.3g} s in all.",
         cause="samples are missing",
-        remedy="no action needed: the run is split there, and the filters lose a second"
+        remedy=f"{NO_ACTION}: the run is split there, and the filters lose a second"
         " on either side",
     )
 

@@ -60,6 +60,10 @@ SAMPLES_A_PERIOD = 30.0
 #: masses allow: friction, another place of the masses, a gear that was left out.
 EFFORT = (0.2, 3.0)
 
+# -- what a fact asks for
+#: How the remedy of a fact begins that asks nothing of a person: it is reckoned with.
+NO_ACTION = "no action needed"
+
 # -- what a fact leaves to be judged
 #: Facts after which nothing is left to be judged.
 NO_ROWS = "no rows", "channel without numbers", "static poses"

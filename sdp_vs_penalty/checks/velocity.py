@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from sdp_vs_penalty.checks.certainty import READ, likely, possible
-from sdp_vs_penalty.checks.constants import GAP, RUN
+from sdp_vs_penalty.checks.constants import GAP, NO_ACTION, RUN
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import Issue, make_issue
 from sdp_vs_penalty.data.hypotheses.weighing import CERTAIN, VELOCITY_UNITS
@@ -38,9 +38,12 @@ _OF_CLOCKS = (0.5, 2.0, *(10.0**k for k in (-6, -3, -2, -1, 1, 2, 3, 6)))
 #: ratios of filters or other rates are from 1 (half width of a Cauchy distribution: rarely
 #: they are any); over what range the ratio of an encoder's counts may lie.
 _EXACT, _OF_FILTERS, _OF_COUNTS = 0.01, 0.1, 28.0
-#: Leading digits of the rates that programs sample at [1/s], and the relative distance
-#: from one of them of a rate that was set, and of one that the velocity's ratio yields.
-_ROUND_RATES = np.array((1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0))
+#: Leading digits of the rates that programs sample at [1/s]; 10 is for rates just below.
+_ROUND_RATES = np.array(
+    (1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+)
+#: Relative distance from a usual rate of one that was set, and of one that the velocity's
+#: ratio yields.
 _OF_A_SET_RATE, _OF_A_RATIO = 1e-3, 0.01
 #: A velocity whose squared correlation with the derivative is lower is of something else.
 _PROPORTIONAL = 0.8
@@ -53,7 +56,7 @@ _ROWS_OF_LAG = 16384
 _note = partial(
     make_issue,
     severity="note",
-    remedy="no action needed: velocities are taken from the positions",
+    remedy=f"{NO_ACTION}: velocities are taken from the positions",
 )
 
 
@@ -212,8 +215,7 @@ def _against_the_clock(glance: RunSummary, ratio: float, alike: str) -> Issue:
 def _is_round(rate: float, tolerance: float) -> bool:
     """Return whether a rate is one that programs sample at, to a share of it."""
     digits = 10.0 ** (np.log10(rate) % 1.0)
-    usual = np.append(_ROUND_RATES, 10.0)
-    return bool(np.min(np.abs(digits / usual - 1.0)) < tolerance)
+    return bool(np.min(np.abs(digits / _ROUND_RATES - 1.0)) < tolerance)
 
 
 def _stretched(run: Measurements, factor: float) -> Measurements:

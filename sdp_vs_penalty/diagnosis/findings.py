@@ -1106,26 +1106,26 @@ class Diagnosis(Record, JsonRecord):
         one among them; else that of the main finding, with the rest of what helps where
         all of the rest is confident. None where that does not lower the error of the joint
         that errs most: what helps only does together."""
-        main, sure = self.main_finding, self.sure
+        main, together = self.main_finding, self.sure
         rest = [f for f in self.helpful if f is not main]
-        if main not in sure and all(f.rating == "confident" for f in rest):
-            sure = self.helpful
-        after = self.error_with(sure)
-        if main in sure and len(sure) > 1 and after is not None:
-            findings = [f for f in self.in_order_of_reading if f in sure]
-            constants = [f for f in sure if isinstance(f, Retune)]
+        if main not in together and all(f.rating == "confident" for f in rest):
+            together = self.helpful
+        after = self.error_with(together)
+        if main in together and len(together) > 1 and after is not None:
+            findings = [f for f in self.in_order_of_reading if f in together]
+            constants = [f for f in together if isinstance(f, Retune)]
             named = named_on_joints([*findings, *constants])
             which: str | list[int] = "helpful"
-            counted = f"the {len(sure)} that help"
-            if len(sure) < len(self.helpful):
+            counted = f"the {len(together)} that help"
+            if len(together) < len(self.helpful):
                 which = [f.number for f in findings]
-                counted = f"the {len(sure)} surest"
+                counted = f"the {len(together)} surest"
             names = named_on_joints(findings).split("; ")
             if constants:
                 names.append(constants_in_words(constants))
             if len(names) <= _MOST_ON_A_BUTTON:
                 counted = formatting.words(names)
-            return self._remedy_of(sure, named, f"add {counted}", which, after)
+            return self._remedy_of(together, named, f"add {counted}", which, after)
         return main.remedy(self) if main and self._falls(main)[0] else None
 
     @property

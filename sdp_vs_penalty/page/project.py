@@ -320,9 +320,8 @@ class ProjectState:
             for mapping in kept["mappings"]:
                 mapping["path"] = here(mapping["path"])
             taken = list[str]()
-            for run in kept[
-                "runs"
-            ]:  # an older version knows one name, or has one twice
+            # An older version knows one name of a run, or has one twice.
+            for run in kept["runs"]:
                 run.setdefault("in_commands", run["name"])
                 run["name"] = name_beside(run["name"], taken)
                 taken.append(run["name"])

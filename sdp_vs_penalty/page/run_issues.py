@@ -5,14 +5,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.checks.constants import NO_ACTION
 from sdp_vs_penalty.checks.explain import NOT_REPAIRED
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.job_queue import JobQueue
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.problem.check_command import CheckCommand
 
-#: How the remedy of an issue begins that asks for nothing.
-NO_ACTION = "no action needed"
 #: Letters of a place that is named beside a fault among others.
 _MOST_OF_PLACE = 20
 

@@ -14,10 +14,11 @@ from nicegui import ui
 from nicegui.client import Client
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.checks.constants import NO_ACTION
 from sdp_vs_penalty.diagnosis.causes import VELOCITY
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.page.model_step import level_of
-from sdp_vs_penalty.page.run_issues import NO_ACTION, asks_nothing
+from sdp_vs_penalty.page.run_issues import asks_nothing
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import graded, heading_of, label_of, repairs_in_words
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS

@@ -429,6 +429,21 @@ def named(line, mark=" "):
     return [mark.join(map(line.format, names, row)) for row in rows]
 
 
+def by_joint(rows, patterns):
+    """Each row's stamp, and position and torque of each joint, by a pattern each."""
+    clock, position, torque = patterns
+    return [
+        ", ".join(
+            [
+                clock.format(t),
+                *(position.format(k, x) for k, x in enumerate(q, 1)),
+                *(torque.format(k, x) for k, x in enumerate(tau, 1)),
+            ]
+        )
+        for t, q, tau in rows
+    ]
+
+
 def vector(values):
     return f"[{' '.join(f'{x:.9f}' for x in values)}]"
 
@@ -441,13 +456,10 @@ def log_line(t, q, tau):
 ARRANGED = {
     "key=value": named("{}={}"),
     "key: value": named("{}: {}", ", "),
-    "key=value with units": [
-        f"t={1e3 * t:.3f} ms, "
-        + ", ".join(f"q{k}={np.degrees(x):.9f} deg" for k, x in enumerate(q, 1))
-        + ", "
-        + ", ".join(f"tau{k}={x:.6f} N*m" for k, x in enumerate(tau, 1))
-        for t, q, tau in ROWS
-    ],
+    "key=value with units": by_joint(
+        [(1e3 * t, np.degrees(q), tau) for t, q, tau in ROWS],
+        ("t={:.3f} ms", "q{}={:.9f} deg", "tau{}={:.6f} N*m"),
+    ),
     "Python's logging": [log_line(*row) for row in ROWS],
     "joint: key=value": [
         f"[{t:.2f}] "
@@ -457,13 +469,9 @@ ARRANGED = {
         )
         for t, q, tau in ROWS
     ],
-    "names with blanks": [
-        f"t: {t:.2f}, "
-        + ", ".join(f"J{k} pos: {x:.9f}" for k, x in enumerate(q, 1))
-        + ", "
-        + ", ".join(f"J{k} torque: {x:.6f}" for k, x in enumerate(tau, 1))
-        for t, q, tau in ROWS
-    ],
+    "names with blanks": by_joint(
+        ROWS, ("t: {:.2f}", "J{} pos: {:.9f}", "J{} torque: {:.6f}")
+    ),
     "a list of YAML": [
         line
         for t, q, tau in ROWS

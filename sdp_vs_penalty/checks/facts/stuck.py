@@ -10,7 +10,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from sdp_vs_penalty.checks.certainty import likely, told_by
-from sdp_vs_penalty.checks.constants import GAP, LONG_STRETCH, RUN, STUCK, STUCK_SECONDS
+from sdp_vs_penalty.checks.constants import (
+    GAP,
+    LONG_STRETCH,
+    NO_ACTION,
+    RUN,
+    STUCK,
+    STUCK_SECONDS,
+)
 from sdp_vs_penalty.checks.glance import Rows, RunSummary, mask_of
 from sdp_vs_penalty.checks.issue import Issue, make_issue
 from sdp_vs_penalty.data.measurements import Measurements
@@ -59,7 +66,7 @@ def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
             what=f"tau{j + 1} is exactly zero for {seconds:.3g} s, while the joint"
             " moves: the drive was off, and zero is the torque.",
             certainty=_AS_ELSEWHERE,
-            remedy="no action needed",
+            remedy=NO_ACTION,
             where=f"tau{j + 1}",
             rows=int(is_off.sum()),
             times=glance.one_arm_is_worse(j, is_off),
@@ -325,7 +332,7 @@ def _clipped(glance: RunSummary, j: int, x: Array) -> Iterator[Issue]:
     )
     if is_torque:
         severity, which = "note", "the drive is"
-        remedy = "no action needed: that is the torque"
+        remedy = f"{NO_ACTION}: that is the torque"
         certainty = _AT_EFFORT_LIMIT if is_drives_limit else _AS_ELSEWHERE
     elif times is not None:
         which = "the channel is"

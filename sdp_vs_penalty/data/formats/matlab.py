@@ -64,18 +64,21 @@ def _log_of_variables(
 def read_text(path: Path) -> Log:
     """Read the matrices of Octave's text: "# name: q" stands above the rows of each."""
     blocks = dict[str, list[list[float]]]()
+    name = ""
     for first, lines in iter_rows(path):
         for number, line in enumerate(lines, start=first):
             if line.startswith("# name: "):
-                blocks[line.removeprefix("# name: ").strip()] = []
-            if not line.strip() or line.startswith("#") or not blocks:
+                name = line.removeprefix("# name: ").strip()
+                blocks[name] = []
+            if not line.strip() or line.startswith("#") or not name:
                 continue
-            name, block = [*blocks.items()][-1]
             try:
-                block.append([*map(float, line.split())])
+                row = [*map(float, line.split())]
             except ValueError:
-                block.append([])
-            if len(block[-1]) != len(block[0]) or not block[0]:
+                row = []
+            block = blocks[name]
+            block.append(row)
+            if not row or len(row) != len(block[0]):
                 what = (
                     f"line {number} is no row of numbers of {name}, as those above it"
                 )

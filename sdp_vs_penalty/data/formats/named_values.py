@@ -100,9 +100,10 @@ def _fields_of(line: str) -> dict[str, Any]:
         fields[_INDEX] = float(in_brackets[1])
     elif is_stamped:
         fields[_CLOCK] = float(end)
+    has_joints = any(gap and gap["joint"] for gap in gaps)
     joint = ""
     for pair, before in zip(pairs, [_JOINT.search(begin), *gaps], strict=True):
-        if any(gap and gap["joint"] for gap in gaps) and before and before["joint"]:
+        if has_joints and before and before["joint"]:
             joint = f"{before['joint']}."
         name = joint + pair["name"]
         name = f"{name} [{pair['unit']}]" if pair["unit"] else name
