@@ -52,6 +52,7 @@ from sdp_vs_penalty.estimators.estimator import (
     Task,
     fitted,
     no_progress,
+    require_proof,
 )
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
 from sdp_vs_penalty.regression.regression import compress
@@ -495,7 +496,9 @@ def _fit_new_effects(
         torque_left = compress(runs, model).given_first(estimate.theta)
         task = task_beside(estimate, model_of_new, torque_left, seed, progress)
         progress("estimating the new effects")
-        theta, certificate = certify(task, fitted(estimator, task))
+        fit = fitted(estimator, task)
+        require_proof(estimator, fit)
+        theta, certificate = certify(task, fit)
     return _FitBeside(model, model_of_new, task, estimator, theta, certificate)
 
 

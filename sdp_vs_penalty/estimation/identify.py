@@ -33,7 +33,7 @@ from sdp_vs_penalty.estimation.uncertainty import (
     regression_uncertainty,
 )
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
-from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, require_proof
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox
@@ -323,6 +323,7 @@ def _fit(
 ) -> tuple[EstimationProblem, Fit]:
     """Return a posed problem with the bodies that its data ask for, and its estimate."""
     task, fit = fit_in_bodies(posed.task, estimator)
+    require_proof(estimator, fit)
     if task is posed.task:
         return posed, fit
     problem = replace(posed.problem, bodies=task.link_bodies)

@@ -186,6 +186,9 @@ class Estimator(ABC):
     description: ClassVar[str]
     #: True where the method is defined on a black box's answers only.
     needs_black_box: ClassVar[bool] = False
+    #: True where the method minimises a loss whose optimum its fit bounds: identify
+    #: refuses a fit of which nothing is proved.
+    proves_optimum: ClassVar[bool] = False
     #: Place among the columns of Tables III, VII, VIII, IX and the rows of IV; None:
     #: not one of them. Every method has its rows in the table of methods.
     table_place: ClassVar[int | None] = None
@@ -243,6 +246,27 @@ def fitted(estimator: Estimator, task: Task) -> Fit:
         what = f"{who} returned {fit.theta[k]} for {task.model.parameters[k].name}"
         raise InputError(what, "return finite numbers; task.ols and task.nominal are")
     return fit
+
+
+def require_proof(estimator: Estimator, fit: Fit) -> None:
+    """Raise InputError if a method that bounds its optimum has proved nothing of a fit.
+
+    The loss is not negative, so that a gap of one says nothing.
+    """
+    if estimator.proves_optimum and not fit.gap < 1.0:
+        raise unsolved(
+            f"the optimum was not found: loss {fit.upper:.2g}, proved is nothing"
+        )
+
+
+def unsolved(what: str) -> InputError:
+    """Return the error of a problem that has a solution, which was not found."""
+    return InputError(
+        what,
+        "check the units of the robot, of lengths in mm first (`sdp-vs-penalty"
+        " check-urdf URDF --fix`), and those of the measurements; if they are right,"
+        " choose another method or solver",
+    )
 
 
 def make_task(

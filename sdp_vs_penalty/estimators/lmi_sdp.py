@@ -27,6 +27,7 @@ from sdp_vs_penalty.estimators.estimator import (
     Fit,
     Task,
     sample_variance,
+    unsolved,
     with_joint_prior,
 )
 from sdp_vs_penalty.regression.regression import LeastSquares
@@ -60,6 +61,7 @@ class LmiSdp(Estimator):
     """One-step torque SDP with the constraints and priors that the fields choose."""
 
     name = "lmi-sdp"
+    proves_optimum: ClassVar[bool] = True
     table_place: ClassVar[int | None] = 4
     description = (
         "best fit whose links can exist and fit their bodies, near the nominal robot"
@@ -189,6 +191,7 @@ class LmiSdpTwoStep(Estimator):
     """
 
     name = "lmi-sdp-two-step"
+    proves_optimum: ClassVar[bool] = True
     description = "Two-step SDP (Sousa and Cortesao)"
 
     solver: str | None = None
@@ -396,29 +399,7 @@ def _solved(posed: PosedSdp, accuracy: float, answers: Sequence[Fit]) -> Fit:
             f"solver {posed.solver} gave up on a problem that has an interior point"
             f" ({', '.join(claims_made)})"
         )
-    return proved(best)
-
-
-def proved(fit: Fit) -> Fit:
-    """Return a fit whose bound says something of it.
-
-    The loss is not negative, so that a gap of one says nothing. Raises InputError.
-    """
-    if fit.gap < 1.0:
-        return fit
-    raise unsolved(
-        f"the optimum was not found: loss {fit.upper:.2g}, proved is nothing"
-    )
-
-
-def unsolved(what: str) -> InputError:
-    """Return the error of a problem that has a solution, which was not found."""
-    return InputError(
-        what,
-        "check the units of the robot, of lengths in mm first (`sdp-vs-penalty"
-        " check-urdf URDF --fix`), and those of the measurements; if they are right,"
-        " choose another method or solver",
-    )
+    return best
 
 
 def _objective(fit: Fit) -> float:

@@ -31,12 +31,7 @@ import scipy
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint_prior
-from sdp_vs_penalty.estimators.lmi_sdp import (
-    LmiSdpThickness,
-    PosedSdp,
-    interior_point,
-    proved,
-)
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, PosedSdp, interior_point
 from sdp_vs_penalty.regression.linalg import InTurn
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
@@ -554,6 +549,7 @@ class Penalty(Estimator):
     exact."""
 
     name = "penalty"
+    proves_optimum: ClassVar[bool] = True
     table_place: ClassVar[int | None] = 2
     description = "least squares with a penalty on impossible links, from many starts"
 
@@ -588,9 +584,7 @@ class Penalty(Estimator):
             """Solve the SDP without the limits that are not convex."""
             return PosedSdp(task, problem).fit()
 
-        return proved(
-            fit_penalty(task, problem, self.starts, self.tolerance, relaxation)
-        )
+        return fit_penalty(task, problem, self.starts, self.tolerance, relaxation)
 
     def data(self, task: Task) -> LeastSquares:
         """Return the loss that is minimised: that of the torque."""

@@ -2,14 +2,14 @@
 eigenvalues."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from random_robots import link_parameters, open_problem, posed_task, sines, tree
+from small_runs import thinned
 
-from sdp_vs_penalty import Measurements
+from sdp_vs_penalty import Measurements, identify, simulate
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation import certify
 from sdp_vs_penalty.estimators import (
@@ -21,6 +21,7 @@ from sdp_vs_penalty.estimators import (
     make_estimator,
     penalty,
 )
+from sdp_vs_penalty.estimators.estimator import Fit
 from sdp_vs_penalty.estimators.penalty import PROVEN_GAP
 from sdp_vs_penalty.robot import inertia
 
@@ -155,11 +156,16 @@ def test_a_loose_relaxation_of_a_convex_problem_is_the_last_start(monkeypatch):
 
 
 @pytest.mark.parametrize("gap", [1.0, 1.5, np.nan])
-def test_an_answer_of_which_nothing_is_proved_is_none(gap, monkeypatch):
-    unproved = SimpleNamespace(gap=gap, upper=1e31)
-    monkeypatch.setattr(penalty, "fit_penalty", lambda *_: unproved)
+@pytest.mark.parametrize("method", ["penalty", "lmi-sdp", "lmi-sdp-two-step"])
+def test_identify_refuses_an_answer_of_which_nothing_is_proved(
+    gap, method, monkeypatch
+):
+    """A table of methods shows it with its gap; least squares has nothing to prove."""
+    run = thinned(simulate("two_link", seed=3)).train
+    monkeypatch.setattr(Fit, "gap", gap)
+    identify("two_link", run, method="ols", check=False)
     with pytest.raises(InputError, match=r"not found: .* lengths in mm .*--fix"):
-        Penalty().fit(little_motion(0))
+        identify("two_link", run, method=method, check=False)
 
 
 @pytest.mark.long
