@@ -248,6 +248,32 @@ def test_findings_that_cancel_are_one_with_its_sum():
     assert alone.size
 
 
+@pytest.mark.parametrize(
+    ("torques", "joint", "n_in_sum"),
+    [
+        ((2.1, 2.1), 1, 2),
+        # The joint errs by 2 N m: torques below that need not cancel.
+        ((1.9, 1.9), 1, 0),
+        ((None, None), 1, 0),
+        # One alone cancels with all that is sure on its joint, two with each other.
+        ((2.1, 1.9), 1, 2),
+        ((2.1, 1.9), 2, 0),
+        ((2.1, 2.1, 1.9), 1, 2),
+    ],
+)
+def test_torques_beyond_the_joints_error_are_one_finding(torques, joint, n_in_sum):
+    first, *others = torques
+    is_open = {"confidence": "weak", "doubts": (Doubt("uncertain"),)}
+    loud = finding("sigmoid_friction", 1, torque_rms=first, **is_open)
+    beside = [
+        finding(effect, joint, torque_rms=rms, **is_open)
+        for effect, rms in zip(("stiction", "joint_spring"), others, strict=False)
+    ]
+    found = diagnosis(loud, *beside)
+    assert len(found.only_in_sum(loud)) == n_in_sum
+    assert found.only_in_sum(loud) == (loud, *beside)[:n_in_sum]
+
+
 def test_the_headline_names_effects_whose_law_or_name_is_open():
     found = diagnosis(
         finding("presliding_hysteresis", 4),
