@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 
 #: Rows by which a column is described.
 ROWS_DESCRIBED = 50
@@ -55,9 +54,9 @@ class Values:
     #: (N,) numbers or (N, n) blocks, by name; seconds of stamps.
     columns: dict[str, Array]
     #: (N,) number in the file of each row; None where row k is number k + 2.
-    rows: NDArray[np.intp] | None = None
+    rows: Indices | None = None
     #: (N,) whether the cell is empty, of columns with empty cells.
-    gaps: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
+    gaps: Mapping[str, Mask] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,7 @@ def log_of_arrays(
     arrays: Mapping[str, Array],
     texts: Mapping[str, Sequence[Sequence[str]]] | None = None,
     facts: Mapping[str, Mapping[str, Any]] | None = None,
-    rows: NDArray[np.intp] | None = None,
+    rows: Indices | None = None,
     *,
     has_gaps: bool = False,
     **more: Any,

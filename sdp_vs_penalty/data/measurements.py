@@ -16,7 +16,7 @@ from sdp_vs_penalty.data.store import PART, concatenate_chunks, digest, iter_chu
 from sdp_vs_penalty.data.stretches import recorded_seconds, rows_behind_pauses
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.results.record import Shown, Summary
-from sdp_vs_penalty.robot.arrays import Array, wrong_shape
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, wrong_shape
 
 
 def _is_array_of_numbers(value: Any) -> bool:
@@ -192,40 +192,13 @@ class Measurements(Shown):
         """Make measurements of those channel groups (N, n) that a file has, by their names
         in RUN.csv: q, dq, tau, temp, qcmd .... Without tau, the feed-forward torque takes
         its place, or zeros."""
-        q, tau = groups["q"], groups.get("tau")
-        commanded = {
-            name: groups[name] for name in (*COMMANDED, *SIMULATED) if name in groups
-        }
-        if tau is None:
-            tau = commanded.get("tauff", np.broadcast_to(0.0, q.shape))
-        return cls(
-            t,
-            q,
-            tau,
-            dq=groups.get("dq"),
-            run=run,
-            names=names,
-            temperature=groups.get("temp"),
-            commanded=commanded,
-            torque_logged="tau" in groups,
-            torque_unit=torque_unit,
-        )
+        fields = _fields_of(groups)
+        return cls(t, run=run, names=names, torque_unit=torque_unit, **fields)
 
     def with_channels(self, t: Array, groups: Mapping[str, Array]) -> Measurements:
         """Return the same samples with other channels (N, n), by their names in
         RUN.csv."""
-        other = Measurements.from_channels(
-            t, groups, self.names, self.run, self.torque_unit
-        )
-        return replace(
-            other,
-            joint_names=self.joint_names,
-            reading=self.reading,
-            unit_command=self.unit_command,
-            unit_by_arm=self.unit_by_arm,
-            file_rows=self.file_rows,
-            episode=self.episode,
-        )
+        return replace(self, t=t, **_fields_of(groups))
 
     def rows_of_file(self, places: Any) -> NDArray[np.int64]:
         """Return the numbers in the file of the rows of some samples, from 0: below its
@@ -257,7 +230,7 @@ class Measurements(Shown):
         return len(self.t)
 
     @property
-    def usable_rows(self) -> NDArray[np.bool_]:
+    def usable_rows(self) -> Mask:
         """Flags (N,) of the rows that hold finite numbers alone, none larger than a robot
         measures."""
         channels = {"t": self.t[:, None], **self.groups}
@@ -368,9 +341,7 @@ class Measurements(Shown):
         return concatenate(cut)._as_window_of(self._cut_from or (self,))
 
     def rows(
-        self,
-        keep: NDArray[np.bool_] | NDArray[np.intp] | slice,
-        name: str | None = None,
+        self, keep: Mask | Indices | slice, name: str | None = None
     ) -> Measurements:
         """Take some of the samples, by flags (N,), indices or a slice, as one run; a view
         where a slice is given. Its name is by default that of the first run."""
@@ -458,6 +429,21 @@ LARGEST_VALUE |= dict.fromkeys(("tau", "tauff", *SIMULATED), 1e12) | {
 }
 #: Numbers that are smaller are no measurement, whatever their unit.
 _SMALLEST_VALUE = 1e-30
+
+
+def _fields_of(groups: Mapping[str, Array]) -> dict[str, Any]:
+    """Return the fields of measurements that hold channel groups (N, n); the feed-forward
+    torque stands in for tau, or zeros."""
+    q, known = groups["q"], (*COMMANDED, *SIMULATED)
+    tau = groups.get("tau", groups.get("tauff", np.broadcast_to(0.0, q.shape)))
+    return {
+        "q": q,
+        "tau": tau,
+        "dq": groups.get("dq"),
+        "temperature": groups.get("temp"),
+        "commanded": {name: groups[name] for name in known if name in groups},
+        "torque_logged": "tau" in groups,
+    }
 
 
 def without_traces(measured: Measurements) -> Measurements:

@@ -21,7 +21,6 @@ from string import ascii_lowercase
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.hypotheses.channels import (
@@ -47,7 +46,7 @@ from sdp_vs_penalty.data.stretches.gaps import (
 )
 from sdp_vs_penalty.data.words.tokens import brief_names, group_of, parts_of
 from sdp_vs_penalty.errors import ColumnsRemark, InputError, Remark
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 
 # Files with our own names need no tables of words and loggers: these are imported where
 # a foreign file is recognised.
@@ -674,7 +673,7 @@ def _without_sentinels(log: Log, values: Values, clock: Sequence[str]) -> Values
     a clock (of an array that was longer than the run), and a whole number that repeats in
     few rows, far from all others of its channel, "-999"."""
     columns, gaps, numbers = {**values.columns}, {**values.gaps}, Counter[float]()
-    empty = dict[str, NDArray[np.bool_]]()
+    empty = dict[str, Mask]()
     for name, x in values.columns.items():
         if x.ndim > 1 or not x.any():
             continue
@@ -752,7 +751,7 @@ def _in_one_order(
 
 def _aligned(
     log: Log, groups: Mapping[str, Sequence[str]], values: Values, found: Recognition
-) -> tuple[Array | None, dict[str, Array], NDArray[np.intp] | None]:
+) -> tuple[Array | None, dict[str, Array], Indices | None]:
     """Bring channels with stamps of their own to those of the torque.
 
     Returns the stamps (K,) in the clock's unit (None without a clock), the columns at
@@ -928,8 +927,8 @@ def _in_si(
 
 
 def _one_after_the_other(
-    log: Log, t: Array, begins: NDArray[np.bool_], set_back: NDArray[np.bool_]
-) -> tuple[Array, NDArray[np.intp] | None]:
+    log: Log, t: Array, begins: Mask, set_back: Mask
+) -> tuple[Array, Indices | None]:
     """Continue the clock t (N,) [s] at the steps (N - 1,) over which it ``begins`` anew, and
     return it with the number of each row's episode; None where the clock needs no change.
 

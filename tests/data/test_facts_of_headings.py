@@ -182,6 +182,7 @@ USED = [
     ("q_{}", "torque_{} (‰ of 2 mNm)", [], {"tau1": 2e-6, "tau2": 2e-6}),
     ("q_{}", "torque_{} [%]", [RATED], {"tau1": 0.6, "tau2": 0.3}),
     ("q_{}", "torque_{}", [RATED, "# torque [‰]"], {"tau1": 0.06, "tau2": 0.03}),
+    ("q_{}", "torque_{} [per mil]", [RATED], {"tau1": 0.06, "tau2": 0.03}),
     ("q_{}", "torque_{} [mN]", [], {"tau1": 1e-3, "tau2": 1e-3}),
     ("q_{}", "torque_{} [%]", [RATIO], {}),
     ("q_{}", "torque_{} [Nm]", [RATED, RATIO], {}),

@@ -163,6 +163,14 @@ def test_torques_of_lerobot_have_any_of_its_words(word):
     assert recognition.torque_unit == ("A" if word == "current" else "")
 
 
+def test_commands_of_a_known_logger_hide_no_torques():
+    """Columns of LeRobot a joint, with efforts that its entry does not list."""
+    state = [f"observation.joint{k}.{x}" for x in ("pos", "effort") for k in (1, 2)]
+    found = recognise(["timestamp", *state, "action.joint1.pos", "action.joint2.pos"])
+    assert found.logger == "LeRobot"
+    assert [*found.rename.values()] == ["timestamp", *state]
+
+
 SIDES = [f"{side}_joint_{k}" for side in ("left", "right") for k in (1, 2, 3)]
 PAIRS = ["shoulder_1", "shoulder_2", "elbow_1", "wrist_1"]
 #: Joints of a file, in its order, and those of the robot, which are called alike.

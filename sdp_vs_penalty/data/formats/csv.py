@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.text_file import PIECE, iter_rows
 from sdp_vs_penalty.data.formats.text_table import (
+    END_OF_TITLES,
     MarkupError,
     TextTable,
     inspect_table,
@@ -34,7 +34,7 @@ from sdp_vs_penalty.data.store import AppendableArray
 from sdp_vs_penalty.data.words.stamps import is_stamp, seconds_of
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.files import path_or_file, writing
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 
 SUFFIXES: tuple[str, ...] = (".csv",)
 SAMPLE = "row"
@@ -68,7 +68,7 @@ _MOST_DAMAGED = 0.01
 Rows = tuple[list[int], list[list[str]]]
 #: Values (N,) or (N, n) of a column, and (N,) whether its cell is empty; None without
 #: empty cells.
-Cut = tuple[Array, NDArray[np.bool_] | None]
+Cut = tuple[Array, Mask | None]
 
 
 def read(path: Path) -> Log:
@@ -116,16 +116,17 @@ def log_of_table(table: TextTable) -> Log:
         pieces = _value_rows(table, table.first)
         return [[row[k] for k in chosen] for _, rows in pieces for row in rows]
 
+    counts = Counter(table.names)
     _require_equal_clocks(table)
     log = Log(
         table.path,
         columns,
         read_columns,
         texts,
-        rate=table.rate or _rate_above(table),
+        rate=_rate_above(table),
         heading=table.heading,
         word="row",
-        twice=frozenset(x for x, n in Counter(table.names).items() if n > 1 and x),
+        twice=frozenset(x for x in counts if counts[x] > 1 and x != table.names[0]),
     )
     for name, column in columns.items():
         # Vectors as NumPy prints them, without a header: a column a number.
@@ -162,15 +163,18 @@ def _rate_above(table: TextTable) -> float | None:
         return None
     from sdp_vs_penalty.data.words.names import rate_of_heading
 
-    return rate_of_heading(table.heading)
+    has_commas = "," in table.decimals and table.delimiter != ","
+    lines = (x.replace(",", ".") if has_commas else x for x in table.heading)
+    return rate_of_heading([*lines])
 
 
 def _require_equal_clocks(table: TextTable) -> None:
-    """Raise InputError where channels have columns of stamps of their own, and these
-    differ."""
-    if len(table.clocks) < 2:
+    """Raise InputError where each channel has a clock beside it, called as the first column
+    is, and these differ."""
+    places = [k for k, name in enumerate(table.names) if name == table.names[0]]
+    if len(places) < 2 or not table.names[0]:
         return
-    clocks = _values(table, {str(k + 1): k for k in table.clocks}).columns
+    clocks = _values(table, {str(k + 1): k for k in places}).columns
     first, *others = clocks
     for other in others:
         if not np.array_equal(clocks[first], clocks[other]):
@@ -187,7 +191,7 @@ def _values(table: TextTable, place_of: dict[str, int]) -> Values:
     chosen = list(place_of.values())
     numbers = AppendableArray()
     values = [AppendableArray() for _ in chosen]
-    empty = [list[tuple[int, NDArray[np.bool_]]]() for _ in chosen]  # by first row
+    empty = [list[tuple[int, Mask]]() for _ in chosen]  # by first row
     n_rows = 0
     for rows, piece in _pieces(table, chosen):
         numbers.append(rows)
@@ -198,7 +202,7 @@ def _values(table: TextTable, place_of: dict[str, int]) -> Values:
         n_rows += len(rows)
     rows = numbers.array()
     is_usual = not len(rows) or (rows[0] == 2 and rows[-1] == len(rows) + 1)
-    gaps = dict[str, NDArray[np.bool_]]()
+    gaps = dict[str, Mask]()
     for name, found in zip(place_of, empty, strict=True):
         for first, is_empty in found:
             gap = gaps.setdefault(name, np.zeros(n_rows, bool))
@@ -311,6 +315,10 @@ def _value_rows(table: TextTable, first: int) -> Iterator[Rows]:
                 continue
             left_out["empty row"] += n_trailing
             n_trailing = 0
+            if END_OF_TITLES.fullmatch(text):
+                what = f"row {number} ends the header of another segment"
+                remedy = "write each segment into a file of its own"
+                raise InputError(what, remedy, table.path)
             if is_comment(text):
                 left_out["comment"] += 1
                 continue
@@ -415,7 +423,7 @@ def _parse_numbers(
     column: int,
     numbers: Sequence[int],
     cells: Sequence[str],
-    is_empty: NDArray[np.bool_],
+    is_empty: Mask,
 ) -> Array:
     """Parse the cells of a column that are not empty: at once, and where that fails one
     by one, so that InputError names the row of the wrong one."""

@@ -10,10 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache, partial
+from itertools import zip_longest
 from pathlib import Path
 
 from sdp_vs_penalty.data.formats.named_values import are_named_values
-from sdp_vs_penalty.data.formats.program_header import find_program_header
 from sdp_vs_penalty.data.formats.text_file import (
     BROKEN,
     PIECE,
@@ -45,14 +45,14 @@ _MARKUPS = {
 _COMMENTS = ("#", "//", "% ", "%%")
 #: A title has at most so many lines.
 _LONGEST_TITLE = 40
-#: The line that ends a header, as OpenSim and others write it.
-_END_OF_TITLES = re.compile(r"(?i)end_?(of_?)?header")
+#: The line that ends a header, as OpenSim, LabVIEW and others write it.
+END_OF_TITLES = re.compile(r"(?i)\W*end_?(of_?)?header\W*")
 #: The line that begins and ends the front matter of Markdown.
 _FRONT_MATTER = "---"
 #: Lines of so many words are titles where a mark separates what is below.
 _FEW_WORDS = 3
 #: A header has at most so many rows.
-_MOST_HEAD_ROWS = 4
+_MOST_HEAD_ROWS = 5
 #: Blanks and apostrophes between thousands: "1 007,5", "1'007.5".
 _GROUP_MARKS = " \u00a0\u2009\u202f'\u2019"
 _MARKED_GROUPS = re.compile(
@@ -116,10 +116,6 @@ class TextTable:
     is_plain_utf_8: bool = True
     #: Unit that follows the numbers in the cells, by the column's place.
     cell_units: Mapping[int, str] = field(default_factory=dict)
-    #: Places of the columns of stamps, where a program writes one for each channel.
-    clocks: tuple[int, ...] = ()
-    #: Sampling rate [Hz] of a table without stamps, which a program's header says.
-    rate: float | None = None
     #: Lines above the names: comments and titles.
     heading: tuple[str, ...] = ()
 
@@ -234,19 +230,16 @@ def inspect_table(path: Path) -> TextTable:
     numbered = _first_rows(path)
     if not numbered:
         raise InputError("row 1 is empty", "write the header t,q1..qn,tau1..taun", path)
-    # What stands above the table: a program's header, or comments and lines of a title.
-    program = find_program_header(path, numbered)
+    # What stands above the table: comments and lines of a title.
     n_comments = 0
     while n_comments < len(numbered) and is_comment(numbered[n_comments][1].lstrip()):
         n_comments += 1
     comments = [x.lstrip().lstrip("#/%").strip() for _, x in numbered[:n_comments]]
     rows = [(n, line) for n, line in numbered[n_comments:] if line.strip()]
-    rows = _without_titles(rows) if program is None else program.rows
+    rows = _without_titles(rows)
     lines = [line for _, line in rows]
     # The marks between and within the numbers.
-    delimiter = (
-        program.delimiter if program else _find_delimiter(lines or comments[-1:])
-    )
+    delimiter = _find_delimiter(lines or comments[-1:])
     cells = [split_cells(line, delimiter) for line in lines]
     # The header, which can stand in the last comment, and the columns.
     comment = split_cells(comments[-1], delimiter) if comments else []
@@ -256,6 +249,11 @@ def inspect_table(path: Path) -> TextTable:
         names = ["row", *names]
     elif has_header:
         names = names + [""] * _n_separators_at_the_end(body, len(names))
+        names = names[: max(map(len, body), default=len(names))]
+    heading = tuple(line for n, line in numbered if rows and n < rows[0][0])
+    names = _with_keyed_units(
+        names, [*(split_cells(x, delimiter) for x in heading), *cells[1:n_head]]
+    )
     width = len(names) if has_header else len(cells[0])
     sample = tuple(tuple(row) for row in body if any(row))
     full = [row for row in sample if len(row) == width]
@@ -286,9 +284,7 @@ def inspect_table(path: Path) -> TextTable:
         header_row=lines[0].strip() if n_head else "",
         is_plain_utf_8=is_plain_utf_8(path),
         cell_units=cell_units,
-        clocks=program.clocks if program else (),
-        rate=program.rate if program else None,
-        heading=tuple(line for n, line in numbered if rows and n < rows[0][0]),
+        heading=heading,
     )
 
 
@@ -326,7 +322,7 @@ def _find_header(
 ) -> tuple[list[str], int]:
     """Find the columns' names, and count the rows that they take.
 
-    The names stand in the last comment (no row), in the first row (1), or in up to four
+    The names stand in the last comment (no row), in the first row (1), or in up to five
     rows: names, units, and names in two levels, as pandas and spreadsheets write them.
     No names where the first row holds values: it has numbers, and no text where the
     second row has one.
@@ -382,6 +378,7 @@ def _names_of_rows(rows: Cells) -> list[str]:
     spreadsheet leaves cells that it has merged. A row of other words below names that
     differ holds units that nobody knows.
     """
+    rows = [rows[0], *(row for row in rows[1:] if not _is_keyed(row))]
     filled = [list(row) for row in rows]
     for n, row in enumerate(filled[:-1], start=1):
         for k in range(1, len(row)):
@@ -404,10 +401,32 @@ def _names_of_rows(rows: Cells) -> list[str]:
     return [name.strip() for name in names]
 
 
+def _is_keyed(row: Sequence[str]) -> bool:
+    """Return whether a row of a header says one thing of each column, units or numbers,
+    behind a key, as LabVIEW and TwinCAT write them; the key may stand beside each."""
+    key, *of_columns = row
+    is_key = len(of_columns) > 1 and key not in ("", *of_columns[:1])
+    return (
+        is_key
+        and not _is_unit(key)
+        and all(x in ("", key) or _is_unit(x) or _is_any_number(x) for x in of_columns)
+    )
+
+
+def _with_keyed_units(names: list[str], rows: Cells) -> list[str]:
+    """Append the units that a row of the header says behind its key."""
+    for key, *units in filter(_is_keyed, rows):
+        if any(map(_is_unit, units)) and not any(map(_is_any_number, units)):
+            units = ["" if x == key else x for x in units]
+            pairs = zip_longest(names, ["", *units][: len(names)], fillvalue="")
+            return [_with_unit(name, unit) for name, unit in pairs]
+    return names
+
+
 def _is_unit(cell: str) -> bool:
-    """Return whether a cell of a header holds a unit alone, "[deg]", or the mark of a
-    number without one."""
-    return cell.strip("[](){} ").casefold() in _known_units()
+    """Return whether a cell of a header holds a unit alone, "[deg]", perhaps with what it is
+    of, "deg (Angle)", or the mark of a number without one."""
+    return cell.split(" (")[0].strip("[](){} ").casefold() in _known_units()
 
 
 @cache
@@ -487,10 +506,11 @@ def _without_titles(rows: list[tuple[int, str]]) -> list[tuple[int, str]]:
     ends = [
         k
         for k, (_, line) in enumerate(rows[:_LONGEST_TITLE])
-        if _END_OF_TITLES.fullmatch(line.strip())
+        if END_OF_TITLES.fullmatch(line.strip())
         or (k and line.strip() == rows[0][1].strip() == _FRONT_MATTER)
     ]
-    rows = rows[ends[-1] + 1 :] if ends else rows
+    # LabVIEW ends two headers; one below begins another segment, which is refused.
+    rows = rows[ends[:2][-1] + 1 : (*ends, None, None)[2]] if ends else rows
     for k in range(min(_LONGEST_TITLE, len(rows) - 2)):
         lines = [line for _, line in rows[k:]]
         delimiter = _find_delimiter(lines)
@@ -551,7 +571,7 @@ def _find_delimiter(lines: Sequence[str]) -> str | None:
 
 def _with_unit(name: str, unit: str) -> str:
     """Append a unit to a column's name, "q1 [deg]"; no unit leaves it as it is."""
-    bare = unit.strip("[](){} ")
+    bare = unit.split(" (")[0].strip("[](){} ")
     return f"{name} [{bare}]" if bare else name
 
 

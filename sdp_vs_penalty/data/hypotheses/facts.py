@@ -65,38 +65,25 @@ def by_facts(log: Log, joints: Sequence[str] | None, topic: str | None) -> Recog
 
     n_of_topic = {x: len(channels(x, "source", "q", "tau")) for x in topics}
     largest = max(n_of_topic.values())
-    best = [x for x in topics if n_of_topic[x] == largest]
-    if len(best) > 1 and topic is None and largest == 2 * len(chosen):
+    best = [topic] if topic else [x for x in topics if n_of_topic[x] == largest]
+    if len(best) > 1 and largest == 2 * len(chosen):
         raise _which_topic(log, None, topics)
-    leading = max(
-        (log.columns[x] for x in placed if log.columns[x].source in best),
-        key=lambda x: (
-            len(channels(x.clock, "clock", "q")),
-            bool(channels(x.clock, "clock", "tau")),
-            len(log.clocks[x.clock]),
-        ),
-    )
+
+    def preference(name: str) -> tuple[bool, int, bool, int]:
+        """Return the sort key of a column; the largest wins."""
+        clock = log.columns[name].clock
+        return (
+            log.columns[name].source in best,
+            len(channels(clock, "clock", "q")),
+            bool(channels(clock, "clock", "tau")),
+            len(log.clocks[clock]),
+        )
+
     rename = dict[str, str]()
     for quantity in _FIELDS:
-        names = _of(quantity, log.columns)
-
-        def preference(name: str) -> tuple[bool, bool, int]:
-            """Return the sort key; the largest wins."""
-            x = log.columns[name]
-            return (
-                x.clock == leading.clock,
-                x.source == leading.source,
-                len(log.clocks[x.clock]),
-            )
-
-        columns = [
-            max(
-                (x for x in names if log.columns[x].joints[0] == joint),
-                key=preference,
-                default="",
-            )
-            for joint in found.values()
-        ]
+        names = sorted(_of(quantity, log.columns)[::-1], key=preference)
+        of_joint = {log.columns[x].joints[0]: x for x in names}
+        columns = [of_joint.get(joint, "") for joint in found.values()]
         if all(columns):
             rename |= {f"{quantity}{k}": x for k, x in enumerate(columns, 1)}
         elif quantity != "dq":

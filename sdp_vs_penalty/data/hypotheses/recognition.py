@@ -53,8 +53,7 @@ from sdp_vs_penalty.data.words.names import (
     facts_of_heading,
     is_no_measurement,
     read_bare_joint,
-    read_commanded_position,
-    read_commanded_torque,
+    read_commanded,
     read_letter,
     read_name,
     read_time_by_unit,
@@ -141,6 +140,11 @@ def recognise(
     if logger:
         choice = choose_sets(said, None)
         clock = clock_of(logger, usable) or find_clock(columns)
+        if choice and "tau" not in choice.sets:
+            # Torques beside its commands are those of another version of the logger.
+            by_words = _read_and_choose({x: columns[x] for x in usable}, joints)
+            has_torque = by_words[1] is not None and "tau" in by_words[1].sets
+            said, choice = by_words if has_torque else (said, choice)
     else:
         # What a controller puts out counts where it has no feedback beside it.
         outputs = [
@@ -159,10 +163,10 @@ def recognise(
             choice = choose_sets(said | letters, len(joints) if joints else None)
         clock = find_clock(chosen)
         if choice is None:
-            read = partial(_read_or_commanded, of_command=read_commanded_torque)
+            read = partial(_read_or_commanded, quantity="tau")
             said, choice = _read_and_choose(chosen, joints, read)
         if choice is None:
-            read = partial(_read_or_commanded, of_command=read_commanded_position)
+            read = partial(_read_or_commanded, quantity="q")
             filled = {x: y for x, y in chosen.items() if y.kind != "empty"}
             said, choice = _read_and_choose(filled, joints, read)
             # A column that nothing names may be the torque.
@@ -196,7 +200,7 @@ def recognise(
         for x, sets in choice.left_out.items()
         if x in _WORDS_OF_GROUPS
     ]
-    if any(map(read_commanded_torque, _torques_of(choice))):
+    if any(read_commanded(x, "tau") for x in _torques_of(choice)):
         said_of.append("tau is what was commanded, for no other torque is there")
     if outputs:
         said_of.append(
@@ -267,7 +271,8 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
         return other if other and not stands_still else "+".join(time_of_day)
     if pair := find_two_parts(names):
         return "+".join(pair)
-    said = {name: read_name(name) for name in names if columns[name].kind != "list"}
+    kinds = {name: column.kind for name, column in columns.items()}
+    said = {x: read_name(x) for x in names if kinds[x] not in ("list", "empty")}
     clocks = [
         (x.rank, len(x.other_words), name)
         for name, x in said.items()
@@ -309,11 +314,9 @@ def _our_name(group: str, key: Hashable, number: int) -> str:
     return group if key == "" else f"{group}{number}"
 
 
-def _read_or_commanded(
-    name: str, of_command: Callable[[str], Meaning | None]
-) -> Meaning | None:
-    """Read the measured quantity that a name says, else a commanded one."""
-    return read_name(name) or of_command(name)
+def _read_or_commanded(name: str, quantity: str) -> Meaning | None:
+    """Read what a name says was measured, else the quantity that was commanded."""
+    return read_name(name) or read_commanded(name, quantity)
 
 
 def _read_and_choose(
@@ -558,7 +561,7 @@ def with_facts(
     is_torque = not found.torque_unit or "tau" in factors
     if "ratio" in facts and is_torque:
         ratios, line = np.array(facts["ratio"][0]), facts["ratio"][1]
-        for group in are_of_motors & {"q", "dq", "qcmd", "tau"}:
+        for group in [x for x in names if x in are_of_motors]:
             # A gear multiplies torques by its ratio, and divides motions.
             power = 1.0 if group == "tau" else -1.0
             factors[group] = factors.get(group, 1.0) * ratios**power

@@ -8,10 +8,9 @@ say, and a grid over it has about as many points.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.store import PART, iter_chunks
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, nonzero_or_one
 
 #: A step this long is no sampling but a gap [s], and so many usual steps are.
 GAP = 0.05
@@ -52,7 +51,7 @@ def usual_step(t: Array) -> float:
     return max(middle, mean / FINEST)
 
 
-def rows_behind_gaps(t: Array, shortest: float = GAP) -> NDArray[np.intp]:
+def rows_behind_gaps(t: Array, shortest: float = GAP) -> Indices:
     """Return the rows (K,) behind the gaps of stamps t (N,): steps of more than 20
     usual ones and of more than ``shortest`` seconds, and steps back in time."""
     longest = max(USUAL_STEPS * usual_step(t), shortest)
@@ -63,7 +62,7 @@ def rows_behind_gaps(t: Array, shortest: float = GAP) -> NDArray[np.intp]:
     return np.concatenate(rows)
 
 
-def rows_behind_pauses(t: Array) -> NDArray[np.intp]:
+def rows_behind_pauses(t: Array) -> Indices:
     """Return the rows (K,) at which stamps t (N,) begin anew: behind gaps of more than
     a second, and where the clock was set back."""
     return rows_behind_gaps(t, PAUSE)
@@ -78,7 +77,7 @@ def is_set_back(t: Array) -> bool:
     return len(rows) > 0 and bool(np.all(lengths > FEWEST_ROWS))
 
 
-def goes_on(q: Array, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+def goes_on(q: Array, rows: Indices) -> Mask:
     """Return at which of K steps (numbers of the rows before them) the arm moves no
     farther than in the ten steps before and behind: the motion q (N, n) goes on there."""
     scaled = q / nonzero_or_one(np.ptp(q, axis=0))
@@ -88,7 +87,7 @@ def goes_on(q: Array, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
     return np.asarray(travel[rows] < 3.0 * np.array(usual) + 1e-3)
 
 
-def order_of_time(t: Array, q: Array) -> NDArray[np.intp] | None:
+def order_of_time(t: Array, q: Array) -> Indices | None:
     """Return the order (N,) of rows that are mixed, by their stamps t (N,): None where
     sorting makes gaps, dense rows or a rougher motion q (N, n), as where a clock was set
     back."""

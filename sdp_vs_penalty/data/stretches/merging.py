@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.store import concatenate_chunks, iter_chunks
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 
 #: Neighbours that are farther apart than so many usual steps have lost a sample between
 #: them.
@@ -49,12 +48,12 @@ class Interpolation:
         return 0.0 if is_rounded else _LOST * usual_distance(self.other)
 
     @cached_property
-    def after(self) -> NDArray[np.intp]:
+    def after(self) -> Indices:
         """(N,) place of the first sample that is not before a stamp."""
         return np.searchsorted(self.other, self.clock)
 
     @cached_property
-    def nearest(self) -> NDArray[np.intp]:
+    def nearest(self) -> Indices:
         """(N,) place of the sample that is nearest in time."""
         after = np.clip(self.after, 0, len(self.other) - 1)
         before = np.maximum(after - 1, 0)
@@ -67,15 +66,13 @@ class Interpolation:
         return np.abs(self.other[self.nearest] - self.clock)
 
     @cached_property
-    def is_known(self) -> NDArray[np.bool_]:
+    def is_known(self) -> Mask:
         """(N,) whether the samples say the value: one is near, or both neighbours are a
         usual step apart."""
         steps = np.diff(self.other, prepend=-np.inf, append=np.inf)[self.after]
         return (self.distances <= self.within) | (steps <= self.longest_step)
 
-    def values(
-        self, samples: Array, rows: NDArray[np.intp] | slice = slice(None)
-    ) -> Array:
+    def values(self, samples: Array, rows: Indices | slice = slice(None)) -> Array:
         """Return the values (K, ...) of samples (M, ...) at some of the stamps."""
         if not self.longest_step or not self.distances[rows].any():
             return np.asarray(samples[self.nearest[rows]])
@@ -119,7 +116,7 @@ class ChannelStamps:
     #: (M,) stamps in the order of time [s].
     t: Array
     #: (M,) place of each sample in the table or stream.
-    rows: NDArray[np.intp]
+    rows: Indices
     #: Name of the clock that gives the stamps.
     clock: str = ""
 
@@ -129,7 +126,7 @@ def align(
     channels: Mapping[str, tuple[Hashable, Array]],
     leading: str,
     discrete: Collection[str | None] = (),
-) -> tuple[NDArray[np.intp], dict[str, Array], int, str]:
+) -> tuple[Indices, dict[str, Array], int, str]:
     """Bring channels with stamps of their own to those of the leading one: a torque,
     where there is one.
 
@@ -157,7 +154,7 @@ def align(
     # Half a step, and a little more, so that rounded stamps match.
     within = 0.5001 * usual_distance(base.t)
     is_kept = np.ones(len(base.t), bool)
-    places = dict[Hashable, NDArray[np.intp]]()
+    places = dict[Hashable, Indices]()
     ways = dict[Hashable, Interpolation]()
     n_lost = 0
     for key, own in samples.items():

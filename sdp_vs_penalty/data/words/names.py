@@ -298,21 +298,15 @@ def read_letter(name: str) -> Meaning | None:
     return Meaning("tau", len(WORDS["tau"]) + 1, number=int(numbers[0]))
 
 
-def read_commanded_torque(name: str) -> Meaning | None:
-    """Read a name that says a torque and that it was commanded, "TorqueReference_2", as a
-    torque; None for other names."""
+def read_commanded(name: str, quantity: str) -> Meaning | None:
+    """Read a name that says a quantity ("q", "tau") and that it was commanded: a position,
+    "goal_position_2", as a command, a torque, "TorqueReference_2", as a torque; None for
+    other names."""
     tokens = split_tokens(name)
     said = read_name("_".join(x for x in tokens if x not in _COMMANDS))
-    return said if said and said.quantity == "tau" and _COMMANDS & {*tokens} else None
-
-
-def read_commanded_position(name: str) -> Meaning | None:
-    """Read a name that says a position and that it was commanded, "goal_position_2", as a
-    command; None for other names."""
-    tokens = split_tokens(name)
-    said = read_name("_".join(x for x in tokens if x not in _COMMANDS))
-    is_command = said and said.quantity == "q" and _COMMANDS & {*tokens}
-    return replace(said, quantity="qcmd") if said and is_command else None
+    if said is None or said.quantity != quantity or _COMMANDS.isdisjoint(tokens):
+        return None
+    return replace(said, quantity="qcmd" if quantity == "q" else quantity)
 
 
 def _read_by_unit(unit: NamedUnit) -> Meaning | None:

@@ -88,11 +88,17 @@ class NamedUnit:
     remainder: str
 
 
+#: What stands in brackets at the end of a name.
+_AT_THE_END = re.compile(r"[\[(][^\[\]()]*[\])]$")
+
+
 @lru_cache(maxsize=1 << 14)
 def units_of_name(name: str) -> list[NamedUnit]:
     """List the units with which a column's name can end, the longest first; a joint's
     number may follow the unit, "pos_deg_3"."""
-    text = _with_unit_in_brackets(name.strip())
+    # Blanks within brackets at the end are none of a unit: "[per mil]", "[deg / s]".
+    without_blanks = _AT_THE_END.sub(lambda x: x[0].replace(" ", ""), name.strip())
+    text = _with_unit_in_brackets(without_blanks)
     folded = text.casefold()
     candidates = list[NamedUnit]()
     for small, unit, quantity, factor in _units_in_small_letters():
