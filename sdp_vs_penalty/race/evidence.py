@@ -107,6 +107,8 @@ class ViewFit:
     value: float = 0.0
     #: Log evidence of friction's power, whether or not ``value`` holds it.
     physics: float = 0.0
+    #: Log evidence that is lost since the links are not the nominal ones.
+    cost_of_links: float = 0.0
 
     @property
     def chain(self) -> LogTransform:
@@ -129,6 +131,13 @@ class ViewFit:
         """(n,) whether the arm leaves more of a joint's torque than errors of friction laws
         and filters: its logged motion may be wrong."""
         return self.shares > c.POORLY
+
+    @property
+    def may_be_rearranged(self) -> bool:
+        """Whether several mistakes at once may hide in the fit: much is left of a moving
+        joint's torque, or links far from the nominal ones explain it."""
+        is_badly = (self.shares[self.weights > 0.0] > c.BADLY).any()
+        return bool(is_badly or self.cost_of_links > c.LOG_ODDS_OF_A_CLAIM)
 
 
 @dataclass(frozen=True)
@@ -253,14 +262,13 @@ class _Products:
 
 
 def _evidence_of_fit(arms: _Arms, total: Array, n_rows: Array, prior: _Prior) -> Array:
-    """Return the log evidence (K,) of fitted arms, without that of friction: the module's
-    equation, less the price of a size of the whole arm that is not the nominal one.
+    """Return the log evidence (K,) of fitted arms, without that of friction and of their
+    links: the module's equation, less the price of a size of the whole arm that is not the
+    nominal one.
 
     total, n_rows (K, n) : squared torques, and numbers of independent rows.
     """
-    away = arms.theta - prior.mean * arms.unit
     value = -0.5 * np.sum(n_rows * np.log(arms.left / total), axis=1)
-    value -= 0.5 * np.sum(away * (arms.prior @ away[..., None])[..., 0], axis=1)
     value -= 0.5 * (np.linalg.slogdet(arms.information)[1] - prior.log_determinant)
     value -= np.sum(np.log(arms.unit), axis=1)
     cost_of_scale = 0.5 * (np.log(arms.unit[:, 0]) / c.MASSES_KNOWN) ** 2
@@ -533,7 +541,12 @@ class Evidence:
         )
         expected = arms.nominal @ prior.mean / np.maximum(beforehand, _TINY)
         least = np.maximum(np.log(2.0) + log_ndtr(-expected), -c.MAX_PHYSICS_LOG_ODDS)
-        value += np.maximum(log_odds_of_mirror, least)
+        away = arms.theta - prior.mean * arms.unit
+        cost_of_links = 0.5 * np.sum(
+            away * (arms.prior @ away[..., None])[..., 0], axis=1
+        )
+        cost_of_links -= np.maximum(log_odds_of_mirror, least)
+        value -= cost_of_links
         # A controller that compensates friction leaves little of it, of either sign: the
         # more is left, the more it costs.
         shares = power / np.sqrt(stacked.total)
@@ -556,6 +569,7 @@ class Evidence:
                 information=arms.information[k],
                 value=float(value[k] + of_friction[k]),
                 physics=float(physics[k]),
+                cost_of_links=float(cost_of_links[k]),
             )
             fits.append(fit)
         return fits

@@ -24,6 +24,7 @@ from sdp_vs_penalty.race.kinds import (
     list_faults,
     of_one_part,
     position_unit,
+    sign,
 )
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Further, Hypothesis, LogView, Number, Part
@@ -401,14 +402,32 @@ class Race:
         noise. Changes whose log-odds were below minus ``explained`` at an earlier look are
         not looked at again.
         """
+        of_all = [h for kind in self.kinds for h in kind.propose(self.all, fit)]
+        proposed = [*of_all, *self._in_parts(of_all, fit)]
+        looks = self._look(proposed, fit, few_fit, explained)
+        if not fit.may_be_rearranged and any(map(_is_sign_of_a_joint, looks)):
+            # Several joints may count the other way, if one seems to.
+            several = [*sign.patterns(self.all, fit, "joint sign")]
+            looks += self._look(several, fit, few_fit, explained)
+        for away in of_one_part.NEARER:
+            looks += self._look_nearer(looks, away, fit, few_fit)
+        return _best_of_each_key(looks)
+
+    def _look(
+        self,
+        proposed: Sequence[Hypothesis],
+        fit: ViewFit,
+        few_fit: ViewFit,
+        explained: float,
+    ) -> list[_FirstLook]:
+        """Look at hypotheses on few rows; see :meth:`_screen`."""
         looks: list[_FirstLook] = []
         numbers: list[Hypothesis] = []
         with_columns: list[Hypothesis] = []
         changes: dict[tuple[object, int], Hypothesis] = {}
         count: Counter[object] = Counter()
         rows_over_few = _rows_over_few(fit)
-        of_all = [h for kind in self.kinds for h in kind.propose(self.all, fit)]
-        for h in (*of_all, *self._in_parts(of_all, fit)):
+        for h in proposed:
             if h.further is not None:
                 with_columns.append(h)
             elif not h.is_friction_real:
@@ -432,9 +451,7 @@ class Race:
             odds = float(rows_over_few * (value - few_fit.value) + h.log_prior)
             self.looked_at[key] = odds
             looks.append(_FirstLook(odds, h))
-        for away in of_one_part.NEARER:
-            looks += self._look_nearer(looks, away, fit, few_fit)
-        return _best_of_each_key(looks)
+        return looks
 
     def _look_nearer(
         self, looks: Sequence[_FirstLook], away: Array, fit: ViewFit, few_fit: ViewFit
@@ -646,6 +663,12 @@ class Race:
             least = c.LEAST_RATIO_IF_DOUBTFUL
         is_large = max(float(ratios.max()), float(ratios.prod())) > least
         return bool(clearness > c.WITNESS_SIGMAS and is_large)
+
+
+def _is_sign_of_a_joint(look: _FirstLook) -> bool:
+    """Whether a joint seems to count the other way, at the first look."""
+    is_sign = look.hypothesis.kind == "joint sign"
+    return is_sign and look.log_odds > c.WORTH_A_LOOK
 
 
 def _best_of_each_key(looks: Sequence[_FirstLook]) -> list[_FirstLook]:

@@ -3,7 +3,7 @@ both."""
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import combinations, product
+from itertools import combinations
 
 import numpy as np
 
@@ -40,7 +40,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
 
     Signs of positions and of joints are tried if the arm is poorly explained. Patterns of
     several torques are tried if friction seems to drive joints, and patterns of several
-    joints if the arm is poorly explained.
+    joints if the fit may hide several mistakes.
     """
     log, now, n = evidence.log, fit.chain, evidence.log.n
     all_joints = tuple(range(n))
@@ -57,20 +57,24 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
             is_tried = n > 1 if kind == "torque sign" else is_poor
             if is_tried:
                 yield Hypothesis(kind, (j,), prior, with_signs(now, kind, (j,)))
+    if fit.physics <= _FRICTION_DRIVES:
+        yield from patterns(evidence, fit, "torque sign")
+    if fit.may_be_rearranged:
+        yield from patterns(evidence, fit, "joint sign")
+
+
+def patterns(evidence: Evidence, fit: ViewFit, kind: str) -> Iterator[Hypothesis]:
+    """Yield other signs of several joints at once, of a kind of SIGNS."""
+    log, n = evidence.log, evidence.log.n
     if not 2 < len(log.joints) <= _MOST_JOINTS:
         return
-    kinds_of_patterns = []
-    if fit.physics <= _FRICTION_DRIVES:
-        kinds_of_patterns.append("torque sign")
-    if is_poor:
-        kinds_of_patterns.append("joint sign")
     # Several joints that count the other way are one mistake each, or one mistake in all:
     # another convention, one of the 2^n.
     odds_of_convention = -c.LOG_ODDS_AGAINST_FAULT - n * float(np.log(2.0))
-    for kind, size in product(kinds_of_patterns, range(2, len(log.joints))):
+    for size in range(2, len(log.joints)):
         for joints in combinations(log.joints, size):
-            odds = max(size * prior, odds_of_convention)
-            yield Hypothesis(kind, joints, odds, with_signs(now, kind, joints))
+            odds = max(size * prior_of_one_of(n), odds_of_convention)
+            yield Hypothesis(kind, joints, odds, with_signs(fit.chain, kind, joints))
 
 
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
