@@ -17,7 +17,7 @@ import scipy
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.catalogue import DATASETS, GITHUB, Dataset, dataset
-from sdp_vs_penalty.data.files import load_measurements, save
+from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.files import (
@@ -210,8 +210,11 @@ def _copy_known_files(chosen: Dataset, folder: Path) -> None:
 
 def _panda_runs(folder: Path) -> dict[str, Measurements]:
     """Read the Panda's run: four text files of the authors' logger, one number a
-    line."""
-    return {"exciting": load_measurements(folder, joints=7)}
+    line, those of the seven joints of a sample one after the other."""
+    names = ("time", "positions", "torques", "velocity")
+    t, *blocks = (np.loadtxt(folder / f"exciting_traj_{name}.txt") for name in names)
+    channels = (block.reshape(-1, 7) for block in blocks)
+    return {"exciting": Measurements(t, *channels, names=(folder.name,))}
 
 
 def _ur10e_runs(folder: Path) -> dict[str, Measurements]:

@@ -62,8 +62,8 @@ def load_measurements(
 ) -> Measurements:
     """Read runs from files.
 
-    Formats are .csv, .npz, .mat, .parquet, ROS bags, .mcap, and folders in the layout
-    of the paper's authors.
+    Formats are .csv, .npz, .mat, .parquet, ROS bags, .mcap, and folders with a file a
+    quantity or a joint.
 
     Parameters
     ----------

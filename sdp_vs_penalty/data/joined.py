@@ -14,7 +14,7 @@ from sdp_vs_penalty.data.hypotheses.orders import rises
 from sdp_vs_penalty.data.hypotheses.recognition import find_clock, recognise
 from sdp_vs_penalty.data.log import Column, Log, Values
 from sdp_vs_penalty.data.words.joints import match_joints
-from sdp_vs_penalty.data.words.names import is_word_for_joint, quantity_of
+from sdp_vs_penalty.data.words.names import is_word_for_joint, quantity_of, read_name
 from sdp_vs_penalty.data.words.stamps import units_of_parts
 from sdp_vs_penalty.data.words.tokens import group_of, parts_of, split_tokens
 from sdp_vs_penalty.errors import InputError
@@ -94,14 +94,21 @@ def _positions_of_run(file: Path) -> list[Column] | None:
 
 
 def _files_of_quantities(tables: Sequence[Path]) -> list[Path]:
-    """List the files whose names say a quantity; empty where they do not say positions
-    and torques (or commands), or where the file of positions is a run by itself."""
-    said = {x: quantity_of(x.stem) for x in tables if x.suffix.lower() in _SUFFIXES}
-    if "q" not in said.values() or not {"tau", "qcmd"} & {*said.values()}:
-        return []
-    positions = next(file for file, quantity in said.items() if quantity == "q")
-    is_run = _positions_of_run(positions) is not None
-    return [] if is_run else [file for file, quantity in said.items() if quantity]
+    """List the files whose names say a quantity, those with the same other words where
+    these are enough; empty where they do not say positions and torques (or commands), or
+    where the file of positions is a run by itself."""
+    said = {x: read_name(x.stem) for x in tables if x.suffix.lower() in _SUFFIXES}
+    meanings = {file: meaning for file, meaning in said.items() if meaning}
+    for words in (*dict.fromkeys(x.other_words for x in meanings.values()), None):
+        quantities = {
+            file: meaning.quantity
+            for file, meaning in meanings.items()
+            if words in (None, meaning.other_words)
+        }
+        if "q" in quantities.values() and {"tau", "qcmd"} & {*quantities.values()}:
+            positions = next(file for file, x in quantities.items() if x == "q")
+            return [] if _positions_of_run(positions) is not None else [*quantities]
+    return []
 
 
 def _files_of_joints(files: Sequence[Path]) -> list[Path]:
@@ -177,7 +184,16 @@ def joined_log(path: Path, files: Sequence[Path]) -> Log:
     base_stamps = base.stamps
     for part, channels in zip(parts, named, strict=True):
         stamps, own = part.stamps, ""
-        if stamps is None or base_stamps is None or np.array_equal(stamps, base_stamps):
+        n_joints, rest = divmod(part.n_rows, base.n_rows)
+        if stamps is None and len(channels) == 1 and not rest and n_joints > 1:
+            # One number a line: those of all joints of a sample, then of the next one.
+            channels = {
+                name: (replace(column, kind="list"), values.reshape(-1, n_joints))
+                for name, (column, values) in channels.items()
+            }
+        elif (
+            stamps is None or base_stamps is None or np.array_equal(stamps, base_stamps)
+        ):
             if part.n_rows != base.n_rows:
                 what = (
                     f"{part.path.name} has {part.n_rows} rows, {base.path.name} has"

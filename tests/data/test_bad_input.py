@@ -143,7 +143,11 @@ def test_a_panda_log_of_unequal_files(tmp_path):
     ):
         lines = [str(0.001 * k) for k in range(count)]
         (tmp_path / f"exciting_traj_{name}.txt").write_text("\n".join(lines))
-    refusal(lambda: sdp.load_measurements(tmp_path), "34 numbers of tau", "5 instants")
+    refusal(
+        lambda: sdp.load_measurements(tmp_path),
+        "exciting_traj_torques.txt has 34 rows",
+        "exciting_traj_time.txt has 5",
+    )
     (tmp_path / "exciting_traj_torques.txt").write_text("1\nthree\n3\n")
     refusal(
         lambda: sdp.load_measurements(tmp_path),

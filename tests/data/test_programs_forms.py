@@ -284,6 +284,7 @@ NO_MESSAGES = [
     (printed(lambda k: dynamic_joint_state(k)[:-1], 3), "line 1 begins no message"),
     (["header:", "  stamp:", "    sec: 1"], "ros2 topic echo"),
     (["a:", "- b", "  - ]: c"], "ros2 topic echo"),
+    (["header:", "  stamp: " + 100_000 * "["], "line 1 begins no message"),
     (["---"], "ros2 topic echo"),
     (["joint_names:", "- a", "interface_values:", "-"], "ros2 topic echo"),
     (
