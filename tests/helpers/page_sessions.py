@@ -24,9 +24,13 @@ def numbers(packed):
 
 class Here:
     """Does jobs as a worker does, in this process: requests and answers are JSON all
-    the same."""
+    the same. Remedies are tried before a click only where a test asks for it."""
+
+    tries_remedies = False
 
     async def run(self, request, progress, is_aside=False):
+        if is_aside and request["job"] == "change" and not self.tries_remedies:
+            raise asyncio.CancelledError  # as the next job cancels it
         asked = jobs.JobRequest(json.loads(json.dumps(request)), progress)
         answer = worker.do(getattr(jobs, request["job"]), asked)
         if "error" in answer:
