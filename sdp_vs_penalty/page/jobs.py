@@ -119,6 +119,9 @@ CARD_ROWS = 20_000
 MOST_LOOKED_AT = 60_000
 #: Samples of all runs up to which the error of each run is told apart.
 MOST_JUDGED_APART = 200_000
+#: Share of a test run in motion that the training runs reach, from which on its error
+#: there says whether the arm has changed.
+LEAST_REACHED = 0.1
 #: Poses of the arm over a run, between which the page's 3D view interpolates.
 POSES_OF_A_RUN = 160
 
@@ -1465,6 +1468,24 @@ def _failures_of(
     ]
 
 
+def _errors_in_reach(
+    test: Mapping[str, Any], training: Sequence[Mapping[str, Any]]
+) -> Array | None:
+    """Return the error of each joint (n,) [N m, N] in those rows of a test run in which
+    every joint's position and velocity lies between those of the training runs; None
+    where they are less than LEAST_REACHED of it. The runs are as :func:`_curves_of_run`
+    returns them."""
+    within = np.ones(len(test["t"]), bool)
+    for name in ("q", "dq"):
+        known = np.concatenate([run[name] for run in training])
+        is_known = (test[name] >= known.min(axis=0)) & (test[name] <= known.max(axis=0))
+        within &= is_known.all(axis=1)
+    if np.count_nonzero(within) <= LEAST_REACHED * len(within):
+        return None
+    errors = (test["torque"] - test["modelled"])[within]
+    return np.sqrt(np.mean(np.square(errors, dtype=float), axis=0))
+
+
 def summary(job: JobRequest, estimate: Estimate) -> Answer:
     """Judge a model, save it at ``job["out"]``, and return its record for the history.
 
@@ -1490,13 +1511,17 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
     verdict_of_model = verdict_beside(diagnosis, comparison).to_dict()
     estimate.provenance["verdict"] = verdict_of_model
     runs = [*train.runs(), *(judge.runs() if checked.test is not None else ())]
+    is_short = checked.all_runs.samples <= MOST_JUDGED_APART
+    curves = []
     for number, run in enumerate(runs):
         rows = FilteredRun(run, settings).all_rows(arm.model)
         arrays = _curves_of_run(estimate, arm, rows)
         save_arrays(out.with_name(f"{out.stem}-{number}.npz"), arrays)
+        if is_short:
+            curves.append(arrays)
     errors_of_runs = {}
+    errors_in_reach = {}
     uses = {run["use"] for run in job.used}
-    is_short = checked.all_runs.samples <= MOST_JUDGED_APART
     if uses == {"train", "test"} and is_short:
         for run in runs:
             filtered = FilteredRuns.filtering(run, settings)
@@ -1504,6 +1529,12 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
                 {"model": arm}, filtered, noise=comparison.noise
             )
             errors_of_runs[run.names[0]] = alone.rmse
+        trained, tested = curves[: len(train.runs())], curves[len(train.runs()) :]
+        errors_in_reach = {
+            run.names[0]: errors
+            for run, arrays in zip(judge.runs(), tested, strict=True)
+            if (errors := _errors_in_reach(arrays, trained)) is not None
+        }
     factory = {}
     if arm is estimate:
         as_it_came = {"factory": nominal_model(estimate.problem)}
@@ -1519,6 +1550,7 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         "runs": _distinct_names(runs),
         "judged_on": list(judge.names),
         "errors_of_runs": errors_of_runs,
+        "errors_in_reach": errors_in_reach,
         "method": estimate.method,
         "effects": effects_to_estimate_again(
             estimate.model.effects, estimate.report.shapes

@@ -81,6 +81,9 @@ class ModelStep(JsonRecord):
     #: (n,) error of each joint [N m, N] in each run alone, by the run's name, where some
     #: are for training and others for testing; empty for very long ones.
     errors_of_runs: dict[str, list[float]] = field(default_factory=dict)
+    #: The same of a test run in the motion that training runs reach too; without those
+    #: that hardly hold any.
+    errors_in_reach: dict[str, list[float]] = field(default_factory=dict)
     #: Name of the step.
     label: str = ""
     #: Effects added to the step below.
@@ -214,20 +217,33 @@ class ModelStep(JsonRecord):
         return Failures.from_dict({"units": (), "joints": self.failures})
 
     @property
-    def changed_runs(self) -> dict[str, int]:
+    def differing_tests(self) -> dict[str, int]:
         """The runs that the model was not identified from, and in which a joint errs far
-        more than in those that it is from: something has changed since. Of each the joint
-        (from 0) that errs most of those, as the bars show it."""
+        more than in those that it is from. Of each the joint (from 0) that errs most of
+        those, as the bars show it."""
         floor = self.comparison["noise_floor"]
-        changed = {}
+        differing = {}
         for name in self.errors_of_runs:
             errors = np.array(self.errors_of_runs[name])
             times = errors / self.usual_error
             if name in self.judged_on and times.max() > CHANGED:
                 over = over_noise(errors, floor)
                 size = times if over is None else over
-                changed[name] = int(np.where(times > CHANGED, size, 0.0).argmax())
-        return changed
+                differing[name] = int(np.where(times > CHANGED, size, 0.0).argmax())
+        return differing
+
+    @property
+    def changed_runs(self) -> dict[str, int]:
+        """Those of :attr:`differing_tests` in which a joint errs as much in motion that the
+        training runs reach too: something has changed since. In other motion an effect
+        may show that the model lacks."""
+        usual = self.usual_error if self.errors_in_reach else np.empty(0)
+        return {
+            name: joint
+            for name, joint in self.differing_tests.items()
+            if name in self.errors_in_reach
+            and np.max(np.array(self.errors_in_reach[name]) / usual) > CHANGED
+        }
 
     @property
     def usual_error(self) -> Array:

@@ -125,14 +125,14 @@ class Models(RobotAndRuns):
         return cause if cause in CAUSES else TIME
 
     @property
-    def fault_of_changed_run(self) -> str:
+    def fault_of_differing_test(self) -> str:
         """What the check says is wrong with the log of a run in which the model errs far
         more, in a sentence: an error, or a likely cause that the person was not led to;
         "" where the arm itself may have changed."""
-        changed = {name.partition(", ")[0] for name in self.current.changed_runs}
+        differing = {name.partition(", ")[0] for name in self.current.differing_tests}
         seen = {*self.seen_issues, *NOT_REPAIRED}
         for run in self.runs:
-            for issue in run["findings"] if run["name"] in changed else ():
+            for issue in run["findings"] if run["name"] in differing else ():
                 is_new = issue["severity"] == "warning" and issue["kind"] not in seen
                 is_likely = not issue["certainty"].startswith("possible")
                 if issue["severity"] == "error" or (is_new and is_likely):

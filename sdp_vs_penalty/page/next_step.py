@@ -29,6 +29,7 @@ from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import label_of, spoken
 from sdp_vs_penalty.page.stages.use import FILES, models_taken
 from sdp_vs_penalty.page.view import (
+    StageVerdict,
     View,
     arm_in_words,
     changes_in_words,
@@ -275,16 +276,9 @@ def _of_model(view: View) -> NextStep:
         failures = session.current.where_it_fails
         text += describe_unexplained(failures, session.current.worst_joint, None)
     is_done = session.current.servo or (level == "good" and not is_first)
-    if changed := session.current.change_in_words(session.robot["units"]):
-        text = f"{of_model.word}. {changed}"
-        look, do = look_in_words(session), partial(session.start, session.find_change)
-        if found := session.fault_of_changed_run:
-            text = f"{of_model.word}. {found}"
-            label, see = "See what Check found", session.see_issues
-            step = NextStep(text, label, "check", see, level=level)
-            second = NextStep("", f"Or {look[0].lower()}{look[1:]}", "diagnose", do)
-            return replace(step, other=second)
-        return NextStep(text, look, "diagnose", do, level=level)
+    remedy = None if diagnosis is None else next_remedy(diagnosis.remedies)
+    if remedy is None and (differs := _of_differing_test(session, of_model)):
+        return differs
     if diagnosis is None and not is_done:
         do = partial(session.start, session.diagnose)
         label = "Diagnose: what is missing?" if is_first else "Diagnose again"
@@ -295,7 +289,6 @@ def _of_model(view: View) -> NextStep:
             other = NextStep("", "Or identify again from all runs", "diagnose", again)
         return NextStep(text, label, "diagnose", do, other=other, **known)
     if diagnosis is not None:
-        remedy = next_remedy(diagnosis.remedies)
         if remedy is not None:
             change = remedy.change
             if change.verb != "transform":
@@ -317,6 +310,27 @@ def _of_model(view: View) -> NextStep:
     if "report.html" in session.taken:
         return replace(test, **known)
     return replace(_report(view), text=text, other=test, **known)
+
+
+def _of_differing_test(session: Session, of_model: StageVerdict) -> NextStep | None:
+    """Return the step that looks into a test run in which the model errs far more than in
+    those that it is from: at a fault of its log, or for what has changed on the arm; None
+    where neither is to be seen."""
+    fault = session.fault_of_differing_test
+    changed = session.current.change_in_words(session.robot["units"])
+    look = None
+    if changed:
+        words, do = look_in_words(session), partial(session.start, session.find_change)
+        text = f"{of_model.word}. {changed}"
+        look = NextStep(text, words, "diagnose", do, level=of_model.level)
+    if not fault:
+        return look
+    if look is not None:
+        words = f"Or {look.label[0].lower()}{look.label[1:]}"
+        look = replace(look, text="", label=words)
+    text, label = f"{of_model.word}. {fault}", "See what Check found"
+    level, see = of_model.level, session.see_issues
+    return NextStep(text, label, "check", see, level=level, other=look)
 
 
 def _report(view: View) -> NextStep:
@@ -487,14 +501,15 @@ def _taken(session: Session) -> str:
 
 
 def _decided_joints(remedy: Mapping[str, Any]) -> set[int]:
-    """Return the joints (from 1) on which a motion to record tells effects apart."""
+    """Return the joints (from 1) on which a motion to record tells effects apart; none of
+    one that is of the whole arm."""
     effects = remedy["change"]["arguments"].get("separate", ())
     return {joint for text in effects for joint in joints_of(text)}
 
 
 def _motion_to_record(view: View) -> NextStep:
-    """Return the step that records a motion which shows more, for a model that errs where
-    nothing is known to add."""
+    """Return the step that records a motion which shows more of the joint that errs most,
+    for a model to which nothing is known to add."""
     session = view.session
     if MOTION in session.taken:
         text, label = "The motion's log comes next.", "Choose the log"
@@ -509,9 +524,10 @@ def _motion_to_record(view: View) -> NextStep:
     text = "Another motion may show what it is."
     label = "Make a motion to record"
     motion: Mapping[str, Any] = {}
-    if asked:
-        worst = session.current.worst_joint  # what it decides there comes first
-        first = max(asked, key=lambda remedy: worst in _decided_joints(remedy))
+    worst = session.current.worst_joint
+    of_worst = [remedy for remedy in asked if worst in _decided_joints(remedy)]
+    of_arm = [remedy for remedy in asked if not _decided_joints(remedy)]
+    for first in (of_worst + of_arm)[:1]:
         text, motion = graded(first["problem"], "certain"), first["change"]
         label = label_of_motion(motion)
     do = partial(session.start, session.make_motion, motion, view.download)

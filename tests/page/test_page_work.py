@@ -1458,7 +1458,7 @@ def test_a_fault_of_the_log_leads_where_a_new_run_errs(here, hidden, tmp_path):
     screen = Screen(opened(here, "two_link", **files))
     s = screen.session
     do(s, s.identify)
-    assert "test.csv" in s.current.changed_runs
+    assert "test.csv" in s.current.differing_tests
     assert "test.csv: " in screen.text("next")
     assert "tau2 lie far from the samples" in screen.text("next")
     assert "See what Check found" in screen.text("next")

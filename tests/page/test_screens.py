@@ -178,6 +178,58 @@ def test_a_model_is_diagnosed_before_it_is_used(
     assert shown.text.startswith(f"{grade.capitalize()}. ")
 
 
+@pytest.mark.parametrize(
+    ("reached", "is_diagnosed", "label"),
+    [
+        ([2.0, 0.1], False, "Find a load, or what else has changed, in test.csv"),
+        ([0.1, 0.1], False, "Diagnose: what is missing?"),
+        (None, False, "Diagnose: what is missing?"),
+        ([2.0, 0.1], True, "Add "),
+    ],
+)
+def test_a_changed_arm_errs_in_known_motion_and_the_newest_diagnosis_decides(
+    story, monkeypatch, reached, is_diagnosed, label
+):
+    """Where a test reaches what no training run does, a missing effect may show."""
+    first = story.session.history[0]
+    errors = {"a.csv": [0.1, 0.1], "test.csv": [2.0, 0.1]}
+    in_reach = {} if reached is None else {"test.csv": reached}
+    known = {"errors_of_runs": errors, "errors_in_reach": in_reach}
+    step = replace(first, findings=first.findings if is_diagnosed else None, **known)
+    assert step.differing_tests == {"test.csv": 0}
+    monkeypatch.setattr(story.session, "history", [step])
+    assert next_step(story.screen.view).label.startswith(label)
+
+
+def test_a_test_is_compared_with_training_in_the_motion_of_both():
+    """The second joint turns further in the test, and errs there."""
+    q = np.linspace([-1.0, -1.0], [1.0, 1.0], 100)
+    training = {"q": q, "dq": np.zeros((100, 2))}
+    test = {"t": np.arange(100.0), "q": q * [1.0, 4.0], "dq": np.zeros((100, 2))}
+    error = np.where(abs(test["q"]) > 1.0, 5.0, 0.5)
+    test |= {"torque": error, "modelled": np.zeros((100, 2))}
+    within = jobs._errors_in_reach(test, [training, training])
+    np.testing.assert_allclose(within, [0.5, 0.5])
+    far = test | {"q": np.add(q, [0.0, 3.0])}
+    assert jobs._errors_in_reach(far, [training]) is None
+
+
+def test_no_motion_is_made_for_a_joint_that_does_not_err_most(story, monkeypatch):
+    """A motion of the other joint decides nothing of the verdict."""
+    first = story.session.history[0]
+    finding, *_ = first.findings.effects
+    poor = {"confidence": "weak", "doubts": (Doubt("small"),), "helps": False}
+    worst = first.worst_joint
+    for joint in (worst, 3 - worst):
+        text = f"power_friction:{joint}"
+        weak = replace(finding, joints=(joint,), text=text, **poor)
+        found = replace(first.findings, effects=(weak,), retuned=(), curves=())
+        monkeypatch.setattr(story.session, "history", [replace(first, findings=found)])
+        label = next_step(story.screen.view).label
+        assert label.startswith("Make a motion")
+        assert ("shows whether it is" in label) == (joint == worst)
+
+
 @pytest.mark.parametrize("n_runs", [1, 2])
 def test_a_model_of_which_nothing_is_found_keeps_its_reason(story, monkeypatch, n_runs):
     """Where the noise is unknown, the diagnosis names no error."""
