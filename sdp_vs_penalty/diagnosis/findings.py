@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, starmap
@@ -25,6 +24,7 @@ from sdp_vs_penalty.effects import (
     standard_effect,
 )
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
+from sdp_vs_penalty.effects.written import read_effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import CHANGES, NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
@@ -316,15 +316,15 @@ class Finding(Rated):
         of the same physical effect.
         """
         reasons = {doubt.reason for doubt in self.doubts}
-        laws = [is_law_of(name, self.effect) for name in self._rival_effects]
+        laws = [is_law_of(name, self.effect) for name in self.rival_effects]
         return reasons <= {"rivals", "uncertain"} and all(laws)
 
     @property
-    def _rival_effects(self) -> list[str]:
+    def rival_effects(self) -> list[str]:
         """Names of the effects that fit as well, such as "backlash" for
         "backlash:3@w=0.01".
         """
-        return [re.split("[:@]", name)[0] for name in self.rivals_without_curve]
+        return [read_effect(text).name for text in self.rivals_without_curve]
 
     @property
     def on_the_arm(self) -> str:
@@ -510,7 +510,7 @@ class Finding(Rated):
         that such a rival makes the finding one of temperature.
         """
         types = effect_types()  # classes of effects by name
-        rivals = [types[name] for name in self._rival_effects]
+        rivals = [types[name] for name in self.rival_effects]
         is_rival_over_time = any(rival.follows_clock for rival in rivals)
         if types[self.effect].follows_clock or not is_rival_over_time:
             return ""

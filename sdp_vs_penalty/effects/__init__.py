@@ -5,6 +5,7 @@ from functools import cache
 from typing import Any
 
 from sdp_vs_penalty.effects.effect import Effect, EffectEntry, SimulatorField
+from sdp_vs_penalty.effects.written import read_effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.plugins import Registry, lazy_exports
 from sdp_vs_penalty.robot.robot import Robot
@@ -81,31 +82,14 @@ def parse_effects(
 
 
 def _parse_effect(text: str, robot: Robot) -> Effect:
-    """Read one effect from its written form ``name[:joints][@shape=value]``, such as
-    "presliding_hysteresis:5+7@d=0.003"; InputError for any other text."""
-    head, *shapes = text.split("@")
-    name, _, joints_text = head.partition(":")
-    if name.isdecimal():  # "3" of "torque_offset:1,3": a comma separates effects
-        raise InputError(
-            f"effect {name!r} is a number",
-            "join the joints of an effect by +, like torque_offset:1+3",
-        )
-    kind = EFFECTS.get(name)
+    """Make the effect of a robot that a text states; InputError for any other text."""
+    written = read_effect(text)
+    kind = EFFECTS.get(written.name)
     # Joints count from 1 in the text, from 0 in the effect.
-    joints = None
-    if joints_text:
-        try:
-            joints = [int(word) - 1 for word in joints_text.split("+")]
-        except ValueError:
-            raise InputError(
-                f"effect {text!r}: {joints_text!r} are no joints",
-                f"write numbers from 1 joined by +, like {name}:5+7",
-            ) from None
+    joints = [joint - 1 for joint in written.joints] or None
     # An unknown constant is read as a number; the effect itself refuses it.
     shape: dict[str, float] = {}
-    for item in shapes:
-        key_text, _, value = item.partition("=")
-        key = key_text.strip()
+    for key, value in written.constants.items():
         constant = kind.shapes.get(key)
         try:
             shape[key] = float(value) if constant is None else constant.parsed(value)

@@ -9,14 +9,14 @@ from math import asin, degrees, hypot, radians, sqrt
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.effects import EFFECTS
+from sdp_vs_penalty.effects.written import WrittenEffect, read_effect
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
 #: Half a 95 % interval, relative to the size, from which a sentence says the interval.
 WIDE = 0.3
 #: How a sentence of :func:`on_the_arm` begins.
 ON_THE_ARM = "On the arm: "
-#: Joints and constants of an effect as it is written for a command.
-_WRITTEN = re.compile(r"(?P<name>\w+)(?::(?P<joints>[\d+]+))?(?:@(?P<constants>.*))?")
 #: Parameters of a joint's misplacement.
 _PLACE = re.compile(r"(?P<kind>slip|turn)_[xyz](?P<joint>\d+)")
 
@@ -58,16 +58,14 @@ def effect_in_words(text: str) -> str:
     >>> effect_in_words("stribeck_friction:1@vs=0.0436203@law=dip")
     'Stribeck friction on joint 1 (vs 0.0436, law dip)'
     """
-    match = _WRITTEN.fullmatch(text)
-    if match is None:
+    written = _read(text)
+    if written is None:
         return text
-    words = effect_name(match["name"])
-    if match["joints"]:
-        joints = [int(number) for number in match["joints"].split("+")]
-        words += f" on {formatting.joints(joints)}"
-    if match["constants"]:
-        pairs = [pair.partition("=") for pair in match["constants"].split("@")]
-        values = [f"{key} {_short(value)}" for key, _, value in pairs]
+    words = effect_name(written.name)
+    if written.joints:
+        words += f" on {formatting.joints(written.joints)}"
+    if written.constants:
+        values = [f"{key} {_short(value)}" for key, value in written.constants.items()]
         words += f" ({', '.join(values)})"
     return words
 
@@ -87,16 +85,23 @@ def effects_in_words(texts: Sequence[str]) -> str:
     """
     joints_by_name: dict[str, set[int]] = {}
     for text in texts:
-        match = _WRITTEN.fullmatch(text)
-        name = match["name"] if match else text
-        joints = joints_by_name.setdefault(name, set())
-        if match and match["joints"]:
-            joints.update(map(int, match["joints"].split("+")))
+        written = _read(text)
+        name = written.name if written else text
+        joints_by_name.setdefault(name, set()).update(written.joints if written else ())
     words = list[str]()
     for name, joints in joints_by_name.items():
         where = f" on {formatting.joints(sorted(joints))}" if joints else ""
         words.append(effect_name(name) + where)
     return formatting.words(words) if words else ""
+
+
+def _read(text: str) -> WrittenEffect | None:
+    """Return the parts of a written effect, or None for another text."""
+    try:
+        written = read_effect(text)
+    except InputError:
+        return None
+    return written if written.name.isidentifier() else None
 
 
 def _short(value: str) -> str:

@@ -1,10 +1,10 @@
 """What is certified of an estimate, as a record and in words."""
 
-import re
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from sdp_vs_penalty.effects.written import read_effect
 from sdp_vs_penalty.estimators.lmi_sdp import FAR_GAP
 from sdp_vs_penalty.records import JsonRecord, stored_as
 from sdp_vs_penalty.results.record import Shown, Summary
@@ -157,7 +157,7 @@ class Certificate(Shown, JsonRecord):
         if self.gap is None:
             return "no lower bound: the method gave no multipliers of constraints"
         # Once each: a joint may have its effect with a shape constant of its own.
-        kinds = dict.fromkeys(re.split("[:@]", text)[0] for text in self.held)
+        kinds = dict.fromkeys(read_effect(text).name for text in self.held)
         held = f", with {', '.join(kinds)} held fixed" if self.held else ""
         without = (
             ", without the limits that are not convex" if self.is_undecided else ""

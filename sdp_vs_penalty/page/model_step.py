@@ -13,6 +13,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
+from sdp_vs_penalty.effects.written import read_effect
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.verdict import Grade, Verdict, over_noise
 from sdp_vs_penalty.page.spoken import spoken
@@ -37,17 +38,16 @@ def level_of(grade: Grade) -> str:
 
 def joints_of(text: str) -> set[int]:
     """Return the joints (from 1) of an effect, as `add` writes it; none: of all."""
-    places = text.partition("@")[0].partition(":")[2]
-    return {int(joint) for joint in places.split("+") if joint}
+    return {*read_effect(text).joints}
 
 
 def is_among(text: str, effects: Iterable[str]) -> bool:
     """Whether a model has an effect, as `add` writes it, whatever its constants."""
-    name = text.partition("@")[0].partition(":")[0]
+    one = read_effect(text)
     return any(
-        other.partition("@")[0].partition(":")[0] == name
-        and (not joints_of(other) or joints_of(text) <= joints_of(other))
-        for other in effects
+        other.name == one.name
+        and (not other.joints or {*one.joints} <= {*other.joints})
+        for other in map(read_effect, effects)
     )
 
 

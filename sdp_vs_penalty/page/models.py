@@ -18,6 +18,7 @@ from sdp_vs_penalty.effects import (
     effect_types,
     effects_in_words,
 )
+from sdp_vs_penalty.effects.written import read_effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.commands import commands_of
 from sdp_vs_penalty.page.model_step import ModelStep, is_among, joints_of
@@ -33,8 +34,8 @@ MOTION = "trajectory.csv"
 
 def _acts_as(text: str, effect: str, joints: Collection[int]) -> bool:
     """Whether an effect, as `add` writes it, is a law of another one on these joints."""
-    name = text.partition("@")[0].partition(":")[0]
-    return is_law_of(name, effect) and {*joints} <= joints_of(text)
+    written = read_effect(text)
+    return is_law_of(written.name, effect) and {*joints} <= {*written.joints}
 
 
 @dataclass
@@ -98,7 +99,7 @@ class Models(RobotAndRuns):
         if diagnosis is None or not self.hidden:
             return ""
         # "joint_coupling:2+3" is an effect on joints 2 and 3, "base_tilt" on the arm.
-        effect = self.hidden.partition(":")[0]
+        effect = read_effect(self.hidden).name
         if effect == "none":
             return "Nothing was hidden in these runs."
         joints = joints_of(self.hidden)
@@ -148,7 +149,7 @@ class Models(RobotAndRuns):
         already: then it is another size of that, which is identified again."""
         found = self.findings
         is_fixed = found is not None and found.frozen
-        several = effect_types()[text.partition("@")[0].partition(":")[0]].several
+        several = effect_types()[read_effect(text).name].several
         is_own = bool(joints_of(text)) and is_among(text, self.current.effects)
         return is_fixed and is_own and not several
 
@@ -226,7 +227,7 @@ class Models(RobotAndRuns):
             )
         self._refuse_meaningless()
         known = effect_types()
-        free = [x for x in effects if not known[x.partition(":")[0]].frozen_only]
+        free = [x for x in effects if not known[read_effect(x).name].frozen_only]
         request = {
             "effects": ",".join(free),
             "method": self.method,
@@ -350,7 +351,7 @@ class Models(RobotAndRuns):
         a fixed model shows."""
         words = f"add {effect_in_words(text)}"
         change = Change("add", words, {"effects": [text]}).to_dict()
-        frozen = effect_types()[text.partition(":")[0]].frozen_only
+        frozen = effect_types()[read_effect(text).name].frozen_only
         if frozen and not self.history[0].opened:
             await self.keep_model()
         await self._add(change, frozen)

@@ -11,6 +11,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES, SHARES, Failures
 from sdp_vs_penalty.effects import DEFAULT_EFFECTS, effect_types, standard_effect
+from sdp_vs_penalty.effects.written import read_effect
 from sdp_vs_penalty.estimation.verdict import LOG, Line
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.page import controls as draw
@@ -89,20 +90,22 @@ def _form(view: View) -> None:
     }
 
     def tick(name: str, on: bool) -> None:
-        chosen = [text for text in session.effects if _effect_name(text) != name]
+        chosen = [text for text in session.effects if read_effect(text).name != name]
         if on:
             chosen.append(name)
         # In the library's order; unknown names stay behind.
-        order = [*effects, *map(_effect_name, chosen)]
+        order = [*effects, *(read_effect(text).name for text in chosen)]
         session.effects = sorted(
-            chosen, key=lambda text: order.index(_effect_name(text))
+            chosen, key=lambda text: order.index(read_effect(text).name)
         )
         session.changed()
+
+    names_in_model = {read_effect(text).name for text in session.effects}
 
     def boxes(names: Sequence[str]) -> None:
         with draw.tag("div", style="checks"):
             for name in names:
-                on = name in map(_effect_name, session.effects)
+                on = name in names_in_model
                 label = effects[name].explanation
                 draw.check(
                     plain_name(name), on, partial(tick, name), f"effect-{name}", label
@@ -112,9 +115,7 @@ def _form(view: View) -> None:
         draw.tag("legend", "Effects of the first model")
         boxes(_USUAL)
         unusual = [name for name in effects if name not in _USUAL]
-        chosen = [
-            name for name in unusual if name in map(_effect_name, session.effects)
-        ]
+        chosen = [name for name in unusual if name in names_in_model]
         with draw.details(
             f"More effects ({len(chosen)} of {len(unusual)} chosen)",
             "more-effects",
@@ -160,14 +161,6 @@ def _options(view: View) -> None:
         draw.tag("div", style="fields"),
     ):
         draw.draw_form(view.forms["identify"], session.options)
-
-
-def _effect_name(effect: str) -> str:
-    """Return the name of an effect without its joints and constants.
-
-    "coulomb_friction:7@v_s=0.01" is named "coulomb_friction".
-    """
-    return effect.partition("@")[0].partition(":")[0]
 
 
 @requires_model(
