@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
+from sdp_vs_penalty.robot.arrays import Array, Arrays, Indices, Mask
 
 #: Rows by which a column is described.
 ROWS_DESCRIBED = 50
@@ -72,7 +72,7 @@ class Log:
     #: Reads the texts of some columns: a list of cells a row.
     texts: Callable[[Sequence[str]], Sequence[Sequence[str]]] | None = None
     #: (M,) stamps by the name of a clock, in the unit of the log's own [s].
-    clocks: Mapping[str, Array] = field(default_factory=dict)
+    clocks: Arrays = field(default_factory=dict)
     #: Sampling rate that the file's header says [Hz]; None where it says none.
     rate: float | None = None
     #: Lines above a table's names: comments and titles.
@@ -127,7 +127,7 @@ def cells_of_rows(rows: Array) -> list[str]:
 
 def log_of_arrays(
     path: Path,
-    arrays: Mapping[str, Array],
+    arrays: Arrays,
     texts: Mapping[str, Sequence[Sequence[str]]] | None = None,
     facts: Mapping[str, Mapping[str, Any]] | None = None,
     rows: Indices | None = None,
@@ -213,7 +213,7 @@ def log_of_arrays(
 _NUMBERED = re.compile(r"([^\W\d_]+)[ _/\[(-]*([0-9]+)[\])]*(?=[/._-])")
 
 
-def _one_after_the_other(arrays: Mapping[str, Array]) -> Mapping[str, Array]:
+def _one_after_the_other(arrays: Arrays) -> Arrays:
     """Return the arrays of several runs, "demo_0/q" and "demo_1/q", one after the other,
     with a column that counts the runs; arrays of one run as they are."""
     from sdp_vs_penalty.data.words.names import counts_runs
@@ -243,9 +243,7 @@ def _one_after_the_other(arrays: Mapping[str, Array]) -> Mapping[str, Array]:
     return {**out, "episode_index": np.repeat(np.arange(float(len(parts))), counts)}
 
 
-def _clocks_apart(
-    arrays: Mapping[str, Array],
-) -> tuple[Mapping[str, Array], dict[str, str], dict[str, Array]]:
+def _clocks_apart(arrays: Arrays) -> tuple[Arrays, dict[str, str], dict[str, Array]]:
     """Take the clocks of groups that differ, "position/time" and "torque/time", from among
     the arrays. Returns the others, with a torque's clock under its own name, "time"; the
     clock, called by its group, of each array; and the clocks."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -16,7 +16,7 @@ from sdp_vs_penalty.data.store import PART, concatenate_chunks, digest, iter_chu
 from sdp_vs_penalty.data.stretches import recorded_seconds, rows_behind_pauses
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.results.record import Shown, Summary
-from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, wrong_shape
+from sdp_vs_penalty.robot.arrays import Array, Arrays, Indices, Mask, wrong_shape
 
 
 def _is_array_of_numbers(value: Any) -> bool:
@@ -107,7 +107,7 @@ class Measurements(Shown):
     run: NDArray[np.int64] | None = None
     names: tuple[str, ...] = ("run",)
     temperature: Array | None = None
-    commanded: Mapping[str, Array] = field(default_factory=dict)
+    commanded: Arrays = field(default_factory=dict)
     torque_logged: bool = True
     joint_names: tuple[str, ...] = ()
     torque_unit: str = ""
@@ -184,7 +184,7 @@ class Measurements(Shown):
     def from_channels(
         cls,
         t: Array,
-        groups: Mapping[str, Array],
+        groups: Arrays,
         names: tuple[str, ...],
         run: NDArray[np.int64] | None = None,
         torque_unit: str = "",
@@ -195,7 +195,7 @@ class Measurements(Shown):
         fields = _fields_of(groups)
         return cls(t, run=run, names=names, torque_unit=torque_unit, **fields)
 
-    def with_channels(self, t: Array, groups: Mapping[str, Array]) -> Measurements:
+    def with_channels(self, t: Array, groups: Arrays) -> Measurements:
         """Return the same samples with other channels (N, n), by their names in
         RUN.csv."""
         return replace(self, t=t, **_fields_of(groups))
@@ -431,7 +431,7 @@ LARGEST_VALUE |= dict.fromkeys(("tau", "tauff", *SIMULATED), 1e12) | {
 _SMALLEST_VALUE = 1e-30
 
 
-def _fields_of(groups: Mapping[str, Array]) -> dict[str, Any]:
+def _fields_of(groups: Arrays) -> dict[str, Any]:
     """Return the fields of measurements that hold channel groups (N, n); the feed-forward
     torque stands in for tau, or zeros."""
     q, known = groups["q"], (*COMMANDED, *SIMULATED)

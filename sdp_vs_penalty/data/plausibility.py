@@ -64,6 +64,8 @@ def _outside_its_range(robot: Robot, run: Measurements, j: int) -> InputError:
         f" of joint {j + 1} ({limits})"
     )
     robot_of_file = "or choose the problem that belongs to this file"
+    if _has_possible_unit(run):
+        return InputError(what, f"convert it by `{run.unit_command}`, {robot_of_file}")
     if not is_angle:
         if np.all(_beyond_range(joint, 1e-3 * q) <= 0.0):
             what = f"{what}, and inside it as millimetres"
@@ -74,6 +76,11 @@ def _outside_its_range(robot: Robot, run: Measurements, j: int) -> InputError:
     units = "degrees" if is_known else f"degrees{percent}"
     remedy = f"convert {units} to radians{_MOTORS}, {robot_of_file}"
     return RepairableError(what, remedy, is_known=is_known)
+
+
+def _has_possible_unit(run: Measurements) -> bool:
+    """Return whether the reader has found a unit, and the command that states it."""
+    return bool(run.unit_command) and "UNIT" not in run.unit_command
 
 
 def _beyond_range(joint: Joint, q: np.ndarray) -> np.ndarray:
@@ -214,7 +221,7 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
     """Raise RepairableError where q is 180 / pi times what dq says: it is in degrees, or,
     near 60, the clock is in minutes. Velocities in degrees do no harm: they are taken from
     the positions."""
-    if run.dq is None:
+    if run.dq is None or _has_possible_unit(run):
         return
     from sdp_vs_penalty.data.hypotheses.weighing import rate_from_velocities
 

@@ -46,7 +46,7 @@ from sdp_vs_penalty.data.stretches.gaps import (
 )
 from sdp_vs_penalty.data.words.tokens import brief_names, group_of, parts_of
 from sdp_vs_penalty.errors import ColumnsRemark, InputError, Remark
-from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
+from sdp_vs_penalty.robot.arrays import Array, Arrays, Indices, Mask
 
 # Files with our own names need no tables of words and loggers: these are imported where
 # a foreign file is recognised.
@@ -816,7 +816,7 @@ def _aligned(
     return stamps_taken, columns, numbers[taken] if is_one_table else None
 
 
-def _stamps(log: Log, clock: Sequence[str], columns: Mapping[str, Array]) -> Array:
+def _stamps(log: Log, clock: Sequence[str], columns: Arrays) -> Array:
     """Return the stamps (N,) of a clock in one column or in parts (seconds and
     nanoseconds; hours, minutes and seconds), in its own unit."""
     is_time_of_day = any(log.columns[x].kind == "stamp" for x in clock)
@@ -843,7 +843,7 @@ def _in_si(
     found: Recognition,
     groups: Mapping[str, Sequence[str]],
     t: Array | None,
-    columns: Mapping[str, Array],
+    columns: Arrays,
     choice: Choice,
 ) -> tuple[Measurements, Recognition]:
     """Make the run in SI units, and decide by its values the units that are open."""
@@ -954,7 +954,7 @@ def _of_the_same_joints(
     log: Log,
     found: Recognition,
     groups: Mapping[str, Sequence[str]],
-    blocks: Mapping[str, Array],
+    blocks: Arrays,
     choice: Choice,
 ) -> tuple[Recognition, dict[str, Array]]:
     """Leave out of blocks (N, n) the joints that some groups lack, such as a gripper without
@@ -1035,7 +1035,7 @@ def _with_open_units(
 
 
 def _with_unit_of_clock(
-    found: Recognition, t: Array, blocks: Mapping[str, Array], rate: float | None
+    found: Recognition, t: Array, blocks: Arrays, rate: float | None
 ) -> Recognition:
     """Decide the unit of a clock that nothing says, by its steps, the velocities and how
     fast joints move."""

@@ -1,6 +1,7 @@
 """The array types of this package (doubles; docstrings state the shapes), and checks of
 arrays."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from sdp_vs_penalty.errors import InputError
 
 Array = NDArray[np.float64]
+#: Arrays by their names.
+Arrays = Mapping[str, Array]
 #: Numbers of rows, columns, parameters or joints, from 0.
 Indices = NDArray[np.intp]
 #: Flags of rows, columns, parameters or joints.

@@ -31,10 +31,8 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.files import memory_for
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Arrays
 
-#: Arrays by their names.
-Arrays = Mapping[str, Array]
 #: What a child sends: heads, each with arrays. A head is empty where the parser has
 #: yielded its arrays; else it says one thing: "remark" (a warning), "what" with "remedy",
 #: "where" and "is_path" (an InputError), "not_installed" (an ImportError), "memory" (a

@@ -22,6 +22,7 @@ from sdp_vs_penalty.data.files import as_measurements, read_in_one_unit
 from sdp_vs_penalty.data.hypotheses import by_arm
 from sdp_vs_penalty.data.hypotheses.arm import ChannelFit
 from sdp_vs_penalty.data.hypotheses.channels import Recognition
+from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.errors import ColumnsRemark, InputError
 from sdp_vs_penalty.problem import load_problem
 
@@ -456,17 +457,20 @@ def test_no_gears_are_sought_of_columns_that_the_arm_has_to_confirm(
     np.testing.assert_allclose(got.q, run.q)
 
 
-def test_counts_whose_size_is_likely_bring_the_command(tmp_path):
+@pytest.mark.parametrize("turn", [4096, 65536])
+def test_counts_whose_size_is_likely_bring_the_command(turn, tmp_path):
     """Encoders of other sizes are as possible: the user decides."""
     problem = limited_arm(tmp_path)
     motion = small_run(problem, seconds=8.0)
-    counts = np.round(2048.0 + 4096.0 / (2.0 * np.pi) * motion.q)
+    counts = np.round(0.5 * turn + turn / (2.0 * np.pi) * motion.q)
     columns = {"time": motion.t, "pos": counts, "vel": 10.0 * motion.dq}
     path = table(tmp_path / "run.csv", **columns, trq=motion.tau)
     got, said = reading(path, problem)
     np.testing.assert_allclose(got.q, counts)
-    assert "4096 a turn, the middle at 2048" in said
+    assert f"{turn} a turn, the middle at {turn // 2}" in said
     assert got.unit_command in said
+    with pytest.raises(InputError, match=f"@{turn // 2}"):
+        check_plausible(problem.robot, got)
     words = [*shlex.split(got.unit_command)[1:-1], str(tmp_path / "si.csv")]
     assert run_cli(*words) == 0
     got = read_run(words[-1], 3)

@@ -15,6 +15,8 @@ from small_runs import write_bag
 
 from sdp_vs_penalty import convert, load_measurements
 from sdp_vs_penalty.data import LOGGERS, read_run, recognise
+from sdp_vs_penalty.data.hypotheses.recognition import find_clock
+from sdp_vs_penalty.data.log import Column
 from sdp_vs_penalty.errors import Remark
 
 JOINTS = ("joint1", "joint2")
@@ -161,6 +163,12 @@ def test_torques_of_lerobot_have_any_of_its_words(word):
     assert recognition.rename == dict(zip(("t", "q", "tau"), columns, strict=True))
     assert recognition.logger.startswith("LeRobot")
     assert recognition.torque_unit == ("A" if word == "current" else "")
+
+
+def test_a_duration_is_no_clock():
+    """Its word ranks before that of the clock, but its values fall."""
+    cells = {"timestamp": ["0", "5", "10"], "cycle_time_us": ["5003", "4999", "5002"]}
+    assert find_clock({x: Column(cells=y) for x, y in cells.items()}) == "timestamp"
 
 
 def test_commands_of_a_known_logger_hide_no_torques():

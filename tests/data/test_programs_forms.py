@@ -402,14 +402,20 @@ def test_a_sample_with_another_joint_is_left_out(tmp_path):
     assert "1 row without all channels (line 8 is the first) left out" in said
 
 
-OTHER_ROWS = {**PANDAS, "q1": {str(k + 1): x for k, x in enumerate(LISTS["t"])}}
 NO_JSON = {
     '{"format": 2, "names": ["a", "b"]}': "JSON text",
     '{"columns": 1, "index": 2, "data": 3}': "JSON text",
     '{"a":' * 100_000: "JSON text",
     '{"t": [1, 2': "JSON text",
-    json.dumps({"log": OTHER_ROWS}): "columns t and q1 are of different rows",
 }
+
+
+def test_columns_of_other_rows_come_together_by_their_keys(tmp_path):
+    q1 = {str(k + 1): x for k, x in enumerate(Q[:, 0])}
+    text = json.dumps({"log": {**PANDAS, "q1": q1}})
+    run, _ = read(write(tmp_path / "run.json", [text]))
+    np.testing.assert_allclose(run.q[:, 0], Q[:-1, 0])
+    np.testing.assert_allclose(run.q[:, 1], Q[1:, 1])
 
 
 @pytest.mark.parametrize(("text", "words"), NO_JSON.items(), ids=range(len(NO_JSON)))
@@ -578,7 +584,7 @@ def test_a_row_of_octave_s_text_that_is_none_is_refused(tmp_path):
     lines = [*ARRANGED["Octave's text"]]
     lines[-5] = " 0.1 0.2"
     path = write(tmp_path / "run.txt", lines)
-    refusal(lambda: read(path), "is no row of numbers of tau")
+    refusal(lambda: read(path), "the name tau is no matrix of numbers")
 
 
 def test_a_column_without_a_comma_at_first_has_that_of_the_nearest_one(tmp_path):

@@ -64,7 +64,6 @@ def read_text(path: Path, refused: InputError) -> Log:
         lists = dict(_lists(content)) if isinstance(content, Mapping) else {}
     except (TypeError, ValueError):  # "data" holds no rows of equal length
         raise refused from None
-    _refuse_columns_of_other_rows(path, content)
     log = log_of_lists(path, lists)
     is_empty = all(len(x) < 2 for x in lists.values())
     if is_empty or all(x.kind == "text" for x in log.columns.values()):
@@ -85,13 +84,16 @@ def _units(content: Mapping[str, Any]) -> Mapping[str, Any]:
 
 def _lists(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, list]]:
     """Iterate over the lists in nested objects, named like "log.q". An object whose keys
-    are all numbers is a list in the order of these, as pandas writes a column. A list of
+    are all numbers is a list in the order of these, as pandas writes a column; a row that
+    another column has is an empty cell. A list of
     objects becomes one list for each of their fields; a list of runs, the lists of each
     run."""
+    keyed = filter(_is_keyed_by_rows, content.values())
+    rows = sorted({row for column in keyed for row in column}, key=int)
     for key, value in content.items():
         name = f"{prefix}{key}"
         if _is_keyed_by_rows(value):
-            yield name, [value[row] for row in sorted(value, key=int)]
+            yield name, [value.get(row) for row in rows]
         elif isinstance(value, Mapping):
             yield from _lists(value, f"{name}.")
         elif counts_runs(key) and _are(Mapping, value):
@@ -112,20 +114,6 @@ def _is_keyed_by_rows(value: Any) -> bool:
     """Return whether a JSON value is a column of pandas, {"0": 1.5, "1": 2.5}."""
     is_object = isinstance(value, Mapping) and bool(value)
     return is_object and all(key.isascii() and key.isdigit() for key in value)
-
-
-def _refuse_columns_of_other_rows(path: Path, content: Any) -> None:
-    """Raise InputError where two columns of one object have as many rows, but not the
-    same: side by side, their numbers would be of different samples."""
-    first_of_length = dict[int, str]()
-    for name, column in content.items() if isinstance(content, Mapping) else ():
-        if not _is_keyed_by_rows(column):
-            _refuse_columns_of_other_rows(path, column)
-            continue
-        first = first_of_length.setdefault(len(column), name)
-        if column.keys() != content[first].keys():
-            what = f"columns {first} and {name} are of different rows, by their keys"
-            raise InputError(what, "write the same rows in both", path)
 
 
 def log_of_samples(

@@ -15,7 +15,7 @@ from sdp_vs_penalty.data.log import Log, log_of_arrays
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import writing
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Arrays
 
 SUFFIXES: tuple[str, ...] = (".mat",)
 #: Fields of a signal's label and values: of Simulink, and of dSPACE.
@@ -49,7 +49,7 @@ def read(path: Path) -> Log:
 
 def _log_of_variables(
     path: Path,
-    variables: Mapping[str, Array],
+    variables: Arrays,
     texts: Mapping[str, Sequence[Sequence[str]]] | None = None,
 ) -> Log:
     """Make a log of variables; a single matrix gives its columns."""
@@ -63,32 +63,20 @@ def _log_of_variables(
 
 def read_text(path: Path) -> Log:
     """Read the matrices of Octave's text: "# name: q" stands above the rows of each."""
-    blocks = dict[str, list[list[float]]]()
-    name = ""
-    for first, lines in iter_rows(path):
-        for number, line in enumerate(lines, start=first):
-            if line.startswith("# name: "):
-                name = line.removeprefix("# name: ").strip()
-                blocks[name] = []
-            if not line.strip() or line.startswith("#") or not name:
-                continue
-            try:
-                row = [*map(float, line.split())]
-            except ValueError:
-                row = []
-            block = blocks[name]
-            block.append(row)
-            if not row or len(row) != len(block[0]):
-                what = (
-                    f"line {number} is no row of numbers of {name}, as those above it"
-                )
-                remedy = (
-                    "save matrices of numbers alone, with save('run.mat', '-v7', ...)"
-                )
-                raise InputError(what, remedy, path)
-    matrices = {x: np.array(y) for x, y in blocks.items() if y}
-    columns = {x: y[:, 0] if y.shape[1] == 1 else y for x, y in matrices.items()}
-    return _log_of_variables(path, columns)
+    text = "\n".join(line for _, lines in iter_rows(path) for line in lines)
+    matrices = dict[str, Array]()
+    for part in text.split("# name: ")[1:]:
+        name, *lines = part.splitlines()
+        rows = [x.split() for x in lines if x.strip() and not x.startswith("#")]
+        try:
+            block = np.array(rows, float)
+        except ValueError as error:
+            what = f"what stands below the name {name} is no matrix of numbers"
+            remedy = "save matrices of numbers alone, with save('run.mat', '-v7', ...)"
+            raise InputError(what, remedy, path) from error
+        if rows:
+            matrices[name.strip()] = block[:, 0] if block.shape[1] == 1 else block
+    return _log_of_variables(path, matrices)
 
 
 def numeric_variables(path: str) -> Iterator[dict[str, Array]]:

@@ -2,7 +2,7 @@
 which of several sets of channels is the torque, whether a register has a sign bit, and
 whether columns are at all what their order or their letters suggest."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -37,7 +37,7 @@ from sdp_vs_penalty.data.plausibility import (
 )
 from sdp_vs_penalty.data.words.tokens import group_of
 from sdp_vs_penalty.data.words.units import ENCODER_BITS, UNITS, unit_of_factor
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Arrays
 from sdp_vs_penalty.robot.robot import Robot
 
 #: A unit stays possible up to these odds of gears in its place.
@@ -498,18 +498,14 @@ def _usual_units(robot: Robot, q: Array, is_of_servo: bool) -> Iterator[_Unit]:
     if np.all(q[:, revolute] == np.round(q[:, revolute])):
         for bits in ENCODER_BITS:
             words = f"counts of an encoder with {2**bits} a turn"
-            yield replace(unit(words, _RARE, _TURN / 2**bits), is_of_any_size=True)
-            if bits == 12:
-                yield unit(
-                    f"{words}, the middle at 2048", _RARE, _TURN / 2**bits, -np.pi
-                )
+            for middle in ("", f", the middle at {2 ** (bits - 1)}"):
+                of_zero = -np.pi if middle else 0.0
+                counts = unit(words + middle, _RARE, _TURN / 2**bits, of_zero)
+                yield replace(counts, is_of_any_size=True)
 
 
 def with_channel_of_torque(
-    found: Recognition,
-    blocks: dict[str, Array],
-    channels: Mapping[str, Array],
-    fit: Fit,
+    found: Recognition, blocks: dict[str, Array], channels: Arrays, fit: Fit
 ) -> tuple[Recognition, dict[str, Array]]:
     """Choose the torque among several sets of channels (N, n), by their first and last
     names, the likeliest by its name first."""
@@ -576,7 +572,7 @@ def _variation(values: Array) -> float:
     return float(np.abs(np.diff(values, axis=0)).sum())
 
 
-def confirmed(found: Recognition, blocks: Mapping[str, Array], fit: Fit) -> Recognition:
+def confirmed(found: Recognition, blocks: Arrays, fit: Fit) -> Recognition:
     """Return a reading that its order or its letters suggest, where the arm explains the
     torques by it and they are no velocities; raise its error where it does not."""
     if found.unless_confirmed is None:

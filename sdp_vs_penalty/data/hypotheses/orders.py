@@ -5,14 +5,14 @@ of each of n joints, channel by channel or joint by joint. Velocities are the de
 positions; torques are among the rest.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
 
 from sdp_vs_penalty.data.hypotheses.weighing import ROWS_JUDGED
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Arrays
 
 #: Steps of a clock are so many times the usual one, in nine of ten.
 _USUAL_STEPS = 0.5, 1.5
@@ -45,7 +45,7 @@ class Layout:
 
 
 def layouts(
-    columns: Mapping[str, Array],
+    columns: Arrays,
     n_joints: int | None,
     known: Collection[str] = (),
     t: Array | None = None,
@@ -80,7 +80,7 @@ def layouts(
 
 
 def _with_clock(
-    columns: Mapping[str, Array], *, is_known: bool
+    columns: Arrays, *, is_known: bool
 ) -> Iterator[tuple[str | None, list[str]]]:
     """Yield each column that may be the clock, None without one, and the columns of joints:
     those between a clock and a counter of rows at the ends."""
@@ -116,7 +116,7 @@ def counts_rows(values: Array) -> bool:
 
 
 def _of_joints(
-    columns: Mapping[str, Array],
+    columns: Arrays,
     names: Sequence[str],
     n: int,
     known: Collection[str],

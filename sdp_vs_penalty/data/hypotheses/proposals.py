@@ -38,7 +38,7 @@ from sdp_vs_penalty.data.words.tokens import (
     split_tokens,
 )
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Arrays
 
 #: Columns a joint that most tables have: q, dq and tau.
 _MOST_BLOCKS = 3
@@ -276,7 +276,7 @@ _DECADES_OF_RATES = (10.0, 100.0, 1000.0)
 _OF_A_RATE = 5e-3
 
 
-def rate_of(columns: Mapping[str, Array], *, is_usual: bool = False) -> float | None:
+def rate_of(columns: Arrays, *, is_usual: bool = False) -> float | None:
     """Estimate the sampling rate [Hz] at which dq is the derivative of q, of columns (N,)
     or blocks (N, n) by our names; None where there are no velocities, or none fits. With
     ``is_usual`` the rate is one at which logs are written, or None: units of positions and
@@ -296,9 +296,7 @@ def rate_of(columns: Mapping[str, Array], *, is_usual: bool = False) -> float | 
     return next((x for x in usual if abs(rate / x - 1.0) < _OF_A_RATE), None)
 
 
-def no_clock(
-    log: Log, columns: Mapping[str, Array], joints: Sequence[str] = ()
-) -> InputError:
+def no_clock(log: Log, columns: Arrays, joints: Sequence[str] = ()) -> InputError:
     """Return the error of a log without a clock, with the `convert` command that states
     the rate at which dq is the derivative of q, where the velocities show one, and the
     order of the robot's joints, where the columns name them."""

@@ -250,10 +250,10 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
     """Find the column that holds a file's time stamps: "sec+nanosec" for a stamp in two
     columns, "hour+minute+second" for a time of day; None without a clock.
 
-    Among several, the best word wins ("time" before "tick"), then the name with the
-    fewest other words. Where no name says it, the only column of stamps is the clock, or
-    else an index without a name that rises in fractions, or else the only column of
-    unknown words that rises evenly ("shijian").
+    Among several, those whose values do not fall win, then the best word ("time" before
+    "tick"), then the name with the fewest other words. Where no name says it, the only
+    column of stamps is the clock, or else an index without a name that rises in
+    fractions, or else the only column of unknown words that rises evenly ("shijian").
     """
     if not isinstance(columns, Mapping):
         columns = columns_called(columns)
@@ -273,12 +273,18 @@ def find_clock(columns: Columns | Sequence[str]) -> str | None:
         return "+".join(pair)
     kinds = {name: column.kind for name, column in columns.items()}
     said = {x: read_name(x) for x in names if kinds[x] not in ("list", "empty")}
+    # Durations have such words too, and fall: "cycle_time_us" beside "timestamp".
     clocks = [
-        (x.rank, len(x.other_words), name)
+        (
+            bool(np.any(np.diff(columns[name].head) < 0.0)),
+            x.rank,
+            len(x.other_words),
+            name,
+        )
         for name, x in said.items()
         if x is not None and x.quantity == "t" and x.number is None
     ]
-    clock = min(clocks)[2] if clocks else _clock_by_values(columns, said)
+    clock = min(clocks)[-1] if clocks else _clock_by_values(columns, said)
     if clock is None or columns[clock].kind != "stamp":
         return clock
     is_whole = not any(map(has_fraction, columns[clock].cells))

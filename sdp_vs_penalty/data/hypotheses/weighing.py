@@ -15,7 +15,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.hypotheses.arm import N_PARTS, ChannelFit
 from sdp_vs_penalty.data.words import table
 from sdp_vs_penalty.data.words.units import LARGEST_PERCENT, UNITS
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Arrays
 
 #: Words of loggers.toml for units that the values show: of angles, of a clock, and of
 #: servos, whose drivers write degrees or per cent of each joint's range.
@@ -169,9 +169,7 @@ def unit_of_dates(stamps: Array) -> ColumnHypothesis | None:
 
 
 def which_torque(
-    channels: Mapping[str, Array],
-    torques: Collection[str],
-    fits: Mapping[str, ChannelFit],
+    channels: Arrays, torques: Collection[str], fits: Mapping[str, ChannelFit]
 ) -> list[ColumnHypothesis]:
     """Return the hypotheses that each of several channels (N, n), the likeliest by its name
     first, is the joints' torque.
@@ -289,7 +287,7 @@ _DIFFERENCED = 0.01
 
 
 def in_one_unit(
-    t: Array, groups: Mapping[str, Array], own: Sequence[float]
+    t: Array, groups: Arrays, own: Sequence[float]
 ) -> tuple[dict[str, Array], list[str]]:
     """Bring velocities and their commands, (N, n) among groups, to the unit of positions
     along t (N,) [s], in SI, where these tell that they are in another one; and say so.
