@@ -191,7 +191,8 @@ class Conclusion:
         )
         errors |= self._errors_with(diagnosis.additions)
         diagnosis = diagnosis.with_errors(errors)
-        return diagnosis.with_errors(errors | self._errors_with([diagnosis.sure]))
+        together = [diagnosis.sure, *diagnosis.pairs_to_try]
+        return diagnosis.with_errors(errors | self._errors_with(together))
 
     def _errors_with(
         self, additions: Iterable[Sequence[Finding | Retune]]

@@ -36,7 +36,7 @@ from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.remedy import Change, Rating, Remedy, one_of_rivals
 from sdp_vs_penalty.results.table import Table
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 from sdp_vs_penalty.signals.noise import (
     NOISE_UNKNOWN,
@@ -480,6 +480,7 @@ class Finding(Rated):
         both = diagnosis.errors_of(self)
         was, now = (formatting.number(float(rmse[j])) for rmse in both)
         is_lower = both[1][j] < both[0][j] and was != now
+        helped = diagnosis.helped_by(self)
         errors = both if is_lower else both[:1]
         ratios = [over_noise(rmse, diagnosis.known_floor) for rmse in errors]
         amount = formatting.errors_with_noise(
@@ -488,14 +489,12 @@ class Finding(Rated):
             diagnosis.torque_unit(j + 1),
             between=" to ",
         )
-        if is_lower:
-            return (
-                f"Adding it cuts joint {j + 1}'s error on data left out from {amount}."
-            )
-        text = (
-            f"Adding it does not lower joint {j + 1}'s error on data left out: {amount}"
-        )
-        if self.torque_is_certain and len(diagnosis.helpful) > 1:
+        text = f"Adding it cuts joint {j + 1}'s error on data left out from {amount}"
+        if not is_lower:
+            text = f"Adding it does not lower joint {j + 1}'s error on data left out: {amount}"
+        if helped:
+            text += f"; it {helped}"
+        elif not is_lower and self.torque_is_certain and len(diagnosis.helpful) > 1:
             left = formatting.number(float(diagnosis.held_out_rmse_with_helpful[j]))
             text += f"; with all that helps it is {left} {diagnosis.torque_unit(j + 1)}"
         return f"{text}."
@@ -611,8 +610,8 @@ class Diagnosis(Record, JsonRecord):
     #: What the check calls likely of the log, with the repair; nothing is sure beside
     #: it. None where a finding states the same.
     log_faults: tuple[Remedy, ...] = ()
-    #: The errors with what each remedy adds, and with the first findings of the list.
-    #: None in files of older versions.
+    #: The errors with what each remedy adds, with the first findings of the list, and
+    #: with pairs of what helps. None in files of older versions.
     errors_with: tuple[ErrorWith, ...] = ()
 
     def __post_init__(self) -> None:
@@ -784,8 +783,17 @@ class Diagnosis(Record, JsonRecord):
 
     def with_errors(self, errors: Mapping[tuple[str, ...], Array]) -> Diagnosis:
         """Return the diagnosis with errors on data left out (n,), by the texts of what is
-        added [N m or N]."""
-        return replace(self, errors_with=tuple(starmap(ErrorWith, errors.items())))
+        added [N m or N]; those of a constant are of the model with it alone."""
+        found = replace(self, errors_with=tuple(starmap(ErrorWith, errors.items())))
+        constants = []
+        for constant in self.retuned:
+            after = found.error_with((constant,))
+            if after is not None:
+                j = constant.joint - 1
+                was, now = float(self.held_out_rmse_before[j]), float(after[j])
+                constant = replace(constant, rmse_before=was, rmse_after=now)
+            constants.append(constant)
+        return replace(found, retuned=tuple(constants))
 
     def error_with(self, found: Sequence[Finding | Retune]) -> Array | None:
         """Return the errors (n,) on data left out of the model with some of what was found,
@@ -808,10 +816,78 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def additions(self) -> list[tuple[Finding | Retune, ...]]:
-        """What remedies that add take together: each finding, and all that helps. What is
-        sure is judged by these."""
+        """What remedies that add take together: each constant, each finding, and all that
+        helps. What is sure is judged by these."""
+        constants = [(constant,) for constant in self.retuned]
         groups = [self.only_in_sum(f) or (f,) for f in self.effects]
-        return [*groups, *filter(None, (self.helpful,))]
+        return [*constants, *groups, *filter(None, (self.helpful,))]
+
+    @property
+    def pairs_to_try(self) -> list[tuple[Finding | Retune, ...]]:
+        """What helps and lowers no error by itself, with each other one that helps."""
+        return [
+            (found, other)
+            for found in self.helpful
+            if not self._helps_alone(found)
+            for other in self.helpful
+            if other is not found
+        ]
+
+    def _helps_alone(self, found: Finding | Retune) -> bool:
+        """Whether something, or a sum that it belongs to, lowers the error of a joint by
+        CHANGES without all others; True where that was not computed."""
+        if isinstance(found, Finding) and self.only_in_sum(found):
+            return True
+        after = self.error_with((found,))
+        before = self.held_out_rmse_before
+        return after is None or bool(np.any(after < (1.0 - CHANGES) * before))
+
+    def helped_by(self, found: Finding | Retune) -> str:
+        """Say beside what else something helps that lowers no error by itself, and the
+        errors of the joint that gains most; "" where no single other one is known."""
+        other, joint = self._companion(found)
+        if other is None:
+            return ""
+        both, without = (self.error_with(x) for x in ((found, other), (other,)))
+        assert both is not None  # or it would be no companion
+        assert without is not None
+        errors = [formatting.number(float(x[joint - 1])) for x in (both, without)]
+        unit = self.torque_unit(joint)
+        return (
+            f"{self.companion_in_words(found)}: with both joint {joint}'s error is"
+            f" {errors[0]} {unit}, and {errors[1]} {unit} without it"
+        )
+
+    def companion_in_words(self, found: Finding | Retune) -> str:
+        """Name beside what something helps that lowers no error by itself; "" where no
+        single other one is known."""
+        other, _ = self._companion(found)
+        if other is None:
+            return ""
+        name = named_on_joints([other])
+        again = ", estimated again" if isinstance(other, Retune) else ""
+        return f"helps beside {name}{again}, not by itself"
+
+    def _companion(
+        self, found: Finding | Retune
+    ) -> tuple[Finding | Retune | None, int]:
+        """Return which other one that helps something needs, which lowers no error by
+        itself, and the joint (from 1) that gains most: the error with both is lower than
+        that of the model and that with the other alone. None, 0 without one."""
+        before = self.held_out_rmse_before
+        scale = before if self.known_floor is None else self.known_floor
+        largest, companion, joint = 0.0, None, 0
+        for other in () if self._helps_alone(found) else self.helpful:
+            both, alone = (self.error_with(x) for x in ((found, other), (other,)))
+            if other is found or both is None or alone is None:
+                continue
+            least = np.minimum(before, alone)
+            does_gain = both < (1.0 - CHANGES) * least
+            falls = np.where(does_gain, least - both, 0.0) / nonzero_or_one(scale)
+            if falls.max() > largest:
+                largest, companion = float(falls.max()), other
+                joint = int(falls.argmax()) + 1
+        return companion, joint
 
     def only_in_sum(self, finding: Finding) -> tuple[Finding, ...]:
         """The findings of which these runs show the sum alone, this one among them; none
@@ -1411,7 +1487,7 @@ class Diagnosis(Record, JsonRecord):
         for finding in self.effects:
             rivals = ", ".join(finding.indistinguishable_from)
             rows.append((finding.text, finding.size_text, finding.rating, rivals))
-        rows += [(r.text, r.explanation, r.rating, "") for r in self.retuned]
+        rows += [(r.text, r.in_words, r.rating, "") for r in self.retuned]
         heads = ("effect", "size", "confidence", "indistinguishable from")
         return Table(heads, rows, words=(0, 1, 2, 3))
 
@@ -1497,11 +1573,11 @@ class Retune(ShapeEstimate, Rated):
 
     #: "confident" or "weak".
     confidence: str
-    #: Error of the joint on data left out, with the model's value [N m or N].
+    #: Error of the joint on data left out, of the model as it is [N m or N].
     rmse_before: float
-    #: The same, with the new value.
+    #: The same, with the new value and nothing else.
     rmse_after: float
-    #: Both values and both errors, in a sentence.
+    #: Both values, in a sentence.
     explanation: str
     #: Reasons for doubt.
     doubts: tuple[Doubt, ...] = ()
@@ -1516,6 +1592,12 @@ class Retune(ShapeEstimate, Rated):
         """The constant and its place, such as "Coulomb friction, joint 7: v_s"."""
         name = formatting.sentence(effect_name(self.effect))
         return f"{name}, joint {self.joint}: {self.shape}"
+
+    @property
+    def in_words(self) -> str:
+        """Both values, and what the new one does to the error, in a clause."""
+        change = formatting.change_of(self.rmse_before, self.rmse_after)
+        return f"{self.explanation}; error on data left out: {change}"
 
     @property
     def remedy(self) -> Remedy:

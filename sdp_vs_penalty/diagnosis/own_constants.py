@@ -34,7 +34,6 @@ from sdp_vs_penalty.estimation.shapes import (
     changed_constant_in_words,
     with_shapes,
 )
-from sdp_vs_penalty.formatting import change_of
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -228,6 +227,6 @@ def retune(
         confidence="weak" if doubts else "confident",
         rmse_before=was,
         rmse_after=now,
-        explanation=f"{change}; error on data left out: {change_of(was, now)}",
+        explanation=change,
         doubts=tuple(doubts),
     )

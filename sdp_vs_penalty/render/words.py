@@ -186,6 +186,8 @@ def _brief_gain(finding: Finding, diagnosis: Diagnosis) -> str:
     joint = finding.main_joint
     before, after = (float(rmse[joint - 1]) for rmse in diagnosis.errors_of(finding))
     text = _fall(joint, before, after, diagnosis)
+    if beside := diagnosis.companion_in_words(finding):
+        return f"{text}; {beside}"
     with_all = float(diagnosis.held_out_rmse_with_helpful[joint - 1])
     if after > (1.0 - MINOR) * before and finding in diagnosis.helpful:
         text += f"; with all that helps {formatting.change_of(before, with_all)}"
@@ -335,12 +337,17 @@ def describe_constant(constant: Retune, diagnosis: Diagnosis) -> FindingWords:
     """
     doubt = doubt_of(constant)
     errors = constant.rmse_before, constant.rmse_after
+    gain = _fall(constant.joint, *errors, diagnosis)
+    physics = f"Re-estimated constant: {constant.in_words}."
+    if helped := diagnosis.helped_by(constant):
+        gain = f"{gain}; {diagnosis.companion_in_words(constant)}"
+        physics = f"{physics} It {helped}."
     return FindingWords(
         title=f"{plain_name(constant.effect)} of joint {constant.joint}, estimated again",
         rating=constant.rating,
         badge=constant.badge,
-        brief_gain=_fall(constant.joint, *errors, diagnosis),
-        physics=f"Re-estimated constant: {constant.explanation}.",
+        brief_gain=gain,
+        physics=physics,
         doubt=doubt,
         evidence=_against(doubt),
     )

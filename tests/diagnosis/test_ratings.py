@@ -222,6 +222,48 @@ def test_what_is_sure_is_added_together():
     assert [f.effect for f in diagnosis(useless, one, two).sure] == ["backlash"] * 2
 
 
+def test_a_constant_is_judged_beside_the_model_that_findings_are():
+    """One error of a joint before, whatever is changed."""
+    shape = ShapeEstimate("coulomb_friction", 3, "v_s", 0.01, 0.02)
+    fall = {"rmse_before": 0.2, "rmse_after": 0.1, "explanation": "it is wider"}
+    constant = Retune(**vars(shape), confidence="confident", **fall)
+    found = replace(diagnosis(finding("stiction", 3)), retuned=(constant,))
+    assert (constant,) in found.additions
+    found = found.with_errors({(constant.text,): np.full(7, 1.5)})
+    scaled = found.with_judged_errors(np.full(7, 4.0), np.full(7, 1.0))
+    for judged, before, after in ((found, 2.0, 1.5), (scaled, 4.0, 3.0)):
+        (own,) = judged.retuned
+        assert (own.rmse_before, own.rmse_after) == (before, after)
+        words = describe_diagnosis(judged, ["N m"] * 7)
+        assert words.constants[0].brief_gain.endswith(", -25 %")
+        assert "error on data left out: -25 %." in words.constants[0].sentences
+
+
+def test_what_helps_beside_another_one_alone_says_which():
+    """The error with both is lower than that of the model, and than with the other."""
+    before = np.full(7, 2.0)
+    first, second, third = (finding("stiction", joint) for joint in (1, 2, 3))
+    found = diagnosis(first, second, third)
+    alone = {(first.text,): 1.01 * before, (second.text,): before - np.eye(7)[1]}
+    alone |= {(third.text,): before - np.eye(7)[2]}
+    found = found.with_errors(alone)
+    assert found.pairs_to_try == [(first, second), (first, third)]
+    pairs = {(first.text, second.text): alone[(second.text,)]}
+    assert found.with_errors(alone | pairs).helped_by(first) == ""
+    pairs |= {(first.text, third.text): before - np.eye(7)[2] - 0.5 * np.eye(7)[0]}
+    found = found.with_errors(alone | pairs)
+    assert found.helped_by(first) == (
+        "helps beside stiction on joint 3, not by itself: with both joint 1's error is 1.5"
+        " N m or N, and 2 N m or N without it"
+    )
+    assert found.helped_by(second) == ""
+    words, *_ = describe_diagnosis(found, ["N m"] * 7).findings
+    assert words.brief_gain.endswith(
+        "; helps beside stiction on joint 3, not by itself"
+    )
+    assert found.helped_by(first) in words.gain
+
+
 def test_the_cause_of_the_whole_robot_names_no_joint():
     tilt = finding("base_tilt", 1, joints=(), held_out_rmse_before=np.full(7, 3.0))
     assert diagnosis(tilt).cause == "The robot errs: base tilt (confident)."
