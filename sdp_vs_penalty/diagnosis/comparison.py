@@ -217,8 +217,9 @@ class Comparison(Record):
     @fact("", digits=9)
     def worst_joint(self) -> int:
         """The joint (from 1) whose error is the most times its noise; without a noise
-        floor the one that errs by the largest share of its torque."""
-        return self.errors.worst_of(range(1, len(self.rmse) + 1))
+        floor the one that errs by the largest share of its torque. Of a model that is not
+        to be used the joint for which it is not."""
+        return self.errors.worst_joint
 
     @fact("%", column="arm's error [% of torque]")
     def relative_error(self) -> float:
@@ -229,7 +230,7 @@ class Comparison(Record):
     def largest_error(self) -> str:
         """The largest error over noise, and that error with its joint; without a noise
         floor the error of the joint that errs most."""
-        joint = self.worst_joint
+        joint = self.errors.worst_of(range(1, len(self.rmse) + 1))
         unit = plain_unit(self.estimate.torque_units[joint - 1])
         error = f"{number(float(self.rmse[joint - 1]))} {unit}, joint {joint}"
         largest = self.largest_error_over_noise

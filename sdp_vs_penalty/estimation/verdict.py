@@ -393,11 +393,38 @@ class ErrorsBesideNoise:
 
     def worst_of(self, joints: Sequence[int]) -> int:
         """Return which of these joints (from 1) errs most: by the most times its noise,
-        or, without a noise floor, by the largest share of its torque. Every text names
-        that one."""
+        or, without a noise floor, by the largest share of its torque."""
+        return max(joints, key=lambda joint: float(self._sizes[joint - 1]))
+
+    @property
+    def _sizes(self) -> Array:
+        """(n,) errors in the measure by which joints are compared."""
         over = self.over_noise
-        errors = self.beyond_noise if over is None else over
-        return max(joints, key=lambda joint: float(errors[joint - 1]))
+        return self.beyond_noise if over is None else over
+
+    @property
+    def worst_joint(self) -> int:
+        """The joint (from 1) that errs most; where some make a model unusable, the one of
+        these. Every text names that one."""
+        return self.worst_of(self.unusable or range(1, len(self.rmse) + 1))
+
+    @property
+    def size(self) -> float:
+        """The largest error of a joint, by which models of the same runs are compared: in
+        multiples of its noise, without a noise floor in % of its torque; 0 where all
+        errors count as noise."""
+        return float(self._sizes.max()) if self.exceeds_noise.any() else 0.0
+
+    @property
+    def size_in_words(self) -> str:
+        """The error of the joint that errs most, by the measure that it is graded by, as it
+        stands beside a grade."""
+        if not self.exceeds_noise.any():
+            return "within noise"
+        worst = self.worst_joint
+        if self.over_noise is None or worst in self.unusable:
+            return f"{number(float(self.beyond_noise[worst - 1]))} % of its torque"
+        return f"{number(float(self._sizes[worst - 1]))} times its noise"
 
     @property
     def graded_share(self) -> Array:
@@ -411,12 +438,6 @@ class ErrorsBesideNoise:
         """The joints (from 1) whose error is over NO_MODEL of their torque."""
         is_unusable = ~(self.graded_share <= NO_MODEL)
         return (np.flatnonzero(is_unusable) + 1).tolist()
-
-    @property
-    def of_torque(self) -> str:
-        """The largest of these shares in words, as it stands beside a grade."""
-        share = float(self.graded_share.max())
-        return f"{number(share)} % of torque" if share > 0.0 else "within noise"
 
     def words(self, joint: int) -> str:
         """Return the error of a joint (from 1) in its unit, in multiples of its noise
@@ -469,8 +490,7 @@ class ErrorsBesideNoise:
 
     def share_in_words(self) -> str:
         """Say which joints are unusable, and by how much the worst one errs."""
-        joints = self.unusable
-        worst = self.worst_of(joints)
+        joints, worst = self.unusable, self.worst_joint
         text = self.joint_errs(worst)
         others = [joint for joint in joints if joint != worst]
         if others:
@@ -504,7 +524,7 @@ def _fit(errors: ErrorsBesideNoise, source: str, is_worse_than_constant: Mask) -
         sentence = errors.share_in_words()
         sentence += f"; {NOISE_UNKNOWN}" if over is None else ""
     else:
-        worst = errors.worst_of(range(1, len(errors.rmse) + 1))
+        worst = errors.worst_joint
         sentence = errors.joint_errs(worst)
         if over is not None and over[worst - 1] <= ABOVE_NOISE:
             grade = "good"

@@ -1400,17 +1400,13 @@ def _files_judged(
 
 
 def _error_of(compared: Comparison) -> Answer:
-    """Return the number that decides a model's use ("share", the largest of its joints [%
-    of torque]), the same in words ("error"), and which joint that is ("worst")."""
+    """Return the largest error of a joint, by which models are compared ("size"), that of
+    the joint that errs most beside a grade ("error"), and in a sentence ("worst")."""
     errors = compared.errors
-    shares = errors.graded_share
     worst = words.describe_worst(compared, "")
-    if shares.any():
-        joint = int(shares.argmax()) + 1
-        worst = f"Joint {joint} errs by {errors.words(joint)}."
     if errors.kind:  # a model and its files are judged on the same
         worst = worst.replace(f", {errors.kind}", "")
-    return {"share": float(shares.max()), "error": errors.of_torque, "worst": worst}
+    return {"size": errors.size, "error": errors.size_in_words, "worst": worst}
 
 
 def _curves_of_run(estimate: Estimate, arm: Estimate, rows: Rows) -> dict[str, Any]:

@@ -25,8 +25,6 @@ from sdp_vs_penalty.signals.noise import said_before
 
 #: Colours of grades that are not called like these.
 _LEVELS = {"do not use": "bad"}
-#: End of an error that a grade is decided by.
-_OF_TORQUE = " of torque"
 #: So many times the error of the runs that a model is from: something has changed since.
 CHANGED = 5.0
 
@@ -93,8 +91,9 @@ class ModelStep(JsonRecord):
     findings_added: str | list[int] | None = None
     #: Whether the others were held when effects were added.
     frozen: bool = False
-    #: The number that decides its use ("share" of a joint's torque [%]), the same in words
-    #: ("error"), and the "worst" joint in words.
+    #: The largest error of a joint ("size", in multiples of its noise or % of its torque),
+    #: that of the joint that errs most beside a grade ("error"), and in a sentence
+    #: ("worst").
     errors: dict[str, Any] = field(default_factory=dict)
     #: The same of the robot as its file states it; empty for servos.
     factory: dict[str, Any] = field(default_factory=dict)
@@ -139,12 +138,12 @@ class ModelStep(JsonRecord):
         both errors."""
         record = self.exported[file]
         errors = again.exported.get(file, again.errors)
-        before = record["error"].removesuffix(_OF_TORQUE)
+        before = record["error"]
         done = f"Identified again without these: {before} → {errors['error']}."
         kept: dict[str, Any] = {"again": f"{done} Worse: the file stays as it was."}
-        if errors["share"] < record["share"]:
+        if errors.get("size", np.inf) < record.get("size", 0.0):
             kept = {
-                **{name: errors[name] for name in ("share", "error", "worst")},
+                **{name: errors[name] for name in ("size", "error", "worst")},
                 "again": f"{done} The file is made of that model.",
                 "model": Path(again.file).name,
                 "verdict": again.verdict_on(file).to_dict(),
@@ -162,9 +161,9 @@ class ModelStep(JsonRecord):
         known = {"the robot's own file as it came": self.factory}
         if first is not self:
             known["the model that you began with"] = first.errors
-        limit = errors.get("share", 0.0) / (1.0 + CHANGES)
+        limit = errors.get("size", 0.0) / (1.0 + CHANGES)
         for name, other in known.items():
-            if other.get("share", np.inf) < limit:  # none in files of older versions
+            if other.get("size", np.inf) < limit:  # none in files of older versions
                 return f"Worse than {name} ({other['error']})."
         return ""
 
@@ -198,8 +197,8 @@ class ModelStep(JsonRecord):
     @property
     def _lesser(self) -> list[str]:
         """The files of `export` that err more than the model."""
-        most = (1.0 + CHANGES) * self.errors.get("share", np.inf)
-        return [x for x, held in self.exported.items() if held.get("share", 0.0) > most]
+        most = (1.0 + CHANGES) * self.errors.get("size", np.inf)
+        return [x for x, held in self.exported.items() if held.get("size", 0.0) > most]
 
     @property
     def headline(self) -> str:

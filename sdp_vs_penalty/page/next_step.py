@@ -83,7 +83,9 @@ def next_step(view: View) -> NextStep:
         if changed := changes_of_data_in_words(view.session):
             number = step.number and f"{step.number.rstrip('.')}. "
             figure = step.figure if number else ("check", "check")
-            step = replace(step, number=f"{number}{changed}", figure=figure)
+            number = f"{number}Judged with the data changed."
+            more = _sentences(step.more, changed)
+            step = replace(step, number=number, more=more, figure=figure)
         is_computed = any(run.get("rougher") for run in view.session.runs)
         said = "The torque was computed by a controller, not measured. "
         return (
@@ -94,6 +96,11 @@ def next_step(view: View) -> NextStep:
     line = re.sub(r" [(][^)]*[)]", "", step.text).partition(". ")[0].rstrip(".")
     end = "" if line.endswith("?") else "."
     return replace(step, text=f"{line}{end}", more=step.text)
+
+
+def _sentences(*texts: str) -> str:
+    """Return several texts as one, each with a stop at its end."""
+    return " ".join(f"{text.rstrip('.')}." for text in texts if text)
 
 
 #: Characters of a verdict that stands in view as it is; the rest of a longer one is
@@ -257,18 +264,21 @@ def _of_model(view: View) -> NextStep:
     of_model = identified(session)
     assert of_model is not None  # there is a model
     level = of_model.level
-    text = f"{of_model.word}. {of_model.text}"
-    of_noise = re.search(r"; (the noise is from[^.;]*)", text)
+    headline, more = of_model.text, ""
+    if of_noise := re.search(r"; (the noise is from[^.;]*)", headline):
+        headline = headline.replace(of_noise[0], "")
+        more = f"{formatting.sentence(of_noise[1])}."
+    text = f"{of_model.word}. {headline}"
     number = formatting.sentence(f"measured {measured_on(session)}")
-    if added := _taken(session):
+    if len(session.history) > 1:
+        below, step = session.history[-2:]
+        errors = [x.comparison["rmse"] for x in (below, step)]
+        number = changes_in_words(session, below.worst_joint, *errors)
+        number = formatting.sentence(number)
         lesser = session.current.lesser_files(models_taken(session))
-        said = (added.rstrip("."), lesser.rstrip("."), arm_in_words(session))
-        number = ". ".join(filter(None, said))
+        more = _sentences(_added(session), lesser, arm_in_words(session), more)
     diagnosis = session.findings_of_current
-    known: dict[str, Any] = {"level": level, "number": number}
-    if of_noise:
-        text = text.replace(of_noise[0], "")
-        known["more"] = f"{formatting.sentence(of_noise[1])}."
+    known: dict[str, Any] = {"level": level, "number": number, "more": more}
     if len(session.history) == 1 and diagnosis is None:
         known["figure"] = "identify", "fit"
     is_first = len(session.history) == 1
@@ -296,12 +306,12 @@ def _of_model(view: View) -> NextStep:
             text = f"{of_model.word}. {graded(remedy.problem, remedy.certainty)}"
             do = partial(session.start, session.apply, change.to_dict())
             return NextStep(text, label_of(change.words), "check", do, **known)
-        known["more"] = spoken(diagnosis.cause)
-        known["number"] = f"{of_model.text} Measured {measured_on(session)}"
+        known["more"] = _sentences(spoken(diagnosis.cause), more)
+        known["number"] = f"{headline} Measured {measured_on(session)}"
         text = f"{of_model.word}. {_without_remedy(session, diagnosis)}"
         if level != "good":
             step = _curve_to_add(session, diagnosis) or _motion_to_record(view)
-            known["more"] = f"{known['more']} {step.text}"
+            known["more"] = _sentences(known["more"], step.text)
             label = "Choose other measurements"
             others = NextStep("", label, "measure", opens="drop-runs")
             known["other"] = others if level == "bad" else _report(view)
@@ -400,7 +410,7 @@ def _to_add(
     if texts and all(map(session.is_of_held_model, texts)):
         text = f"Since then changed, beside what the model has: {text}"
         return _identify_again(session, text, level, more)
-    numbers = [beside]
+    number = ""
     lacking = model.files_lacking(FILES, texts)
     is_idle = level == "good" and {*FILES} - {*lacking} == {"report.html", "model.json"}
     if remedy.before is not None and remedy.after is not None:
@@ -413,16 +423,14 @@ def _to_add(
         if over is not None and over[worst - 1] > ABOVE_NOISE:
             left = formatting.number(float(over[worst - 1]))
             number += f"; joint {worst} keeps {left} times its noise"
-        numbers.append(number)
-    if lacking:
-        numbers.append(f"No place for it in {formatting.words(lacking)}")
+    no_place = f"No place for it in {formatting.words(lacking)}" if lacking else ""
     do = partial(session.start, session.apply, change.to_dict())
     label = label_of(change.words)
     said: dict[str, Any] = {
         "text": text,
         "level": level,
-        "number": ". ".join(filter(None, numbers)),
-        "more": more,
+        "number": number,
+        "more": _sentences(more, beside, no_place),
     }
     if is_idle and "report.html" not in session.taken:
         other = NextStep("", f"Or {change.words}", "diagnose", do)
@@ -485,19 +493,13 @@ def _in_one_line(diagnosis: Diagnosis, texts: Collection[str]) -> tuple[str, str
     return main, f"Beside it: {listed}" * bool(listed)
 
 
-def _taken(session: Session) -> str:
-    """Say what the last step added, on the arm, and what that did to the error; "" for a
-    first model."""
-    if len(session.history) == 1:
-        return ""
-    below, step = session.history[-2:]
-    before, after = (x.comparison["rmse"] for x in (below, step))
-    change = changes_in_words(session, below.worst_joint, before, after)
-    change = formatting.sentence(change)
+def _added(session: Session) -> str:
+    """Say what the last step added, on the arm; "" for what no diagnosis found."""
     diagnosis = session.findings
-    texts = _in_one_line(diagnosis, step.added) if diagnosis else ()
-    added = [formatting.sentence(text.rstrip(".")) for text in texts if text]
-    return ". ".join(["Added", *added, change] if added else [change])
+    added = session.current.added
+    texts = filter(None, _in_one_line(diagnosis, added) if diagnosis else ())
+    sentences = _sentences(*map(formatting.sentence, texts))
+    return f"Added: {sentences}" if sentences else ""
 
 
 def _decided_joints(remedy: Mapping[str, Any]) -> set[int]:

@@ -261,14 +261,11 @@ def measured_on(session: Session, names_runs: bool = False) -> str:
 def changes_in_words(
     session: Session, worst: int, before: Sequence[float], after: Sequence[float]
 ) -> str:
-    """Say how the errors (n,) [N m, N] change of the joint that errs most, ``worst`` (from
-    1), and of the one that gains most, and what they are measured on."""
+    """Say how the error (n,) [N m, N] changes of the joint that errs most before, ``worst``
+    (from 1), and what it is measured on; where that does not gain, of the one that gains
+    most too."""
     comparison = session.current.comparison
-    was, now = np.array(before), np.array(after)
     floor = comparison["noise_floor"]
-    most = int(
-        np.argmax((was - now) / nonzero_or_one(floor or comparison["torque_rms"]))
-    )
 
     def change_of(joint: int) -> str:
         errors = [before[joint - 1], after[joint - 1]]
@@ -276,15 +273,17 @@ def changes_in_words(
         amounts = formatting.amounts(errors, unit)
         return f"{amounts} ({formatting.change_of(*errors)})"
 
-    of_worst, of_most = f"worst joint {worst}", ""
-    if most != worst - 1 and now[most] < was[most]:
-        of_most = f"; joint {most + 1} gains most: {change_of(most + 1)}"
+    was, now = np.array(before), np.array(after)
     does_gain = now[worst - 1] < (1.0 - CHANGES) * was[worst - 1]
     verb = "'s error" if does_gain else " does not gain"
-    is_below = floor is not None and was[worst - 1] < floor[worst - 1]
-    bound = "; that cannot be told from the noise" if is_below else ""
-    said = f"{of_worst}{verb}: {change_of(worst)}{bound}{of_most}"
-    return f"{said}, {measured_on(session)}"
+    text = f"joint {worst}{verb}: {change_of(worst)}"
+    if floor is not None and was[worst - 1] < floor[worst - 1]:
+        text += "; that cannot be told from the noise"
+    falls = (was - now) / nonzero_or_one(floor or comparison["torque_rms"])
+    most = int(np.argmax(falls)) + 1
+    if not does_gain and most != worst and falls[most - 1] > 0.0:
+        text += f"; joint {most} gains most: {change_of(most)}"
+    return f"{text}, {measured_on(session)}"
 
 
 @dataclass(frozen=True)

@@ -109,6 +109,20 @@ def test_one_rule_says_which_joint_errs_most():
     assert unknown.worst_of([1, 2]) == 2
 
 
+def test_a_joint_that_makes_a_model_unusable_is_the_worst_one():
+    """Another one errs by more times its noise, and by little of its torque."""
+    torque = np.array([100.0, 0.4])
+    errors = ErrorsBesideNoise(RMSE, RMSE / (8.0, 4.0), torque, ("N*m", "N*m"))
+    assert errors.unusable == [2]
+    assert errors.worst_joint == 2
+    assert errors.size_in_words == "48.4 % of its torque"
+    usable = replace(errors, torque=100.0 * RMSE)
+    assert usable.worst_joint == 1
+    assert usable.size_in_words == "8 times its noise"
+    assert replace(usable, floor=RMSE).size_in_words == "within noise"
+    assert replace(usable, floor=RMSE).size == 0.0
+
+
 def test_which_joint_errs_comes_before_what_is_in_doubt_of_the_log():
     doubted = verdict(floor=RMSE / 4.0, doubt="In doubt: torque sign.")
     assert doubted.lines[0].about == "the log"

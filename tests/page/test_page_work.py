@@ -1558,7 +1558,7 @@ def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(identified):
     s = identified
     do(s, lambda: s.add("joint_spring:1"))
     assert not s.current.is_refitted("robot.urdf")  # which errs no more than the model
-    model = replace(s.current, errors={**s.current.errors, "share": 1.0})
+    model = replace(s.current, errors={**s.current.errors, "size": 1.0})
     s.history = [*s.history[:-1], model]
     assert "joint spring" in model.exported["robot.urdf"]["lost"]
     before = model.verdict_on("robot.urdf")
@@ -1571,14 +1571,14 @@ def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(identified):
     screen.click("take-robot.urdf")
     again, record = s.current, s.current.exported["robot.urdf"]
     assert replace(again, exported=model.exported) == model
-    assert record["share"] < model.exported["robot.urdf"]["share"]
+    assert record["size"] < model.exported["robot.urdf"]["size"]
     assert f"→ {record['error']}. The file is made" in screen.text("take-away")
     assert "for-robot.urdf.json" in s.commands()[-2]
     assert screen.at("take-robot.urdf").text == "Download"
     verdict = again.verdict_on("robot.urdf").brief()
     assert verdict in (s.folder / "robot.urdf").read_text()
     error = model.exported["robot.urdf"]["error"]
-    before_and_after = f"{error.removesuffix(' of torque')} → {error}"
+    before_and_after = f"{error} → {error}"
     assert model.beside("robot.urdf", model).exported["robot.urdf"] == {
         **model.exported["robot.urdf"],
         "again": f"Identified again without these: {before_and_after}. Worse: the file"
@@ -1586,8 +1586,8 @@ def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(identified):
     }
     s.undo()
     assert s.current is model
-    good = {"share": 0.0, "error": "within noise"}
-    poor = replace(model, factory=good, errors={**model.errors, "share": 1.0})
+    good = {"size": 0.0, "error": "within noise"}
+    poor = replace(model, factory=good, errors={**model.errors, "size": 1.0})
     s.history = [*s.history[:-1], poor]
     text = Screen(s).text("take-away")
     for name in ("model.h", "robot.urdf"):  # a badge has the grade that the file says

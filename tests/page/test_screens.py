@@ -124,10 +124,10 @@ def test_one_grade_everywhere_and_no_stale_sentence(story):
                 assert said, (step, stage)
         assert "Missing:" not in now["diagnose"]  # the cause stands in view
     assert story.session.current.verdict.grade == "good"
-    # A URDF does not hold what was added: of the files not each is good.
+    # A URDF does not hold what was added: it says so itself, and the mark is the model's.
     assert "Files that cannot hold all of it err more" in story.said["added"]["next"]
     assert "No place for it in" in story.said["found"]["next"]
-    for stage, level in {"identify": "good", "use": "usable"}.items():
+    for stage, level in {"identify": "good", "use": "good"}.items():
         marks = {
             c
             for e in story.screen.under()
@@ -246,7 +246,9 @@ def test_a_model_of_which_nothing_is_found_keeps_its_reason(story, monkeypatch, 
     step = next_step(story.screen.view)
     assert "no effect of the library explains it" in step.text
     assert "Nothing was found" in step.more
-    assert identified(session).text[:-1] in step.number
+    error, *noise = identified(session).text.rstrip(".").split("; the noise")
+    assert error in step.number
+    assert all(text in step.more for text in noise)
 
 
 @pytest.mark.parametrize(
@@ -271,7 +273,7 @@ def test_the_next_step_is_as_sure_of_a_finding_as_its_card(
 def test_without_a_noise_a_chip_names_its_measure(story):
     """That of the verdict: the joint that errs most."""
     judged = replace(story.judged[0], noise_floor=None)
-    error = f"{number(judged.error_beyond_noise.max())} % of torque"
+    error = f"{number(judged.error_beyond_noise.max())} % of its torque"
     assert jobs._error_of(judged)["error"] == error
 
 

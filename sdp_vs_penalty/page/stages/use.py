@@ -175,20 +175,17 @@ def forward(view: View) -> None:
 
 
 def _used(session: Session) -> StageVerdict | None:
-    """Return the verdict on the files that a person took, or, before that, on those that
-    are offered first."""
+    """Return the verdict on the model, and on the files of it that a person took."""
     verdict = identified(session)
     if verdict is None:
         return None
-    names = models_taken(session)
-    model = session.current
+    model, names = session.current, sorted(session.taken & _MODELS)
     levels = {level_of(model.verdict_on(name).grade) for name in names}
-    level = levels.pop() if len(levels) == 1 else "usable"
-    if level == verdict.level:
+    if levels <= {verdict.level}:
         return verdict
+    level = levels.pop() if len(levels) == 1 else "usable"
     word = f"{verdict.word}, not in every file"
-    text = "" if model.added else model.lesser_files(names)  # stands in view
-    return replace(verdict, level=level, word=word, text=text)
+    return replace(verdict, level=level, word=word, text=model.lesser_files(names))
 
 
 USE = Stage("use", "Use", "Identify a model first.", (take_away, forward), _used)
