@@ -229,7 +229,7 @@ def _facts_of(problem: Problem, run: Measurements, only_sure: bool = False) -> R
             issues += stuck.find_bad_torque_channels(glance)
             issues += magnitude.find_magnitudes(glance)
             issues += magnitude.find_model_torques(glance)
-            if not work.torque_unit:
+            if not work.is_unit_stated:
                 issues += channels.find_torques_in_counts(glance)
         if not rules_out(NO_DYNAMICS, issues):
             issues += channels.find_coarse_sampling(glance)

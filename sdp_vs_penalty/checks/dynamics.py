@@ -38,6 +38,7 @@ from sdp_vs_penalty.checks.residual import (
     unrelated_torque,
 )
 from sdp_vs_penalty.checks.torque_size import (
+    gains_by_size,
     kind_of_torque,
     not_in_newton_metres,
     torque_magnitude,
@@ -180,8 +181,9 @@ class LoggerJudge:
         is_rated = "torque in counts" in facts  # each channel has a size of its own
         size = []
         first = self.reports[0].repaired_all
-        if first.torque_unit:
-            size = [not_in_newton_metres(first)]
+        if first.is_unit_stated:
+            gains = gains_by_size(self.common, net, first.torque_unit)
+            size = [not_in_newton_metres(first, gains)]
         elif not is_rated:
             # Runs that differ from the others have issues of their own: they are left out.
             parts = [claim.hypothesis.part for claim in verdict.differences()]

@@ -40,6 +40,11 @@ _TENTHS = {"kgf cm": NAMED["kgfcm"], "lbf in": NAMED["lbfin"]}
 _OF_CURRENTS = 300.0
 #: What stands for the share of effort limits where there are none.
 _NO_LIMIT = -1.0
+#: What is done where no drive gain is known.
+_BY_MASSES = (
+    "; where these are unknown, by gains that fit the robot's masses: the model's kilograms"
+    " are then no surer than those"
+)
 _CORRECT_MASSES = "if right, correct the problem's masses"
 
 
@@ -231,9 +236,7 @@ def _issues_of_size(
         remedy="log the measured joint torque: neither masses nor inertias can be"
         " identified from this",
     )
-    # Friction, which can be most of the torque, is projected out.
-    pair = np.stack([log.channels(repair), log.nominal(repair).T], axis=2)
-    torques, nominal = np.moveaxis(log.rows(repair).project_out_own(pair), 2, 0)
+    torques, nominal = _torques_without_friction(log, repair)
     if _resembles(torques.T, nominal.T) < c.RESEMBLES:
         yield external(
             f"{are}they do not follow the arm's weight and inertia: what is left where a"
@@ -253,15 +256,56 @@ def _issues_of_size(
             certainty=likely("by their size, and by what the arm's dynamics leave"),
         )
         return
+    gains = gains_by_size(log, repair)
     yield of_size(
         "torque channel kind",
         f"{are}they are motor currents, or torques on the motor side of the gear. A model"
         " of them is unscaled: its ratios are right, its kilograms are not.",
-        remedy="multiply each channel by its drive gain (N m per A, gear ratio included);"
-        f" {_CORRECT_MASSES}",
-        changes=by_unit,
+        remedy="multiply each channel by its drive gain (N m per A, gear ratio included)"
+        f"{_BY_MASSES if gains else ''}; {_CORRECT_MASSES}",
+        changes=(*by_unit, *gains),
         certainty=_BY_SIZE,
     )
+
+
+def gains_by_size(
+    log: Likelihood, repair: LogTransform, unit: str = "A"
+) -> tuple[Change, ...]:
+    """Return the reading of all torques by the gains with which they have the size that an
+    arm of the problem's masses needs, friction apart.
+
+    The channels' ratios are those of the repair; the common size is the masses'. Empty where
+    the masses are unknown, or the torques do not follow the arm's dynamics.
+    """
+    problem = log.problem
+    if problem.prior_links[:, 0].sum() <= 0.0 or np.all(problem.guessed_links):
+        return ()
+    torques, needed = _torques_without_friction(log, repair)
+    size = float(np.sum(torques * needed) / at_least_tiny(np.sum(torques**2)))
+    if size <= 0.0 or _resembles(torques.T, needed.T) < c.RESEMBLES:
+        return ()
+    gains = np.empty(log.n)
+    gains[list(repair.tau_order)] = size * np.abs(repair.torque_factors)
+    texts = [f"{gain:.3g}" for gain in gains]
+    is_slide = [joint.kind == "prismatic" for joint in problem.robot.joints]
+    units = ["N" if slides else "N m" for slides in is_slide]
+    listed = texts if len({*texts}) > 1 else texts[:1]
+    per = f"{' or '.join(dict.fromkeys(units))} per {unit}"
+    words = (
+        f"multiply tau by {formatting.words(listed)} {per}, to fit the robot's masses"
+    )
+    return (Change("read", words, {"scale": {"tau": ":".join(texts)}}),)
+
+
+def _torques_without_friction(
+    log: Likelihood, repair: LogTransform
+) -> tuple[Array, Array]:
+    """Return the torques (n, M) and those of a nominal arm, where joints slide, without the
+    friction that can be most of them."""
+    nominal = log.torque_mask(repair) * log.nominal(repair).T
+    pair = np.stack([log.channels(repair), nominal], axis=2)
+    torques, needed = np.moveaxis(log.rows(repair).project_out_own(pair), 2, 0)
+    return torques, needed
 
 
 def _small_units(size: _Size) -> list[str]:
@@ -274,9 +318,9 @@ def _small_units(size: _Size) -> list[str]:
     ]
 
 
-def not_in_newton_metres(run: Measurements) -> Issue:
+def not_in_newton_metres(run: Measurements, gains: Sequence[Change]) -> Issue:
     """Return the warning that torques are in the unit that their columns say, "A" or
-    "%", and that only the user knows how many N m it is."""
+    "%", and that only the user knows how many N m it is; ``gains`` : :func:`gains_by_size`."""
     unit, said, sure = run.torque_unit, "as their columns say", READ
     if UNSAID_CURRENT in run.reading:
         said = "or raw: their names say a current, and no unit"
@@ -287,9 +331,10 @@ def not_in_newton_metres(run: Measurements) -> Issue:
         " unscaled: its ratios are right where all channels have one factor, its"
         " kilograms are not.",
         certainty=sure,
-        remedy=f"multiply each channel by its N m per {unit}, gear ratio included",
+        remedy=f"multiply each channel by its N m per {unit}, gear ratio included"
+        f"{_BY_MASSES if gains else ''}",
         where="all torque channels",
-        changes=_scales(["tau"]),
+        changes=(*_scales(["tau"]), *gains),
     )
 
 

@@ -47,6 +47,8 @@ def _as_numbers(name: str, value: Any) -> Array:
     raise InputError(f"{name} holds {what}, not numbers", f"give it as {unit}")
 
 
+#: Unit of torques that are used as they are logged, where nobody has named their unit.
+UNNAMED_UNIT = "raw units"
 #: Fields of measurements that are a number or n numbers a sample.
 _CHANNELS = ("t", "q", "tau", "dq", "temperature")
 #: Those, and what counts a sample.
@@ -84,7 +86,8 @@ class Measurements(Shown):
     joint_names : tuple of str
         What the file calls the joints, if it does and has just been read.
     torque_unit : str
-        Unit of ``tau`` where the file says that it is no torque, such as "A".
+        Unit of ``tau`` where the file says that it is no torque, such as "A", or
+        UNNAMED_UNIT.
     reading : str
         What the columns of another program's log were taken for, one sentence; "" where
         names were ours.
@@ -194,6 +197,11 @@ class Measurements(Shown):
         its place, or zeros."""
         fields = _fields_of(groups)
         return cls(t, run=run, names=names, torque_unit=torque_unit, **fields)
+
+    @property
+    def is_unit_stated(self) -> bool:
+        """Whether somebody says the unit of ``tau``, which is no torque's."""
+        return self.torque_unit not in ("", UNNAMED_UNIT)
 
     def with_channels(self, t: Array, groups: Arrays) -> Measurements:
         """Return the same samples with other channels (N, n), by their names in

@@ -94,11 +94,13 @@ class Conclusion:
         fit = search.score.fit(search.terms, search.fit)
         contradicted = contradicted_by_sliding(self.data, fit, search.terms)
         findings = []
+        stated = self.explanation.estimate.provenance.get("torque_unit", "")
         for term, size, step, sticks in zip(
             search.terms, sizes, steps, contradicted, strict=True
         ):
             judged = Judged(search, term, size, np.array(step), self.curves, sticks)
-            findings.append(describe_finding(judged, reasons_for_doubt(judged)))
+            found = describe_finding(judged, reasons_for_doubt(judged))
+            findings.append(found.in_unit(stated))
         return findings
 
     @cached_property

@@ -28,6 +28,7 @@ from sdp_vs_penalty.effects.written import read_effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import CHANGES, NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
+from sdp_vs_penalty.estimation.uncertainty import unit_by
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
 from sdp_vs_penalty.files import read_json, require_format
 from sdp_vs_penalty.formatting import plain_unit
@@ -233,6 +234,15 @@ class Finding(Rated):
     #: Number in the diagnosis, from 1, which sets it; 0 for a finding of none.
     number: int = field(default=0, compare=False)
 
+    def in_unit(self, torque: str) -> Finding:
+        """Return the same with its sizes in another unit of torque, such as "A"; "" leaves
+        it as it is."""
+        if not torque:
+            return self
+        has_torque = "N*m" in self.unit or self.unit.startswith("kg")
+        unit = unit_by(self.unit, torque) if has_torque else self.unit
+        return replace(self, unit=unit, torque_unit=torque)
+
     @property
     def size_text(self) -> str:
         """The size with its 95 % interval, such as "3.12 ± 0.49 N m (95 %)".
@@ -340,6 +350,7 @@ class Finding(Rated):
             shape=self.shape,
             digits=formatting.digits_beside(self.size, self.half_width_95),
             half_width=self.half_width_95,
+            torque_unit=plain_unit(self.torque_unit),
         )
         said = on_the_arm(fitted)
         # A gain that is 1 % off makes a mass 1 % off, which its interval leaves out.

@@ -59,6 +59,10 @@ class TorqueGain(JointEffect):
         " inertia."
     )
     on_the_arm = "the torque reading of {joint} is {share} too {sign:large|small}"
+    on_the_arm_unscaled = (
+        "{joint} has another drive gain: for a torque its channel reads {share}"
+        " {sign:more|less} than those of the other joints"
+    )
     seen_against = "modelled torque"
     reference = "Gautier, Briot, ASME J. Dynamic Systems 2014 (drive gains)"
     symbol = "g"

@@ -188,6 +188,8 @@ class Effect(ABC):
     #: What it is on the arm, for a mechanical engineer; ``plain_words`` says which
     #: fields it may have.
     on_the_arm: ClassVar[str] = ""
+    #: The same where torques are in a unit of the drives, such as A; "": no other.
+    on_the_arm_unscaled: ClassVar[str] = ""
     #: The cause against which a person sees its torque in a log: "velocity".
     seen_against: ClassVar[str] = ""
     #: What a simulator's file calls its parameters; "" where it has no place for them,

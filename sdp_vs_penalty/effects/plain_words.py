@@ -132,6 +132,8 @@ class FittedEffect:
     digits: int = 2
     #: Half the 95 % interval of the size, in ``unit``; 0 where it is not known.
     half_width: float = 0.0
+    #: Unit of the joint's torque, as sentences have it; "": N m, or N if it slides.
+    torque_unit: str = ""
 
 
 class _Sign:
@@ -166,6 +168,8 @@ def on_the_arm(fitted: FittedEffect) -> str:
     kind = EFFECTS.find(fitted.name)
     default = f"{{joint}} has {effect_name(fitted.name)} of {{size}}"
     sentence = (kind and kind.on_the_arm) or default
+    if kind and fitted.torque_unit not in ("", "N m", "N"):
+        sentence = kind.on_the_arm_unscaled or sentence
     return f"{ON_THE_ARM}{sentence.format(**_fields(fitted))}."
 
 
@@ -196,6 +200,7 @@ def _fields(fitted: FittedEffect) -> dict[str, object]:
     is_slide |= fitted.unit.startswith(("N/", "N*s", "N*("))
     # The joint (from 1) whose motion acts on this one; 0 for the neighbour.
     source = fitted.shape.get("i", 0.0)
+    torque = fitted.torque_unit or ("N" if is_slide else "N m")
     return {
         "joint": formatting.joints(fitted.joints) if fitted.joints else "the arm",
         "other": f"joint {source:.0f}" if source else "the joint beside it",
@@ -206,13 +211,13 @@ def _fields(fitted: FittedEffect) -> dict[str, object]:
         "share": with_interval(lambda x: formatting.percent(x, fitted.digits)),
         "time": with_interval(lambda x: formatting.milli(x, "s", 2)),
         "length": with_interval(lambda x: length_or_angle(x, is_slide)),
-        "torque": "N" if is_slide else "N m",
+        "torque": torque,
         "travel": length_or_angle(fitted.shape.get("d", 0.0), is_slide),
         "place": _place(fitted.shape, is_slide),
         "alpha": formatting.number(fitted.shape.get("alpha", 1.0), 2),
         "per_degree": ""
         if is_slide
-        else f" ({formatting.number(radians(size), 2)} N m for each degree)",
+        else f" ({formatting.number(radians(size), 2)} {torque} for each degree)",
         "waves": _waves(fitted.shape.get("k", 0.0), is_slide),
         "tilt": _tilt(fitted.parameters),
         "towards": _direction(fitted.parameters),

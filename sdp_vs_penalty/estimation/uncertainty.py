@@ -34,6 +34,7 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
+from sdp_vs_penalty.data.measurements import UNNAMED_UNIT
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95, POOLED, WIDTHS, WINDOW
@@ -395,10 +396,12 @@ def unit_by(unit: str, torque: str) -> str:
     """Return the unit of a parameter where torques are in another unit, such as "A".
 
     N*m becomes A. The unit of a link's parameter does not hold N*m: kg becomes
-    kg*A/(N*m).
+    kg*A/(N*m), or unscaled where nobody has named the torques' unit.
     """
     if "N*m" in unit:
         return unit.replace("N*m", torque)
+    if torque == UNNAMED_UNIT:
+        return f"unscaled {unit}"
     return f"{unit}*{torque}/(N*m)"
 
 

@@ -87,6 +87,8 @@ DOUBTS = frozenset(
         "masses of the problem",
     }
 )
+#: What a person calls some of them.
+_DOUBTS_IN_WORDS = {"torque channel kind": "the torques' unit"}
 
 
 @dataclass(frozen=True)
@@ -338,7 +340,7 @@ def doubt_of_log(checks: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     ]
     if not kinds:
         return ""
-    words = formatting.words(list(dict.fromkeys(kinds)))
+    words = formatting.words([_DOUBTS_IN_WORDS.get(x, x) for x in dict.fromkeys(kinds)])
     return f"In doubt: {words}; `check` says what to do."
 
 

@@ -253,7 +253,7 @@ def cause_chart(
     before, after = (
         Signals(*(read[x] for x in names)) for read in (reads[0], reads[-1])
     )
-    units = session.robot["units"]
+    units = session.torque_units
     plot = charts.cause_figure(
         before,
         after if len(reads) > 1 else None,

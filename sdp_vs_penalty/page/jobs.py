@@ -181,6 +181,7 @@ class JobRequest(dict[str, Any]):
             replace(
                 as_measurements(self.folder / run["file"], usable=False),
                 names=(run["name"],),
+                torque_unit=run.get("torque_unit", ""),  # older projects have none
             )
             for run in runs
         ]
@@ -1347,6 +1348,9 @@ def about(estimate: Estimate) -> dict[str, Any]:
         "bodies", "joints": the arm in 3D (:func:`drawn_arm`).
     """
     links = tables.link_table(estimate)
+    links_drawn: Any = estimate.links if len(estimate.model.rigid_indices) else []
+    if estimate.torque_units != estimate.robot.torque_units:  # they are not in kg
+        links_drawn = estimate.problem.nominal_links
     return {
         "parameters": tables.parameter_table(estimate.entries).to_dict(),
         "links": None if links is None else links.to_dict(),
@@ -1356,9 +1360,7 @@ def about(estimate: Estimate) -> dict[str, Any]:
             for c in friction_curves(estimate)
         ],
         "certificate": tables.certificate_table({"model": estimate}).to_dict(),
-        **drawn_arm(
-            estimate.robot, estimate.links if len(estimate.model.rigid_indices) else []
-        ),
+        **drawn_arm(estimate.robot, links_drawn),
     }
 
 

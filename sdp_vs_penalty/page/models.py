@@ -9,6 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.explain import NOT_REPAIRED
+from sdp_vs_penalty.data.measurements import UNNAMED_UNIT
 from sdp_vs_penalty.diagnosis.causes import TIME, VELOCITY
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, is_law_of
 from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES
@@ -215,6 +216,15 @@ class Models(RobotAndRuns):
         """
         title = "Identifying the model"
         self._begin(await self._fit(title, self.effects, label="identified"))
+
+    async def identify_without_units(self) -> None:
+        """Identify from torques as they are logged, in a unit that nobody has named: the
+        model's ratios are right, and its kilograms are none."""
+        unit = {"torque_unit": UNNAMED_UNIT}
+        runs = [run if run.get("torque_unit") else {**run, **unit} for run in self.runs]
+        title, label = "Identifying without units", "identified without units"
+        self._begin(await self._fit(title, self.effects, label=label, runs=runs))
+        self.runs = runs
 
     async def _fit(
         self, title: str, effects: Sequence[str], label: str = "", **details: Any

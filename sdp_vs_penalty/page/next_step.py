@@ -21,7 +21,7 @@ from sdp_vs_penalty.diagnosis.findings import (
 )
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.estimation.constants import CHANGES
-from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
+from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, LOG, over_noise
 from sdp_vs_penalty.page.model_step import joints_of
 from sdp_vs_penalty.page.models import MOTION
 from sdp_vs_penalty.page.run_issues import asks_for_unit, is_refused
@@ -80,6 +80,7 @@ def next_step(view: View) -> NextStep:
     """Return the verdict on a session, and its next step."""
     step = _find_step(view)
     if view.session.model is not None:
+        step = _with_doubt_of_log(view.session, step)
         if changed := changes_of_data_in_words(view.session):
             number = step.number and f"{step.number.rstrip('.')}. "
             figure = step.figure if number else ("check", "check")
@@ -101,6 +102,24 @@ def next_step(view: View) -> NextStep:
 def _sentences(*texts: str) -> str:
     """Return several texts as one, each with a stop at its end."""
     return " ".join(f"{text.rstrip('.')}." for text in texts if text)
+
+
+def _with_doubt_of_log(session: Session, step: NextStep) -> NextStep:
+    """Return a step with what the check leaves in doubt of the runs, until that is settled,
+    and the way there as the second choice where there is none."""
+    lines = session.current.verdict.lines
+    if session.is_unit_open:
+        is_said = any(spoken(x.text) in step.text for x in lines if x.about == LOG)
+        said = (
+            "" if is_said else " The torques' unit is open, and so are the kilograms."
+        )
+        other = step.other or _name_unit(session)
+        return replace(step, text=f"{step.text}{said}", other=other)
+    if step.other is None and any(line.about == LOG for line in lines):
+        label = "Or see what Check says"
+        other = NextStep("", label, "check", session.see_issues)
+        return replace(step, other=other)
+    return step
 
 
 #: Characters of a verdict that stands in view as it is; the rest of a longer one is
@@ -194,6 +213,8 @@ def _of_runs(session: Session) -> NextStep:
     if not (_may_help(session, change.to_dict()) or session.meaningless):
         other = NextStep("", f"Or {label[0].lower()}{label[1:]}", "check", do)
         return replace(_as_logged(session, text), other=other, **said)
+    is_unit = change.verb == "read" and any(map(asks_for_unit, session.runs))
+    said["other"] = _name_unit(session) if is_unit else None
     return NextStep(text, label, "check", do, level=level, **said)
 
 
@@ -233,14 +254,32 @@ def _as_logged(session: Session, said: str = "") -> NextStep:
 
 def _unit(session: Session, level: str) -> NextStep:
     """Return the step to the fields in which Check asks for the unit of all torques."""
+    text, _ = _question_of_unit(session)
+    step = replace(_name_unit(session), text=text, level=level)
+    label = step.label.removeprefix("Or ")
+    do = partial(session.start, session.identify_without_units)
+    other = NextStep("", "Or identify without units", "identify", do)
+    is_new = session.model is None
+    return replace(
+        step, label=formatting.sentence(label), other=other if is_new else None
+    )
+
+
+def _name_unit(session: Session) -> NextStep:
+    """Return the second choice to name the unit of all torques in the fields of Check."""
+    label = "Or say the unit, or the drive gains"
+    return NextStep("", label, "check", opens=_question_of_unit(session)[1])
+
+
+def _question_of_unit(session: Session) -> tuple[str, str]:
+    """Return how Check asks for the unit of all torques, and its field."""
     text, field = "", ""
     for k, (issue, _) in reversed([*enumerate(session.issues)]):
         for n, remedy in enumerate(issue["remedies"]):
             if remedy["change"]["arguments"].get("scale") == {"tau": None}:
                 text = graded(issue["what"], remedy["certainty"])
                 field = f"remedy-{k}-{n}-gains"
-    label = "Say the unit, or the drive gains"
-    return NextStep(text, label, "check", opens=field, level=level)
+    return text, field
 
 
 def _with_published_gains(session: Session, remedy: Remedy) -> Remedy:
@@ -327,7 +366,7 @@ def _of_differing_test(session: Session, of_model: StageVerdict) -> NextStep | N
     those that it is from: at a fault of its log, or for what has changed on the arm; None
     where neither is to be seen."""
     fault = session.fault_of_differing_test
-    changed = session.current.change_in_words(session.robot["units"])
+    changed = session.current.change_in_words(session.torque_units)
     look = None
     if changed:
         words, do = look_in_words(session), partial(session.start, session.find_change)

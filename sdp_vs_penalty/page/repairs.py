@@ -34,8 +34,10 @@ def is_leaving_out(change: Mapping[str, Any]) -> bool:
 
 def _words_of_reading(change: Mapping[str, Any]) -> str:
     """Return in words the units that a change reads columns in, which a person has
-    named; "" of another change."""
-    texts = []
+    named; "" of another change, and of one that says its factors itself."""
+    texts = list[str]()
+    if change["words"].startswith("multiply"):
+        return ""
     for column, unit in change["arguments"].get("scale", {}).items():
         name = {"tau": "the torque", "q": "positions"}.get(column, column)
         gains = str(unit or "").replace(":", ", ")

@@ -7,6 +7,7 @@ from typing import Any
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.constants import NO_ACTION
 from sdp_vs_penalty.checks.explain import NOT_REPAIRED
+from sdp_vs_penalty.data.measurements import UNNAMED_UNIT
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.job_queue import JobQueue
 from sdp_vs_penalty.page.spoken import spoken
@@ -39,6 +40,13 @@ def asks_for_unit(run: Mapping[str, Any]) -> bool:
 @dataclass
 class RunIssues(JobQueue):
     """A project with what the check says of its runs."""
+
+    @property
+    def is_unit_open(self) -> bool:
+        """Whether nobody has answered in which unit the torques of a run in use are."""
+        used = [run for run in self.runs if run["use"] != "wait"]
+        units = [run.get("torque_unit") for run in used]
+        return UNNAMED_UNIT in units or any(map(asks_for_unit, used))
 
     @property
     def meaningless(self) -> list[str]:

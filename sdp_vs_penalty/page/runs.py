@@ -9,6 +9,7 @@ from typing import Any
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.formats import FILE_SEPARATOR, suffixes
+from sdp_vs_penalty.data.measurements import UNNAMED_UNIT
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.page.commands import option_words
@@ -310,6 +311,8 @@ class RobotAndRuns(RunIssues):
         question is answered: in which unit its torque is, or what becomes of what the
         check calls an error. The others are tested on."""
         unit = runs[0].get("torque_unit")
+        if unit == UNNAMED_UNIT:  # and so are those of the same logger
+            runs = [{**x, "torque_unit": unit} if asks_for_unit(x) else x for x in runs]
         has_units = not any(asks_for_unit(run) for run in runs if run["use"] == "train")
 
         def use_of(run: Mapping[str, Any]) -> str:
@@ -363,6 +366,15 @@ class RobotAndRuns(RunIssues):
             )
         if self.refused:  # their columns are to be seen
             self.new = ("measure", "runs")
+
+    @property
+    def torque_units(self) -> list[str]:
+        """Unit of each joint's torque: the robot's, or that in which the runs are used as
+        they were logged."""
+        units: list[str] = self.robot["units"]
+        used = [run for run in self.runs if run["use"] != "wait"]
+        logged = used[0].get("torque_unit") if used else ""  # older projects have none
+        return [logged] * len(units) if logged else units
 
     @property
     def published_gains(self) -> list[str]:

@@ -269,7 +269,7 @@ def changes_in_words(
 
     def change_of(joint: int) -> str:
         errors = [before[joint - 1], after[joint - 1]]
-        unit = formatting.plain_unit(session.robot["units"][joint - 1])
+        unit = formatting.plain_unit(session.torque_units[joint - 1])
         amounts = formatting.amounts(errors, unit)
         return f"{amounts} ({formatting.change_of(*errors)})"
 

@@ -1663,3 +1663,48 @@ def test_a_computed_torque_beside_a_measured_one_is_known(tmp_path):
     assert said == "columns #6 to #7"
     assert jobs._rougher_block(file, f"{begin}tau1=#6,tau2=#7", names) == ""
     assert jobs._rougher_block(file, "", names) == ""
+
+
+@pytest.fixture
+def in_amperes(here, tmp_path):
+    """Runs in which currents of unequal drives stand for torques, and their gains."""
+    urdf = write_urdf(tmp_path / "arm.urdf", "arm", THREE)
+    arm = load_problem(urdf).with_gravity((0.0, 0.0, -9.81))
+    gains = np.array([9.0, 9.0, 7.0])
+    made = [small_run(arm, 20.0, seed, 200.0) for seed in (1, 2)]
+    runs = [replace(run, tau=run.tau / gains) for run in made]
+    files = saved(tmp_path, runs, "a.csv", "test.csv")
+    return opened(here, str(urdf), **files), gains
+
+
+def test_currents_become_torques_by_one_click(in_amperes):
+    """By gains that fit the robot's masses, which the terminal and Check offer too."""
+    session, gains = in_amperes
+    screen = Screen(session)
+    assert "Multiply the torque by" in screen.text("next")
+    assert "to fit the robot's masses" in screen.text("next")
+    assert "Or say the unit, or the drive gains" in screen.text("next")
+    screen.click("next")
+    (change,) = (change for _, _, change in session.repairs)
+    taken = [float(x) for x in change["arguments"]["scale"]["tau"].split(":")]
+    np.testing.assert_allclose(taken, gains, rtol=0.05)
+    assert not session.is_unit_open
+    assert "to fit the robot's masses" in session.repairs[-1][0]
+
+
+def test_torques_without_units_are_nowhere_in_newton_metres(in_amperes):
+    """And the doubt stays in the line, with the way to settle it."""
+    session, _ = in_amperes
+    do(session, session.identify_without_units)
+    screen = Screen(session)
+    assert load_estimate(session.current.file).torque_units == ("raw units",) * 3
+    assert "raw units" in screen.text("fit")
+    assert "N m" not in screen.text("fit")
+    assert "N m" not in screen.text("next")
+    assert "the torques' unit" in screen.text("next").lower()
+    assert "Or say the unit, or the drive gains" in screen.text("next")
+    do(session, session.diagnose)
+    assert "joint 3 has another drive gain" in screen.text("findings").lower()
+    assert "N m" not in screen.text("findings")
+    assert "N m" not in screen.text("next")
+    assert "the torques' unit" in screen.text("next").lower()

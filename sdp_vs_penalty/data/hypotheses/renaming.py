@@ -5,6 +5,7 @@ import fnmatch
 import re
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import cycle
 from types import MappingProxyType
 from typing import Any
@@ -198,6 +199,8 @@ def scaled(run: Measurements, factors: Mapping[str, str]) -> Measurements:
         for text in said:
             warnings.warn(f"{run.names[0]}: {text}", Remark, stacklevel=2)
     in_si = run.with_channels(clock, groups)
+    if "tau" in factors:
+        in_si = replace(in_si, torque_unit="")
     degrees = [x for x in POSITIONS if x in to_si and UNITS["deg"] in to_si[x][0]]
     return unwrapped(in_si, run.names[0], degrees)
 

@@ -56,7 +56,7 @@ def models(view: View) -> None:
     if session.hidden_and_found:
         draw.tag("p", session.hidden_and_found, "words")
     history = session.history
-    units = session.robot["units"]
+    units = session.torque_units
     before, after = (history[k].comparison["rmse"] for k in (0, -1))
     floor = history[-1].comparison["noise_floor"]
     scope = measured_on(session, names_runs=True)
@@ -99,7 +99,7 @@ def findings(view: View) -> None:
             " holds on data that did not select it."
         )
     else:
-        words = describe_diagnosis(diagnosis, session.robot["units"])
+        words = describe_diagnosis(diagnosis, session.torque_units)
         _cards(view, diagnosis, words)
         _open_before(view, diagnosis)
         _curves(view, diagnosis, words)
@@ -318,7 +318,7 @@ def _curves(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     It has its 95 % band and a button to add it to the model as a table.
     """
     session = view.session
-    units = view.session.robot["units"]
+    units = view.session.torque_units
     texts = session.diagnosed.curve_texts
     curves = zip(diagnosis.curves, words.curves, texts, strict=True)
     for k, (curve, sentence, text) in enumerate(curves):

@@ -208,7 +208,7 @@ class _Fit:
         _figures(self.model)
         with draw.details("Every figure of the model", "joints-table"):
             draw.judged([self.model])
-            units = view.session.robot["units"]
+            units = view.session.torque_units
             shown = joint_table({"": self.model.facts}, units)
             draw.table(shown, "Facts of each joint")
         if self.model.failures:
@@ -237,7 +237,7 @@ class _Fit:
         model = self.model
         session = view.session
         j = view.joint or 0
-        units = session.robot["units"]
+        units = session.torque_units
         steps = session.first_and_current
         recordings = [session.recording(step, view.run) for step in steps]
         self._draw_bars(j, units)
@@ -400,7 +400,6 @@ def _tables(view: View) -> None:
     The curve follows the joint that is selected elsewhere on the page.
     """
     about = view.session.current.about
-    robot = view.session.robot
     if about["links"]:
         draw.table(Table.from_dict(about["links"]))
     if about["friction"]:
@@ -409,7 +408,7 @@ def _tables(view: View) -> None:
         def options() -> dict[str, Any]:
             j = view.joint or 0
             plot = friction_figure(
-                **about["friction"][j], joint=j, unit=robot["units"][j]
+                **about["friction"][j], joint=j, unit=view.session.torque_units[j]
             )
             return ready(plot, 300)
 

@@ -546,7 +546,7 @@ def _findings(view: View) -> None:
             is_difference = issue["kind"] in NOT_REPAIRED
             if is_difference and is_tested:
                 draw.tag("p", "It is tested on; no model is identified from it.")
-            elif not mends:
+            elif not mends or asks_for_unit({"findings": [issue]}):
                 draw.tag("p", formatting.sentence(spoken(issue["remedy"])))
             with draw.tag("div", style="row"):
                 for n, remedy in enumerate(issue["remedies"]):
@@ -615,7 +615,7 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
         leave = partial(session.start, session.leave_as_read, waiting[0])
         draw.button("Leave it as it is", leave, f"{key}-as-is")
     elif asked == ["tau"] and session.model is None:
-        identify = partial(session.start, session.identify)
+        identify = partial(session.start, session.identify_without_units)
         draw.button("Identify without units", identify, f"{key}-as-is")
     if outcome := session.outcome_of(change):
         draw.note(outcome["sentence"])
@@ -647,7 +647,7 @@ def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:
     with draw.tag("div", style="fields"):
         draw.choice("Read it by", options, "", partial(put, "unit"), f"{key}-unit")
         label = f"{formatting.count(n, by)} [{unit}], in order"
-        example = ", ".join(["11.5"] * n)
+        example = f"e.g. {', '.join(['11.5'] * n)}"
         put_gains = partial(put, "gains")
         draw.text_field(label, chosen["gains"], put_gains, f"{key}-gains", example)
 
