@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import SCARA, write_urdf
-from judged import report_of_run
+from judged import likely_issue, report_of_run
 from small_runs import small_run
 
 from sdp_vs_penalty import InputError, Measurements, check, load_problem
@@ -334,17 +334,8 @@ def test_a_named_explanation_is_applied_where_it_lowers_the_error():
 
 def test_a_repair_that_raises_the_error_is_not_written():
     report = report_of_run(PROBLEM, RUN)
-    wrong = Issue(
-        kind="torque sign",
-        nature="explanation",
-        severity="warning",
-        where="joint 2",
-        what="x",
-        certainty=likely("x"),
-        remedy="r",
-        repair=flipped,
-        apply="sign:tau2",
-    )
+    sign = "torque sign", "warning", "joint 2", "sign:tau2"
+    wrong = likely_issue(*sign, nature="explanation", repair=flipped)
     with pytest.raises(InputError, match="does not lower the error"):
         fix_runs(PROBLEM, [RUN], [replace(report, issues=(wrong,))], ["sign:tau2"])
 
@@ -352,16 +343,7 @@ def test_a_repair_that_raises_the_error_is_not_written():
 def test_a_log_that_is_refused_is_repaired_although_its_error_stays():
     """Refused as it is, and refused a repair, it would have no way out."""
     report = report_of_run(PROBLEM, RUN)
-    clock = Issue(
-        kind="time unit",
-        severity="error",
-        where="column t",
-        what="x",
-        certainty=likely("x"),
-        remedy="r",
-        repair=flipped,
-        apply="time:ms",
-    )
+    clock = likely_issue("time unit", "error", "column t", "time:ms", repair=flipped)
     reports = [replace(report, issues=(clock,))]
     (run,) = fix_runs(PROBLEM, [RUN], reports, ["time:ms"]).runs
     np.testing.assert_array_equal(run.tau, flipped(RUN).tau)

@@ -142,7 +142,7 @@ def test_friction_and_gain_of_one_run_are_told_apart(
     assert bool(issue.apply) == (kind == "torque gain")
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.03])
+@pytest.mark.parametrize("noise", [0.0, pytest.param(0.03, marks=pytest.mark.long)])
 @pytest.mark.parametrize("factor", [0.6, 1.6])
 def test_a_gain_that_friction_explains_as_well_is_not_repaired(factor, noise):
     """Little but friction loads a light link about its own axis."""

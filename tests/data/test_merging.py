@@ -4,54 +4,9 @@ import warnings
 
 import numpy as np
 import pytest
-from small_runs import small_run
 
-from sdp_vs_penalty import Measurements, compare, identify
 from sdp_vs_penalty.data import read_run
 from sdp_vs_penalty.data.stretches.merging import Interpolation
-
-
-def sparse_table(path, q, tau):
-    """Positions and torques in rows of their own, as read."""
-    lines = [
-        (t, f"{t:.6f},{a:.9f},{b:.9f},,") for t, (a, b) in zip(q.t, q.q, strict=True)
-    ]
-    lines += [
-        (t, f"{t:.6f},,,{a:.9f},{b:.9f}")
-        for t, (a, b) in zip(tau.t, tau.tau, strict=True)
-    ]
-    rows = [text for _, text in sorted(lines)]
-    path.write_text("\n".join(["t,q1,q2,tau1,tau2", *rows]) + "\n")
-    with warnings.catch_warnings(action="ignore"):
-        return read_run(path)
-
-
-@pytest.mark.parametrize("late", [1, 2, 4])
-def test_torques_between_the_positions_cost_no_accuracy(two_link, tmp_path, late):
-    """The torque is sampled 1, 2 or 4 ms after the positions, which come every 5 ms."""
-    fine = small_run(two_link, seconds=8.0, rate=1000.0)
-    together = fine.rows(slice(0, None, 5))
-    apart = sparse_table(
-        tmp_path / "run.csv", together, fine.rows(slice(late, None, 5))
-    )
-    errors = [
-        compare(identify(two_link, run, "ols"), run)[0].relative_error_percent
-        for run in (together, apart)
-    ]
-    assert errors[1] == pytest.approx(errors[0], rel=0.05)
-
-
-def test_the_nearest_sample_would_cost_accuracy(two_link):
-    """The test above can fail: positions 2 ms old make a larger error."""
-    fine = small_run(two_link, seconds=8.0, rate=1000.0)
-    together = fine.rows(slice(0, None, 5))
-    tau = fine.tau[2::5]
-    late = Measurements(together.t, together.q, tau)
-    errors = [
-        compare(identify(two_link, run, "ols"), run)[0].relative_error_percent
-        for run in (together, late)
-    ]
-    assert errors[1] > 1.2 * errors[0]
 
 
 def test_a_cubic_is_followed_exactly_and_a_lost_sample_by_a_line():

@@ -134,7 +134,9 @@ def least_loss_by_cvxpy(task, constraints):
     return problem.value * root**2 + data.residual_norm**2
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))]
+)
 def test_penalty_is_proved_where_little_motion_leaves_links_open(seed):
     """There its own stages do not settle; the convex relaxation ends the search."""
     task = little_motion(seed)

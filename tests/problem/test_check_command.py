@@ -6,11 +6,10 @@ from pathlib import Path
 
 import pytest
 from arms import THREE, write_urdf
+from judged import likely_issue
 from small_runs import small_run
 
 from sdp_vs_penalty import diagnose, identify, load_problem
-from sdp_vs_penalty.checks import Issue
-from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.gate import explanations_in_a_line
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.problem import ProblemFields
@@ -64,16 +63,8 @@ def test_a_model_names_the_file_that_its_robot_is_from(tmp_path, monkeypatch):
 
 
 def test_the_line_about_explanations_names_the_command_that_tries_them():
-    issue = Issue(
-        kind="torque sign",
-        nature="explanation",
-        severity="warning",
-        where="joint 2",
-        what="the torque of joint 2 has the wrong sign.",
-        certainty=likely("x"),
-        remedy="negate tau2",
-        apply="sign:tau2",
-    )
+    sign = "torque sign", "warning", "joint 2", "sign:tau2"
+    issue = likely_issue(*sign, nature="explanation")
     command = CheckCommand(problem="arm.urdf", runs=["my run.csv"], hold="gripper=0")
     line = explanations_in_a_line(command, [("my run.csv", issue)])
     expected = (

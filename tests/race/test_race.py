@@ -106,7 +106,9 @@ def test_what_was_done_is_claimed(spoil, kind, joints):
     assert (claim.hypothesis.kind, claim.hypothesis.joints) == (kind, joints)
 
 
-@pytest.mark.parametrize("joints", [(1, 2), (3, 5)])
+@pytest.mark.parametrize(
+    "joints", [(1, 2), pytest.param((3, 5), marks=pytest.mark.long)]
+)
 def test_joints_that_count_the_other_way_are_one_convention(joints):
     """Neither of them shows by itself; the mirror image of the arm does so as well."""
     panda = load_problem("panda")
@@ -138,7 +140,7 @@ def test_a_velocity_that_is_the_positions_derivative_forbids_rows_in_reverse():
     assert "time reversed" not in kinds
 
 
-@pytest.mark.parametrize("share", [1.0, 0.8])
+@pytest.mark.parametrize("share", [1.0, pytest.param(0.8, marks=pytest.mark.long)])
 def test_an_arm_on_a_wall_whose_upright_weight_is_subtracted(share):
     """The controller believes in its own links' masses."""
     panda = load_problem("panda")
