@@ -167,15 +167,44 @@ def number(x: float | None, digits: int = 3) -> str:
     return f"{x:.0f}" if "e+" in text and abs(x) < 1e6 else text
 
 
+#: Units that a prefix may stand before, as the first of a product.
+_WITH_PREFIX = ("N", "A", "s", "m", "rad")
+
+
+def _prefixed(largest: float, unit: str) -> tuple[float, str]:
+    """Return the factor and the unit in which amounts up to a size are written:
+    thousandths of a unit where all are smaller."""
+    is_one = unit.split(" ")[0] in _WITH_PREFIX and " or " not in unit
+    is_small = is_one and 0.0 < largest < 1e-3
+    return (1e3, f"m{unit}") if is_small else (1.0, unit)
+
+
 def amount(size: float, half: float, unit: str, digits: int = 3) -> str:
-    """Write a size with half its 95 % interval and its unit.
+    """Write a size with half its 95 % interval and its unit, in thousandths of it where
+    both are small.
 
     Examples
     --------
     >>> amount(1234.5, 1040.0, "N m"), amount(0.5, 0.02, "")
     ('1234 ± 1040 N m', '0.5 ± 0.02')
+    >>> amount(0.000444, 8.1e-05, "N m"), amount(0.000444, 8.1e-05, "kg")
+    ('0.444 ± 0.081 mN m', '0.000444 ± 8.1e-05 kg')
     """
-    return f"{number(size, digits)} ± {number(half, 2)} {unit}".rstrip()
+    scale, unit = _prefixed(max(abs(size), half), unit)
+    text = f"{number(scale * size, digits)} ± {number(scale * half, 2)} {unit}"
+    return text.rstrip()
+
+
+def quantity(value: float, unit: str, digits: int = 3) -> str:
+    """Write an amount with its unit, in thousandths of it where it is small.
+
+    Examples
+    --------
+    >>> quantity(5.77e-05, "N m"), quantity(0.0652, "N m"), quantity(0.0123, "N m", 2)
+    ('0.0577 mN m', '0.0652 N m', '0.012 N m')
+    """
+    scale, unit = _prefixed(abs(value), unit)
+    return f"{number(scale * value, digits)} {unit}"
 
 
 def digits_beside(size: float, half: float, most: int = 4) -> int:
@@ -215,7 +244,7 @@ def times_noise(ratio: float, error: float, unit: str) -> str:
     >>> times_noise(15.61, 0.0652, "N m")
     '0.0652 N m, 15.6 times its noise'
     """
-    return f"{number(error)} {unit}, {number(ratio)} times its noise"
+    return f"{quantity(error, unit)}, {number(ratio)} times its noise"
 
 
 def within_noise(ratio: float, joint: int, error: float, unit: str, kind: str) -> str:
@@ -232,7 +261,7 @@ def within_noise(ratio: float, joint: int, error: float, unit: str, kind: str) -
     'the error cannot be told from the noise (joint 3: 0.00922 N m)'
     """
     of_kind = f", {kind}" if kind else ""
-    size = f"(joint {joint}: {number(error)} {unit}{of_kind})"
+    size = f"(joint {joint}: {quantity(error, unit)}{of_kind})"
     if ratio < 1.0:
         return f"the error cannot be told from the noise {size}"
     times = "" if number(ratio) == "1" else f"{number(ratio)} times "
@@ -247,10 +276,8 @@ def amounts(values: Sequence[float], unit: str, between: str = " → ") -> str:
     >>> amounts([0.000109, 9.4e-05], "N m"), amounts([1.2, 0.8], "N m")
     ('0.109 → 0.094 mN m', '1.2 → 0.8 N m')
     """
-    is_small = 0.0 < max(values) < 1e-3
-    texts = [number(1e3 * value if is_small else value) for value in values]
-    milli = "m" if is_small else ""
-    return f"{between.join(texts)} {milli}{unit}"
+    scale, unit = _prefixed(max(values), unit)
+    return f"{between.join(number(scale * value) for value in values)} {unit}"
 
 
 def errors_with_noise(

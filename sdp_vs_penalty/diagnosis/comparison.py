@@ -232,7 +232,8 @@ class Comparison(Record):
         floor the error of the joint that errs most."""
         joint = self.errors.worst_of(range(1, len(self.rmse) + 1))
         unit = plain_unit(self.estimate.torque_units[joint - 1])
-        error = f"{number(float(self.rmse[joint - 1]))} {unit}, joint {joint}"
+        size = formatting.quantity(float(self.rmse[joint - 1]), unit)
+        error = f"{size}, joint {joint}"
         largest = self.largest_error_over_noise
         return error if largest is None else f"{number(largest)} ({error})"
 

@@ -506,8 +506,9 @@ class Finding(Rated):
         if helped:
             text += f"; it {helped}"
         elif not is_lower and self.torque_is_certain and len(diagnosis.helpful) > 1:
-            left = formatting.number(float(diagnosis.held_out_rmse_with_helpful[j]))
-            text += f"; with all that helps it is {left} {diagnosis.torque_unit(j + 1)}"
+            left = float(diagnosis.held_out_rmse_with_helpful[j])
+            left_in_words = formatting.quantity(left, diagnosis.torque_unit(j + 1))
+            text += f"; with all that helps it is {left_in_words}"
         return f"{text}."
 
     @property
@@ -862,11 +863,13 @@ class Diagnosis(Record, JsonRecord):
         both, without = (self.error_with(x) for x in ((found, other), (other,)))
         assert both is not None  # or it would be no companion
         assert without is not None
-        errors = [formatting.number(float(x[joint - 1])) for x in (both, without)]
         unit = self.torque_unit(joint)
+        errors = [
+            formatting.quantity(float(x[joint - 1]), unit) for x in (both, without)
+        ]
         return (
             f"{self.companion_in_words(found)}: with both joint {joint}'s error is"
-            f" {errors[0]} {unit}, and {errors[1]} {unit} without it"
+            f" {errors[0]}, and {errors[1]} without it"
         )
 
     def companion_in_words(self, found: Finding | Retune) -> str:
@@ -1429,7 +1432,7 @@ class Diagnosis(Record, JsonRecord):
             largest = max(self.remains, key=lambda r: r.rmse)
             at_most = " at most" if len(self.remains) > 1 else ""
             unit = self.torque_unit(largest.joint)
-            amount = f" ({largest.rmse:.2g} {unit} RMS{at_most})"
+            amount = f" ({formatting.quantity(largest.rmse, unit, 2)} RMS{at_most})"
         return f"something{where} that no effect of the library explains{amount}"
 
     @property

@@ -448,7 +448,7 @@ class ErrorsBesideNoise:
         unit = formatting.plain_unit(self.units[joint - 1])
         error = float(self.rmse[joint - 1])
         over = self.over_noise
-        text = f"{formatting.number(error)} {unit}"
+        text = formatting.quantity(error, unit)
         if over is not None:
             text = formatting.times_noise(float(over[joint - 1]), error, unit)
         return f"{text}, {self.kind}" if self.kind else text
@@ -473,7 +473,7 @@ class ErrorsBesideNoise:
         if is_unusable:
             limit = f"usable is up to {NO_MODEL:g} %"
         unit = formatting.plain_unit(self.units[joint - 1])
-        size = f"{number(float(self.rmse[joint - 1]))} {unit}"
+        size = formatting.quantity(float(self.rmse[joint - 1]), unit)
         size = ", ".join(filter(None, (size, self.kind)))
         most = " most" if len(self.rmse) > 1 else ""
         return f"Joint {joint} errs{most}: {', '.join(measures)} ({size}); {limit}"

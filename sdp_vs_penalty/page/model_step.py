@@ -265,9 +265,9 @@ class ModelStep(JsonRecord):
         for name, j in self.changed_runs.items():
             there, before = self.errors_of_runs[name][j], self.usual_error[j]
             unit = formatting.plain_unit(units[j])
+            amounts = [formatting.quantity(x, unit) for x in (there, before)]
             return (
-                f"Joint {j + 1} errs by {formatting.number(there)} {unit} in"
-                f" {name}, and by {formatting.number(before)} {unit} in the"
+                f"Joint {j + 1} errs by {amounts[0]} in {name}, and by {amounts[1]} in the"
                 " runs that the model is from."
             )
         return ""

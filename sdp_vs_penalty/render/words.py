@@ -272,8 +272,10 @@ def _rising_joints(diagnosis: Diagnosis, before: Array, after: Array) -> str:
         floor = diagnosis.known_floor
     rises = (after > (1.0 + CHANGES) * before) & (after > floor)
     texts = [
-        f"joint {j + 1}'s error rises from {number(before[j])} to {number(after[j])}"
-        f" {diagnosis.torque_unit(j + 1)}"
+        f"joint {j + 1}'s error rises from "
+        + formatting.amounts(
+            [before[j], after[j]], diagnosis.torque_unit(j + 1), between=" to "
+        )
         for j in map(int, np.flatnonzero(rises))
     ]
     return formatting.sentence(formatting.words(texts)) if texts else ""
