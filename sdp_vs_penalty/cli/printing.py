@@ -30,12 +30,7 @@ if TYPE_CHECKING:  # `identify` needs no diagnosis
     from sdp_vs_penalty.render.words import DiagnosisWords
 
 
-def estimate(
-    result: Estimate,
-    fit: Comparison | None,
-    seconds: float,
-    ranges: Ranges | None = None,
-) -> None:
+def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
     """Print what was identified, how well it fits, and what the certificate says.
 
     Parameters
@@ -44,8 +39,6 @@ def estimate(
         With the measurements that it came from; None for a black box's answers.
     seconds : float
         How long the identification took [s].
-    ranges : Ranges, optional
-        Between which values the masses can lie.
     """
     runs = formatting.count(len(result.provenance["runs"]), "run")
     error = ""
@@ -59,12 +52,9 @@ def estimate(
     )
     if fit is not None:
         verdict(fit.verdict)
-    if ranges is not None:
-        allowed(ranges)
     certificate(result)
     gains(result)
-    range_texts = None if ranges is None else {r.name: r.text for r in ranges.ranges}
-    links = tables.link_table(result, centres=False, ranges=range_texts)
+    links = tables.link_table(result, centres=False)
     if links is not None:
         console.table(links)
     if fit is not None:
