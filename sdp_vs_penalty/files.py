@@ -323,29 +323,21 @@ def require_format(
     newest: int,
     oldest: int = 1,
     *,
-    unmarked: int | None = None,
     older: str = "",
     remedy: str = "write it anew with this version",
-) -> int:
-    """Return the format number of a JSON document, if this version can read it.
+) -> None:
+    """Raise InputError for a JSON document of a format that this version cannot read.
 
     Parameters
     ----------
     newest, oldest : int
         Formats that this version reads.
-    unmarked : int or None
-        Format of a document without the field "format"; None refuses such a document.
     older : str
         What an older format lacks, for the error message.
     remedy : str
         What to do about it.
-
-    Raises
-    ------
-    InputError
-        If the format is older or newer.
     """
-    number = data.get("format", unmarked)
+    number = data.get("format")
     if not isinstance(number, int) or isinstance(number, bool):
         what = f"its format is {quote_value(number)}, which is no whole number"
         raise InputError(what, "write the file anew")
@@ -359,7 +351,6 @@ def require_format(
             f" {newest})",
             "upgrade sdp-vs-penalty",
         )
-    return number
 
 
 def _parse_json(text: str) -> Any:
@@ -600,7 +591,12 @@ def _replacing(path: Path, lasting: bool) -> Iterator[BinaryIO]:
             if lasting:
                 os.fsync(handle)
             if not has_name:
-                _name_file(handle, temporary)
+                folder = os.open(temporary.parent, os.O_RDONLY)
+                try:
+                    # With the handle of a folder Python follows the link to the file.
+                    os.link(f"/proc/self/fd/{handle}", temporary, src_dir_fd=folder)
+                finally:
+                    os.close(folder)
         finally:
             os.close(handle)
         os.replace(temporary, path)
@@ -645,16 +641,6 @@ def _nameless_file(folder: Path) -> int | None:
         if error.errno in (errno.EOPNOTSUPP, errno.EISDIR, errno.ENOENT, errno.EINVAL):
             return None
         raise
-
-
-def _name_file(handle: int, path: Path) -> None:
-    """Give a nameless file (its descriptor) the name ``path``."""
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        # With the handle of a folder Python follows the link to the file.
-        os.link(f"/proc/self/fd/{handle}", path, src_dir_fd=folder)
-    finally:
-        os.close(folder)
 
 
 def _sync_folder(folder: Path) -> None:

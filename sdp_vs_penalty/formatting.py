@@ -207,9 +207,9 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
     return f"{number(scale * value, digits)} {unit}"
 
 
-def digits_beside(size: float, half: float, most: int = 4) -> int:
+def digits_beside(size: float, half: float) -> int:
     """Return the significant digits of a size that stands beside half its interval, of
-    which two are shown: the last digits of both stand at one place.
+    which two are shown: the last digits of both stand at one place; four at most.
 
     Examples
     --------
@@ -217,9 +217,9 @@ def digits_beside(size: float, half: float, most: int = 4) -> int:
     (3, 2)
     """
     if not (size and half > 0.0 and math.isfinite(half)):
-        return most
+        return 4
     places = math.floor(math.log10(abs(size))) - math.floor(math.log10(half))
-    return min(max(places + 2, 1), most)
+    return min(max(places + 2, 1), 4)
 
 
 def amount_or_open(size: float, half: float, unit: str) -> str:

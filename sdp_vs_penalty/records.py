@@ -10,7 +10,7 @@ from __future__ import annotations
 import collections.abc
 import re
 import types
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import cache
 from typing import (
@@ -234,23 +234,17 @@ def _with_defaults(kind: Any, value: Any) -> Any:
             return {k: _with_defaults(kind_of_values, x) for k, x in value.items()}
     is_list = get_origin(kind) in (tuple, list, collections.abc.Sequence)
     if is_list and isinstance(value, list | tuple):
-        return _items_with_defaults(kind, value)
+        kinds = get_args(kind)
+        is_fixed = get_origin(kind) is tuple and kinds[-1] is not Ellipsis
+        if not is_fixed:
+            kinds = kinds[:1] * len(value)
+        elif len(kinds) != len(value):
+            return value
+        return [
+            float("nan") if x is None and item is float else _with_defaults(item, x)
+            for item, x in zip(kinds, value, strict=True)
+        ]
     return value
-
-
-def _items_with_defaults(kind: Any, value: Sequence[Any]) -> Sequence[Any]:
-    """Return the items of a list or a tuple as :func:`_with_defaults` says; those of a
-    tuple of another length as they are."""
-    kinds = get_args(kind)
-    is_fixed = get_origin(kind) is tuple and kinds[-1] is not Ellipsis
-    if not is_fixed:
-        kinds = kinds[:1] * len(value)
-    elif len(kinds) != len(value):
-        return value
-    return [
-        float("nan") if x is None and item is float else _with_defaults(item, x)
-        for item, x in zip(kinds, value, strict=True)
-    ]
 
 
 def _fields_with_defaults(kind: Any, data: Mapping[str, Any]) -> dict[str, Any]:

@@ -89,19 +89,13 @@ def register_file(path: Path) -> None:
     for plugin in plugins:
         register(plugin)
         if EFFECTS.accepts(plugin):
-            _try_effect(plugin, path)
+            from sdp_vs_penalty.effects import trial
+            from sdp_vs_penalty.problem.load import load_problem
 
-
-def _try_effect(kind: type[Any], path: Path) -> None:
-    """Try an effect of a file on an arm of seven joints; InputError, located in the file,
-    for one that is broken."""
-    from sdp_vs_penalty.effects import trial
-    from sdp_vs_penalty.problem.load import load_problem
-
-    try:
-        trial.try_effect(kind, load_problem("panda").robot)
-    except InputError as error:
-        raise error.within(path) from error
+            try:
+                trial.try_effect(plugin, load_problem("panda").robot)
+            except InputError as error:
+                raise error.within(path) from error
 
 
 def registry_of(plugin: Any) -> Registry[Any]:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # `identify` needs no diagnosis
     from sdp_vs_penalty.checks.report import Report
     from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
     from sdp_vs_penalty.diagnosis.where_it_fails import Failures
-    from sdp_vs_penalty.estimation.model_file import LoopFields, ServoFields
+    from sdp_vs_penalty.estimation.model_file import ServoFields
     from sdp_vs_penalty.problem.check_command import CheckCommand
     from sdp_vs_penalty.ranges.table import Ranges
     from sdp_vs_penalty.render.words import DiagnosisWords
@@ -85,19 +85,14 @@ def gains(result: Estimate) -> None:
     if law := result.report.servo:
         servo(result, law)
     if loop := result.report.loop:
-        servo_loop(result, loop)
-
-
-def servo_loop(result: Estimate, loop: LoopFields) -> None:
-    """Print how much of the logged torque the servos' control loop explains, and its
-    gains.
-
-    loop : share of the torque of each joint, and the loop's delay [s].
-    """
-    shares = ", ".join(map(formatting.percent, loop.share))
-    delay = formatting.milli(loop.delay, "s", 2)
-    say(f"the servos' law, {delay} late, makes {shares} of the joints' logged torque")
-    console.table(tables.gain_table("Gains, of the logged torque", loop_gains(result)))
+        shares = ", ".join(map(formatting.percent, loop.share))
+        delay = formatting.milli(loop.delay, "s", 2)
+        say(
+            f"the servos' law, {delay} late, makes {shares} of the joints' logged torque"
+        )
+        console.table(
+            tables.gain_table("Gains, of the logged torque", loop_gains(result))
+        )
 
 
 def servo(result: Estimate, law: ServoFields) -> None:

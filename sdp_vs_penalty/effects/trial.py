@@ -50,12 +50,6 @@ def try_effect(kind: type[Effect], robot: Robot) -> None:
         names = {p.name for p in effect.parameters}
     except (AttributeError, TypeError, ValueError) as error:
         raise _broken(kind, "its parameters", error) from error
-    _require_own_names(kind, names, robot)
-    _require_columns(effect, _motion(robot))
-
-
-def _require_own_names(kind: type[Effect], names: set[str], robot: Robot) -> None:
-    """Raise InputError where one of our effects has parameters of the same names."""
     symbol = getattr(kind, "symbol", None)
     for other in EFFECTS.of_folder.values():
         if symbol is None or getattr(other, "symbol", None) != symbol or other is kind:
@@ -67,6 +61,7 @@ def _require_own_names(kind: type[Effect], names: set[str], robot: Robot) -> Non
                 f" would have a parameter {min(taken)}",
                 "give it another symbol",
             )
+    _require_columns(effect, _motion(robot))
 
 
 def _require_columns(effect: Effect, full: Motion) -> None:

@@ -41,6 +41,7 @@ from sdp_vs_penalty.estimation.model_file import (
     Recipe,
     ServoFields,
 )
+from sdp_vs_penalty.estimation.sensitivity import with_sensitivities
 from sdp_vs_penalty.estimation.servo import loop_beside_torque, servo_filters, servo_log
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimation.uncertainty import independent_gains
@@ -464,6 +465,17 @@ def in_columns(
     return compress_cells(
         runs, model, phase_folds(runs.measurements, runs.settings, SHAPE_FOLDS)
     )
+
+
+def with_errors_of_constants(
+    posed: EstimationProblem, theta: Array, workers: Workers = ALONE
+) -> Regression | None:
+    """Compress a posed problem's runs in the columns of its model and of its shape
+    constants' errors at theta (p,); None without such constants, or without runs."""
+    model = with_sensitivities(posed.task.model, theta)
+    if model is posed.task.model or posed.runs is None:
+        return None
+    return in_columns(posed.runs, model, workers)
 
 
 def logged(data: Measurements | FilteredRuns) -> Measurements:

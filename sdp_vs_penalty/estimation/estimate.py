@@ -588,20 +588,6 @@ class Estimate(Record):
         """Sum of the links' masses [kg]; None for a model without links."""
         return float(self.links[:, 0].sum()) if len(self.links) else None
 
-    @fact("")
-    def largest_violation(self) -> float:
-        """Largest violation of a constraint, in its own unit; 0 for physically
-        consistent links.
-        """
-        return self.certificate.worst
-
-    @fact("", digits=1)
-    def distance_to_best_fit(self) -> float | None:
-        """Certified gap: how far the loss can be above the optimum, as a share of the
-        loss.
-        """
-        return self.certificate.gap
-
     def links_frame(self) -> pandas.DataFrame:
         """Return a DataFrame with one row a link; units stand in the columns' names.
 
@@ -845,28 +831,6 @@ class Estimate(Record):
         with_std = np.flatnonzero(~np.isnan(self.uncertainty.std))
         covariance = self.uncertainty.covariance[np.ix_(with_std, with_std)]
         names = [p.name for p in self.model.parameters]
-        return ModelFile(
-            format=FORMAT,
-            problem=ProblemFields.from_problem(self.problem),
-            method=self.method,
-            settings=self.settings,
-            parameters=self.entries,
-            certificate=self.certificate,
-            robot=self.robot,
-            effects=tuple(e.entry for e in self.model.effects),
-            preprocessing=self.preprocessing,
-            uncertainty=self.uncertainty,
-            details=self.report,
-            provenance={**self.provenance, **self._plugins()},
-            known=dict(self.model.known),
-            reference=self.model.reference,
-            covariance=CovarianceBlock(tuple(names[k] for k in with_std), covariance),
-            training_motion=self.training_motion,
-        )
-
-    def _plugins(self) -> dict[str, dict[str, str]]:
-        """Return the provenance of the plug-ins of other packages that the model needs,
-        ``{"plugins": {name: package and version}}``; {} if it needs none."""
         # The package of each plug-in, "" for our own and for one that is not installed;
         # of these the file from which the model was read may name it.
         providers = {e.name: EFFECTS.provider(e.name) for e in self.model.effects}
@@ -879,7 +843,24 @@ class Estimate(Record):
             for name, provider in providers.items()
             if provider or name in stated
         }
-        return {"plugins": plugins} if plugins else {}
+        return ModelFile(
+            format=FORMAT,
+            problem=ProblemFields.from_problem(self.problem),
+            method=self.method,
+            settings=self.settings,
+            parameters=self.entries,
+            certificate=self.certificate,
+            robot=self.robot,
+            effects=tuple(e.entry for e in self.model.effects),
+            preprocessing=self.preprocessing,
+            uncertainty=self.uncertainty,
+            details=self.report,
+            provenance={**self.provenance, **({"plugins": plugins} if plugins else {})},
+            known=dict(self.model.known),
+            reference=self.model.reference,
+            covariance=CovarianceBlock(tuple(names[k] for k in with_std), covariance),
+            training_motion=self.training_motion,
+        )
 
     @property
     def entries(self) -> tuple[ParameterEntry, ...]:

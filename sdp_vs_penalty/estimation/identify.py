@@ -15,8 +15,8 @@ from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.build_problem import (
     EstimationProblem,
     PoseOptions,
-    in_columns,
     pose_filtered,
+    with_errors_of_constants,
 )
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.estimate import Estimate, Training
@@ -25,7 +25,6 @@ from sdp_vs_penalty.estimation.guessed_bodies import fit_in_bodies
 from sdp_vs_penalty.estimation.link_figures import link_figures
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
 from sdp_vs_penalty.estimation.proofs import proved
-from sdp_vs_penalty.estimation.sensitivity import with_sensitivities
 from sdp_vs_penalty.estimation.sources import parameter_sources
 from sdp_vs_penalty.estimation.uncertainty import (
     LateUncertainty,
@@ -138,17 +137,13 @@ def _uncertainty(
     - ``workers``: processes that compress the columns of the shape constants.
     """
     task = posed.task
-    wide = None
-    model_with_constants = with_sensitivities(task.model, theta)
-    if model_with_constants is not task.model and posed.runs is not None:
-        wide = in_columns(posed.runs, model_with_constants, workers)
     return (
         regression_uncertainty(
             task,
             posed.regression,
             task.base,
             theta,
-            wide=wide,
+            wide=with_errors_of_constants(posed, theta, workers),
             constrained=is_feasible,
             gain_errors=posed.gain_errors,
         )

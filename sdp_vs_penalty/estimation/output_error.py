@@ -296,7 +296,13 @@ def _errors(plant: Plant, windows: Sequence[_Window], size: Array) -> Array:
     measured = _padded([window.q for window in windows])
     # Rows of a state: all windows with theta 0, then all with theta 1, and so on.
     repeated_plant = Plant(plant.model, np.repeat(plant.theta, n_windows, axis=0))
-    state = _repeated_start(windows, count)
+    # All windows with the first theta, then all with the next.
+    fields = []
+    for parts in zip(*(window.start for window in windows), strict=True):
+        values = np.concatenate(parts)
+        repeats = (count,) + (1,) * (values.ndim - 1)
+        fields.append(np.tile(values, repeats))
+    state = PlantState(*fields)
     out = []
     with np.errstate(all="ignore"):
         for k in range(len(torques)):
@@ -319,19 +325,6 @@ def _padded(courses: Sequence[Array]) -> Array:
         n_missing = longest - len(course)
         padded.append(np.pad(course, ((0, n_missing), (0, 0)), "edge"))
     return np.stack(padded, axis=1)
-
-
-def _repeated_start(windows: Sequence[_Window], count: int) -> PlantState:
-    """Return the initial states of W windows, repeated ``count`` times, as one PlantState.
-
-    Its arrays have count W rows: all windows once, then all again.
-    """
-    fields = []
-    for parts in zip(*(window.start for window in windows), strict=True):
-        values = np.concatenate(parts)
-        repeats = (count,) + (1,) * (values.ndim - 1)
-        fields.append(np.tile(values, repeats))
-    return PlantState(*fields)
 
 
 def _rms(error: Array) -> float:

@@ -448,8 +448,13 @@ class _Descent:
         variance = self.variances[best.tobytes()]  # noted by residual at these steps
         std = np.sqrt(variance) * deviations(slopes)
         keys = [c.key for c in fit.steps_of]
+        # The text of an effect has six digits, so that it reproduces the model.
+        effects = []
+        for effect, after in zip(self.begin, self.model_at(best).effects, strict=True):
+            digits = {key: float(f"{x:.6g}") for key, x in after.shape.items()}
+            effects.append(effect.with_shape(**digits))
         return Settled(
-            replace(fit.model, effects=self._rounded(best)),
+            replace(fit.model, effects=tuple(effects)),
             dict(zip(keys, std.tolist(), strict=True)),
             float(residual @ residual),
         )
@@ -493,17 +498,6 @@ class _Descent:
         # The last row is the residual that no column can change.
         residual = np.append(data.rho - columns @ self.theta, data.residual_norm)
         return residual, np.vstack([slopes, np.zeros((1, len(fit.steps_of)))])
-
-    def _rounded(self, steps: Array) -> tuple[Effect, ...]:
-        """Return the effects after ``steps`` (d,), constants rounded to six digits.
-
-        The text of an effect has six digits, so that it reproduces the model.
-        """
-        effects = []
-        for effect, after in zip(self.begin, self.model_at(steps).effects, strict=True):
-            digits = {key: float(f"{x:.6g}") for key, x in after.shape.items()}
-            effects.append(effect.with_shape(**digits))
-        return tuple(effects)
 
 
 def _room(effect: Effect, key: str) -> tuple[float, float]:

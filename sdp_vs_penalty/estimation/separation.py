@@ -18,7 +18,7 @@ changed at random as long as that helps (a (1 + 1) evolution strategy: Rechenber
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -57,29 +57,23 @@ _SHARE = 0.95
 States = Callable[[Array], tuple[Array, Array, Array]]
 
 
-@dataclass(frozen=True)
-class Separation:
-    """The best motion found to tell two hypotheses apart, beside the default excitation
-    of the same length."""
+class Power(NamedTuple):
+    """How well a motion tells two hypotheses apart: their squared distance on it, the
+    probability of the right decision after it, and the time of the motion, repeated,
+    that LEVEL needs [s]."""
 
-    #: The best motion found.
-    trajectory: PointTrajectory
-    #: Squared distance of the hypotheses on it.
     delta2: float
-    #: Squared distance of the hypotheses on the default excitation.
-    default_delta2: float
-    #: Probability of the right decision after the motion.
     right: float
-    #: Probability of the right decision after the default excitation.
-    default_right: float
-    #: Time of the motion, repeated, that LEVEL needs [s].
     seconds: float
-    #: Time of the default excitation, repeated, that LEVEL needs [s].
-    default_seconds: float
-    #: Sizes of the effects, as they were taken.
-    sizes: tuple[float, ...]
-    #: Whether the arm's shapes are known.
-    collisions: bool
+
+
+class Separation(NamedTuple):
+    """The best motion found to tell two hypotheses apart, and its power beside that of
+    the default excitation of the same length."""
+
+    trajectory: PointTrajectory
+    power: Power
+    default: Power
 
 
 class Hypotheses:
@@ -306,18 +300,15 @@ def separate(
     for default_seed in range(seed, seed + 3):
         states = default_excitation(estimate, duration, default_seed)
         distances.append(hypotheses.distance(hypotheses.motion(states, duration)))
-    default = float(np.median(distances))
-    return Separation(
-        search.trajectory,
-        delta2=search.value,
-        default_delta2=default,
-        right=hypotheses.probability_right(search.value, duration),
-        default_right=hypotheses.probability_right(default, duration),
-        seconds=hypotheses.seconds_to_decide(search.value, duration),
-        default_seconds=hypotheses.seconds_to_decide(default, duration),
-        sizes=hypotheses.scale,
-        collisions=free is not None,
-    )
+    powers = [
+        Power(
+            delta2,
+            hypotheses.probability_right(delta2, duration),
+            hypotheses.seconds_to_decide(delta2, duration),
+        )
+        for delta2 in (search.value, float(np.median(distances)))
+    ]
+    return Separation(search.trajectory, *powers)
 
 
 class _Plan(NamedTuple):

@@ -748,15 +748,8 @@ def linear_spread(
 
     The arguments are those of :func:`regression_uncertainty`.
     """
-    p = len(task.bound)
-    intervals = _intervals(
-        task,
-        theta,
-        _sandwich_of(task, wide or own_regression),
-        np.zeros((own_regression.joints, 0)) if gain_errors is None else gain_errors,
-        ends=np.outer([-np.inf, np.inf], np.ones(p)),
-    )
-    return intervals.std
+    sandwich = _sandwich_of(task, wide or own_regression)
+    return _intervals(task, theta, sandwich, gain_errors).std
 
 
 def regression_uncertainty(
@@ -769,9 +762,6 @@ def regression_uncertainty(
     constrained: bool = False,
     gain_errors: Array | None = None,
     white: bool = False,
-    known: Sandwich | None = None,
-    gains: Array | None = None,
-    extra: Array | None = None,
 ) -> Uncertainty:
     """Compute intervals and covariance of an estimate from compressed data.
 
@@ -793,57 +783,32 @@ def regression_uncertainty(
     white : bool
         Take the residual for white noise, as for the prediction of a motion's
         information.
-    known : Sandwich, optional
-        Sandwich of these data, where it has been computed.
-    gains : (p, n) array, optional
-        Change of theta with the gains; default: computed from the data.
-    extra : (p, e) array, optional
-        Factor of the covariance of a further, independent error of theta.
     """
-    p = len(task.bound)
-    n = own_regression.joints
     value = task.ols if theta is None else np.asarray(theta, float)
-    known = known or _sandwich_of(task, wide or own_regression, white)
-    # Without errors of the gains, and of another kind: factors of width zero.
-    if gain_errors is None:
-        gain_errors = np.zeros((n, 0))
-    ends = _allowed(task) if constrained else np.outer([-np.inf, np.inf], np.ones(p))
-    least_squares = _intervals(task, value, known, gain_errors, ends, gains, extra)
-    names = [q.name for q in task.model.parameters]
-    standard = BaseParameters(np.eye(p), names, list(range(p)))
-    mean_squares = own_regression.joint_losses(value) / np.maximum(
-        own_regression.joint_rows(), 1
-    )
-    return Uncertainty(
-        standard=least_squares.intervals(standard),
-        base=least_squares.intervals(base),
-        spread=np.hstack([known.factor[:p], least_squares.extra]),
-        gain_response=least_squares.gains,
-        torque_noise=np.sqrt(mean_squares),
-        gain_errors=gain_errors,
-    )
+    sandwich = _sandwich_of(task, wide or own_regression, white)
+    intervals = _intervals(task, value, sandwich, gain_errors, constrained)
+    return intervals.uncertainty(own_regression, base)
 
 
 def _intervals(
     task: Task,
     value: Array,
     known: Sandwich,
-    gain_errors: Array,
-    ends: Array,
-    gains: Array | None = None,
-    extra: Array | None = None,
+    gain_errors: Array | None,
+    constrained: bool = False,
 ) -> _Intervals:
     """Return what intervals are made of, as :func:`regression_uncertainty` takes it."""
     p = len(task.bound)
-    if gains is None:
-        gains = known.gain_response(value)[:p]
-        # A drive's known gain, from a load, scales with its channel.
-        for k, gain in task.model.known_values.items():
-            if task.model.drives[k]:
-                gains[k, task.model.parameters[k].joint - 1] = gain
-    if extra is None:
-        extra = np.zeros((p, 0))
-    return _Intervals(task, value, known, ends, extra, gains, gain_errors)
+    gains = known.gain_response(value)[:p]
+    # A drive's known gain, from a load, scales with its channel.
+    for k, gain in task.model.known_values.items():
+        if task.model.drives[k]:
+            gains[k, task.model.parameters[k].joint - 1] = gain
+    # Without errors of the gains, and of another kind: factors of width zero.
+    if gain_errors is None:
+        gain_errors = np.zeros((known.regression.joints, 0))
+    ends = _allowed(task) if constrained else np.outer([-np.inf, np.inf], np.ones(p))
+    return _Intervals(task, value, known, ends, np.zeros((p, 0)), gains, gain_errors)
 
 
 def _allowed(task: Task) -> Array:
@@ -909,19 +874,24 @@ class _Intervals:
         # fmin ignores NaN: a zero column leaves the bound.
         return np.fmin(self.task.bound, np.sqrt(data.tau_squared) / norms)
 
-    def _ends_of(self, rows: Array) -> Array:
-        """Return (2, b) lower and upper bounds of b linear functions rows (b, p) of
-        theta.
-
-        They follow from the bounds ``ends`` (2, p) of each parameter.
-        """
-        # Interval arithmetic: a positive coefficient is smallest at the lower end.
-        low, high = self.ends
-        below = np.where(rows > 0.0, low, high)
-        above = np.where(rows > 0.0, high, low)
-        ends = np.stack([below, above])
-        # Ends may be infinite: 0 times infinity shall count 0.
-        return np.sum(rows * np.where(rows == 0.0, 0.0, ends), axis=2)
+    def uncertainty(
+        self, own_regression: Regression, base: BaseParameters
+    ) -> Uncertainty:
+        """Return the intervals of theta and of ``base``, and the covariance, as
+        :func:`regression_uncertainty` takes them."""
+        p = len(self.value)
+        names = [q.name for q in self.task.model.parameters]
+        mean_squares = own_regression.joint_losses(self.value) / np.maximum(
+            own_regression.joint_rows(), 1
+        )
+        return Uncertainty(
+            standard=self.intervals(BaseParameters(np.eye(p), names, list(range(p)))),
+            base=self.intervals(base),
+            spread=np.hstack([self.known.factor[:p], self.extra]),
+            gain_response=self.gains,
+            torque_noise=np.sqrt(mean_squares),
+            gain_errors=self.gain_errors,
+        )
 
     def std(self, rows: Array) -> Array:
         """Return the standard deviations (b,) of linear functions rows (b, p) of theta,
@@ -944,7 +914,13 @@ class _Intervals:
     def intervals(self, base: BaseParameters) -> tuple[Interval, ...]:
         """Return the 95 % interval of each of ``base``'s linear functions of theta."""
         rows = base.rows
-        lowest, highest = self._ends_of(rows)
+        # Interval arithmetic: a positive coefficient is smallest at the lower end.
+        low, high = self.ends
+        below = np.where(rows > 0.0, low, high)
+        above = np.where(rows > 0.0, high, low)
+        ends = np.stack([below, above])
+        # Ends may be infinite: 0 times infinity shall count 0.
+        lowest, highest = np.sum(rows * np.where(rows == 0.0, 0.0, ends), axis=2)
         std = self.std(rows)
         # Largest possible values, to which small ones are compared; fmin ignores NaN.
         sizes = np.fmin(np.abs(rows) @ self.task.bound, self._largest[base.leading])
@@ -1058,17 +1034,11 @@ def beside_held(
     extra = sandwich.response(torque_by_spread)[:k]
     gains = sandwich.response(torque_by_gain)[:k]
     regression_of_new = wide.keeping(np.arange(wide.p) < k)
-    new_uncertainty = regression_uncertainty(
-        task,
-        regression_of_new,
-        base,
-        theta,
-        constrained=True,
-        known=sandwich,
-        gains=gains,
-        extra=extra,
-        gain_errors=held_uncertainty.gain_errors,
+    gain_errors = held_uncertainty.gain_errors
+    intervals = _Intervals(
+        task, theta, sandwich, _allowed(task), extra, gains, gain_errors
     )
+    new_uncertainty = intervals.uncertainty(regression_of_new, base)
     # The last columns of the new spread are the errors that the old spread causes.
     noise_spread, spread_by_held = np.split(
         new_uncertainty.spread,

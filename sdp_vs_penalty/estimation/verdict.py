@@ -206,13 +206,11 @@ def judge(
     masses: Array,
     nominal: Array,
     judged_on: Sequence[str],
-    missing: str = "",
     forward: str = "",
     remark: str = "",
     seconds: float | None = None,
     doubt: str = "",
     highest: float | None = None,
-    has_open_finding: bool = False,
     determined: tuple[int, int] = (0, 0),
 ) -> Verdict:
     """Judge a model by its errors, its certificate, and identified and nominal masses
@@ -232,8 +230,6 @@ def judge(
         Largest share of rows outside of a measured curve's table.
     certificate : Certificate
         Violations and gap of the model.
-    missing : str
-        Sentence of a diagnosis on what is missing, "" without one.
     forward : str
         Sentence of a forward simulation, or "".
     remark : str
@@ -244,8 +240,6 @@ def judge(
         What the data check leaves in doubt (:func:`doubt_of_log`), or "".
     highest : float, optional
         Largest error [%] that motion of this length does not rule out.
-    has_open_finding : bool
-        Whether a diagnosis has found an effect that the model lacks.
     determined : pair of int
         Number of base parameters that the data determine, and of all; (0, 0): unknown.
 
@@ -259,8 +253,8 @@ def judge(
     impossible = implausible(certificate, masses, nominal)
     links = impossible or ("The links can exist." if len(masses) > 0 else "")
     missing_line = _missing_line(
-        missing or _missing_by_errors(fit, over),
-        is_complete=fit.grade == "good" and not has_open_finding,
+        _missing_by_errors(fit, over),
+        is_complete=fit.grade == "good",
         links=links,
         links_are_possible=not impossible,
     )
@@ -678,11 +672,7 @@ def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
 
 
 def changes(
-    before: Array,
-    after: Array,
-    floor: Array | None,
-    units: Sequence[str] = (),
-    is_brief: bool = False,
+    before: Array, after: Array, floor: Array | None, units: Sequence[str] = ()
 ) -> str:
     """Describe the changes of the joints' errors, the largest fall first.
 
@@ -699,8 +689,6 @@ def changes(
         Noise floor [N m or N].
     units : sequence of str
         Torque unit of each joint; empty: "N m or N".
-    is_brief : bool
-        Name the joint of the largest fall only, and count the others.
 
     Returns
     -------
@@ -731,10 +719,6 @@ def changes(
     worse = [
         f"joint {j + 1} worse: {words(j)}" for j in order[::-1] if share[j] > CHANGES
     ]
-    if is_brief and len(better) > 1:
-        others = formatting.count(len(better) - 1, "more joint")
-        verb = "errs" if len(better) == 2 else "err"
-        better = [better[0], f"{others} {verb} less"]
     return f"{'; '.join([*better, *worse])}." if better or worse else ""
 
 

@@ -387,7 +387,12 @@ def weighted_by_residuals(
         data = regression.least_squares(weights)
         if model.known_values:
             data = data.given(model.known_values)
-        return with_plausible(data, model, regression.oversampling)
+        # What effects know of their parameters weighs as much as an independent row
+        # each.
+        if not np.isfinite(model.plausible).any():
+            return data
+        variance = data.residual_norm**2 / max(data.rows - data.R.shape[1], 1)
+        return data.with_prior(model.plausible, regression.oversampling * variance)
 
     weights = np.ones(regression.joints)
     data = observed(weights)
@@ -396,33 +401,6 @@ def weighted_by_residuals(
         weights = joint_weights(regression, first)
         data = observed(weights)
     return data, weights, first
-
-
-def with_plausible(
-    data: LeastSquares, model: Model, oversampling: float
-) -> LeastSquares:
-    """Return data with the effects' prior knowledge of parameters as further
-    observations.
-
-    Each observation weighs as much as an independent row whose noise is the residual of
-    least squares.
-
-    Parameters
-    ----------
-    model : Model
-        The torque model, whose effects know plausible values.
-    oversampling : float
-        Rows for each independent row.
-
-    Returns
-    -------
-    LeastSquares
-        The data with the observations.
-    """
-    if not np.isfinite(model.plausible).any():
-        return data
-    variance = data.residual_norm**2 / max(data.rows - data.R.shape[1], 1)
-    return data.with_prior(model.plausible, oversampling * variance)
 
 
 def _scaled_prior(

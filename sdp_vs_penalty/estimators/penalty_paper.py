@@ -161,7 +161,16 @@ def retrieve(
             rng = random_numbers_of_step(task.seed, number, step)
             u, n_of_step = search(loss, weight, u, budget, rng)
             n_evaluations += n_of_step
-        run = _run_summary(loss, task, u, settings.weights[-1], n_evaluations)
+        theta = loss.theta(u)
+        violations = loss.violations(loss.p(u))
+        run: dict[str, Any] = {
+            "loss": task.data.loss(theta),
+            "objective": loss.data.loss(theta),
+            "penalised": loss.value(u, settings.weights[-1]),
+            "violation": max(violations.values()),
+            "violations": violations,
+            "evaluations": n_evaluations,
+        }
         runs.append(run)
         if run["penalised"] < best_value:
             best_value = run["penalised"]
@@ -187,27 +196,6 @@ def random_numbers_of_step(seed: int, number: int, step: int) -> np.random.Gener
     # Steps count from 1: NumPy takes a seed that ends in 0 for the seed without that 0,
     # which is the seed of the run's start.
     return np.random.default_rng([seed, number, 1 + step])
-
-
-def _run_summary(
-    loss: PenalisedLoss, task: Task, u: Array, weight: float, n_evaluations: int
-) -> dict[str, Any]:
-    """Return the figures of a run that ended at u (d,), scaled to the unit box.
-
-    "loss": squared torque error; "objective": what the run minimised without penalty;
-    "penalised": with the penalty at ``weight``; "violations" by family of demands, and
-    the largest of them.
-    """
-    theta = loss.theta(u)
-    violations = loss.violations(loss.p(u))
-    return {
-        "loss": task.data.loss(theta),
-        "objective": loss.data.loss(theta),
-        "penalised": loss.value(u, weight),
-        "violation": max(violations.values()),
-        "violations": violations,
-        "evaluations": n_evaluations,
-    }
 
 
 def anneal_and_search(
@@ -526,7 +514,12 @@ class PenalisedLoss:
         p = self.p(u)
         by_theta = self.data.gradient(self.box.theta(p))
         by_p = self.box.pull_back(p, by_theta)
-        by_p += weight * self.penalty_slope(p)
+        # A subgradient of the penalty by barycentric p.
+        slope = np.zeros_like(p)
+        for demand in self.demands:
+            margins, rows = demand.margins_and_slopes(p)
+            slope[: rows.shape[1]] -= rows[margins < 0.0].sum(axis=0)
+        by_p += weight * slope
         return by_p[self.free] * self.width
 
     def penalty(self, p: Array) -> float:
@@ -537,14 +530,6 @@ class PenalisedLoss:
             violated = np.minimum(demand.margins(p), 0.0)
             total -= float(violated.sum())
         return total
-
-    def penalty_slope(self, p: Array) -> Array:
-        """Return a subgradient (p,) of the penalty g by barycentric p (p,)."""
-        slope = np.zeros_like(p)
-        for demand in self.demands:
-            margins, rows = demand.margins_and_slopes(p)
-            slope[: rows.shape[1]] -= rows[margins < 0.0].sum(axis=0)
-        return slope
 
     def violations(self, p: Array) -> dict[str, float]:
         """Return the largest violation of each demand.

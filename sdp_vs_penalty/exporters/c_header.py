@@ -17,7 +17,6 @@ from sdp_vs_penalty.exporters.content import Content, Options, moved_to_joints
 from sdp_vs_penalty.exporters.held import left_out
 from sdp_vs_penalty.exporters.interface import Written
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.robot import Robot
 
 ENDING = ".h"
 FILE = "model.h"
@@ -53,35 +52,26 @@ def write(estimate: Estimate, options: Options) -> Written:
     lines = [*_load_of_reference(estimate, name), *formulas(estimate)]
     # "@" in the template is the robot's name as a C identifier.
     template = Template(_TEMPLATE.read_text("utf-8").replace("@", name))
+    # The parent of a joint on the base is n, an index beyond all joints.
+    joints = robot.joints
+    parents = [j.parent if j.parent >= 0 else robot.n for j in joints]
     text = template.substitute(
         robot=_comment(robot.name),
         method=_comment(estimate.method),
         joints=_comment(", ".join(robot.joint_names)),
         left=_comment(", ".join(map(effect_in_words, omitted)) or "nothing"),
         n=robot.n,
-        **_joint_arrays(robot),
+        parent=_braces(np.array(parents)),
+        slides=_braces(np.array([int(j.kind == "prismatic") for j in joints])),
+        origin=_braces(np.array([j.placement[:3, 3] for j in joints])),
+        turned=_braces(np.array([j.placement[:3, :3] for j in joints])),
+        axis=_braces(np.array([j.axis for j in joints])),
         **_link_arrays(content.links),
         # Gravity as an upward acceleration of the base.
         up=_braces(-np.array(robot.gravity, float)),
         formulas="\n".join(f"  {line}" for line in lines),
     )
     return text.encode(), omitted
-
-
-def _joint_arrays(robot: Robot) -> dict[str, str]:
-    """Write the robot's kinematics as C arrays, by name.
-
-    The parent of a joint on the base is n, an index beyond all joints.
-    """
-    joints = robot.joints
-    parents = [j.parent if j.parent >= 0 else robot.n for j in joints]
-    return {
-        "parent": _braces(np.array(parents)),
-        "slides": _braces(np.array([int(j.kind == "prismatic") for j in joints])),
-        "origin": _braces(np.array([j.placement[:3, 3] for j in joints])),
-        "turned": _braces(np.array([j.placement[:3, :3] for j in joints])),
-        "axis": _braces(np.array([j.axis for j in joints])),
-    }
 
 
 def _link_arrays(links: Array) -> dict[str, str]:

@@ -142,11 +142,23 @@ class Content:
         load = payload_parameters(estimate)
         if load is not None:  # as part of the last link
             links[-1] += load[1]
+        values: dict[str, Array] = {x: np.zeros(estimate.robot.n) for x in JOINT_FIELDS}
+        for effect, (field, joint, value, _) in _terms(estimate):
+            if field not in values:
+                continue
+            if value < 0.0 and field not in _SPRING_FIELDS:
+                raise InputError(
+                    f"joint {joint + 1}: {effect.name} is {value:.4g}"
+                    f" {effect.unit_on(joint)}, and a negative {field} would feed energy"
+                    " into a simulation",
+                    "identify with a method that keeps signs (lmi-sdp, penalty)",
+                )
+            values[field][joint] += value
         return cls(
             about_joints(robot, links),
             gains=model.gains or (),
             servo=servo_gains(estimate)[0],
-            **_joint_values(estimate),
+            **values,
             mjcf=tuple(term for _, term in _terms(estimate) if term.field == "mjcf"),
         )
 
@@ -156,26 +168,6 @@ def _terms(estimate: Estimate) -> Iterator[tuple[Effect, SimulatorTerm]]:
     for effect, indices in estimate.model.parts:
         for term in effect.simulator_terms(estimate.theta[indices]):
             yield effect, term
-
-
-def _joint_values(estimate: Estimate) -> dict[str, Array]:
-    """Return damping, friction, armature, stiffness and offset of the joints, (n,) each.
-
-    Raises InputError for one that is negative and would feed energy into a simulation.
-    """
-    values: dict[str, Array] = {x: np.zeros(estimate.robot.n) for x in JOINT_FIELDS}
-    for effect, (field, joint, value, _) in _terms(estimate):
-        if field not in values:
-            continue
-        if value < 0.0 and field not in _SPRING_FIELDS:
-            raise InputError(
-                f"joint {joint + 1}: {effect.name} is {value:.4g}"
-                f" {effect.unit_on(joint)}, and a negative {field} would feed energy"
-                " into a simulation",
-                "identify with a method that keeps signs (lmi-sdp, penalty)",
-            )
-        values[field][joint] += value
-    return values
 
 
 def servo_gains(estimate: Estimate) -> tuple[Array | None, float]:

@@ -56,42 +56,28 @@ def link_bodies(
             np.ptp(shape.points, axis=0).max() > c.LAYER
             and np.linalg.norm(shape.points, axis=1).max() < largest
         ):
-            body = _body_of_geometry(shape, ellipsoid)
+            cloud = shape.points
+            if ellipsoid is not None:
+                cloud = np.concatenate([shape.points, ellipsoid])
+            volume = shape.volume if shape.volume > 0.0 else None
+            body = around(cloud, "geometry", c.GEOMETRY_MARGIN, c.LAYER, volume)
         elif np.all(np.isfinite(corners)):
             places = np.concatenate([corners, joint_places(robot, k)])
             radius = max(c.RADIUS_SHARE * reach[k], c.LEAST_RADIUS)
             body = around(balls(places, radius), "bounds")
         elif ellipsoid is not None:
-            body = _body_of_inertial(ellipsoid, joint_places(robot, k))
+            centre = ellipsoid.mean(axis=0)
+            enlarged = centre + c.INERTIAL_MARGIN * (ellipsoid - centre)
+            # Points around each joint and each end, since a body is nowhere thinner than that.
+            near_points = balls(
+                np.concatenate([joint_places(robot, k), ellipsoid]), c.LEAST_RADIUS
+            )
+            body = around(np.concatenate([enlarged, near_points]), "inertial")
         else:
             radius = max(reach[k], c.DEFAULT_RADIUS)
             body = around(balls(joint_places(robot, k), radius), "kinematics")
         bodies.append(body)
     return tuple(bodies)
-
-
-def _body_of_geometry(shape: Geometry, ellipsoid: Array | None) -> Body:
-    """Return the body around a link's shape and the points (6, 3) of its inertial's
-    ellipsoid.
-    """
-    cloud = shape.points
-    if ellipsoid is not None:
-        cloud = np.concatenate([shape.points, ellipsoid])
-    volume = shape.volume if shape.volume > 0.0 else None
-    return around(cloud, "geometry", c.GEOMETRY_MARGIN, c.LAYER, volume)
-
-
-def _body_of_inertial(ellipsoid: Array, joints: Array) -> Body:
-    """Return the body around a link's inertial and its joints, without a known shape.
-
-    The inertial is given by the ends (6, 3) of its uniform ellipsoid [m], enlarged by
-    INERTIAL_MARGIN; joints (k, 3) are points of the joints [m].
-    """
-    centre = ellipsoid.mean(axis=0)
-    enlarged = centre + c.INERTIAL_MARGIN * (ellipsoid - centre)
-    # Points around each joint and each end, since a body is nowhere thinner than that.
-    near_points = balls(np.concatenate([joints, ellipsoid]), c.LEAST_RADIUS)
-    return around(np.concatenate([enlarged, near_points]), "inertial")
 
 
 def joint_places(robot: Robot, link: int) -> Array:

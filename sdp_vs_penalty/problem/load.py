@@ -144,13 +144,21 @@ def _from_toml(
     robot = parts.robot
     if "transmission" in data:
         robot = replace(robot, transmission=parse_transmission(**data["transmission"]))
-    if "urdf" not in data["kinematics"]:
+    has_file = "urdf" in data["kinematics"]
+    if not has_file:
         robot = robot.with_constant_joints(held_joints)
     if data.get("links", robot.links) != robot.links:
         what = f"links = {data['links']}, the kinematics have {robot.links}"
         raise InputError(what, "correct links, or leave it out")
     problem = _with_bounds_of(folder, data, robot)
-    problem = _with_nominal_links(problem, parts, "urdf" in data["kinematics"])
+    bodies = link_bodies(robot, problem.centre_boxes, parts.links, parts.geometry)
+    drawn = parts.links if has_file else _ellipsoids_in_the_box(problem)
+    nominal, sources = plausible_links(robot, drawn, bodies)
+    if not has_file:
+        sources = tuple("bounds" if x == "inertial" else x for x in sources)
+    problem = replace(
+        problem, nominal_links=nominal, bodies=bodies, nominal_from=sources
+    )
     # Links that no file states are within their bounds.
     stated = np.array([x == "inertial" for x in problem.nominal_from or ()], bool)
     links = np.where(stated[:, None], problem.nominal_links, problem.prior_links)
@@ -232,20 +240,6 @@ def _with_bounds_of(folder: Path, data: Mapping[str, Any], robot: Robot) -> Prob
         folder=folder,
         effects=None if effects is None else tuple(effects),
     )
-
-
-def _with_nominal_links(problem: Problem, parts: RobotFile, has_file: bool) -> Problem:
-    """Return the problem with bodies and plausible nominal links.
-
-    Links come from the robot's file, or else are ellipsoids that fill the bounds.
-    """
-    robot = problem.robot
-    bodies = link_bodies(robot, problem.centre_boxes, parts.links, parts.geometry)
-    drawn = parts.links if has_file else _ellipsoids_in_the_box(problem)
-    nominal, sources = plausible_links(robot, drawn, bodies)
-    if not has_file:
-        sources = tuple("bounds" if x == "inertial" else x for x in sources)
-    return replace(problem, nominal_links=nominal, bodies=bodies, nominal_from=sources)
 
 
 def _ellipsoids_in_the_box(problem: Problem) -> Array:

@@ -30,9 +30,11 @@ import numpy as np
 import scipy
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.build_problem import EstimationProblem, in_columns
+from sdp_vs_penalty.estimation.build_problem import (
+    EstimationProblem,
+    with_errors_of_constants,
+)
 from sdp_vs_penalty.estimation.constants import LEVEL
-from sdp_vs_penalty.estimation.sensitivity import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import linear_spread
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
@@ -324,15 +326,8 @@ def allowed_set(
 def spread_of(posed: EstimationProblem, theta: Array) -> Callable[[Array], Array]:
     """Return the function that computes the standard deviations (k,) of linear functions
     (k, p) of theta."""
-    task = posed.task
-    model = with_sensitivities(task.model, theta)
-    regression_with_shapes = None
-    has_free_shapes = model is not task.model
-    if has_free_shapes and posed.runs is not None:
-        regression_with_shapes = in_columns(posed.runs, model)
-    return linear_spread(
-        task, posed.regression, theta, regression_with_shapes, posed.gain_errors
-    )
+    wide = with_errors_of_constants(posed, theta)
+    return linear_spread(posed.task, posed.regression, theta, wide, posed.gain_errors)
 
 
 def _structure(posed: EstimationProblem, floor: Array | None) -> float:

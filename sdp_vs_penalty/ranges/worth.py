@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sdp_vs_penalty.data.files import Source
-from sdp_vs_penalty.estimation.build_problem import EstimationProblem
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.ranges.allowed import AllowedSet, allowed_set, spread_of
@@ -71,11 +70,15 @@ def what_to_measure(
     g = coefficients(posed.problem, posed.task.model, function)
     before = _ends(allowed, g)
     middle = allowed.optimiser(allowed.first_rise).centre
+    # Very much more motion, were the model in the middle the true one.
+    ball = allowed.ball
+    exact = replace(ball, a=ball.A @ middle, spread=lambda w: _PERFECT * ball.spread(w))
+    # Twice the data, and exact gains.
+    spread = spread_of(replace(posed, gain_errors=None), estimate.theta)
+    twice = replace(ball, spread=lambda w: np.sqrt(0.5) * spread(w))
     after = {
-        _ANY_MOTION: _after_long_motion(allowed, middle),
-        "the same motion with a known load": _after_known_load(
-            allowed, posed, estimate.theta
-        ),
+        _ANY_MOTION: replace(allowed, ball=exact, fit=middle, interior=middle),
+        "the same motion with a known load": replace(allowed, ball=twice),
     }
     for scale in functions_by_name(posed.problem, posed.task.model, ["masses"]):
         if scale.name != function and scale.g is not None:
@@ -95,23 +98,6 @@ def _ends(allowed: AllowedSet, g: Array) -> tuple[float, float]:
     """Return the least and the greatest value of g^T theta."""
     ((low, high),) = EndSearch(allowed).both([g])
     return low.value, high.value
-
-
-def _after_long_motion(allowed: AllowedSet, middle: Array) -> AllowedSet:
-    """Return the set of what very much more motion would leave, were the model in the
-    middle (p,) the true one."""
-    ball = allowed.ball
-    exact = replace(ball, a=ball.A @ middle, spread=lambda w: _PERFECT * ball.spread(w))
-    return replace(allowed, ball=exact, fit=middle, interior=middle)
-
-
-def _after_known_load(
-    allowed: AllowedSet, posed: EstimationProblem, theta: Array
-) -> AllowedSet:
-    """Return the set that twice the data and exact gains would leave."""
-    spread = spread_of(replace(posed, gain_errors=None), theta)
-    twice = replace(allowed.ball, spread=lambda w: np.sqrt(0.5) * spread(w))
-    return replace(allowed, ball=twice)
 
 
 def _after_weighing(allowed: AllowedSet, middle: Array, g: Array) -> AllowedSet:

@@ -139,10 +139,7 @@ class ProductRegression(Regression):
 
     @classmethod
     def from_rows(
-        cls,
-        parameters: tuple[Parameter, ...],
-        rows: Sequence[Array],
-        oversampling: float = 1.0,
+        cls, parameters: tuple[Parameter, ...], rows: Sequence[Array]
     ) -> ProductRegression:
         """Multiply the columns and the torque of rows.
 
@@ -152,15 +149,13 @@ class ProductRegression(Regression):
             The p parameters of the columns.
         rows
             Of each of n joints the rows (r, p + 1) [Y tau].
-        oversampling
-            Rows for each independent one.
         """
         return cls(
             parameters,
             joints=len(rows),
             blocks=(),
             factors=(),
-            oversampling=oversampling,
+            oversampling=1.0,
             products=np.stack([of_joint.T @ of_joint for of_joint in rows]),
             counts=np.array([len(of_joint) for of_joint in rows], np.int64),
         )

@@ -551,7 +551,13 @@ def compress_cells(
     n_samples = sum(samples for _, samples in by_run)
     own_errors = model.drives.any() and model.reference is not None
     if own_errors or any("qsim" in run.run.commanded for run in runs.runs):
-        factors = _with_instruments(model, factors)
+        # Their columns correlate with the motion, not with the noise of positions.
+        parts = [(f.joint, f.indices, f.triangle) for f in factors]
+        rows_by_factor = instrumented(model, parts)
+        factors = [
+            replace(factor, indices=indices, triangle=_folded(rows))
+            for factor, (indices, rows) in zip(factors, rows_by_factor, strict=True)
+        ]
     return Regression(
         parameters=model.parameters,
         joints=model.robot.n,
@@ -559,20 +565,6 @@ def compress_cells(
         factors=tuple(factors),
         oversampling=n_rows / n_samples,
     )
-
-
-def _with_instruments(model: Model, factors: Sequence[Factor]) -> list[Factor]:
-    """Return the factors with instrumental-variable columns.
-
-    Instruments are columns that correlate with the motion but not with the noise of
-    measured positions, so that least squares is unbiased.
-    """
-    parts = [(f.joint, f.indices, f.triangle) for f in factors]
-    out = []
-    rows_by_factor = instrumented(model, parts)
-    for factor, (indices, rows) in zip(factors, rows_by_factor, strict=True):
-        out.append(replace(factor, indices=indices, triangle=_folded(rows)))
-    return out
 
 
 def _cells_of_run(

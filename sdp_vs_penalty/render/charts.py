@@ -339,33 +339,25 @@ def missing_figure(
             values = np.concatenate([variable.along(motion) for motion in motions])
             rows.append(values[spread_rows(len(values))])
     if len(names) == 1:
-        plot = _curve_over_one(curve, rows)
+        # The histogram has an axis of its own on the right.
+        plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
+        for x in rows:
+            plot.add(
+                "histogram",
+                x=x,
+                yaxis="y2",
+                name="rows",
+                marker={"color": NEUTRAL},
+                opacity=0.3,
+                nbinsx=60,
+            )
+        axis = {"overlaying": "y", "side": "right", "title": "rows"}
+        plot = plot.update_layout(yaxis2=axis)
         return plot.update_axes("x", title=names[0]).update_axes(
             "y", title=f"joint {curve.joint} [{unit}]"
         )
     plot = _curve_over_two(curve, rows, unit)
     return plot.update_axes("x", title=names[0]).update_axes("y", title=names[1])
-
-
-def _curve_over_one(curve: Curve, rows: Sequence[Array]) -> Figure:
-    """Draw a curve over one variable with its band, and a histogram of the variable at
-    the measured rows: ``rows`` holds at most one array (k,).
-
-    The histogram has an axis of its own on the right.
-    """
-    plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
-    for x in rows:
-        plot.add(
-            "histogram",
-            x=x,
-            yaxis="y2",
-            name="rows",
-            marker={"color": NEUTRAL},
-            opacity=0.3,
-            nbinsx=60,
-        )
-    axis = {"overlaying": "y", "side": "right", "title": "rows"}
-    return plot.update_layout(yaxis2=axis)
 
 
 def _curve_over_two(curve: Curve, rows: Sequence[Array], unit: str) -> Figure:

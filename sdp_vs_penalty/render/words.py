@@ -322,17 +322,6 @@ def shared_doubts(findings: Sequence[Finding]) -> dict[Doubt, list[int]]:
     return {doubt: those for doubt, those in numbers.items() if len(those) > 1}
 
 
-def _shared_doubt(findings: Sequence[Finding]) -> str:
-    """Say which doubts several uncertain findings share, each once; "" without any."""
-    doubts_by_findings: dict[tuple[int, ...], list[str]] = {}
-    for doubt, numbers in shared_doubts(findings).items():
-        doubts_by_findings.setdefault((*numbers,), []).append(doubt.sentence)
-    return " ".join(
-        f"Findings {formatting.words(numbers)}, each: {'; '.join(doubts)}."
-        for numbers, doubts in doubts_by_findings.items()
-    )
-
-
 def describe_constant(constant: Retune, diagnosis: Diagnosis) -> FindingWords:
     """Return the sentences about a constant of the model that should be
     re-estimated.
@@ -401,11 +390,17 @@ def describe_diagnosis(
     invisible: dict[str, set[int]] = {}
     for item in diagnosis.invisible:
         invisible.setdefault(item.effect, set()).update(item.joints)
+    doubts_by_findings: dict[tuple[int, ...], list[str]] = {}
+    for doubt, numbers in shared_doubts(diagnosis.effects).items():
+        doubts_by_findings.setdefault((*numbers,), []).append(doubt.sentence)
     return DiagnosisWords(
         verdict=diagnosis.headline,
         advice=diagnosis.advice,
         findings=tuple(findings),
-        shared_doubt=_shared_doubt(diagnosis.effects),
+        shared_doubt=" ".join(
+            f"Findings {formatting.words(numbers)}, each: {'; '.join(doubts)}."
+            for numbers, doubts in doubts_by_findings.items()
+        ),
         constants=tuple(describe_constant(x, diagnosis) for x in diagnosis.retuned),
         curves=tuple(curve.sentence(units) for curve in diagnosis.curves),
         left=diagnosis.left_sentence,

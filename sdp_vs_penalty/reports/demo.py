@@ -64,9 +64,7 @@ class Demo:
     truth: str
 
 
-def demo(
-    folder: str | Path, seed: int = SEED, progress: Progress = no_progress
-) -> Demo:
+def demo(folder: str | Path, progress: Progress = no_progress) -> Demo:
     """Run the full workflow on a simulated arm with a hidden effect.
 
     The steps are: simulate three runs, identify by three methods, locate the error,
@@ -77,8 +75,6 @@ def demo(
     folder : str or Path
         Folder for run1.csv, run2.csv, test.csv, model.json, better.json and
         report.html.
-    seed : int
-        Seed of the simulated arm and of all random starts.
     progress : callable
         Called with a short text at each step.
 
@@ -92,7 +88,7 @@ def demo(
     problem = load_problem(ARM)
     progress("simulating three runs")
     hidden_result = hidden_runs(
-        problem, [(HIDDEN, [problem.robot.n - 1])], LEVEL, seed, count=len(RUNS)
+        problem, [(HIDDEN, [problem.robot.n - 1])], LEVEL, SEED, count=len(RUNS)
     )
     for name, run in zip(RUNS, hidden_result.runs, strict=True):
         save(run, folder / name)
@@ -100,7 +96,7 @@ def demo(
     test = hidden_result.test
     models = {}
     filtered = read_and_filter(problem, train)
-    estimation = pose_filtered(problem, filtered, PoseOptions(seed=seed))
+    estimation = pose_filtered(problem, filtered, PoseOptions(seed=SEED))
     for method in METHODS:
         progress(f"identifying by {method}")
         models[method] = estimate_posed(estimation, method)
@@ -113,12 +109,12 @@ def demo(
     noise = noise_floor(model, test)
     failures = where_it_fails(model, test, noise=noise)
     progress("looking for what is missing")
-    diagnosis = diagnose(model, train, test, seed=seed)
+    diagnosis = diagnose(model, train, test, seed=SEED)
     progress("adding it")
     better = model
     if diagnosis.helpful:
         helpful = diagnosis.selected(helpful=True)
-        better = add(model, helpful, train, seed=seed)
+        better = add(model, helpful, train, seed=SEED)
     judged_runs = FilteredRuns.filtering(test, model.preprocessing)
     *compared, after = compare_filtered(
         {**models, "with what was found": better}, judged_runs, noise=noise

@@ -177,7 +177,13 @@ def _projected_matrices(values: Array, directions: Array) -> tuple[Array, Array]
     positive = np.maximum(eigenvalues, 0.0)
     # One row stands for the two equal entries on both sides of the diagonal.
     i, j = np.triu_indices(d)
-    omega = _divided_differences(eigenvalues, positive)[:, i, j]
+    # Divided differences of max(x, 0) between eigenvalues; its slope where two are equal.
+    gap = eigenvalues[:, :, None] - eigenvalues[:, None, :]
+    largest = np.abs(eigenvalues).max(axis=1)[:, None, None]
+    is_close = np.abs(gap) <= 1e-14 * largest
+    rise = positive[:, :, None] - positive[:, None, :]
+    step = (eigenvalues > 0.0)[:, :, None] * np.ones(eigenvalues.shape[1])
+    omega = np.where(is_close, step, rise / np.where(is_close, 1.0, gap))[:, i, j]
     scale = np.sqrt(np.where(i == j, omega, 2.0 * omega))
     # Entry (i, j) of U^T H U is the row u_i (x) u_j times the entries of H.
     pairs = u[:, :, None, i] * u[:, None, :, j]
@@ -186,20 +192,6 @@ def _projected_matrices(values: Array, directions: Array) -> tuple[Array, Array]
     rows = np.zeros((len(u), len(i)))
     rows[:, i == j] = positive
     return rows.ravel(), turned.reshape(-1, directions.shape[2])
-
-
-def _divided_differences(eigenvalues: Array, positive: Array) -> Array:
-    """Return (g, d, d) divided differences of max(., 0) between eigenvalues (g, d).
-
-    ``positive`` are their positive parts. For (nearly) equal eigenvalues: the
-    derivative, 1 or 0.
-    """
-    gap = eigenvalues[:, :, None] - eigenvalues[:, None, :]
-    largest = np.abs(eigenvalues).max(axis=1)[:, None, None]
-    is_close = np.abs(gap) <= 1e-14 * largest
-    rise = positive[:, :, None] - positive[:, None, :]
-    step = (eigenvalues > 0.0)[:, :, None] * np.ones(eigenvalues.shape[1])
-    return np.where(is_close, step, rise / np.where(is_close, 1.0, gap))
 
 
 def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:

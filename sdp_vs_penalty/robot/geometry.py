@@ -74,15 +74,8 @@ def link_geometry(
     return out
 
 
-def link_surfaces(
-    path: str | Path, held: Mapping[str, float] | None = None
-) -> list[Array | None]:
+def link_surfaces(path: str | Path) -> list[Array | None]:
     """Return the triangles of the moving links' visual meshes, for pictures.
-
-    Parameters
-    ----------
-    held : mapping or None
-        Positions [rad, m] of joints that count as fixed.
 
     Returns
     -------
@@ -96,7 +89,7 @@ def link_surfaces(
         The file is no URDF of a tree of joints.
     """
     surfaces: list[Array | None] = []
-    for parts in placed_links(path, held):
+    for parts in placed_links(path):
         with errors_located_in(path):
             found = [
                 surface
@@ -330,7 +323,17 @@ def _solid(path: Path, shape: Any) -> Geometry | None:
         return _cylinder(shape)
     if shape.tag == "mesh":
         scale = _lengths(shape, "scale", 3, "1 1 1")
-        return _mesh(path, shape.get("filename") or "", scale)
+        file = mesh_file(path, shape.get("filename") or "")
+        if file is None:
+            return None
+        mesh = read_mesh(file, scale)
+        if mesh is None:
+            return None
+        points = mesh.vertices
+        extent = np.ptp(points, axis=0) if len(points) else np.zeros(3)
+        # The volume of an open surface means nothing; a solid's is at most that of its box.
+        is_solid = mesh.volume <= 1.001 * float(np.prod(extent))
+        return Geometry(points, mesh.volume if is_solid else 0.0)
     return None
 
 
@@ -362,25 +365,6 @@ def _lengths(shape: Any, attribute: str, count: int, default: str = "") -> Array
         problem = f"a length beyond {LARGEST_LENGTH:g} m"
         raise InputError(f"{where} has {problem}", "correct the file")
     return values
-
-
-def _mesh(path: Path, filename: str, scale: Array) -> Geometry | None:
-    """Return a mesh's vertices times ``scale`` (3,), and its volume (0 for an open
-    surface).
-
-    None if the file is missing or cannot be read.
-    """
-    file = mesh_file(path, filename)
-    if file is None:
-        return None
-    mesh = read_mesh(file, scale)
-    if mesh is None:
-        return None
-    points = mesh.vertices
-    extent = np.ptp(points, axis=0) if len(points) else np.zeros(3)
-    # The volume of an open surface means nothing; a solid's is at most that of its box.
-    is_solid = mesh.volume <= 1.001 * float(np.prod(extent))
-    return Geometry(points, mesh.volume if is_solid else 0.0)
 
 
 def mesh_file(path: Path, filename: str) -> Path | None:

@@ -304,25 +304,6 @@ def gyration(theta: ArrayLike) -> Array:
     return np.sqrt(np.maximum(squared, 0.0))
 
 
-def gyration_about_joint(theta: ArrayLike, smallest_mass: float = 1e-12) -> Array:
-    """Return the radius of gyration sqrt(tr(I) / 2 m) [m] about the frame's origin.
-
-    The trace of an inertia is twice the second moment of the mass. The radius is zero
-    where the trace is not positive.
-
-    Parameters
-    ----------
-    theta : (..., 10) array
-        Standard parameters about the link frame [kg, kg m, kg m^2].
-    smallest_mass : float
-        Mass [kg] that lighter links are taken to have.
-    """
-    theta = np.asarray(theta, float)
-    moment = np.trace(inertia_matrix(theta[..., 4:]), axis1=-2, axis2=-1) / 2.0
-    mass = np.maximum(theta[..., 0], smallest_mass)
-    return np.asarray(np.sqrt(np.maximum(moment, 0.0) / mass))
-
-
 #: Smallest mass [kg] and radius [m] that a link is taken to have.
 _SMALLEST_MASS = 0.1
 _SMALLEST_RADIUS = 0.05
@@ -343,7 +324,10 @@ def link_sizes(links: Array) -> Array:
         its square [kg m^2].
     """
     mass = np.maximum(links[:, 0], _SMALLEST_MASS)
-    radius = np.maximum(gyration_about_joint(links, _SMALLEST_MASS), _SMALLEST_RADIUS)
+    # The trace of an inertia is twice the second moment of the mass.
+    moment = np.trace(inertia_matrix(links[:, 4:]), axis1=-2, axis2=-1) / 2.0
+    radius = np.sqrt(np.maximum(moment, 0.0) / mass)
+    radius = np.maximum(radius, _SMALLEST_RADIUS)
     sizes = [mass, *(mass * radius,) * 3, *(mass * radius**2,) * 6]
     return np.column_stack(sizes)
 

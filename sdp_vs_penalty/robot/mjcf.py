@@ -491,7 +491,9 @@ def _tree(
         for j in range(first, first + model.integer("body_jntnum", body)):
             names.append(model.joint_names[j])
             kind = _kind_of(model, j)
-            anchor, from_anchor = _to_anchor(model, j)
+            anchor, from_anchor = np.eye(4), np.eye(4)
+            anchor[:3, 3] = model.row("jnt_pos", j)
+            from_anchor[:3, 3] = -anchor[:3, 3]
             joint = _joint(model, j, kind, carrier, pose @ anchor)
             # The file draws bodies at the joint's reference position, ours is zero.
             to_zero = -model.start(j)
@@ -522,15 +524,6 @@ def _kind_of(model: MujocoModel, j: int) -> str:
         remedy = "fix a floating base; give a ball three hinges"
         raise InputError(what, remedy, model.path)
     return _KINDS[number]
-
-
-def _to_anchor(model: MujocoModel, j: int) -> tuple[Array, Array]:
-    """Return poses (4, 4) from a body's frame to joint j's anchor, and back."""
-    to_anchor = np.eye(4)
-    from_anchor = np.eye(4)
-    to_anchor[:3, 3] = model.row("jnt_pos", j)
-    from_anchor[:3, 3] = -model.row("jnt_pos", j)
-    return to_anchor, from_anchor
 
 
 def _joint(

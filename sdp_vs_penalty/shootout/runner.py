@@ -444,7 +444,18 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
                 " settings or the time limit are other ones now"
             )
         tasks, not_applicable = _pending(setup, entries, competing, references, results)
-        _perform_all(tasks, work, results, facts, say)
+        n_done = 0
+        total = sum(len(task.accuracies) for task in tasks)
+        say(f"{n_done} of {total}: runs")
+        begin = time.monotonic()
+        for place, rows in work(tasks):
+            task = tasks[place]
+            cells = facts.find_row(task)
+            results.add([row | cells for row in rows])
+            n_done += len(rows)
+            left = (time.monotonic() - begin) * (total - n_done) / max(n_done, 1)
+            about_left = f", about {left:.0f} s left" if left >= 1.0 else ""
+            say(f"{n_done} of {total}: {task.solver} on {task.problem}{about_left}")
     return Outcome(results, absent, not_applicable, notes)
 
 
@@ -506,39 +517,6 @@ def _is_current(
     )
     is_same = current == (row["version"], row["settings"], row["time_limit"])
     return is_same and has_all_repetitions
-
-
-def _perform_all(
-    tasks: Sequence[Assignment],
-    work: Callable[..., Any],
-    results: Results,
-    facts: Facts,
-    say: Progress,
-) -> None:
-    """Do the assignments, and write each one's runs as soon as they are there.
-
-    Parameters
-    ----------
-    work : callable
-        Spreads assignments over workers; yields the index and the rows of each that is
-        done.
-    facts : Facts
-        The cells that a worker does not return.
-    say : callable
-        Called with the number of runs done and an estimate of the time left.
-    """
-    n_done = 0
-    total = sum(len(task.accuracies) for task in tasks)
-    say(f"{n_done} of {total}: runs")
-    begin = time.monotonic()
-    for place, rows in work(tasks):
-        task = tasks[place]
-        cells = facts.find_row(task)
-        results.add([row | cells for row in rows])
-        n_done += len(rows)
-        left = (time.monotonic() - begin) * (total - n_done) / max(n_done, 1)
-        about_left = f", about {left:.0f} s left" if left >= 1.0 else ""
-        say(f"{n_done} of {total}: {task.solver} on {task.problem}{about_left}")
 
 
 def proved_intervals(

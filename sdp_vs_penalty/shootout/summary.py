@@ -713,7 +713,12 @@ def write_summary(
     not_applicable : sequence of (str, str, str)
         Problem, solver, and why the one cannot be posed to the other.
     """
-    left_out = _left_out_in_words(runs, absent, not_applicable)
+    left_out = [f"{name}: {reason}" for name, reason in sorted(absent.items())]
+    n_by_solver_and_reason = Counter((solver, why) for _, solver, why in not_applicable)
+    for (solver, reason), n in sorted(n_by_solver_and_reason.items()):
+        left_out.append(f"{solver}: not applicable to {count(n, 'problem')}: {reason}")
+    unproved = sorted(set(runs["problem"][runs["outcome"] == "unproved"]))
+    left_out += [f"{name}: no interval is proved that could judge" for name in unproved]
     false = false_claims(runs)
     settings = by_setting(runs)
     tightest = accuracies(runs)[-1]
@@ -744,21 +749,6 @@ def write_summary(
     for name, plot in pictures.items():
         plot(runs, folder / name)
     return [*paths, *(folder / name for name in pictures)]
-
-
-def _left_out_in_words(
-    runs: pandas.DataFrame,
-    absent: dict[str, str],
-    not_applicable: Sequence[tuple[str, str, str]],
-) -> list[str]:
-    """Say which solvers and problems have no runs that count, and why, a line each."""
-    lines = [f"{name}: {reason}" for name, reason in sorted(absent.items())]
-    n_by_solver_and_reason = Counter((solver, why) for _, solver, why in not_applicable)
-    for (solver, reason), n in sorted(n_by_solver_and_reason.items()):
-        lines.append(f"{solver}: not applicable to {count(n, 'problem')}: {reason}")
-    unproved = sorted(set(runs["problem"][runs["outcome"] == "unproved"]))
-    lines += [f"{name}: no interval is proved that could judge" for name in unproved]
-    return lines
 
 
 def _rankings_in_words(runs: pandas.DataFrame) -> list[str]:

@@ -121,7 +121,11 @@ class Kernel(LowPass):
         t = np.asarray(np.arange(-self.half, self.half + 1) * dt, float)
         u = t / support
         sinc, sinc1, sinc2 = _sinc_derivatives(2.0 * np.pi * cutoff, t)
-        hann, hann1, hann2 = _hann_derivatives(np.pi / support, t)
+        a = np.pi / support
+        cosine = np.cos(a * t)
+        hann = 0.5 + 0.5 * cosine
+        hann1 = -0.5 * a * np.sin(a * t)
+        hann2 = -0.5 * a**2 * cosine
         h = sinc * hann
         h1 = sinc1 * hann + sinc * hann1
         h2 = sinc2 * hann + 2.0 * sinc1 * hann1 + sinc * hann2
@@ -188,13 +192,6 @@ def _sinc_derivatives(w: float, t: Array) -> tuple[Array, Array, Array]:
     first = np.where(t == 0.0, 0.0, (w * cosine - value) / safe)
     second = (-(w**2) * sine - 2.0 * first) / safe
     return value, first, np.where(t == 0.0, -(w**3) / 3.0, second)
-
-
-def _hann_derivatives(a: float, t: Array) -> tuple[Array, Array, Array]:
-    """Return Hann's window (1 + cos(a t)) / 2 and its first and second derivative by t,
-    each (N,), at instants t (N,) [s]; a = pi / half length [rad/s]."""
-    cosine = np.cos(a * t)
-    return 0.5 + 0.5 * cosine, -0.5 * a * np.sin(a * t), -0.5 * a**2 * cosine
 
 
 def convolve(x: Array, *kernels: Array) -> list[Array]:

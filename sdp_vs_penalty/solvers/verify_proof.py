@@ -354,18 +354,19 @@ def in_words(x):
     return f"{Decimal(x.numerator) / Decimal(x.denominator):.1e}"
 
 
-def weakness(proof, loosest=Fraction(1, 1000)):
-    """Return why a valid proof says too little of the optimum, "" if it says enough.
+#: The largest gap, relative to the objective, that says enough.
+LOOSEST = Fraction(1, 1000)
 
-    ``loosest`` is the largest gap, relative to the objective, that says enough.
-    """
+
+def weakness(proof):
+    """Return why a valid proof says too little of the optimum, "" if it says enough."""
     gap = relative_gap(proof)
     if gap is None or gap >= 1:
         share = "" if gap is None else f", {in_words(gap)} times the objective wide,"
         ends = (in_words(Fraction(proof[name])) for name in ("lower", "upper"))
         return f"vacuous: [{', '.join(ends)}]{share} says nothing of the optimum"
-    if gap > loosest:
-        most = in_words(loosest)
+    if gap > LOOSEST:
+        most = in_words(LOOSEST)
         return f"loose: its gap is {in_words(gap)} of the objective, more than {most}"
     return ""
 

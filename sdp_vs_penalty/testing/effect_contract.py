@@ -57,14 +57,14 @@ def robots() -> dict[str, Robot]:
     }
 
 
-def steady_motion(robot: Robot, rows: int = 60, seed: int = 0) -> Motion:
+def steady_motion(robot: Robot) -> Motion:
     """Return a motion without reversals and far from standstill, with a current model.
 
     |dq| stays beyond 0.3 rad/s, where every smoothed sign is one, so that nothing but
     the declared shape constants has the unit of a velocity.
     """
-    rng = np.random.default_rng(seed)
-    t = np.linspace(0.0, 0.01 * (rows - 1), rows)
+    rng = np.random.default_rng(0)
+    t = np.linspace(0.0, 0.59, 60)
     v = (0.8 + 0.7 * np.arange(robot.n)) * rng.choice([-1.0, 1.0], robot.n)
     a = rng.uniform(-0.2, 0.2, robot.n)
     wave = 3.0 * t[:, None] + rng.uniform(0, 6, robot.n)

@@ -127,8 +127,8 @@ def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(small
     assert np.all((q >= limits.lower) & (q <= limits.upper))
     assert np.all(np.abs(dq) <= limits.velocity)
     assert np.all(np.abs(ddq) <= limits.acceleration)
-    assert found.delta2 > 2.0 * found.default_delta2
-    assert found.seconds < found.default_seconds
+    assert found.power.delta2 > 2.0 * found.default.delta2
+    assert found.power.seconds < found.default.seconds
 
 
 def test_the_stated_length_decides_rightly_as_often_as_stated(small):

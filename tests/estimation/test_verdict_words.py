@@ -27,13 +27,6 @@ def test_without_a_noise_floor_the_error_stands_alone():
     assert sentence == "joint 1: 1 -> 0.5 N m (-50 %)."
 
 
-def test_a_brief_change_names_the_largest_fall_and_what_got_worse():
-    after = BEFORE * [0.5, 0.1, 2.0]
-    sentence = changes(BEFORE, after, FLOOR, UNITS, is_brief=True)
-    assert sentence.startswith("joint 2: 2 -> 0.2 N m, 20 -> 2 times the noise")
-    assert "1 more joint errs less; joint 3 worse: 4 -> 8" in sentence
-
-
 def verdict(grade):
     """All lines of one grade, the noise known."""
     texts = {

@@ -171,29 +171,28 @@ def _separate(
             estimate, effects, free=shapes, progress=progress, **settings
         )
     save_trajectory(separation.trajectory, out)
+    default, power = separation.default, separation.power
     console.say(
         f"right decision after {settings['duration']:g} s:"
-        f" {100 * separation.default_right:.0f} % on the default excitation,"
-        f" {100 * separation.right:.0f} % on this one",
+        f" {100 * default.right:.0f} % on the default excitation,"
+        f" {100 * power.right:.0f} % on this one",
         style="bold",
     )
     needed = [
-        f"{t:.3g} s" if t < 1e7 else "never"
-        for t in (separation.default_seconds, separation.seconds)
+        f"{x.seconds:.3g} s" if x.seconds < 1e7 else "never" for x in (default, power)
     ]
     console.say(
-        f"seconds for {100 * LEVEL:.0f} % right decisions: {needed[0]} and {needed[1]}"
+        f"seconds for {100 * LEVEL:.0f} % right decisions: {' and '.join(needed)}"
     )
-    squares = [f"{d:.3g}" for d in (separation.default_delta2, separation.delta2)]
     console.say(
-        f"squared distance of the two, in noise variances: {squares[0]} and"
-        f" {squares[1]}"
+        "squared distance of the two, in noise variances:"
+        f" {default.delta2:.3g} and {power.delta2:.3g}"
     )
     console.paragraph(
         f"Effects of {settings['level']:g} noise standard deviations (root mean square)"
         " on the default excitation; longer runs repeat the motion."
     )
-    if not separation.collisions:
+    if shapes is None:
         why = (
             "no --urdf is named"
             if urdf is None

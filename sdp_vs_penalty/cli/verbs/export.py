@@ -59,7 +59,11 @@ def verb(
         estimate, out, urdf, mjcf=mjcf, force=force, flange=(x, y, z), judged=verdict
     )
     if loses:
-        _say_what_is_lost(left_out, judged)
+        from sdp_vs_penalty.exporters.export import exported_verdict
+
+        console.say(exported_verdict(left_out, None if judged is None else judged[0]))
+        if judged is not None and judged[1]:
+            console.say(f"Without what it cannot hold: {judged[1]}")
     else:
         stored = estimate.verdict
         console.say(NOT_JUDGED if stored is None else f"Verdict: {stored.headline}")
@@ -128,19 +132,6 @@ def _judged_as_exported(
     held = judge_as_exported(estimate, out, filtered, whole)
     assert held is not None  # the file loses effects
     return True, (held.verdict, describe_change(whole, held.comparison))
-
-
-def _say_what_is_lost(
-    left_out: tuple[str, ...], judged: tuple[Verdict, str] | None
-) -> None:
-    """Print the verdict on a file that cannot hold all effects, and how the errors
-    change.
-    """
-    from sdp_vs_penalty.exporters.export import exported_verdict
-
-    console.say(exported_verdict(left_out, None if judged is None else judged[0]))
-    if judged is not None and judged[1]:
-        console.say(f"Without what it cannot hold: {judged[1]}")
 
 
 def _warn_of_names(out: Path) -> None:

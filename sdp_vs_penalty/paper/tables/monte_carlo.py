@@ -213,9 +213,9 @@ def _identify_from(draw: Draw) -> dict[str, dict[str, Any]]:
     return results
 
 
-def _reweighted(task: Task, regression: Regression, rounds: int = 10) -> Task:
+def _reweighted(task: Task, regression: Regression) -> Task:
     """Return the task with joint weights of its own residuals, repeated to the end."""
-    for _ in range(rounds):
+    for _ in range(10):
         weights = joint_weights(regression, task.ols)
         data = regression.least_squares(weights)
         is_settled = np.allclose(weights, task.weights, rtol=1e-4)
