@@ -500,7 +500,7 @@ def _unwritable(error: Exception, path: Path) -> InputError:
     )
 
 
-def require_writable(path: str | Path, may_be_folder: bool = False) -> None:
+def require_writable(path: str | Path, may_be_folder: bool) -> None:
     """Raise InputError if :func:`writing` would refuse a path; nothing is written.
 
     It is asked before long work. A folder that does not exist yet would be made, so the

@@ -451,9 +451,7 @@ def with_known(model: Model, known: Mapping[str, float]) -> Model:
     return out
 
 
-def in_columns(
-    runs: FilteredRuns, model: Model, workers: Workers = ALONE
-) -> Regression:
+def in_columns(runs: FilteredRuns, model: Model, workers: Workers) -> Regression:
     """Compress runs in the columns of a model.
 
     Blocks are stretches of time. Without torque the residual is the model's error,
@@ -539,9 +537,7 @@ def read_and_filter(
 
 
 def filter_runs(
-    problem: Problem,
-    data: Measurements | FilteredRuns,
-    settings: Preprocessing | None = None,
+    problem: Problem, data: Measurements | FilteredRuns, settings: Preprocessing | None
 ) -> FilteredRuns:
     """Return a log behind its filters.
 
@@ -585,7 +581,7 @@ def with_reference(
     problem: Problem,
     model: Model,
     compressed: Callable[[Model], Regression],
-    weighting: str = "noise",
+    weighting: str,
     progress: Progress = no_progress,
 ) -> Model:
     """Return the model with its reference: the current model's parameters (p,).

@@ -1005,7 +1005,7 @@ def estimate_of_file(data: Mapping[str, Any]) -> Estimate:
 Models: TypeAlias = Any
 
 
-def as_estimate(source: Estimate | str | Path, what: str = "estimate") -> Estimate:
+def as_estimate(source: Estimate | str | Path, what: str) -> Estimate:
     """Return an Estimate as it is, or read it from a model.json.
 
     Parameters

@@ -104,7 +104,7 @@ class BaseParameters:
         return text
 
 
-def base_rows(model: Model, independent: Sequence[str] | None = None) -> BaseParameters:
+def base_rows(model: Model, independent: Sequence[str] | None) -> BaseParameters:
     """Return the base parameters of a model: combinations of theta that make torque.
 
     Those of the links come first, with the names that the problem gives them, then

@@ -125,9 +125,7 @@ def rows_worth_one(
     return max(1.0, *(trace / freedom for trace in traces))
 
 
-def price(
-    freedom: float | Array, n_rows: float, worth: float, n_choices: float = 1.0
-) -> Any:
+def price(freedom: float | Array, n_rows: float, worth: float, n_choices: float) -> Any:
     """Return what a candidate's evidence J = dD / v - price costs: (k + s) log(N / v)
     + 2 log P, the extended BIC (Chen, Chen, Biometrika 2008).
 

@@ -311,7 +311,7 @@ def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> 
 
 
 def missing_figure(
-    curve: Curve, units: Sequence[str], motions: Sequence[Motion] = ()
+    curve: Curve, units: Sequence[str], motions: Sequence[Motion]
 ) -> Figure:
     """Draw a measured curve of missing torque with its 95 % band, and where the rows
     lie.
@@ -540,7 +540,7 @@ def cause_figure(
     units: Sequence[str],
     position_units: Sequence[str],
     floor: Sequence[float | None] | Array | None,
-    waves: float = 1.0,
+    waves: float,
 ) -> Figure:
     """Draw a joint's error against its cause, before and after effects were added.
 

@@ -281,7 +281,7 @@ def _rising_joints(diagnosis: Diagnosis, before: Array, after: Array) -> str:
     return formatting.sentence(formatting.words(texts)) if texts else ""
 
 
-def weak_title(n_weak: int, n_added: int = 0) -> str:
+def weak_title(n_weak: int, n_added: int) -> str:
     """Return the heading above the weak findings, which are folded; the model that is
     shown has ``n_added`` of them."""
     count = formatting.count(n_weak, "weak finding")
@@ -533,9 +533,7 @@ _WHEN = {
 }
 
 
-def describe_unexplained(
-    failures: Failures, joint: int, is_found: bool | None = False
-) -> str:
+def describe_unexplained(failures: Failures, joint: int, is_found: bool | None) -> str:
     """Say what the error of a joint (from 1) depends on, and that nothing sure explains
     it.
 

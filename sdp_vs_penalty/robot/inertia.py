@@ -387,7 +387,7 @@ def least_density(theta: ArrayLike) -> Array:
 
 
 def nearest_inertia(
-    about_com: Array, mass: float = 0.0, thinnest: float | None = None
+    about_com: Array, mass: float, thinnest: float | None = None
 ) -> Array:
     """Return the consistent inertia that is nearest to a symmetric matrix (3, 3)
     [kg m^2] by the Frobenius norm.

@@ -400,7 +400,7 @@ class Transmission(JsonRecord):
             what = "transmission: the joints do not follow from the motors"
             raise InputError(what, "give independent motors")
 
-    def at_motors(self, *, joint_torque: bool = False) -> "Transmission":
+    def at_motors(self, *, joint_torque: bool) -> "Transmission":
         """Return it for logs of motors, where it does not say which channels are theirs;
         with ``joint_torque`` the torques are the joints' already, whatever it says."""
         out = self
