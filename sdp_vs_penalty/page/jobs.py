@@ -571,7 +571,7 @@ def motion(job: JobRequest) -> Answer:
             f" within {where}, at most {formatting.number(speeds[fastest])}"
             f" {unit} (joint {fastest + 1}). It begins at q = {begin}. All joints together"
             " may be where no run has been, and nothing here knows"
-            " table or cables: look at it in a simulator and keep its space free;"
+            " table or cables: keep all of the arm's space free, and begin slowly;"
             " then run it, and bring the log under Measure."
         ),
     }

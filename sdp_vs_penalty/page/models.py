@@ -23,6 +23,7 @@ from sdp_vs_penalty.effects.written import read_effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.commands import commands_of
 from sdp_vs_penalty.page.model_step import ModelStep, is_among, joints_of
+from sdp_vs_penalty.page.project import UNDO
 from sdp_vs_penalty.page.runs import RobotAndRuns
 from sdp_vs_penalty.page.spoken import graded
 from sdp_vs_penalty.page.worker import sentence
@@ -317,7 +318,7 @@ class Models(RobotAndRuns):
         self.prepared = commands
         self.effects = step.effects
         self.say(
-            f"Only {names} is here now, beside the model as it was. Undo brings the other"
+            f"Only {names} is here now, beside the model as it was. {UNDO} the other"
             " runs back.",
             error=False,
         )

@@ -132,8 +132,9 @@ def _find_step(view: View) -> NextStep:
     model."""
     session = view.session
     if not session.robot:
-        text = "Choose the robot that was measured: its file, or a built-in one."
-        return NextStep(text, "Choose the robot's file", "measure", opens="drop-robot")
+        text = "Choose the robot that was measured (its URDF), and its logs."
+        label = "Choose the URDF and the logs"
+        return NextStep(text, label, "measure", opens="drop-robot")
     if session.refused:
         return _columns(session)
     if not session.runs:

@@ -46,6 +46,10 @@ STATE_FILE = "project.json"
 _FORMAT = 1
 
 
+#: How a notice says that a step can be taken back, with a button for it.
+UNDO = "Undo brings"
+
+
 @dataclass(frozen=True)
 class PageNotice:
     """One or more sentences for the person: an error, or something worth knowing."""

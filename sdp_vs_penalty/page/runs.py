@@ -14,6 +14,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.page.commands import option_words
 from sdp_vs_penalty.page.model_step import ModelStep
+from sdp_vs_penalty.page.project import UNDO
 from sdp_vs_penalty.page.run_issues import RunIssues, asks_for_unit, is_refused
 from sdp_vs_penalty.robot.model_files import ROBOT_FILE_ENDINGS
 from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES
@@ -25,9 +26,7 @@ ENDINGS = {
     "model": (".json",),
 }
 #: What is said where the robot or runs for fitting have changed.
-_DROPPED = (
-    "{} dropped, since identified from what was there before: Undo brings it back."
-)
+_DROPPED = f"{{}} dropped, since identified from what was there before: {UNDO} it back."
 
 
 def kind_of(name: str) -> str:
@@ -250,6 +249,7 @@ class RobotAndRuns(RunIssues):
             new = answer["runs"][len(before) :]
             counted = f"{formatting.count(len(new), 'run')} added"
             dropped = await self._go_on_with(answer, counted)
+            self._show_fit()
             self.hidden = self.hidden if before else ""
             self.prepared = [] if not before else self.prepared
             self.repairs = [] if not before else self.repairs
@@ -338,9 +338,12 @@ class RobotAndRuns(RunIssues):
         self._step_from_here(label)
         self._take(answer)
         self.history = models
-        if models:
-            self.new = ("identify", "fit")
         return dropped
+
+    def _show_fit(self) -> None:
+        """Point the page to the fit of the models as they are judged now."""
+        if self.history:
+            self.new = ("identify", "fit")
 
     def _take(self, answer: Mapping[str, Any]) -> None:
         """Take over runs, remedies and robot as a job has answered them."""
@@ -432,7 +435,7 @@ class RobotAndRuns(RunIssues):
             gone = await self._go_on_with(left, f"use of {chosen['name']}")
         else:
             left = await self._job("Checking the runs", "check_again", runs=runs)
-            gone = [f"{chosen['name']} is removed: Undo brings it back."]
+            gone = [f"{chosen['name']} is removed: {UNDO} it back."]
             gone += await self._go_on_with(left, "a run removed")
         self.say(*gone, error=False)
 
@@ -445,3 +448,4 @@ class RobotAndRuns(RunIssues):
         left = {"remedies": self.remedies, "robot": {}}
         left["runs"] = self._with_questions(runs)
         await self._go_on_with(left, f"{chosen['name']} left as read")
+        self._show_fit()

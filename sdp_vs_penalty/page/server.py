@@ -227,7 +227,9 @@ def make_app(
         client = ui.context.client
         ui.add_head_html(_LOOK)
         quoted = json.dumps(command).replace("<", "\\u003c")
-        ui.add_head_html(f"<script>workbench.start = {quoted};</script>")
+        stages = json.dumps([stage.anchor for stage in STAGES])
+        known = f"workbench.start = {quoted}; workbench.stages = {stages};"
+        ui.add_head_html(f"<script>{known}</script>")
         projects = sessions.saved()
         view = View(session, folder, client, forms, projects, sessions.delete)
         bench = Workbench(view)

@@ -101,7 +101,9 @@ class View:
         model = self.session.current
         if self.joint is None or self.judged != model.file:
             self.judged = model.file
-            self.run = next(iter(model.changed_runs), self.run)
+            judged = model.runs[-len(model.judged_on) :]
+            of_bars = self.run if self.run in judged else judged[-1]
+            self.run = next(iter(model.changed_runs), of_bars)
             self.joint = model.worst_joint - 1
             self.cause = self.session.cause_of(model.worst_joint)
 

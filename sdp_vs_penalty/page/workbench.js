@@ -86,6 +86,7 @@ document.addEventListener("click", (event) => {
   event.preventDefault();
   workbench.show(link.dataset.to, link.dataset.partOf);
   const field = link.dataset.opens && document.querySelector(`[data-key="${link.dataset.opens}"]`);
+  for (let fold = field?.closest("details"); fold; fold = fold.parentElement.closest("details")) fold.open = true;
   if (field?.type === "file") field.click();
   else field?.focus();
 });
@@ -141,7 +142,8 @@ document.addEventListener("pointerdown", (event) => {
 });
 document.addEventListener("toggle", () => dispatchEvent(new Event("resize")), true); // so do these
 addEventListener("DOMContentLoaded", () => {
-  document.body.dataset.at = localStorage.getItem(location.pathname) ?? "measure";
+  const asked = location.hash.slice(1); // a link may lead to a stage
+  document.body.dataset.at = workbench.stages.includes(asked) ? asked : localStorage.getItem(location.pathname) ?? "measure";
   const arrive = () => {
     const link = document.querySelector(`nav.stages a[data-to="${document.body.dataset.at}"]`);
     link?.setAttribute("aria-current", "step");

@@ -19,7 +19,7 @@ from sdp_vs_penalty.page.controls import (
 )
 from sdp_vs_penalty.page.job_queue import Working
 from sdp_vs_penalty.page.next_step import NextStep, next_step
-from sdp_vs_penalty.page.project import PageNotice
+from sdp_vs_penalty.page.project import UNDO, PageNotice
 from sdp_vs_penalty.page.sessions import title_of
 from sdp_vs_penalty.page.spoken import label_of, with_whole_amounts
 from sdp_vs_penalty.page.stages import STAGES
@@ -372,4 +372,6 @@ class Workbench:
                 button(other, self.session.say, "other-runs", **choose)
             if has_ended:
                 button("Start it again", self.session.start_again, "start-again")
+            if any(UNDO in text for text in texts):
+                button("Undo", self.session.undo, "undo-notice")
             button("Close", self.session.say, "close-notice", "quiet")

@@ -263,14 +263,14 @@ class Following(Record, JsonRecord):
         columns = {
             "velocity after 1 step [/s]": self.one_step.rms,
             f"after {ahead.seconds:.3g} s": ahead.rms,
-            "5 %": ahead.band[0],
-            "95 %": ahead.band[1],
+            "5 % are below": ahead.band[0],
+            "95 % are below": ahead.band[1],
             "constant velocity": ahead.naive,
         }
         if free is not None:
             columns["free run"] = free.rms
             if np.isfinite(band := free.spread_within_sight(self.units)).any():
-                columns["95 % band"] = band
+                columns["± (95 %)"] = band
         loop = None if free is None else free.loop
         rows = []
         for j, unit in enumerate(self.units):
@@ -310,17 +310,17 @@ class Following(Record, JsonRecord):
         which unit, over which time."""
         free = self._shown_free_run
         text = (
-            "RMS errors in thousandths of the unit: of the velocity after one step, of"
-            f" the position after {self.ahead.seconds:.3g} s of simulation (5 % and 95 %"
-            " of the errors' sizes; the same of going on at constant velocity)"
+            "RMS errors, in the unit of the joint's row: of the velocity after one step, of"
+            f" the position after {self.ahead.seconds:.3g} s of simulation (and below which"
+            " size 5 % and 95 % of its errors are; the same of going on at constant velocity)"
         )
         if free is None:
             return f"{text}."
         text += f", and of the free run of {free.seconds:.3g} s"
         if np.isfinite(free.spread_within_sight(self.units)).any():
             text += (
-                " (half the 95 % band that the parameters' intervals make of it; unbounded:"
-                " wider than a motion that still follows)"
+                " (±: what the parameters' 95 % intervals make of it; unbounded: wider than a"
+                " motion that still follows)"
             )
         if free.loop is not None:
             text += "; loop: what the control loop had to add"

@@ -1708,3 +1708,21 @@ def test_torques_without_units_are_nowhere_in_newton_metres(in_amperes):
     assert "N m" not in screen.text("findings")
     assert "N m" not in screen.text("next")
     assert "the torques' unit" in screen.text("next").lower()
+
+
+def test_a_removed_run_leaves_the_page_where_it_is(here, hidden, tmp_path):
+    """The notice has the button that brings it back, and the chart shows a run that the
+    bars are of."""
+    names = ("a.csv", "b.csv", "test.csv")
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:3], *names))
+    do(s, s.identify)
+    screen = Screen(s)
+    screen.view.run = "a.csv"
+    s.new = before = ("measure", "runs")
+    do(s, lambda: s.use(s.runs[2]["file"], ""))
+    assert s.new is before
+    assert len(s.runs) == 2
+    screen.click("undo-notice")
+    assert len(s.runs) == 3
+    screen.view.look_at_worst_joint()
+    assert screen.view.run in s.current.judged_on

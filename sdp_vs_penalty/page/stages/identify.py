@@ -176,8 +176,12 @@ def fit(view: View) -> None:
     shown = _Fit(view)
     view.followers["fit"] = shown.follow
     shown.follow()
-    for line in model.on_bounds:
-        draw.note(f"{formatting.sentence(line)}.")
+    for k, line in enumerate(model.on_bounds):
+        with draw.tag("div", style="row"):
+            draw.note(f"{formatting.sentence(spoken(line).rstrip('.'))}.")
+            if "bounds, or" in line or "(--bounds)" in line:
+                to = {"data_to": "identify", "data_opens": "option-bounds"}
+                draw.button("Set bounds", lambda: None, f"bounds-{k}", "quiet", **to)
 
 
 class _Fit:
@@ -306,7 +310,7 @@ def _figures(model: ModelStep) -> None:
     new = facts["new_motion_percent"].texts[0]
     seconds = facts["judged_seconds"].texts[0]
     draw.note(
-        f"Judged {model.scope}: {seconds} s behind the filters, of which {new} % are motion"
+        f"Judged {model.scope}: {seconds} s after filtering, of which {new} % are motion"
         f" that the model has not seen, {facts['scope'].text}; checked and identified in"
         f" {model.seconds:.2g} s."
     )
@@ -439,7 +443,8 @@ def methods(view: View) -> None:
     chosen = view.methods
     names = _methods()
 
-    with draw.tag("fieldset"):
+    ticked = formatting.words([name for name in names if chosen.get(name)] or ["none"])
+    with draw.details(f"Which ones: {ticked}", "which-methods"), draw.tag("fieldset"):
         draw.tag("legend", "With the effects of the current model")
         for name, description in names.items():
             put = partial(chosen.__setitem__, name)

@@ -14,6 +14,8 @@ from sdp_vs_penalty.checks.explain import NOT_REPAIRED
 from sdp_vs_penalty.data.words.tokens import group_of
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.constants import CHANGES
+from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, NO_MODEL
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import ArmScene, chart_and_arm
@@ -121,6 +123,18 @@ def _choose(view: View) -> None:
             draw.tag("strong", f"{plain_name(HIDDEN)}, joint 7 ")
             draw.tag("span", "confident", "badge")
             draw.tag("p", spoken(f"Added to the model, {EXAMPLE}"), "soft")
+    with draw.details("What Good, Usable and near-tie mean", "meanings"):
+        draw.note(
+            f"Good: no joint errs by more than {ABOVE_NOISE:g} times its noise, and on motion"
+            f" that the model has not seen the arm by at most {100.0 * CHANGES:g} % of its"
+            f" torque beyond that. Usable: by more, up to {NO_MODEL:g} % of a joint's torque."
+            " Noise: what differs in the torque where a motion is repeated."
+        )
+        draw.note(
+            "Of what is missing in a model: confident, these runs show what it is; near-tie,"
+            " they show a torque, and another effect explains it as well; weak, it may be"
+            " nothing."
+        )
     draw.tag("h4", "Or a built-in robot")
     # By name or path: what to call it, what it is, and the shown name of a URDF.
     there: dict[str, tuple[str, str, str | None]] = {}
