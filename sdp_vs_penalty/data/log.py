@@ -170,7 +170,7 @@ def log_of_arrays(
     for name, cells in texts.items():
         first = [str(row if len(row) > 1 else row[0]) for row in cells[:1] if row]
         columns[name] = Column("text", first)
-        stamps = _seconds_of_rows(cells)
+        stamps = seconds_of_rows(cells)
         if stamps is not None:
             arrays[name] = stamps
     for name, array in arrays.items():
@@ -281,7 +281,7 @@ def _clocks_apart(arrays: Arrays) -> tuple[Arrays, dict[str, str], dict[str, Arr
 _EMPTY = {"", "nan", "NaN", "NaT", "None", "<NA>"}
 
 
-def _seconds_of_rows(rows: Sequence[Sequence[str]]) -> Array | None:
+def seconds_of_rows(rows: Sequence[Sequence[str]]) -> Array | None:
     """Convert one text a row to seconds (N,) [s], NaN where a cell is empty; None where one
     is no time."""
     from sdp_vs_penalty.data.words.stamps import is_stamp, past_midnight, seconds_of

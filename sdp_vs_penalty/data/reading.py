@@ -896,6 +896,12 @@ def _in_si(
         found = found.with_factors("qcmd", own)
     for group, x in blocks.items():
         factors = found.factors(group, x.shape[1])
+        if np.isnan(factors).any():
+            what = f"{group} is in {found.units[group].answer}, each of some joints"
+            remedy = (
+                f"give --problem, or a unit a joint, such as --scale {group}=mm:deg"
+            )
+            raise InputError(what, remedy, log.path)
         if any(factor != 1.0 for factor in factors):
             parts = (part * factors for _, part in iter_chunks(x))
             blocks[group] = concatenate_chunks([x[:0], *parts])

@@ -2,14 +2,21 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from recorded import refusal
 
 from sdp_vs_penalty.data.files import load_measurements, read_run
+from sdp_vs_penalty.data.hypotheses.by_arm import with_lengths
+from sdp_vs_penalty.data.hypotheses.channels import Recognition
 from sdp_vs_penalty.data.hypotheses.proposals import proposed
-from sdp_vs_penalty.data.hypotheses.recognition import recognise
+from sdp_vs_penalty.data.hypotheses.recognition import (
+    columns_called,
+    recognise,
+    units_of_chosen,
+)
 from sdp_vs_penalty.data.hypotheses.renaming import choosing_words
 from sdp_vs_penalty.data.log import log_of_arrays
 from sdp_vs_penalty.data.measurements import concatenate
@@ -49,6 +56,7 @@ UNITS_ABOVE = {
     "# time: s; position: deg": {"t": "s", "q": "deg"},
     "# units: time s, position deg, torque Nm": {"t": "s", "q": "deg", "tau": "nm"},
     "# units: s deg deg/s Nm": {"t": "s", "q": "deg", "dq": "deg/s", "tau": "nm"},
+    "# units: position mm, deg, torque N, Nm": {"q": "mm and deg", "tau": "n and nm"},
     "# load: 0.1 % of stall torque": {"tau": "0.1%"},
     "# Present_Current: 2.69 mA per unit": {"tau": "ma"},
     "# stall torque [Nm]: 3.15, 3.15": {},  # a number's unit is no channel's
@@ -60,6 +68,36 @@ UNITS_ABOVE = {
 def test_units_of_channels_are_read_off_a_heading(line):
     found = {x: unit for x, (unit, _) in units_of_heading([line]).items()}
     assert found == UNITS_ABOVE[line]
+
+
+def test_units_of_lengths_and_angles_are_those_of_the_joints_kinds():
+    columns = columns_called(["pos_1", "pos_2"])
+    lines = ["# units: position mm, deg"]
+    found = units_of_chosen(Recognition({"q1": "pos_1", "q2": "pos_2"}), columns, lines)
+    joints = [SimpleNamespace(kind="prismatic"), SimpleNamespace(kind="revolute")]
+    found = with_lengths(found, SimpleNamespace(n=2, joints=joints))
+    assert found.factors("q", 2) == [1e-3, pytest.approx(np.pi / 180.0)]
+
+
+def test_without_a_robot_two_units_of_a_heading_are_asked_for(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("# units: position mm, deg\nt,pos_1,tau_1\n0,1,2\n1,2,3\n")
+    refusal(lambda: load_measurements(path), "q is in mm and deg", "--scale q=mm:deg")
+
+
+def test_a_clock_under_our_name_has_the_unit_above_the_table():
+    arrays = {x: np.arange(9.0) for x in ("t", "theta_1", "theta_2", "T_1", "T_2")}
+    log = log_of_arrays(Path("a.csv"), arrays, heading=["# units: time ms"])
+    assert proposed(log, ["q", "tau"], None, {"t": "t"}).scale == {"t": 1e-3}
+
+
+def test_what_a_model_feeds_forward_is_no_measured_torque():
+    names = [
+        f"Achse {k} Moment {x}" for x in ("gemessen", "Vorsteuerung") for k in (1, 2)
+    ]
+    found = recognise(["Zeit", "Achse 1 Winkel", "Achse 2 Winkel", *names])
+    assert [found.rename["tau1"], found.rename["tau2"]] == names[:2]
+    assert not found.torques
 
 
 ROBOT = ("waist", "shoulder", "elbow")

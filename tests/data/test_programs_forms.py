@@ -729,6 +729,9 @@ FILES = {
     "run.feather": FRAME.to_feather,
     "run.arrow": FRAME.to_feather,
     "lists.feather": pd.DataFrame({"time": STAMPS, **OF_LISTS}).to_feather,
+    "texts.feather": pd.DataFrame(
+        {"time": list(map(str, STAMPS)), **OF_LISTS}
+    ).to_feather,
     "dates.xlsx": lambda x: DATED.to_excel(x, index=False),
     "version_7_3.mat": matlab_7_3,
     "records.npz": lambda x: np.savez(

@@ -78,6 +78,7 @@ t=时间戳(秒); deg=关节位置{}(°); tau=关节扭矩{}
 t=時刻[s]; deg=関節角度{}[deg]; tau=関節トルク{}[Nm]
 t=시간(s); deg=관절{} 각도(deg); tau=관절{} 토크(Nm)
 t=Zeit; q=Istposition A{}; tau=Istmoment A{}
+t=jikan; q=kansetsu{}_kakudo; dq=kansetsu{}_sokudo; tau=kansetsu{}_toruku
 t=時間; q=関節角{}; tau=トルク{}
 t=t; q=角度{}; tau=tau{}
 t=t; q=关节角度{}; tau=tau{}

@@ -36,7 +36,13 @@ from sdp_vs_penalty.data.plausibility import (
     radians_per_percent,
 )
 from sdp_vs_penalty.data.words.tokens import group_of
-from sdp_vs_penalty.data.words.units import ENCODER_BITS, UNITS, unit_of_factor
+from sdp_vs_penalty.data.words.units import (
+    ENCODER_BITS,
+    LENGTHS,
+    UNITS,
+    unit_of_factor,
+    units_in_names,
+)
 from sdp_vs_penalty.robot.arrays import Array, Arrays
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -320,10 +326,16 @@ def _distance_to_nominal(fit: ChannelFit | None) -> float:
 
 def with_lengths(found: Recognition, robot: Robot) -> Recognition:
     """Take positions of prismatic joints in metres where the unit of all joints is one of
-    angles."""
+    angles; of a unit of lengths and one of angles, each joint's by its kind."""
     slides = np.delete(np.arange(robot.n), _revolute(robot))
     for group in ("q", "dq", "qcmd"):
         factors = np.array(found.factors(group, robot.n))
+        if np.isnan(factors).any():
+            for text in found.units[group].answer.split(" and "):
+                is_length = text.split("/")[0] in LENGTHS
+                joints = slides if is_length else _revolute(robot)
+                factors[joints] = units_in_names()[group][text]
+            found = found.with_factors(group, factors.tolist())
         if np.isin(factors[slides], (UNITS["deg"], _TURN)).any():
             factors[slides] = 1.0
             said = f"{group} of prismatic joints in m, which no angle is"

@@ -68,8 +68,7 @@ def lacking(
     """
     how = log.remedy or fetch_remedy(log.path)
     if not how and log.names:
-        found = _propose(log, missing, joints)
-        found = replace(found, rename={**chosen, **found.rename})
+        found = _propose(log, missing, joints, chosen)
         how = _rename_remedy(log, missing, found)
         counts = Counter(map(group_of, found.rename))
         few = [counts[x] for x in ("q", "tau") if 1 < counts[x] < len(joints or ())]
@@ -91,7 +90,7 @@ def proposed(
     error = lacking(log, f"no column {' or '.join(missing)}", missing, joints)
     if log.remedy or not log.names:
         raise error
-    found = _propose(log, missing, joints)
+    found = _propose(log, missing, joints, ours)
     if "NAME" in {y for x, y in found.rename.items() if x != "t"}:
         if {"q", "tau"} <= {*missing} and {*map(quantity_of, log.names)} <= {None, "t"}:
             clock = found.rename.get("t", "NAME")
@@ -108,7 +107,7 @@ def proposed(
         raise error  # an arm confirms what is external, too: friction is part of it
     return replace(
         found,
-        rename={**ours, **pairs},
+        rename=pairs,
         logger="by letters and order",
         unsaid=frozenset({"q", "tau"} - {*found.units, *map(group_of, found.scale)}),
         unless_confirmed=error,
@@ -116,11 +115,14 @@ def proposed(
 
 
 def _propose(
-    log: Log, missing: Sequence[str], joints: Sequence[str] | None
+    log: Log,
+    missing: Sequence[str],
+    joints: Sequence[str] | None,
+    known: Mapping[str, str],
 ) -> Recognition:
-    """Propose columns for channel groups by our names, "NAME" where none fits, and their
-    units."""
-    pairs = _by_words(log, missing, joints)
+    """Propose columns for channel groups by our names, "NAME" where none fits, beside those
+    that are ``known``, and the units of all."""
+    pairs = {**known, **_by_words(log, missing, joints)}
     found = units_of_chosen(Recognition(pairs), log.columns, log.heading)
     return with_unit_of_clock(found, log.columns)
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import pairwise, zip_longest
+from itertools import zip_longest
 
 import numpy as np
 
@@ -160,7 +160,8 @@ def _sampling() -> re.Pattern[str]:
 def units_of_heading(lines: Sequence[str]) -> dict[str, tuple[str, float]]:
     """Read units off the lines above a table, by quantity, each with its factor to SI:
     "time in s, positions in mdeg", "torque [mNm]", "units: time s, position deg", or
-    "units: s deg deg/s Nm" in the order of the quantities."""
+    "units: s deg deg/s Nm" in the order of the quantities. The factor of several units,
+    "position mm, deg", is NaN: the joints' kinds tell which is whose."""
     found = dict[str, tuple[str, float]]()
     for line in lines:
         if match := _COUNTS_A_TURN.search(line):
@@ -176,10 +177,17 @@ def units_of_heading(lines: Sequence[str]) -> dict[str, tuple[str, float]]:
                 found.setdefault(quantity, unit)
         listed = _LIST_OF_UNITS.search(line)
         texts = re.split(r"[\s,;:=]+", listed[1].strip()) if listed else []
-        for word, text in pairwise(texts):  # "time s, position deg"
-            quantity = _quantity(split_tokens(word)) or ""
+        quantity, listed_units = "", dict[str, list[tuple[str, float]]]()
+        for text in texts:  # "time s, position mm, deg"
             if unit := unit_of(text, quantity):
-                found.setdefault(quantity, unit)
+                listed_units.setdefault(quantity, []).append(unit)
+            else:
+                quantity = _quantity(split_tokens(text)) or ""
+        for quantity, units in listed_units.items():
+            factors = {factor for _, factor in units}
+            text = " and ".join(text for text, _ in units)
+            factor = factors.pop() if len(factors) == 1 else np.nan
+            found[quantity] = text, factor
         for quantity in ("t", "q", "dq", "tau"):
             while texts and quantity not in found:
                 if unit := unit_of(texts[0], quantity):

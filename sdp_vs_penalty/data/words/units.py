@@ -12,6 +12,8 @@ from sdp_vs_penalty.data.words import table
 LARGEST_PERCENT = 101.0
 #: Encoders count two to the power of so many a turn.
 ENCODER_BITS = range(10, 21)
+#: Units of positions of prismatic joints.
+LENGTHS = {"m", "mm", "cm", "in", "inch", "inches"}
 #: Units whose size a file does not say: shares of a rating with their size, and steps of an
 #: encoder (0).
 SHARES: dict[str, float] = {
@@ -59,8 +61,7 @@ def telling_units(quantity: str) -> frozenset[str]:
     """Return the units of one quantity alone: by them a column that is called by its
     joint is known, "J1 [deg]". A length in "m" can be anything."""
     units = units_in_names()
-    lengths = {"m", "mm", "cm", "in", "inch", "inches"}
-    others = {"q": lengths, "dq": {*units["q"]}, "tau": {"n", *SHARES}}
+    others = {"q": LENGTHS, "dq": {*units["q"]}, "tau": {"n", *SHARES}}
     return frozenset(units[quantity]) - others.get(quantity, {*units[quantity]})
 
 
