@@ -9,15 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.checks.check import check_runs
 from sdp_vs_penalty.checks.fixing import LeftOut, errors_left_out, fix_runs
 from sdp_vs_penalty.data.files import without_spans
 from sdp_vs_penalty.data.hypotheses.renaming import scaled
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.diagnosis.adding import add
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.problem.check_command import CheckCommand
@@ -25,6 +23,9 @@ from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.race import HeldRaces
 from sdp_vs_penalty.results.remedy import GUESSES, Change, Remedy, Verb
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 
 
 @dataclass(frozen=True)
@@ -208,7 +209,7 @@ def what_to_add(
     """
     texts: list[str] = list(change.arguments["effects"])
     if diagnosis is None:
-        return list[Finding | Retune | str](texts)
+        return [*texts]
     which = change.arguments.get("findings")
     if isinstance(which, str):
         return diagnosis.selected(helpful=which == "helpful")
@@ -219,6 +220,8 @@ def what_to_add(
 
 def _added(change: Change, state: State) -> State:
     """Add effects to the model, or re-estimate its constants, and identify it again."""
+    from sdp_vs_penalty.diagnosis.adding import add
+
     if state.model is None:
         raise InputError("there is no model to add to", "identify one first")
     effects = what_to_add(change, state.diagnosis)

@@ -208,25 +208,36 @@ class Model:
         joints."""
         return self.joined(self.blocks(motion), len(motion.t))
 
-    def dense_columns(self, motion: Motion) -> Array:
-        """Compute the regressor with columns for all parameters.
+    def dense_columns(
+        self, motion: Motion, chosen: Sequence[int] | None = None
+    ) -> Array:
+        """Compute the regressor with columns for all parameters, or for some.
 
         Parameters
         ----------
         motion
             The motion at N instants.
+        chosen
+            Indices of k parameters; default: all.
 
         Returns
         -------
         Array
-            (n, N, p) columns, zero where a parameter does not act on a joint.
+            (n, N, k) columns, zero where a parameter does not act on a joint.
         """
+        if chosen is None:
+            chosen = range(len(self.parameters))
+        # The column of each parameter; -1 of those that are not chosen.
+        places = np.full(len(self.parameters), -1)
+        places[list(chosen)] = np.arange(len(chosen))
         blocks = self.blocks(motion)
-        out = np.zeros((self.robot.n, len(motion.t), len(self.parameters)))
+        out = np.zeros((self.robot.n, len(motion.t), len(chosen)))
         for k, indices in enumerate(self.indices):
             for block in blocks.get(k, ()):
-                places = as_slice(indices[block.parameters])
-                out[block.joint][:, places] = block.columns
+                of_block = places[indices[block.parameters]]
+                used = np.flatnonzero(of_block >= 0)
+                into, columns = as_slice(of_block[used]), as_slice(used)
+                out[block.joint][:, into] = block.columns[:, columns]
         if self.gains is not None:
             out *= np.asarray(self.gains)[:, None, None]
         return out

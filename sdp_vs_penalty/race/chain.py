@@ -285,12 +285,12 @@ class LogTransform:
         share = 1.0 - self.lacks[0] if len(set(self.lacks)) == 1 else 1.0
         return tuple(float(round(share * g, 3)) + 0.0 for g in self.gravity)
 
-    @property
+    @cached_property
     def position_factors(self) -> Array:
         """(n,) factor of each joint's logged position."""
         return np.array(self.scale) * np.array(self.ratio)
 
-    @property
+    @cached_property
     def torque_factors(self) -> Array:
         """(n,) factor of each joint's logged torque."""
         return np.array(self.gain) / np.array(self.ratio)

@@ -295,8 +295,7 @@ class Likelihood:
         if any(repair.lacks):
             weight = self.shared(repair, is_still=True)
             columns = columns - np.array(repair.lacks)[:, None, None] * weight
-        columns *= self.torque_mask(repair)[:, :, None]
-        return columns
+        return columns * self.torque_mask(repair)[:, :, None]
 
     @recent(12)
     def _model(self, gravity: tuple[float, ...]) -> Model | None:
@@ -308,7 +307,12 @@ class Likelihood:
 
     def columns(self, repair: LogTransform, is_still: bool = False) -> Array:
         """Return the columns (n, M, p) of all p parameters of the links, linearly
-        dependent ones too.
+        dependent ones too: combinations of the independent ones, see :meth:`shared`."""
+        return self.shared(repair, is_still) @ self.data.dependence
+
+    def shared(self, repair: LogTransform, is_still: bool = False) -> Array:
+        """Return the columns (n, M, s) of s linearly independent parameters of the
+        links, which span the same torques as those of all.
 
         Parameters
         ----------
@@ -319,8 +323,8 @@ class Likelihood:
 
         Returns
         -------
-        (n, M, p) array
-            Torque per unit of each parameter; p is 0 where joints share none.
+        (n, M, s) array
+            Torque per unit of each parameter; s is 0 where joints share none.
         """
         key = repair.arm_part, is_still
         columns = self._kept_columns.get(key)
@@ -331,8 +335,8 @@ class Likelihood:
     def _make_columns(
         self, repairs: Sequence[LogTransform], is_still: bool = False
     ) -> list[Array]:
-        """Make the columns (n, M, p) of the links under each of several repairs, as
-        torques of the logged motors.
+        """Make the columns (n, M, s) of the links' independent parameters under each of
+        several repairs, as torques of the logged motors.
 
         The repairs must have the same gravity: one model makes all columns, from the
         rows of all repaired motions one after the other.
@@ -342,7 +346,8 @@ class Likelihood:
             return [np.zeros((self.n, self.data.count, 0)) for _ in repairs]
         motions = [self.motion(repair, is_still) for repair in repairs]
         rows = motions[0] if len(motions) == 1 else joined(motions)
-        columns = np.split(model.dense_columns(rows), len(repairs), axis=1)
+        of_all = model.dense_columns(rows, self.data.independent)
+        columns = np.split(of_all, len(repairs), axis=1)
         for k, repair in enumerate(repairs):
             a = repair.joints_by_motors
             if a is not None:  # torques of motors: A^T tau
@@ -351,7 +356,7 @@ class Likelihood:
 
     def prepare_columns(self, repairs: Sequence[LogTransform]) -> None:
         """Cache the links' columns of the moving arm under several repairs, so that
-        :meth:`columns` finds them.
+        :meth:`shared` finds them.
 
         Repairs under the same gravity are computed together: one model evaluates the rows
         of many motions faster than those of one motion after another.
@@ -367,7 +372,7 @@ class Likelihood:
             if model is None:
                 continue  # no columns to compute
             # The torque of an effect with memory depends on the rows before: motions
-            # must not follow each other as rows of one. columns() makes each by itself.
+            # must not follow each other as rows of one. shared() makes each by itself.
             if any(effect.has_memory for effect in model.effects):
                 continue
             for first in range(0, len(arm_parts), n_at_a_time):
@@ -376,12 +381,6 @@ class Likelihood:
                 for arm_part, columns in zip(batch, made, strict=True):
                     key = arm_part, False
                     keep_recent(self._kept_columns, key, columns, self.n_kept)
-
-    def shared(self, repair: LogTransform, is_still: bool = False) -> Array:
-        """Return the columns (n, M, s) of s linearly independent parameters of the
-        links, which span the same torques as those of all; see :meth:`columns`."""
-        columns = self.columns(repair, is_still)
-        return np.take(columns, self.data.independent, axis=2)
 
     def nominal(self, repair: LogTransform, is_still: bool = False) -> Array:
         """Return the torque (M, n) of the problem's nominal links on the repaired

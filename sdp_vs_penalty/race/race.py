@@ -438,7 +438,7 @@ class Race:
                 numbers.append(h)
             else:
                 count[h.key] += 1
-                key = h.key, count[h.key]
+                key: tuple[object, int] = h.key, count[h.key]
                 # A claim raises another change's log-odds by little more than it explains.
                 if self.looked_at.get(key, 0.0) > -explained:
                     changes[key] = h
