@@ -1,8 +1,8 @@
 """Tables of any names, units, order, separators and kinds: never an internal error, and
 no column of one joint is ever read as another's.
 
-Forty in the suite, five hundred by ``pytest -m long tests/data/test_recogniser_fuzz.py``,
-two thousand by ``-m slow``.
+Forty in the suite, 150 by ``pytest -m long tests/data/test_recogniser_fuzz.py``, two
+thousand by ``-m slow``.
 """
 
 import re

@@ -156,10 +156,10 @@ def test_what_a_repair_does_is_known_before_the_click(
     """The sentence beside the button is that of the repair, which is not made again."""
     run = hidden.runs[0]
     wrong = replace(run, tau=run.tau * [1.0, -1.0])
+    here.pool.tries_remedies = True
     s = opened(here, "two_link", **saved(tmp_path, [wrong], "sign.csv"))
     change = s.remedies[0]["change"]
-    s.pool.tries_remedies = True
-    asyncio.run(s._foresee())
+    asyncio.run(s._foresee())  # again, as after each job: what is known stays
     outcome = s.outcome_of(change)
     assert outcome["sentence"].startswith("Error on motion left out")
     assert outcome["falls"]
