@@ -311,8 +311,8 @@ def _of_model(view: View) -> NextStep:
     text = f"{of_model.word}. {headline}"
     number = formatting.sentence(f"measured {measured_on(session)}")
     if len(session.history) > 1:
-        below, step = session.history[-2:]
-        errors = [x.comparison["rmse"] for x in (below, step)]
+        below, current = session.history[-2:]
+        errors = [x.comparison["rmse"] for x in (below, current)]
         number = changes_in_words(session, below.worst_joint, *errors)
         number = formatting.sentence(number)
         lesser = session.current.lesser_files(models_taken(session))
@@ -539,7 +539,7 @@ def _added(session: Session) -> str:
     added = session.current.added
     texts = filter(None, _in_one_line(diagnosis, added) if diagnosis else ())
     sentences = _sentences(*map(formatting.sentence, texts))
-    return f"Added: {sentences}" if sentences else ""
+    return f"Added. {sentences}" if sentences else ""
 
 
 def _decided_joints(remedy: Mapping[str, Any]) -> set[int]:
