@@ -223,14 +223,20 @@ def test_a_clock_goes_with_a_unit_of_positions_that_is_possible(tmp_path):
     assert got.unit_command.count("@2048,t=ms ")
 
 
-def test_a_slide_s_position_is_no_angle(tmp_path):
-    """The lines above a table say degrees, and mean the joints that turn."""
+def of_gantry(path, unit_of_slides, *names):
+    """A table of a rail's and joints' motion, clock first; the problem and the motion."""
     problem = load_problem(Path(__file__).parents[1] / "robot/gantry.urdf")
     motion = small_run(problem)
     slides = [joint.kind == "prismatic" for joint in problem.robot.joints]
-    to_file = np.where(slides, 1.0, DEGREES)
-    q, dq = to_file * motion.q, to_file * motion.dq
-    path = table(tmp_path / "run.csv", time=motion.t, pos=q, vel=dq, trq=motion.tau)
+    to_file = np.where(slides, unit_of_slides, DEGREES)
+    columns = motion.t, to_file * motion.q, to_file * motion.dq, motion.tau
+    return table(path, **dict(zip(names, columns, strict=True))), problem, motion
+
+
+def test_a_slide_s_position_is_no_angle(tmp_path):
+    """The lines above a table say degrees, and mean the joints that turn."""
+    names = "time", "pos", "vel", "trq"
+    path, problem, motion = of_gantry(tmp_path / "run.csv", 1.0, *names)
     path.write_text(f"# units: s deg deg/s Nm\n{path.read_text()}")
     got = convert(path, problem=problem)
     np.testing.assert_allclose(got.q, motion.q)
@@ -264,12 +270,8 @@ def test_the_next_step_of_convert_mends_the_file(tmp_path, capsys, monkeypatch):
 
 def test_letters_in_a_unit_that_nothing_says_are_confirmed(tmp_path):
     """A rail among joints, velocities as positions; `load` is a letter of torques."""
-    problem = load_problem(Path(__file__).parents[1] / "robot/gantry.urdf")
-    motion = small_run(problem)
-    slides = [joint.kind == "prismatic" for joint in problem.robot.joints]
-    to_file = np.where(slides, 1e3, DEGREES)
-    columns = {"ang": to_file * motion.q, "spd": to_file * motion.dq}
-    path = table(tmp_path / "run.csv", clock=motion.t, **columns, load=motion.tau)
+    names = "clock", "ang", "spd", "load"
+    path, problem, motion = of_gantry(tmp_path / "run.csv", 1e3, *names)
     got, _ = reading(path, problem)
     np.testing.assert_allclose(got.q, motion.q, atol=1e-9)
     np.testing.assert_allclose(got.dq, motion.dq, rtol=1e-4)

@@ -77,24 +77,17 @@ def plain(data, fit, z=None, drop=()):
     return y - (flat @ np.linalg.lstsq(flat, y.ravel(), rcond=None)[0]).reshape(n, M)
 
 
-def test_a_fit_is_least_squares_on_weighted_rows():
+@pytest.mark.parametrize("n_own", [p, 0], ids=["free", "fixed"])
+def test_a_fit_is_least_squares_on_weighted_rows(n_own):
+    """Beside a fixed model it has no columns but those of effects."""
     data, z = made(size=1.0)
+    data.X = data.X[:, :, :n_own]
     score = EvidenceScorer(data, 10)
     fit = score.fit(())
     np.testing.assert_allclose(fit.residual, plain(data, fit), atol=1e-9)
     both = score.fit([score.evidence_of(fit, form(), {0: z})])
     np.testing.assert_allclose(both.residual, plain(data, both, z), atol=1e-9)
-    assert np.sum(both.degrees) == pytest.approx(n * M - p - 1, abs=1e-6)
-
-
-def test_beside_a_fixed_model_a_fit_has_no_columns_but_those_of_effects():
-    data, z = made(size=1.0)
-    data.X = data.X[:, :, :0]
-    score = EvidenceScorer(data, 10)
-    fit = score.fit(())
-    np.testing.assert_allclose(fit.residual * fit.level[:, None], data.y)
-    both = score.fit([score.evidence_of(fit, form(), {0: z})])
-    np.testing.assert_allclose(both.residual, plain(data, both, z), atol=1e-9)
+    assert np.sum(both.degrees) == pytest.approx(n * M - n_own - 1, abs=1e-6)
 
 
 def test_the_score_is_the_coarsened_drop_less_its_price():
