@@ -50,7 +50,7 @@ def exported(model, ending, folder, n_names):
         yield name, path
 
 
-@pytest.mark.parametrize("ending", [".urdf", ".drake.urdf", ".xml"])
+@pytest.mark.parametrize("ending", [".urdf", ".drake.urdf", ".sdf", ".xml"])
 def test_xml_holds_each_name(ending, model, tmp_path):
     for name, path in exported(model, ending, tmp_path, 15):
         root = ElementTree.parse(path).getroot()
@@ -72,6 +72,12 @@ def test_json_holds_each_name(model, tmp_path):
     for name, path in exported(model, ".json", tmp_path, 15):
         content = json.loads(path.read_text("utf-8"))
         assert f"{name}0" in strings_of(content)
+
+
+def test_a_table_of_friction_has_as_many_cells_in_each_row(model, tmp_path):
+    for _, path in exported(model, ".csv", tmp_path, 10):
+        lines = [x for x in path.read_text().splitlines() if not x.startswith("#")]
+        assert len({len(row) for row in csv.reader(lines)}) == 1
 
 
 def test_c_compiles_with_each_name(model, tmp_path):

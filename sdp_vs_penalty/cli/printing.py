@@ -30,7 +30,12 @@ if TYPE_CHECKING:  # `identify` needs no diagnosis
     from sdp_vs_penalty.render.words import DiagnosisWords
 
 
-def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
+def estimate(
+    result: Estimate,
+    fit: Comparison | None,
+    seconds: float,
+    ranges: Ranges | None = None,
+) -> None:
     """Print what was identified, how well it fits, and what the certificate says.
 
     Parameters
@@ -39,6 +44,8 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
         With the measurements that it came from; None for a black box's answers.
     seconds : float
         How long the identification took [s].
+    ranges : Ranges, optional
+        Between which values the masses can lie.
     """
     runs = formatting.count(len(result.provenance["runs"]), "run")
     error = ""
@@ -52,9 +59,12 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
     )
     if fit is not None:
         verdict(fit.verdict)
+    if ranges is not None:
+        allowed(ranges)
     certificate(result)
     gains(result)
-    links = tables.link_table(result, centres=False)
+    range_texts = None if ranges is None else {r.name: r.text for r in ranges.ranges}
+    links = tables.link_table(result, centres=False, ranges=range_texts)
     if links is not None:
         console.table(links)
     if fit is not None:

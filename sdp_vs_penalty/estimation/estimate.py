@@ -79,7 +79,9 @@ _DRAWN_TO = {
 _RANGES = lazy_exports("sdp_vs_penalty.ranges", table="find_ranges")
 #: The control loop is of a later folder.
 _ONLINE = lazy_exports("sdp_vs_penalty.online", arm="ArmModel")
-_FRAMES = lazy_exports("sdp_vs_penalty.estimation", frames="links_frame base_frame")
+_FRAMES = lazy_exports(
+    "sdp_vs_penalty.estimation", frames="links_frame base_frame covariance_frame"
+)
 
 
 @dataclass(frozen=True)
@@ -603,6 +605,21 @@ class Estimate(Record):
         verdict and unit.
         """
         return _FRAMES("base_frame")(self)
+
+    def covariance_frame(self, base: bool = False) -> pandas.DataFrame:
+        """Return the covariance as a DataFrame with labelled rows and columns.
+
+        Parameters
+        ----------
+        base : bool
+            True for the b base parameters, False for all p parameters.
+
+        Returns
+        -------
+        DataFrame
+            (p, p) or (b, b); NaN for parameters that the data do not determine.
+        """
+        return _FRAMES("covariance_frame")(self, base)
 
     def to_pinocchio(self) -> Any:
         """Return the links, armature and friction as a Pinocchio Model.

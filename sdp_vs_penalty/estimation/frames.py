@@ -1,4 +1,4 @@
-"""A model's parameters as labelled frames: links and base parameters.
+"""A model's parameters as labelled frames: links, base parameters, covariances.
 
 Columns name their unit in brackets.
 """
@@ -82,3 +82,19 @@ def base_frame(estimate: Estimate) -> pandas.DataFrame:
         "unit",
     ]
     return frame[columns].rename_axis("parameter")
+
+
+def covariance_frame(estimate: Estimate, base: bool) -> pandas.DataFrame:
+    """Return the covariance of the parameters (p, p), or of the base parameters (b, b),
+    labelled by name on both sides; NaN for parameters that the data do not determine."""
+    import pandas
+
+    combinations = base_rows(estimate.model, estimate.problem.independent)
+    names = combinations.parameters
+    matrix = estimate.uncertainty.covariance
+    if base:
+        names = [names[k] for k in combinations.leading]
+        factor = combinations.rows @ np.nan_to_num(estimate.uncertainty.factor)
+        matrix = factor @ factor.T
+    index = pandas.Index(names, name="parameter")
+    return pandas.DataFrame(matrix, index, index)

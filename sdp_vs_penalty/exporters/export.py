@@ -69,8 +69,9 @@ def write_model(
             verdict = exported_verdict(lost, judged)
         line = " ".join(filter(None, (verdict, friction_at_rest(estimate, out))))
         content = _with_verdict(content, out.suffix.lower(), line)
-    for doubt in doubts_of_bodies(estimate):
-        warnings.warn(f"{out}: {doubt}", Remark, stacklevel=2)
+    if getattr(file_format, "BODIES", True):
+        for doubt in doubts_of_bodies(estimate):
+            warnings.warn(f"{out}: {doubt}", Remark, stacklevel=2)
     write_bytes(out, content)
     return lost
 
@@ -168,7 +169,7 @@ def _with_verdict(content: bytes, suffix: str, line: str) -> bytes:
     A .json file has a field for it instead; tables stay as they are.
     """
     line = re.sub(r"[^\x20-\x7e]", "?", printable(line))
-    if suffix in (".urdf", ".xml"):
+    if suffix in (".urdf", ".xml", ".sdf"):
         comment = f"<!-- {re.sub('-(?=-)', '- ', line)} -->\n".encode()
         is_declared = content.startswith(b"<?xml")
         start = content.find(b"?>\n") + 3 if is_declared else 0

@@ -12,15 +12,16 @@ Written = tuple[bytes, tuple[str, ...]]
 class ExportFormat(Protocol):
     """A format of export: a module with these names, found by its ``ENDING``.
 
-    Two more names are optional:
+    Three more names are optional:
 
     - ``HOLDS``, in formats that hold a model of the torque: their fields, a collection
       of SimulatorField.
     - ``EDITS = "URDF"`` or "MJCF", in formats that can edit the user's own file of that
       kind, ``options.own_file``.
+    - ``BODIES = False``, in formats that hold neither links nor a payload.
     """
 
-    #: How the names of such files end, ".urdf"; the longest that fits a name decides.
+    #: How the names of such files end, ".sdf"; the longest that fits a name decides.
     ENDING: str
     #: What the page calls the file.
     FILE: str

@@ -86,7 +86,7 @@ from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.exporters.export import effects_left_out, write_model
-from sdp_vs_penalty.exporters.friction_curves import friction_curves
+from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import read_bytes, write_bytes, write_text, writing
 from sdp_vs_penalty.page.splits import split_run
 from sdp_vs_penalty.page.spoken import name_beside

@@ -123,11 +123,14 @@ SOURCES = {
 }
 
 
-def link_table(estimate: Estimate, centres: bool = True) -> Table | None:
+def link_table(
+    estimate: Estimate, centres: bool = True, ranges: Mapping[str, str] | None = None
+) -> Table | None:
     """Table of the links' inertial parameters, identified and nominal, a row for each;
     None for a model without links.
 
     ``centres``: whether to show centres of mass, which are too wide for a terminal.
+    ``ranges``: by the name of a mass, between which values it can lie.
     """
     link_indices = estimate.model.rigid_indices
     if not len(link_indices):
@@ -146,6 +149,9 @@ def link_table(estimate: Estimate, centres: bool = True) -> Table | None:
         "mass [kg]": [number(x, 4) for x in links[:, 0]],
         "nominal": [number(x, 4) for x in nominal[:, 0]],
         "from": [SOURCES[estimate.sources[k]] for k in masses],
+        "can be [kg]": [
+            (ranges or {}).get(estimate.model.parameters[k].name, "") for k in masses
+        ],
         "centre of mass [m]": [
             ", ".join(number(zero_if_rounding(x)) for x in point) for point in com
         ],
@@ -155,6 +161,8 @@ def link_table(estimate: Estimate, centres: bool = True) -> Table | None:
     }
     if not centres:
         del columns["centre of mass [m]"]
+    if ranges is None:
+        del columns["can be [kg]"]
     return Table(
         list(columns),
         list(zip(*columns.values(), strict=True)),

@@ -28,7 +28,7 @@ from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.uncertainty import counts
 from sdp_vs_penalty.estimation.verdict import Verdict
-from sdp_vs_penalty.exporters.friction_curves import friction_curves
+from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.ranges.allowed import allowed_set
 from sdp_vs_penalty.ranges.band import band_of
 from sdp_vs_penalty.ranges.table import ranges_of, training_of

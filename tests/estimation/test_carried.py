@@ -93,7 +93,9 @@ def test_a_payload_that_no_material_could_make_is_doubted(loaded):
     assert "1.5 kg (not from the data: prior)" in payload_in_words(guessed)
 
 
-@pytest.mark.parametrize("name", ["a.urdf", "a.xml", "a.h", "a.json", "a.script"])
+@pytest.mark.parametrize(
+    "name", ["a.urdf", "a.xml", "a.sdf", "a.h", "a.json", "a.script"]
+)
 def test_an_export_says_it(loaded, tmp_path, name):
     thin = with_payload(loaded, ball(1.5, 1e-5, (0.1, 0.02, 0.0)), 0.01)
     with pytest.warns(Remark, match="payload: no material is as dense"):
@@ -101,6 +103,7 @@ def test_an_export_says_it(loaded, tmp_path, name):
     with warnings.catch_warnings():
         warnings.simplefilter("error", Remark)
         sdp.export(with_payload(loaded, STEEL, 0.01), tmp_path / name)
+        sdp.export(thin, tmp_path / "friction.csv")
 
 
 def test_add_prints_the_mass_and_parameters_that_were_named(loaded, tmp_path, capsys):

@@ -256,7 +256,7 @@ def test_without_the_runs_a_file_says_that_it_is_not_judged(sprung, tmp_path, ca
 
 
 def test_python_judges_on_the_runs_it_is_given(sprung, tmp_path):
-    out = tmp_path / "robot.urdf"
+    out = tmp_path / "robot.sdf"
     export(sprung / "better.json", out, measurements=sprung / "test.csv")
     assert "As exported, without torque offset, joint spring" in head(out)
 

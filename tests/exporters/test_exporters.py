@@ -22,7 +22,7 @@ from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.verdict import FIT, Line, Verdict
 from sdp_vs_penalty.exporters import EXPORTS
-from sdp_vs_penalty.exporters.friction_curves import friction_curves
+from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.exporters.inertials import check_urdf, massless_links
 from sdp_vs_penalty.page import jobs
 from sdp_vs_penalty.robot import inertia, load_urdf
@@ -398,6 +398,8 @@ def test_a_held_joints_link_keeps_its_inertial_in_an_edited_urdf(tmp_path):
     assert tip in out.read_text()
 
 
-def test_curves_of_friction_need_friction_over_velocity():
+def test_a_table_of_friction_needs_friction_over_velocity(tmp_path):
     estimate = estimate_of(load_problem("two_link").robot, "rigid_body", 3)
+    with pytest.raises(InputError, match="no friction that follows the velocity alone"):
+        export(estimate, tmp_path / "friction.csv")
     assert friction_curves(estimate) == []

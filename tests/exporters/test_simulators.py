@@ -107,6 +107,14 @@ def test_a_base_parameter_is_the_sum_that_its_expression_says(identified):
         assert total == pytest.approx(row["value"], rel=5e-3, abs=1e-3)
 
 
+@pytest.mark.parametrize("is_base", [False, True])
+def test_a_covariance_is_labelled_on_both_sides(identified, is_base):
+    frame = identified.covariance_frame(base=is_base)
+    assert list(frame.index) == list(frame.columns)
+    names = {p.name for p in identified.model.parameters}
+    assert set(frame.index) <= names
+
+
 def test_mujoco_holds_a_joint_at_rest_where_the_model_creeps(tmp_path):
     """Half the dry friction drives joint 1, without gravity; a file and a command say
     that both differ."""
@@ -126,7 +134,7 @@ def test_mujoco_holds_a_joint_at_rest_where_the_model_creeps(tmp_path):
     creep = width * np.arctanh(0.5)  # [rad/s], where F tanh(dq / v_s) = F / 2
     assert abs(data.qvel[0]) < 0.05 * creep
     words = f"turns round within about {width:.2g} rad/s"
-    for name in ("a.xml", "a.urdf", "a.drake.urdf"):
+    for name in ("a.xml", "a.urdf", "a.sdf", "a.drake.urdf"):
         assert words in friction_at_rest(estimate, name)
         export(estimate, tmp_path / name, force=True)
         assert words in (tmp_path / name).read_text()

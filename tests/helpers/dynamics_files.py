@@ -105,10 +105,70 @@ def by_c(path, robot, q, dq, ddq):
     return out
 
 
+def by_sdf(path, robot, q, dq, ddq):
+    """The links that SDF states, as a Pinocchio model built from its elements; damping
+    and dry friction as it writes them."""
+    pin = pytest.importorskip("pinocchio")
+    (arm,) = etree.parse(str(path)).getroot().findall("model")
+    links = {link.get("name"): link for link in arm.findall("link")}
+    model = pin.Model()
+    model.gravity.linear = np.array(robot.gravity)
+    number_of = {"base_link": 0}
+    order = []
+    damping = np.zeros(robot.n)
+    friction = np.zeros(robot.n)
+    for joint in arm.findall("joint"):
+        if joint.get("type") == "fixed":
+            continue
+        kinds = {
+            "revolute": pin.JointModelRevoluteUnaligned,
+            "prismatic": pin.JointModelPrismaticUnaligned,
+        }
+        link = links[joint.findtext("child")]
+        parent = number_of[link.find("pose").get("relative_to")]
+        moves = kinds[joint.get("type")](numbers(joint.findtext("axis/xyz")))
+        place = pose_of(link.findtext("pose"))
+        k = model.addJoint(parent, moves, place, joint.get("name"))
+        number_of[joint.findtext("child")] = k
+        mass = float(link.findtext("inertial/mass"))
+        entries = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        xx, xy, xz, yy, yz, zz = (
+            float(link.findtext(f"inertial/inertia/{e}")) for e in entries
+        )
+        about_com = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        centre = pose_of(link.findtext("inertial/pose")).translation
+        model.appendBodyToJoint(
+            k, pin.Inertia(mass, centre, about_com), pin.SE3.Identity()
+        )
+        at = robot.joint_names.index(joint.get("name"))
+        order.append(at)
+        damping[at] = float(joint.findtext("axis/dynamics/damping"))
+        friction[at] = float(joint.findtext("axis/dynamics/friction"))
+    data = model.createData()
+    made = np.empty_like(q)
+    for k in range(len(q)):
+        made[k, order] = pin.rnea(model, data, q[k, order], dq[k, order], ddq[k, order])
+    return made + damping * dq + friction * np.tanh(dq / 0.01)
+
+
+def numbers(text):
+    """Numbers between spaces."""
+    return np.array(text.split(), float)
+
+
+def pose_of(text):
+    """x y z roll pitch yaw [m, rad] as a pose of Pinocchio."""
+    import pinocchio as pin
+
+    x, y, z, *rpy = numbers(text)
+    return pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array([x, y, z]))
+
+
 #: By ending: who reads the file, and what it has no place for.
 READERS = {
     ".urdf": ((by_urdfdom, by_our_reader), ("rotor_inertia", "torque_offset")),
     ".drake.urdf": ((by_urdfdom, by_our_reader), ("torque_offset",)),
+    ".sdf": ((by_sdf,), ("rotor_inertia", "torque_offset")),
     ".xml": ((by_mujoco,), ()),
     ".h": ((by_c,), ()),
 }

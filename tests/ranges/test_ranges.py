@@ -1,6 +1,7 @@
 """Ranges: certified ends of what data and consistency allow."""
 
 import json
+import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -173,6 +174,22 @@ def test_a_model_from_a_file_needs_data(model, hidden, tmp_path):
     assert again.least.value == pytest.approx(
         model.range("m2").least.value, rel=1e-3, abs=1e-6
     )
+
+
+def test_identify_shows_ranges_after_its_verdict(hidden, tmp_path, capsys):
+    save(hidden.train[0], tmp_path / "run.csv")
+    words = ("--data", tmp_path / "run.csv", "--no-check", "--out", tmp_path / "m.json")
+    assert run_cli("identify", "two_link", *words, "--ranges") == 0
+    printed = capsys.readouterr().out
+    verdict, after = printed.split("Least and greatest value", 1)
+    assert "missing (" in verdict
+    assert "optimality gap" not in verdict
+    name = re.search(r"ranges \S+ --data \S+ --next (m\d)", after)[1]
+    assert f"What would shorten the range of {name}" in after
+    links = after.split("Links, identified and nominal")[1]
+    assert "can be" in links
+    ends = re.search(rf"^{name} +kg +\S+ +\S+ +(\S+) +(\S+)", after, re.M)
+    assert f"{ends[1]} to {ends[2]}" in links
 
 
 @pytest.fixture(scope="module", params=["m1", "m2"])

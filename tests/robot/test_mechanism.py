@@ -15,7 +15,8 @@ from recorded import refusal, refusals, same_refusal
 from sdp_vs_penalty import Measurements, convert, identify, load_problem
 from sdp_vs_penalty.data import check_plausible, to_joints
 from sdp_vs_penalty.effects import Motion
-from sdp_vs_penalty.exporters.content import Content
+from sdp_vs_penalty.exporters import sdf
+from sdp_vs_penalty.exporters.content import Content, Options
 from sdp_vs_penalty.exporters.mjcf import make_mjcf
 from sdp_vs_penalty.exporters.urdf import edit_urdf, make_urdf
 from sdp_vs_penalty.robot import (
@@ -91,6 +92,7 @@ def test_a_robot_with_followers_is_identified_and_written_back(urdf):
     for name, text in (
         ("new.urdf", make_urdf(robot, content)),
         ("own.urdf", edit_urdf(urdf, robot, content)),
+        ("new.sdf", sdf.write(estimate, Options(None, force=True))[0]),
     ):
         path = urdf.with_name(name)
         path.write_bytes(text)

@@ -1,17 +1,20 @@
 """The one door: which format a file has, xacro, SDF, and what couples links besides."""
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+import random_robots
 from arms import ELBOW, SHOULDER, write_urdf
 from commands import run_cli
+from dynamics_files import FULL, estimate_of
 from numpy.testing import assert_allclose
 from recorded import refusal
 
-from sdp_vs_penalty import load_problem
+from sdp_vs_penalty import export, load_problem
 from sdp_vs_penalty.errors import Remark
-from sdp_vs_penalty.robot import load_robot
+from sdp_vs_penalty.robot import load_robot, load_urdf
 
 #: What tools write into a URDF for a simulator, and a remark about its origin.
 EXTENSIONS = """<mujoco><compiler meshdir="meshes"/></mujoco>
@@ -106,6 +109,19 @@ def test_without_xacro_its_command_and_the_extra_are_named(tmp_path, monkeypatch
     monkeypatch.setitem(sys.modules, "xacro", None)
     _, path = xacro_file(tmp_path)
     refusal(lambda: load_problem(path), f"`xacro {path} > ", "sdp-vs-penalty[formats]")
+
+
+def test_an_sdf_that_we_write_is_read_again(tmp_path):
+    robot = load_urdf(Path(__file__).with_name("gantry.urdf"))[0]
+    for name, arm_of in (
+        ("gantry", robot),
+        ("tree", random_robots.tree(np.random.default_rng(5), 6)),
+    ):
+        estimate = estimate_of(arm_of, FULL, seed=1)
+        paths = tmp_path / f"{name}.urdf", tmp_path / f"{name}.sdf"
+        for path in paths:
+            export(estimate, path)
+        same_arm(paths[1], paths[0])
 
 
 #: A link frame beside its joint, a joint pose, an axis of the model, a quaternion, degrees.

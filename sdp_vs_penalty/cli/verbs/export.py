@@ -28,7 +28,7 @@ def verb(
 
     Example: sdp-vs-penalty export model.json --out robot.urdf
 
-    --out out.urdf|.xml|.json|.h|.script: File to write; its name chooses the format: see `list
+    --out out.urdf|.xml|.sdf|.json|.h|.csv|.script: File to write; its name chooses the format: see `list
         exports`.
     --data RUN.csv ...: Runs to judge what the file holds of the model; default: those that the
         model was judged on.
@@ -144,6 +144,7 @@ def _warn_of_names(out: Path) -> None:
         ".urdf": "; --urdf robot.urdf edits your own URDF and keeps its names and meshes",
         ".xml": "; --mjcf robot.xml edits your own MJCF and keeps its names, meshes and"
         " actuators",
+        ".sdf": "",  # no SDF is edited
     }
     hint = hints.get(out.suffix.lower())
     if hint is None:

@@ -1,6 +1,7 @@
 import time
 from pathlib import Path
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.errors import Infeasible
 
@@ -25,6 +26,7 @@ def verb(
     known_load: list[str] | None = None,
     known: str | None = None,
     instruments: str | None = None,
+    ranges: bool = False,
     jobs: int = 1,
     scheduler: str | None = None,
 ) -> None:
@@ -36,6 +38,7 @@ def verb(
     --out model.json: File to write the model to.
     --solver: Solver of the SDP methods, of `sdp-vs-penalty list solvers`.
     --proof proof.json: File for the proof of optimality; `verify` checks it.
+    --ranges: Between which values the masses can lie at all, too, whatever the prior.
     """
     from sdp_vs_penalty.api import identify_and_judge
     from sdp_vs_penalty.cli import printing, runs
@@ -90,7 +93,18 @@ def verb(
         given_words = named.words
         estimate.provenance.update(data=given_words, judged_data=given_words)
         estimate.save(out)
-    printing.estimate(estimate, fit, seconds)
+    found = None
+    if ranges:
+        from sdp_vs_penalty.ranges.table import find_ranges
+
+        with console.progress("ranges") as progress:
+            found = find_ranges(estimate, progress=progress)
+    printing.estimate(estimate, fit, seconds, found)
+    if found is not None and found.widest is not None:
+        name = found.widest.name
+        more = ["ranges", str(out), "--data", *given_words, "--next", name]
+        line = formatting.command(*more)
+        console.say(f"What would shorten the range of {name}: {line}")
     for path in filter(None, (out, proof)):
         console.written(path)
     if fit is not None:

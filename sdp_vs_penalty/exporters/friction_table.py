@@ -1,13 +1,21 @@
-"""Friction by velocity, joint by joint, as page and report draw it."""
+"""Friction by velocity, joint by joint, for a controller that feeds it forward."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Motion, follows_alone
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.exporters.content import Options
+from sdp_vs_penalty.exporters.interface import Written
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import joint_limits
+
+ENDING = ".csv"
+FILE = "friction.csv"
+ABOUT = "friction by velocity"
+BODIES = False
 
 
 @dataclass(frozen=True)
@@ -22,6 +30,29 @@ class FrictionCurve:
     torque: Array
     #: (k,) standard deviation of the torque by the parameters' intervals [N m, N].
     std: Array
+
+
+def write(estimate: Estimate, options: Options) -> Written:
+    """Make a CSV table of friction torque over velocity for each joint.
+
+    Columns: joint, velocity [rad/s, m/s], torque [N m, N] and its standard deviation.
+    The torque is that of all effects that depend on the joint's velocity alone.
+
+    This module is an :class:`ExportFormat`. Returns the file's bytes and the effects
+    left out. Raises InputError for a model without such an effect.
+    """
+    curves = friction_curves(estimate)
+    if not curves:
+        raise InputError(
+            "the model has no friction that follows the velocity alone", "add one"
+        )
+    lines = ["joint,velocity,torque,std"]
+    for c in curves:
+        for row in zip(c.velocity, c.torque, c.std, strict=True):
+            lines.append(f"{c.joint + 1}," + ",".join(f"{x:.9g}" for x in row))
+    others = (e for e in estimate.model.effects if e.simulator_field != "links")
+    omitted = tuple(e.text for e in others if not follows_alone(e, "dq"))
+    return ("\n".join(lines) + "\n").encode(), omitted
 
 
 def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
