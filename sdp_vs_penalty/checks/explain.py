@@ -55,13 +55,6 @@ SOMETHING_ELSE = "something that the model lacks, since much stays unexplained"
 LITTLE = "something that the model lacks, since the log tells little of it"
 #: What competes with a claim that friction's sign alone tells.
 FRICTION_ALONE = "friction that the controller subtracts, or that the model lacks"
-#: What they are as rivals of others.
-_RIVALS = {
-    "another load": "a load on the last link",
-    "another arm": "other links",
-    FRICTION: "that joint's friction, which wear and temperature change",
-    "torque gain": "a gain of that torque channel",
-}
 
 
 def issues_of_all(
@@ -133,8 +126,12 @@ def _log_fall(claim: Claim) -> float:
 
 
 def _rivals_of(claim: Claim) -> list[str]:
-    """List what is as likely, in words."""
-    return [x.hypothesis.effect or x.hypothesis.kind for x in claim.rivals]
+    """List what is as likely, in words; the same cause elsewhere is no other one, and
+    links carry a load, too."""
+    h = claim.hypothesis
+    others = [x.hypothesis for x in claim.rivals if x.hypothesis.name != h.name]
+    pair = "another load", "another arm"
+    return [x.in_words for x in others if (h.kind, x.kind) != pair]
 
 
 def _of_controller(claim: Claim) -> Issue:
@@ -327,14 +324,7 @@ def issue_of_difference(
         what = f"in {name} only: {' '.join(fault.what for fault in faults)}"
         remedy = f"{', '.join(fault.remedy for fault in faults)} in this run"
         apply = faults[0].apply if len(faults) == 1 else ""
-    rivals = []
-    for hypothesis in [rival.hypothesis for rival in claim.rivals]:
-        effect = hypothesis.effect
-        if hypothesis.kind != h.kind:
-            effect = effect or _RIVALS.get(hypothesis.kind, "")
-        # Links carry a load too.
-        if effect and (h.kind, hypothesis.kind) != ("another load", "another arm"):
-            rivals.append(effect)
+    rivals = _rivals_of(claim)
     if h.kind == "encoder offset" and h.joints == (log.n - 1,):
         # A load is put on anew from run to run, and a zero is not set.
         rivals.insert(0, "what that joint carries, turned as much about its axis")

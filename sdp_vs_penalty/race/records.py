@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
@@ -221,6 +222,14 @@ class Hypothesis:
     def name(self) -> tuple[str, tuple[int, ...]]:
         """Kind and joints: the name of the fault that it corrects."""
         return self.kind, self.joints
+
+    @property
+    def in_words(self) -> str:
+        """What it is, as a rival of another one: the effect of the arm, or the kind of
+        fault and its joints."""
+        if self.effect or not self.joints:
+            return self.effect or self.kind
+        return f"{self.kind} of {formatting.joints([j + 1 for j in self.joints])}"
 
     @property
     def key(self) -> tuple[str, tuple[int, ...], Part | None]:

@@ -8,9 +8,16 @@ import pytest
 from corruptions.arms import drawn, simulated
 
 from sdp_vs_penalty.checks import check
+from sdp_vs_penalty.checks.explain import NOT_REPAIRED, issue_of_difference
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.report import list_remedies
 from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.race import Hypothesis, Likelihood, Number, Part
+from sdp_vs_penalty.race.evidence import Evidence
+from sdp_vs_penalty.race.fault import APPLY
+from sdp_vs_penalty.race.race import Claim
+from sdp_vs_penalty.race.records import LogView
+from sdp_vs_penalty.race.rows import RegressionData
 from sdp_vs_penalty.simulation import experiment
 
 #: Of a torque, from the first row of a run to its last [N m].
@@ -59,6 +66,11 @@ def geared(run, joint, ratio):
     factor = np.ones(run.n)
     factor[joint - 1] = ratio
     return replace(run, q=run.q * factor, tau=run.tau / factor)
+
+
+def rows_of(run, problem):
+    settings = problem.preprocessing.resolve(run)
+    return Likelihood(problem, RegressionData.from_run(problem, run, settings))
 
 
 def judged(problem, *runs):
@@ -262,6 +274,30 @@ def test_what_one_run_has_is_claimed_of_it_alone(name, two_link, three_runs):
     if size is not None:
         assert issue.figures["size"] == pytest.approx(size, rel=0.14)
     assert not [x for k, r in enumerate(reports) if k != place for x in explanations(r)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "joints", "words"),
+    [
+        *((kind, (1,), f"{kind} of joint 2") for kind in sorted(APPLY)),
+        *((kind, (), kind) for kind in NOT_REPAIRED),
+    ],
+)
+def test_each_rival_of_what_one_run_has_is_named(kind, joints, words, two_link, runs):
+    """A gear ratio had no words: an issue that it rivals was likely."""
+    log = rows_of(runs[0], two_link)
+    evidence = Evidence(log)
+    fit = evidence.fit(LogView(log.as_logged), 1.0)
+    part = Part(run=1)
+    number = Number("gain", (0,), 0.5, is_factor=True)
+    gain, rival = (
+        Hypothesis(name, of, -6.0, log.as_logged, number, part)
+        for name, of in (("torque gain", (0,)), (kind, joints))
+    )
+    claim = Claim(gain, 60.0, fit, fit, rivals=(Claim(rival, 59.0, fit, fit),))
+    issue = issue_of_difference(log, claim, "second", "")
+    assert issue.equivalents == (words,)
+    assert issue.certainty.grade == "possible"
 
 
 def test_three_runs_of_one_arm_have_no_differences(two_link, three_runs):
