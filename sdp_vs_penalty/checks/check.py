@@ -14,9 +14,8 @@ import numpy as np
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.checks import residual
 from sdp_vs_penalty.checks.certainty import READ, stated
-from sdp_vs_penalty.checks.constants import NO_DYNAMICS, NO_ROWS, RUN
+from sdp_vs_penalty.checks.constants import RUN
 from sdp_vs_penalty.checks.dynamics import judge_dynamics, with_issues
-from sdp_vs_penalty.checks.explain import NOT_REPAIRED
 from sdp_vs_penalty.checks.facts import channels, magnitude, mended, standing, stuck
 from sdp_vs_penalty.checks.facts.lockstep import LockstepMotion
 from sdp_vs_penalty.checks.facts.repetition import find_overlaps
@@ -24,12 +23,13 @@ from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import (
     FACT,
     Issue,
+    Left,
     gravest_first,
     leave_out,
+    left_to_judge,
     make_refusal,
     mended_unasked,
     no_surer,
-    rules_out,
 )
 from sdp_vs_penalty.checks.long_runs import issues_of_run, windows_of
 from sdp_vs_penalty.checks.position_units import units_as_facts
@@ -161,7 +161,7 @@ def _with_last_resort(report: Report, has_others: bool) -> list[Issue]:
         return [*report.issues]
     issues = []
     for issue in report.issues:
-        is_grave = issue.severity == "error" or issue.kind in NOT_REPAIRED
+        is_grave = issue.severity == "error" or issue.stays_in_rows
         if is_grave and not issue.remedies:
             issue = replace(issue, changes=(leave_out(report.run),))
         issues.append(issue)
@@ -178,7 +178,7 @@ def _facts_of_windows(problem: Problem, run: Measurements) -> list[Report]:
         try:
             check_usable(run.names[0], run)
         except InputError as error:
-            issue = make_refusal("unusable rows", error, READ)
+            issue = make_refusal("unusable rows", error, READ, left=Left.FACTS)
             return [Report(run.names[0], (issue,), run, run)]
     return [judge_facts(problem, window) for window in windows]
 
@@ -207,16 +207,17 @@ def _facts_of(problem: Problem, run: Measurements, only_sure: bool = False) -> R
     """
     if not len(run.t):
         error = InputError("there are no rows", "log the motion", run.names[0])
-        issue = make_refusal("no rows", error, READ)
+        issue = make_refusal("no rows", error, READ, left=Left.NOTHING)
         return Report(run.names[0], (issue,), run, run)
     issues, glance = mended(run, problem, only_sure)
     work = glance.run
     report = Report(run.names[0], tuple(issues), work, run, original=run)
-    if any(f.kind in NO_ROWS for f in issues):
+    if left_to_judge(issues) is Left.NOTHING:
         return report
     if len(work.t) < RUN:
         error = InputError(f"fewer than {RUN} usable rows", "record longer", report.run)
-        issues.append(make_refusal("too little data", error, stated("too few rows")))
+        sure = stated("too few rows")
+        issues.append(make_refusal("too little data", error, sure, left=Left.FACTS))
         return replace(report, issues=tuple(issues))
     issues += [*standing.find_idle_joints(glance)]
     lockstep = LockstepMotion.find_in(glance)
@@ -231,7 +232,7 @@ def _facts_of(problem: Problem, run: Measurements, only_sure: bool = False) -> R
             issues += magnitude.find_model_torques(glance)
             if not work.is_unit_stated:
                 issues += channels.find_torques_in_counts(glance)
-        if not rules_out(NO_DYNAMICS, issues):
+        if left_to_judge(issues) > Left.FACTS:
             issues += channels.find_coarse_sampling(glance)
     filters = None if glance.filtered is None else glance.filtered.settings
     return replace(report, issues=tuple(issues), lockstep=lockstep, filters=filters)

@@ -11,7 +11,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.certainty import likely, told_by
 from sdp_vs_penalty.checks.constants import GAP, MOST_REPEATED, NO_ACTION, RUN
 from sdp_vs_penalty.checks.glance import CONTINUE, Rows, RunSummary, with_time_steps
-from sdp_vs_penalty.checks.issue import Issue, make_issue, rows_text
+from sdp_vs_penalty.checks.issue import Issue, Left, make_issue, rows_text
 from sdp_vs_penalty.checks.velocity import velocity_ratio
 from sdp_vs_penalty.data.files import is_last_row_first
 from sdp_vs_penalty.data.hypotheses.weighing import unit_of_dates
@@ -279,6 +279,7 @@ def find_changes_of_rate(glance: RunSummary) -> Iterator[Issue]:
             what=f"rows {first} to {last} are {times:.3g} times as far apart as the"
             f" others ({times * usual:.3g} s instead of {usual:.3g} s).",
             cause="the logger changed its rate",
+            left=Left.FACTS,
             remedy="log at one rate; the run is split there",
             rows=[first, last],
             times=times,

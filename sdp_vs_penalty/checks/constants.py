@@ -63,18 +63,3 @@ EFFORT = (0.2, 3.0)
 # -- what a fact asks for
 #: How the remedy of a fact begins that asks nothing of a person: it is reckoned with.
 NO_ACTION = "no action needed"
-
-# -- what a fact leaves to be judged
-#: Facts after which nothing is left to be judged.
-NO_ROWS = "no rows", "channel without numbers", "static poses"
-#: Facts after which no dynamics are judged: what they would say of the torques is theirs.
-NO_DYNAMICS = (
-    *NO_ROWS,
-    "no motion",
-    "too little data",
-    "unusable rows",
-    "torque magnitude",
-    "change of rate",
-    "clock against velocity",
-    "units of the problem",
-)

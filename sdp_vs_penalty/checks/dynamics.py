@@ -12,9 +12,9 @@ from functools import cached_property
 import numpy as np
 
 from sdp_vs_penalty.checks.certainty import stated
-from sdp_vs_penalty.checks.constants import GAP, NO_DYNAMICS
+from sdp_vs_penalty.checks.constants import GAP
 from sdp_vs_penalty.checks.explain import (
-    NOT_REPAIRED,
+    SOMETHING_ELSE,
     graded,
     issue_of_difference,
     issue_of_span,
@@ -23,20 +23,15 @@ from sdp_vs_penalty.checks.explain import (
 )
 from sdp_vs_penalty.checks.issue import (
     Issue,
+    Left,
+    left_to_judge,
     make_refusal,
-    rules_out,
     with_rival_effects,
 )
 from sdp_vs_penalty.checks.position_units import unit_asked_for
 from sdp_vs_penalty.checks.problem_units import problem_units
 from sdp_vs_penalty.checks.report import Report
-from sdp_vs_penalty.checks.residual import (
-    EVENT,
-    EVENT_WIDTH,
-    UNEXPLAINED,
-    unexplained_torque,
-    unrelated_torque,
-)
+from sdp_vs_penalty.checks.residual import unexplained_torque, unrelated_torque
 from sdp_vs_penalty.checks.torque_size import (
     gains_by_size,
     kind_of_torque,
@@ -53,16 +48,6 @@ from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.race import Claim, HeldRaces, RaceOutcome
 from sdp_vs_penalty.race.rows import RegressionData
 from sdp_vs_penalty.results.remedy import Change
-
-#: Kinds of issue after which each channel has an unknown gain: gains are not judged.
-UNSCALED = ("torque channel kind",)
-#: Rival of whatever acts on several joints, if gains are unknown.
-OWN_GAINS = "each channel's own drive gain"
-#: Kind of the issue that a run ends with another arm than it begins with.
-CHANGE = "change within the run"
-#: Kind of the issue that the channels hold no torque of the arm's motors: nothing else is
-#: said of such a run.
-NO_TORQUE = "external torque"
 
 
 def judge_dynamics(
@@ -111,8 +96,8 @@ class LoggerJudge:
         self.logs: dict[int, Likelihood] = {}
         for k, report in enumerate(reports):
             run = report.repaired_all
-            is_ruled_out = rules_out(NO_DYNAMICS, report.issues)
-            if is_ruled_out or not run.torque_logged:
+            has_dynamics = left_to_judge(report.issues) > Left.FACTS
+            if not has_dynamics or not run.torque_logged:
                 continue
             try:
                 filters = report.filters or problem.preprocessing.resolve(run)
@@ -140,8 +125,10 @@ class LoggerJudge:
         """
         not_measured = [*kind_of_torque(self.common)]
         if not_measured:
-            self._report_alike(not_measured)
-            return self.reports
+            return [
+                with_issues(report, not_measured) if k in self.logs else report
+                for k, report in enumerate(self.reports)
+            ]
         kinds = KINDS
         if self.is_poor_motion:
             kinds = SHOWN_BY_A_POOR_MOTION
@@ -158,33 +145,26 @@ class LoggerJudge:
                 self.reports[number] = with_issues(report, asked)
         return self.reports
 
-    def _report_alike(self, issues: Sequence[Issue]) -> None:
-        """Add the same issues to the reports of all judged runs."""
-        for number in self.logs:
-            self.reports[number] = with_issues(self.reports[number], issues)
-
     def _report(self, verdict: RaceOutcome) -> None:
         """Add the explanations to the reports of all runs.
 
         They are what the race says, the size of the torques, and the torque that stays
-        unexplained. If the size shows that the channels hold no motor torque, only that
-        and the unexplained torque are reported. If it shows another unit of all
-        torques, gains and units of single torques are left out.
+        unexplained. Facts and the size say what is left to be judged (:class:`Left`):
+        of channels that hold no motor torque only the size and the unexplained torque
+        are reported, and no gains where the torques are in another unit.
         """
         net = verdict.without_usual(self.common)
         runs = [
             (self.reports[number].run, log, self._of_run(number, net))
             for number, log in self.logs.items()
         ]
-        stated = issues_of_all(self.common, verdict, net, runs)
-        facts = [f.kind for report in self.reports for f in report.issues]
-        is_rated = "torque in counts" in facts  # each channel has a size of its own
+        left = left_to_judge(f for k in self.logs for f in self.reports[k].issues)
         size = []
         first = self.reports[0].repaired_all
         if first.is_unit_stated:
             gains = gains_by_size(self.common, net, first.torque_unit)
             size = [not_in_newton_metres(first, gains)]
-        elif not is_rated:
+        elif left is Left.ALL:
             # Runs that differ from the others have issues of their own: they are left out.
             parts = [claim.hypothesis.part for claim in verdict.differences()]
             differ = {part.run for part in parts if part is not None}
@@ -194,24 +174,16 @@ class LoggerJudge:
                 common = Likelihood.of_all_runs([log for _, log, _ in alike])
             fits = [log.fit(of_run) for _, log, of_run in alike]
             size = [*torque_magnitude(common, net, fits)]
-        if any(issue.kind == NO_TORQUE for issue in size):
-            self._report_alike(size)
+        left = min(left, left_to_judge(size))
+        if left is Left.FACTS:
             for number, log in self.logs.items():
-                left = [*unrelated_torque(log.fit(net))]
-                self.reports[number] = with_issues(self.reports[number], left)
+                alone = [*size, *unrelated_torque(log.fit(net))]
+                self.reports[number] = with_issues(self.reports[number], alone)
             return
-        if is_rated or any(issue.kind in UNSCALED for issue in size):
-            stated = [f for f in stated if f.kind not in ("torque gain", "torque unit")]
-            # With unknown gains, torques of several joints cannot be compared: unequal
-            # gains look like an effect that acts on several joints.
-            hypotheses = [claim.hypothesis for claim in verdict.claims]
-            across = [h.kind for h in hypotheses if h.further is not None]
-            stated = [
-                with_rival_effects(f, [OWN_GAINS]) if f.kind in across else f
-                for f in stated
-            ]
+        has_gains = left is Left.ALL
+        stated = issues_of_all(self.common, verdict, net, runs, has_gains)
         for number in self.logs:
-            self._report_run(number, stated, verdict, size, net)
+            self._report_run(number, stated, verdict, size, net, has_gains)
 
     def _differences(
         self, number: int, verdict: RaceOutcome, supposed: str
@@ -242,8 +214,8 @@ class LoggerJudge:
                 if repair is not None and issue.repair is not None:
                     undone = undone.followed_by(repair)
             issues.append(graded(issue, verdict, [claim]))
-        if issues and issues[0].kind == CHANGE:
-            issues = issues[:1]
+            if part.until is None and part.after is not None and len(issues) == 1:
+                break  # the run holds two logs: all else differs for that
         return issues, undone
 
     def _report_run(
@@ -253,6 +225,7 @@ class LoggerJudge:
         verdict: RaceOutcome,
         size: Sequence[Issue],
         net: LogTransform,
+        has_gains: bool,
     ) -> None:
         """Add the explanations to one run's report, and repair its run.
 
@@ -270,11 +243,13 @@ class LoggerJudge:
             Issues about the size of the torques.
         net : LogTransform
             The repair that all runs share.
+        has_gains : bool
+            Whether the channels have known gains; else the user is asked for them, and
+            they may explain what is left.
         """
         log = self.logs[number]
         report = self.reports[number]
-        is_unscaled = any(issue.kind in UNSCALED for issue in size)
-        supposed = ", were the torques in N m" * is_unscaled
+        supposed = "" if has_gains else ", were the torques in N m"
         differences, undone = self._differences(number, verdict, supposed)
         net = self._of_run(number, net)
         repaired = undone.followed_by(net)
@@ -294,14 +269,17 @@ class LoggerJudge:
             joints = issue.figures["joints"] or [0] if issue.apply else []
             if not issue.apply or faults_left & {(issue.kind, j) for j in joints}:
                 of_log.append(issue)
-        # A motion of few directions cannot show what an arm leaves unexplained.
-        unexplained = [] if self.is_poor_motion else [*unexplained_torque(log, net)]
-        if any(x.kind in (CHANGE, EVENT, *NOT_REPAIRED) for x in differences):
-            # One arm for all rows leaves what the difference explains.
-            is_left = not verdict.is_well_explained
-            unexplained = [f for f in unexplained if f.kind != EVENT and is_left]
-        if is_unscaled:  # unknown gains, which the user is asked for, may explain it
-            unexplained = [f for f in unexplained if f.kind != UNEXPLAINED]
+        # One arm for all rows leaves what a difference explains that no repair undoes; a
+        # motion of few directions cannot show what it leaves.
+        differs = any(x.repair is None or "span" in x.figures for x in differences)
+        unexplained: list[Issue] = []
+        if not (self.is_poor_motion or (differs and verdict.is_well_explained)):
+            unexplained = [*unexplained_torque(log, net, has_gains, not differs)]
+        if not verdict.is_well_explained:
+            unexplained = [
+                with_rival_effects(x, [SOMETHING_ELSE]) if "span" in x.figures else x
+                for x in unexplained
+            ]
         new = [
             replace(issue, changes=issue.changes or _cuts(report, issue))
             for issue in (*of_log, *size, *unexplained)
@@ -366,7 +344,7 @@ def _change(log: Likelihood, claim: Claim, t: float, supposed: str) -> Issue:
         place = f"{issue.where}, {place}"
     return replace(
         issue,
-        kind=CHANGE,
+        kind="change within the run",
         where=place,
         remedy="cut the run there and use each part by itself",
         apply="",
@@ -385,8 +363,7 @@ def _kinds_corrected(
     Notes do not count, nor does another load or arm, which stays in the rows.
     """
     repaired = [issue for issue in facts if issue.repair is not None]
-    apart = (CHANGE, *NOT_REPAIRED)
-    found = [issue for issue in explanations if issue.kind not in apart]
+    found = [issue for issue in explanations if not issue.stays_in_rows]
     kinds = [x.kind for x in [*repaired, *found] if x.severity != "note"]
     return tuple(dict.fromkeys(kinds))
 
@@ -405,7 +382,7 @@ def with_issues(report: Report, issues: Sequence[Issue]) -> Report:
 def is_explained_by_a_fact(issue: Issue, report: Report) -> bool:
     """Whether a fact of the run already explains an issue: all its joints are clipped,
     or a one-off event lies where rows are missing."""
-    if issue.kind == EVENT:
+    if "span" in issue.figures:
         return _is_near_gap(report.repaired_all, issue.figures["t"])
     clipped: set[int] = set()
     for fact in report.issues:
@@ -431,9 +408,8 @@ def _cuts(report: Report, issue: Issue) -> tuple[Change, ...]:
     if "t" not in issue.figures:
         return ()
     at = issue.figures["t"]
-    if issue.kind == EVENT:
-        half = 0.5 * EVENT_WIDTH
-        first, last = issue.figures.get("span", [at - half, at + half])
+    if "span" in issue.figures:
+        first, last = issue.figures["span"]
         parts = [(f"{last - first:.2g} s around", first, last)]
     else:
         begin, end = report.repaired_all.t[[0, -1]].tolist()

@@ -62,6 +62,7 @@ def issues_of_all(
     verdict: RaceOutcome,
     net: LogTransform,
     runs: Sequence[tuple[str, Likelihood, LogTransform]],
+    has_gains: bool,
 ) -> list[Issue]:
     """List an issue for each fault that all rows share.
 
@@ -73,16 +74,24 @@ def issues_of_all(
         What the verdict tells of all rows.
     runs : sequence of tuple
         Name and rows of each run, and how they are repaired.
+    has_gains : bool
+        Whether the channels have known gains. Without, no gain is a fault, and what acts
+        on several joints may be each channel's own gain.
     """
     issues = []
     for fault in list_faults(log, net):
+        if fault.kind == "torque gain" and not has_gains:
+            continue
         claims = [x for x in verdict.claims_of_all() if _is_about(x, fault)]
         if fault.kind == DRIFT and len(runs) > 1:
             fault = drift_of_runs(fault, runs)
         issues.append(graded(_of_fault(log, fault, claims, net), verdict, claims))
     for claim in verdict.claims:
         if claim.hypothesis.by_controller:
-            issues.append(graded(_of_controller(claim), verdict, [claim]))
+            issue = graded(_of_controller(claim), verdict, [claim])
+            if claim.hypothesis.further is not None and not has_gains:
+                issue = with_rival_effects(issue, ["each channel's own drive gain"])
+            issues.append(issue)
     return issues
 
 

@@ -1,7 +1,8 @@
 """What the data check says: one issue a problem."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import IntEnum
 from functools import partial
 from typing import Any
 
@@ -22,6 +23,19 @@ from sdp_vs_penalty.results.remedy import Change, Remedy
 #: The two natures of an issue.
 FACT = "fact"
 EXPLANATION = "explanation"
+
+
+class Left(IntEnum):
+    """What is left to be judged beside an issue; each level holds those before it."""
+
+    #: Nothing: rows are no measurements of a motion.
+    NOTHING = 0
+    #: Facts; no dynamics.
+    FACTS = 1
+    #: Dynamics too, but for the size of each channel's torques.
+    RATIOS = 2
+    #: Everything.
+    ALL = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +70,8 @@ class Issue(WritesJson):
     #: FACT, which is read from the file, or EXPLANATION, which a model of the arm
     #: gives: it competes with other explanations and is never an error.
     nature: str = FACT
+    #: What is left to be judged beside it.
+    left: Left = field(default=Left.ALL, metadata=NOT_STORED)
     #: Word of `check --fix --apply` for the repair.
     apply: str = ""
     #: What explains as much, in words.
@@ -87,6 +103,12 @@ class Issue(WritesJson):
         its cause included, or it is an error, without whose repair nothing can be read."""
         is_sure = self.certainty.grade == CERTAIN and not self.cause
         return is_sure or self.severity == "error"
+
+    @property
+    def stays_in_rows(self) -> bool:
+        """Whether one run differs from the others by it, and no change of the log undoes
+        that."""
+        return "run" in self.figures and self.repair is None
 
     @property
     def remedies(self) -> tuple[Remedy, ...]:
@@ -138,6 +160,7 @@ def make_issue(
     apply: str = "",
     changes: Sequence[Change] = (),
     cause: str = "",
+    left: Left = Left.ALL,
     **figures: Any,
 ) -> Issue:
     """Make an issue, mostly about some joints.
@@ -173,6 +196,7 @@ def make_issue(
         repair=repair,
         figures={**numbers, **figures},
         nature=nature,
+        left=left,
         apply=apply,
         changes=tuple(changes),
     )
@@ -188,7 +212,11 @@ make_explanation = partial(make_issue, nature=EXPLANATION)
 
 
 def make_refusal(
-    kind: str, error: InputError, certainty: Certainty, joints: Sequence[int] = ()
+    kind: str,
+    error: InputError,
+    certainty: Certainty,
+    joints: Sequence[int] = (),
+    left: Left = Left.ALL,
 ) -> Issue:
     """Make an error from what identification would refuse; joints from 0."""
     return make_issue(
@@ -199,6 +227,7 @@ def make_refusal(
         certainty=certainty,
         remedy=error.remedy,
         where="" if joints else "the run",
+        left=left,
     )
 
 
@@ -212,10 +241,11 @@ def mended_unasked(run: Measurements, issues: Sequence[Issue]) -> Measurements:
     return run
 
 
-def rules_out(kinds: Sequence[str], issues: Sequence[Issue]) -> bool:
-    """Return whether issues are of kinds after which nothing is judged; one that is only
+def left_to_judge(issues: Iterable[Issue]) -> Left:
+    """Return what is left to be judged beside all of some issues; one that is only
     possible leaves the judgement to the arm."""
-    return any(f.kind in kinds and f.certainty.grade != POSSIBLE for f in issues)
+    levels = [f.left for f in issues if f.certainty.grade != POSSIBLE]
+    return min(levels, default=Left.ALL)
 
 
 def no_surer(issues: Sequence[Issue], others: Sequence[Issue]) -> tuple[Issue, ...]:

@@ -34,8 +34,6 @@ from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 #: Kind of what happens once.
 EVENT = "one-off event"
-#: Kind of what is left of a joint's torque.
-UNEXPLAINED = "unexplained torque"
 #: A one-off event lasts at most so long [s].
 EVENT_WIDTH = 1.0
 _SURE = likely(
@@ -68,7 +66,12 @@ def unrelated_torque(fit: ArmFit) -> Iterator[Issue]:
     )
 
 
-def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
+def unexplained_torque(
+    log: Likelihood,
+    repair: LogTransform,
+    has_gains: bool = True,
+    is_one_arm: bool = True,
+) -> Iterator[Issue]:
     """Yield warnings where the repaired log leaves more torque unexplained than such
     arms do: in all joints, in single joints, or at a single moment.
 
@@ -79,6 +82,10 @@ def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]
     ----------
     repair : LogTransform
         How the log is repaired.
+    has_gains : bool
+        Whether the channels have known gains, so that joints can be compared.
+    is_one_arm : bool
+        Whether one arm has made all rows, so that moments can be compared.
 
     Returns
     -------
@@ -90,8 +97,10 @@ def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]
     yield from unrelated
     if unrelated or log.spare_share <= 0.0:
         return
-    yield from _unexplained_joints(log, repair, fit)
-    yield from _event(log, repair)
+    if has_gains:
+        yield from _unexplained_joints(log, repair, fit)
+    if is_one_arm:
+        yield from _event(log, repair)
 
 
 def _unexplained_joints(
@@ -113,7 +122,7 @@ def _unexplained_joints(
     percent = 100.0 * np.sqrt(fit.unexplained_shares[joints])
     left = ", ".join(f"{x:.2g} %" for x in percent)
     yield make_explanation(
-        kind=UNEXPLAINED,
+        kind="unexplained torque",
         joints=joints,
         what=f"the torque of {{where}} {what}: {left} of it stays unexplained.",
         certainty=_SURE,
@@ -196,6 +205,7 @@ def _event(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
             repair=partial(without_moment, at=at),
             where=f"t = {at:.3g} s, {joints_text([j])}",
             t=at,
+            span=[at - 0.5 * EVENT_WIDTH, at + 0.5 * EVENT_WIDTH],
         )
         return
 

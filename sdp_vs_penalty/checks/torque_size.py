@@ -14,7 +14,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.certainty import READ, likely, possible
-from sdp_vs_penalty.checks.issue import Issue, make_explanation
+from sdp_vs_penalty.checks.issue import Issue, Left, make_explanation
 from sdp_vs_penalty.checks.residual import leaves_more_than_usual
 from sdp_vs_penalty.data.hypotheses.channels import UNSAID_CURRENT
 from sdp_vs_penalty.data.measurements import Measurements
@@ -235,6 +235,7 @@ def _issues_of_size(
         "external torque",
         remedy="log the measured joint torque: neither masses nor inertias can be"
         " identified from this",
+        left=Left.FACTS,
     )
     torques, nominal = _torques_without_friction(log, repair)
     if _resembles(torques.T, nominal.T) < c.RESEMBLES:
@@ -265,6 +266,7 @@ def _issues_of_size(
         f"{_BY_MASSES if gains else ''}; {_CORRECT_MASSES}",
         changes=(*by_unit, *gains),
         certainty=_BY_SIZE,
+        left=Left.RATIOS,
     )
 
 
@@ -335,6 +337,7 @@ def not_in_newton_metres(run: Measurements, gains: Sequence[Change]) -> Issue:
         f"{_BY_MASSES if gains else ''}",
         where="all torque channels",
         changes=(*_scales(["tau"]), *gains),
+        left=Left.RATIOS,
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from sdp_vs_penalty.checks.certainty import READ, likely, possible
 from sdp_vs_penalty.checks.constants import GAP, NO_ACTION, RUN
 from sdp_vs_penalty.checks.glance import RunSummary
-from sdp_vs_penalty.checks.issue import Issue, make_issue
+from sdp_vs_penalty.checks.issue import Issue, Left, make_issue
 from sdp_vs_penalty.data.hypotheses.weighing import CERTAIN, VELOCITY_UNITS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.words.units import UNITS
@@ -199,6 +199,7 @@ def _against_the_clock(glance: RunSummary, ratio: float, alike: str) -> Issue:
         ),
         cause=f"{stamps_text(1.0 / ratio)}, or velocities are in another unit or filtered",
         remedy=f"find out the log's rate: {remedy}",
+        left=Left.FACTS,
         factor=1.0 / ratio,
     )
     if is_usual or not would_be_usual:

@@ -120,10 +120,7 @@ class Conclusion:
         helpful = self.help_together[self.ladder.n_own :]  # behind own constants
         for finding, helps in zip(self.findings_alone, helpful, strict=True):
             doubts = finding.doubts if helps else (*finding.doubts, Doubt("alone"))
-            confidence = "weak" if doubts else finding.confidence
-            findings.append(
-                replace(finding, helps=helps, confidence=confidence, doubts=doubts)
-            )
+            findings.append(replace(finding, helps=helps, doubts=doubts))
         return findings
 
     @property
@@ -305,7 +302,6 @@ def describe_finding(judged: Judged, doubts: Sequence[Doubt]) -> Finding:
         torque_std=known.torque.std,
         torque_unit=effect.robot.torque_units[known.torque.joint],
         parameters={p.name: float(b) for p, b in parameters},
-        confidence="weak" if doubts else "confident",
         indistinguishable_from=equivalents,
         held_out_rmse_before=judged.errors[0],
         held_out_rmse_after=judged.errors[1],

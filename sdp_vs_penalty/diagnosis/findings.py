@@ -67,14 +67,17 @@ class Rated(JsonRecord):
     """Something that is reported with its confidence: a finding or a re-estimated
     constant."""
 
-    derived: ClassVar[tuple[str, ...]] = ("remarks",)
+    derived: ClassVar[tuple[str, ...]] = ("confidence", "remarks")
 
-    #: "confident" or "weak".
-    confidence: str
     #: The reasons for doubt; without any it is confident.
     doubts: tuple[Doubt, ...]
     #: Whether adding it lowers the error on data left out.
     helps: bool = False
+
+    @property
+    def confidence(self) -> str:
+        """ "confident", or "weak" where there is a reason for doubt."""
+        return "weak" if self.doubts else "confident"
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -88,10 +91,10 @@ class Rated(JsonRecord):
         A finding whose only doubt is that something else fits as well is a near-tie:
         its torque is there, and only its name is open. All other doubts make it weak.
         """
-        if self.confidence == "confident":
+        if not self.doubts:
             return "confident"
         reasons = {doubt.reason for doubt in self.doubts}
-        return "near-tie" if reasons and reasons <= NAME_IS_OPEN else "weak"
+        return "near-tie" if reasons <= NAME_IS_OPEN else "weak"
 
     @property
     def badge(self) -> str:
@@ -119,9 +122,7 @@ class Rated(JsonRecord):
         True for a confident finding. Also true for a weak one if no doubt forbids to
         add it, and none leaves the torque open, or adding it helps on data left out.
         """
-        if self.confidence == "confident":
-            return True
-        if not self.doubts or any(doubt.forbids_adding for doubt in self.doubts):
+        if any(doubt.forbids_adding for doubt in self.doubts):
             return False
         return self.helps or not self.has_open_torque
 
@@ -195,8 +196,6 @@ class Finding(Rated):
     std: float
     #: All parameters of the effect by name, in SI units.
     parameters: Mapping[str, float]
-    #: "confident" or "weak".
-    confidence: str
     #: Effects that fit about as well: names, or texts with joint and constants.
     indistinguishable_from: tuple[str, ...]
     #: (n,) RMS errors on data left out with the findings before this one [N m or N].
@@ -402,7 +401,7 @@ class Finding(Rated):
         if CURVE in self.indistinguishable_from or self.cool_down_instruction:
             return None
         if not self.joints or not self.indistinguishable_from:
-            return self.text if self.confidence == "weak" else None
+            return self.text if self.doubts else None
         rival = self.indistinguishable_from[0]
         if ":" not in rival:  # a rival without joints acts on those of the finding
             rival = f"{rival}:{self.joints[0]}"
@@ -681,7 +680,7 @@ class Diagnosis(Record, JsonRecord):
             if is_elsewhere:
                 return found
             doubts = *found.doubts, doubt
-            return replace(found, confidence="weak", doubts=doubts)  # type: ignore
+            return replace(found, doubts=doubts)  # type: ignore
 
         return replace(
             self,
@@ -1585,8 +1584,6 @@ class Retune(ShapeEstimate, Rated):
     #: What tells it from a finding in files.
     kind: ClassVar[str] = "retune"
 
-    #: "confident" or "weak".
-    confidence: str
     #: Error of the joint on data left out, of the model as it is [N m or N].
     rmse_before: float
     #: The same, with the new value and nothing else.

@@ -224,7 +224,6 @@ def retune(
         doubts.append(Doubt("alone"))
     return Retune(
         **vars(replace(constant, std=std)),
-        confidence="weak" if doubts else "confident",
         rmse_before=was,
         rmse_after=now,
         explanation=change,

@@ -77,12 +77,11 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
         doubts = (*doubts, Doubt("no_torque"))
     elif may_be_zero:
         doubts = tuple(dict.fromkeys((*doubts, Doubt("insignificant"))))
-    elif finding.confidence == "confident" and is_uncertain(size, std_without_law):
+    elif not doubts and is_uncertain(size, std_without_law):
         doubts = (Doubt("uncertain"),)
     is_open = any(doubt.leaves_torque_open for doubt in doubts)
     return replace(
         finding,
-        confidence="weak" if doubts else "confident",
         shape=dict(effect.shape),
         constants=effect.constants,
         size=size,

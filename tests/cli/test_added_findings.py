@@ -52,7 +52,7 @@ def springs(problem, *doubts):
     names = [f"joint_spring:{j}" for j, _ in enumerate(doubts, start=1)]
     found = told(problem, names)
     effects = tuple(
-        replace(f, confidence="weak", doubts=(Doubt(doubt),)) if doubt else f
+        replace(f, doubts=(Doubt(doubt),)) if doubt else f
         for f, doubt in zip(found.effects, doubts, strict=True)
     )
     return replace(found, effects=effects)
@@ -111,7 +111,6 @@ def test_only_takes_no_constant_along_and_says_how_to_add_it(run, two_link):
         "v_s",
         before=0.01,
         after=0.016,
-        confidence="confident",
         rmse_before=1.0,
         rmse_after=0.5,
         explanation="it is wider",

@@ -275,10 +275,7 @@ def test_weak_findings_at_the_end_are_shown_to_who_asks(
     monkeypatch.setattr(SEARCH, lambda *_, **__: found)
     run(f"{PROGRAM} identify two_link --data run.csv --method ols --out model.json")
     first, *rest = found.effects
-    weak = (
-        first,
-        *(replace(f, confidence="weak", doubts=(Doubt("small"),)) for f in rest),
-    )
+    weak = (first, *(replace(f, doubts=(Doubt("small"),)) for f in rest))
     invisible = tuple(
         Invisible(name, (j,), 0.9) for name, j in (("payload", 1), ("payload", 2))
     )

@@ -15,6 +15,7 @@ from small_runs import small_model, small_run, write_run
 from sdp_vs_penalty import identify
 from sdp_vs_penalty.cli import main
 from sdp_vs_penalty.data import save
+from sdp_vs_penalty.diagnosis.doubts import Doubt
 from tests.cli.test_printed_commands import TWELVE, told
 
 
@@ -34,7 +35,8 @@ def folder(two_link, panda, tmp_path_factory):
     small_model("ols").save(home / "model.json")
     found = told(panda, TWELVE)
     weak = replace(
-        found, effects=tuple(replace(f, confidence="weak") for f in found.effects)
+        found,
+        effects=tuple(replace(f, doubts=(Doubt("small"),)) for f in found.effects),
     )
     named = {"findings": found, "none": replace(found, effects=()), "weak": weak}
     for name, findings in named.items():

@@ -188,7 +188,7 @@ def test_add_applies_them_from_the_file_and_by_name(found, estimate, run):
 
 def test_changed_constants_are_chosen_by_confidence(found):
     sure = next(r for r in found.retuned if r.confidence == "confident")
-    weak = replace(sure, confidence="weak", doubts=(Doubt("small"),))
+    weak = replace(sure, doubts=(Doubt("small"),))
     both = replace(found, retuned=(sure, weak))
     assert both.selected().retuned == both.retuned
     assert both.selected(helpful=True).retuned == (sure,)

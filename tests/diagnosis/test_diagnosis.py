@@ -171,9 +171,9 @@ def test_two_joints_whatever_the_record(slope, what):
 
 
 def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
-    first = replace(found.effects[0], indistinguishable_from=(), confidence="confident")
+    first = replace(found.effects[0], indistinguishable_from=(), doubts=())
     assert first.undecided is None
-    weak = replace(first, confidence="weak", doubts=(Doubt("alone"),))
+    weak = replace(first, doubts=(Doubt("alone"),))
     assert weak.undecided == first.text
     for effects, said in (
         ((first, weak), "Add what helps"),
@@ -198,7 +198,9 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
         == f"{first.text},sigmoid_friction:3"
     )
     assert (
-        replace(first, confidence="weak", indistinguishable_from=(CURVE,)).undecided
+        replace(
+            first, doubts=(Doubt("alone"),), indistinguishable_from=(CURVE,)
+        ).undecided
         is None
     )
     # No motion tells the clock from the temperature: a cold start does.

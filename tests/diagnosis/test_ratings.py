@@ -40,7 +40,6 @@ def finding(effect, joint, *rivals, **changes):
         "unit": "N m",
         "std": 0.1,
         "parameters": {},
-        "confidence": "weak" if rivals else "confident",
         "indistinguishable_from": rivals,
         "held_out_rmse_before": np.full(7, 2.0),
         "held_out_rmse_after": np.full(7, 1.0),
@@ -107,14 +106,14 @@ def test_an_effect_or_its_torque_may_be_certain_and_name_or_size_not(
     reasons, effect, torque
 ):
     helps, names = "helps" in reasons, reasons.replace("helps", "").split()
-    doubts = {"confidence": "weak", "doubts": tuple(map(Doubt, names))}
+    doubts = {"doubts": tuple(map(Doubt, names))}
     doubted = finding("joint_spring", 2, helps=helps, **doubts)
     assert (doubted.effect_is_certain, doubted.torque_is_certain) == (effect, torque)
 
 
 def test_a_doubt_of_another_version_is_read_and_its_finding_is_not_added():
     doubts = (Doubt("rivals"), Doubt("by_itself"))
-    weak = finding("joint_spring", 2, confidence="weak", doubts=doubts, helps=True)
+    weak = finding("joint_spring", 2, doubts=doubts, helps=True)
     saved = diagnosis(finding("backlash", 1), weak).to_dict()
     read = Diagnosis.from_dict(saved)
     assert [f.text for f in read.helpful] == [read.effects[0].text]
@@ -161,7 +160,7 @@ def test_a_near_tie_is_added_with_the_constants_that_are_confident():
     tie = finding("stribeck_friction", 3, "torque_gain", **loud)
     shape = ShapeEstimate("coulomb_friction", 3, "v_s", 0.01, 0.02)
     fall = {"rmse_before": 0.2, "rmse_after": 0.1, "explanation": "it is wider"}
-    constant = Retune(**vars(shape), confidence="confident", **fall)
+    constant = Retune(**vars(shape), **fall)
     errors = (ErrorWith((tie.text, constant.text), np.full(7, 1.0)),)
     found = replace(diagnosis(tie), retuned=(constant,), errors_with=errors)
     assert found.main_finding == tie
@@ -207,7 +206,7 @@ def test_what_is_sure_is_added_together():
     assert change.arguments["findings"] == "helpful"
     shape = ShapeEstimate("coulomb_friction", 1, "v_s", 0.01, 0.02)
     fall = {"rmse_before": 0.2, "rmse_after": 0.1, "explanation": "it is wider"}
-    constant = Retune(**vars(shape), confidence="confident", **fall)
+    constant = Retune(**vars(shape), **fall)
     texts = (one.text, two.text, constant.text)
     errors = {"errors_with": (ErrorWith(texts, np.full(7, 1.0)),)}
     both = replace(diagnosis(one, two), retuned=(constant,), **errors)
@@ -272,7 +271,7 @@ def test_the_cause_of_the_whole_robot_names_no_joint():
 def test_findings_that_cancel_are_one_with_its_sum():
     """An arm's joint 1 "rubs 12 N m less at standstill" and "sticks with up to 11 N m",
     while it errs by 1.5 N m."""
-    is_open = {"confidence": "weak", "doubts": (Doubt("uncertain"),)}
+    is_open = {"doubts": (Doubt("uncertain"),)}
     rubs = finding("sigmoid_friction", 1, torque_rms=12.0, **is_open)
     sticks = finding("stiction", 1, torque_rms=11.0, **is_open)
     small = finding("stiction", 2, torque_rms=0.5, **is_open)
@@ -329,7 +328,7 @@ def test_the_headline_names_effects_whose_law_or_name_is_open():
 
 
 def test_a_printed_diagnosis_names_findings_that_are_not_sure():
-    doubt = {"confidence": "weak", "doubts": (Doubt("small"),)}
+    doubt = {"doubts": (Doubt("small"),)}
     weak = [finding("backlash", joint, **doubt) for joint in (1, 3, 5)]
     found = diagnosis(
         finding("presliding_hysteresis", 4),
@@ -377,8 +376,7 @@ def test_what_the_check_explains_is_a_rival_on_its_joints(joints, ratings):
     ],
 )
 def test_only_what_no_sure_finding_states_is_a_rival(kind, certainty, doubts, rating):
-    confidence = "weak" if doubts else "confident"
-    late = finding("torque_filter", 1, joints=(), confidence=confidence, doubts=doubts)
+    late = finding("torque_filter", 1, joints=(), doubts=doubts)
     issue = {
         "kind": kind,
         "certainty": certainty,
@@ -467,13 +465,7 @@ def test_a_size_that_the_model_does_not_know_is_no_confident_finding(
 def test_what_may_be_zero_in_the_model_is_not_added_by_its_help_alone(
     spring, size, doubts, torque_is_certain
 ):
-    searched = finding(
-        "joint_spring",
-        1,
-        confidence="weak" if doubts else "confident",
-        doubts=tuple(map(Doubt, doubts)),
-        helps=True,
-    )
+    searched = finding("joint_spring", 1, doubts=tuple(map(Doubt, doubts)), helps=True)
     sized = size_in_model(searched, model_with((spring, size, 0.1)))
     assert sized.torque_is_certain == torque_is_certain
 

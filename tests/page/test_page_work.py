@@ -286,7 +286,7 @@ def test_a_card_promises_what_its_own_button_adds_and_the_next_step_all_of_it(tw
     """Judged on the test run as the model is; all that helps beside a card that does
     not help alone."""
     found = told(two_link, ["joint_spring:1", "backlash:1", "joint_spring:2"])
-    doubt = {"confidence": "weak", "doubts": (Doubt("small"),)}
+    doubt = {"doubts": (Doubt("small"),)}
     *sure, weak = found.effects
     searched = zip(found.effects, ([2.0, 2.0], [1.0, 2.0], [2.0, 1.0]), strict=True)
     found = replace(
@@ -315,7 +315,7 @@ def test_a_card_promises_what_its_own_button_adds_and_the_next_step_all_of_it(tw
 def test_a_doubt_that_several_findings_share_is_said_once(two_link):
     found = told(two_link, ["joint_spring:1", "backlash:1", "backlash:2"])
     shared = Doubt("small"), Doubt("not_held_out")
-    effects = [replace(f, confidence="weak", doubts=shared) for f in found.effects]
+    effects = [replace(f, doubts=shared) for f in found.effects]
     effects[2] = replace(effects[2], doubts=(*shared, Doubt("at_end")))
     words = describe_diagnosis(replace(found, effects=tuple(effects)), ("N*m", "N*m"))
     assert words.shared_doubt.startswith(

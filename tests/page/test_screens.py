@@ -261,7 +261,7 @@ def test_the_next_step_is_as_sure_of_a_finding_as_its_card(
     """Also where what fits as well is a law of the same effect."""
     first = story.session.history[0]
     finding, *_ = first.findings.effects
-    doubts = {"confidence": "weak", "doubts": (Doubt(doubt),)} if doubt else {}
+    doubts = {"doubts": (Doubt(doubt),)} if doubt else {}
     finding = replace(finding, **doubts)
     found = replace(first.findings, effects=(finding,), retuned=())
     monkeypatch.setattr(story.session, "history", [replace(first, findings=found)])
@@ -282,7 +282,7 @@ def test_what_is_open_of_the_model_is_said_once(story, monkeypatch):
     screen, session = story.screen, story.session
     first, last = session.history[0], session.history[-1]
     finding, *_ = first.findings.effects
-    weak = replace(finding, confidence="weak", doubts=(Doubt("uncertain"),))
+    weak = replace(finding, doubts=(Doubt("uncertain"),))
     found = replace(first.findings, effects=(weak,))
     again = replace(found, effects=(replace(weak, size=2.0 * weak.size),))
     empty = replace(found, effects=())
@@ -375,7 +375,7 @@ def test_show_me_is_the_whole_job_on_the_demos_arm(story, monkeypatch):
     """Each step in turn; what was found for sure is added."""
     (one,) = story.session.history[0].findings.effects
     doubt = (Doubt("small"),)
-    weak = replace(one, confidence="weak", text="x", doubts=doubt, helps=False)
+    weak = replace(one, text="x", doubts=doubt, helps=False)
     found = replace(story.session.history[0].findings, effects=(one, weak))
     session = Sessions(Here()).new()
     called = []
@@ -543,7 +543,6 @@ def show_every_kind(story):
     (one,) = found.effects
     weak = {
         "indistinguishable_from": ("torque_ripple",),
-        "confidence": "weak",
         "doubts": (Doubt("small"),),
         "helps": False,
     }
@@ -553,9 +552,7 @@ def show_every_kind(story):
     curve = Curve(2, ("q2",), x, x**2, x**2 - 0.1, x**2 + 0.1, 0.9, None, 0.2, 0.1)
     other = ShapeEstimate("coulomb_friction", 1, "v_s", 0.01, 0.03)
     errors = {"rmse_before": 0.2, "rmse_after": 0.1}
-    width = Retune(
-        **vars(other), **errors, confidence="confident", explanation="another width"
-    )
+    width = Retune(**vars(other), **errors, explanation="another width")
     own = {"retuned": (width,)}
     own |= {"curves": (curve,), "noise_source": "residual"}
     texts = (width.text, sure.text, one.text)

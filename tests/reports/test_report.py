@@ -115,7 +115,7 @@ def test_the_error_of_a_joint_is_one_number_in_the_whole_report(made):
 def test_a_weak_finding_is_either_added_or_not_worth_it(effect, title, made, two_link):
     models, run, _ = made
     found = told(two_link, [f"{effect}:1"])
-    doubt = {"confidence": "weak", "doubts": (Doubt("small"),)}
+    doubt = {"doubts": (Doubt("small"),)}
     weak = replace(found, effects=(replace(found.effects[0], **doubt),))
     html = make_report(models, run, findings=weak)
     assert title in html

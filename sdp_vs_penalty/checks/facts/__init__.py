@@ -17,7 +17,7 @@ from sdp_vs_penalty.checks.clock import (
     find_time_unit,
     find_uneven_stamps,
 )
-from sdp_vs_penalty.checks.constants import NO_ROWS, RUN
+from sdp_vs_penalty.checks.constants import RUN
 from sdp_vs_penalty.checks.facts.channels import (
     find_channels_without_numbers,
     find_wrapped_angles,
@@ -37,7 +37,7 @@ from sdp_vs_penalty.checks.facts.stuck import (
     find_frozen_channels,
 )
 from sdp_vs_penalty.checks.glance import RunSummary
-from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.issue import Issue, Left, left_to_judge
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.problem import Problem
 
@@ -92,7 +92,7 @@ def mended(
     issues: list[Issue] = []
     glance = RunSummary(run, problem)
     for rule in RULES:
-        if any(issue.kind in NO_ROWS for issue in issues):
+        if left_to_judge(issues) is Left.NOTHING:
             break
         if rule not in FEW_ROWS and (
             len(glance.run.t) < RUN or not glance.moving.any()

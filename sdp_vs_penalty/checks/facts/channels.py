@@ -9,7 +9,7 @@ import numpy as np
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.certainty import likely, told_by
 from sdp_vs_penalty.checks.glance import Rows, RunSummary
-from sdp_vs_penalty.checks.issue import Issue, make_issue
+from sdp_vs_penalty.checks.issue import Issue, Left, make_issue
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import beside_range
 from sdp_vs_penalty.errors import InputError
@@ -39,6 +39,7 @@ def find_channels_without_numbers(glance: RunSummary) -> Iterator[Issue]:
                 remedy="find out why the logger wrote none (a driver that does not"
                 " report it); there is no repair",
                 where=f"{name}{j + 1}",
+                left=Left.NOTHING,
             )
 
 
@@ -178,6 +179,7 @@ def find_torques_in_counts(glance: RunSummary) -> Iterator[Issue]:
             " kilograms are not",
             where="all torque channels",
             changes=[Change("read", "read tau by its gains", {"scale": {"tau": None}})],
+            left=Left.RATIOS,
             largest=largest,
         )
 

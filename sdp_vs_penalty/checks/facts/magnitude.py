@@ -15,7 +15,7 @@ from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.facts.noise import shows_noise
 from sdp_vs_penalty.checks.glance import RunSummary
-from sdp_vs_penalty.checks.issue import Issue, make_explanation, make_issue
+from sdp_vs_penalty.checks.issue import Issue, Left, make_explanation, make_issue
 from sdp_vs_penalty.race.arm_fit import orthonormal
 from sdp_vs_penalty.robot.arrays import Array, Indices, nonzero_or_one
 from sdp_vs_penalty.signals.filtered import Rows
@@ -75,6 +75,7 @@ def find_magnitudes(glance: RunSummary) -> Iterator[Issue]:
             certainty=likely("with signs the arm explains it clearly better"),
             remedy="log the torque with its sign",
             where=", ".join(f"tau{j + 1}" for j in joints),
+            left=Left.FACTS,
         )
 
 

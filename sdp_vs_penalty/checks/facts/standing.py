@@ -6,7 +6,7 @@ import numpy as np
 
 from sdp_vs_penalty.checks.certainty import stated, told_by
 from sdp_vs_penalty.checks.glance import RunSummary
-from sdp_vs_penalty.checks.issue import Issue, make_issue, make_refusal
+from sdp_vs_penalty.checks.issue import Issue, Left, make_issue, make_refusal
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import nonzero_or_one
 
@@ -36,7 +36,7 @@ def find_static_poses(glance: RunSummary) -> Iterator[Issue]:
     sure = told_by(
         "a motion has over twenty rows from one end of a stroke to the other"
     )
-    yield make_refusal("static poses", error, sure)
+    yield make_refusal("static poses", error, sure, left=Left.NOTHING)
 
 
 def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
@@ -57,6 +57,7 @@ def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
             certainty=sure,
             remedy=remedy,
             where="all joints",
+            left=Left.FACTS,
         )
     elif len(joints):
         farthest = float(np.ptp(glance.run.q[:, joints], axis=0).max())
