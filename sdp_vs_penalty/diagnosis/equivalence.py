@@ -14,16 +14,13 @@ A finding is confident only if no rival passes both.
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from copy import copy
 from dataclasses import dataclass, replace
-
-import numpy as np
+from functools import partial
 
 from sdp_vs_penalty.diagnosis.constants import (
     EVIDENCE_TO_DISTINGUISH,
     LAW_TOLERANCE,
-    MAX_CANDIDATES_REFINED,
     MINOR,
     PROMISING,
 )
@@ -33,9 +30,8 @@ from sdp_vs_penalty.diagnosis.held_out import (
     HeldOutData,
     least_squares_parameters,
 )
-from sdp_vs_penalty.diagnosis.library import Batch, Candidate, Key, may_join
+from sdp_vs_penalty.diagnosis.library import Batch, Key
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
-from sdp_vs_penalty.diagnosis.refine import refine_constants
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.estimation.certificate import NOT_CERTIFIED
 
@@ -52,8 +48,6 @@ class _Group:
     fit: WhiteFit
     #: Drop of the deviance that the findings bring.
     deviance_drop: float
-    #: Sum of squares of the weighted torque that the findings explain.
-    squares: float
     #: Effective number of coefficients and constants of the findings.
     freedom: float
     #: Number of correlated rows that count as one.
@@ -191,88 +185,43 @@ def _judge_group(
     terms_beside = search.nuisances.with_law_misfits(others)
     fit = search.score.fit(terms_beside, full)
     judged = [search.score.evidence_of(fit, t.form, t.columns) for t in terms]
-    fit_with_terms = search.score.fit([*terms_beside, *terms], full)
-    # Squared errors in the weights of the fit without the terms.
-    fall = (fit.rss - fit_with_terms.rss) / fit.level**2
-    squares = float(np.sum(fall))
     deviance_drop = judged[0].drop
     if len(terms) > 1:
-        deviance_after = fit.deviance(fit_with_terms.rss)
-        deviance_drop = float(fit.own_deviance - deviance_after)
+        with_terms = search.score.fit([*terms_beside, *terms], full)
+        deviance_drop = float(fit.own_deviance - fit.deviance(with_terms.rss))
     return _Group(
         terms=terms,
         others=tuple(others),
         fit=fit,
         deviance_drop=deviance_drop,
-        squares=squares,
         freedom=sum(t.freedom for t in judged),
         rows_worth_one=max(t.rows_worth_one for t in judged),
     )
 
 
 def _rivals_on_rows(search: Search, group: _Group) -> list[ScoredEffect]:
-    """List the candidates that explain the searched rows as well as a group.
-
-    Continuous shape constants of each promising candidate are refined first.
-    """
-    judge = search.judge_beside(group.fit)
+    """List the candidates that explain the searched rows as well as a group, of those
+    that explain half as much before their constants are refined."""
+    present = {t.key for t in search.terms}
+    screened = search.screened(
+        group.fit, group.others, present, partial(_acts_there, group)
+    )
+    single = [t.form for t in group.terms] if len(group.terms) == 1 else []
     rivals = [
-        refine_constants(judge, judge.scored(form))
-        for form in _promising(search, group)
+        search.refined(group.fit, t)
+        for t in screened
+        if t.drop > PROMISING * group.deviance_drop
+        and not any(t.form.generalises(finding) for finding in single)
     ]
     return [rival for rival in rivals if group.is_rival(rival)]
 
 
-def _promising(search: Search, group: _Group) -> list[Candidate]:
-    """List the candidates that explain at least half of what a group of findings does.
-
-    Half (PROMISING) is enough here, since the candidates' shape constants stand on a
-    coarse grid and are refined afterwards. Of each law (effect, joint and discrete
-    constants) the best grid point is listed; at most MAX_CANDIDATES_REFINED in all, the
-    best first. Other values of the model's own constants are no rivals.
-    """
-    # By law: the share of the group's squares, and the best candidate so far.
-    best = dict[Hashable, tuple[float, Candidate]]()
-    for batch in search.library.batches:
-        if batch.forms[0].replaces_own_constant or not _acts_there(group, batch):
-            continue
-        explained, _ = search.score.explained(group.fit, batch)
-        shares = explained / max(group.squares, 1e-300)
-        for f in _list_possible_replacements(search, group, batch):
-            form = batch.forms[f]
-            share = float(shares[f])
-            largest_share, _ = best.get(form.discrete_choice, (PROMISING, form))
-            if share > largest_share:
-                best[form.discrete_choice] = share, form
-    ranked = sorted(best.values(), key=lambda pair: -pair[0])
-    return [form for _, form in ranked[:MAX_CANDIDATES_REFINED]]
-
-
 def _acts_there(group: _Group, batch: Batch) -> bool:
-    """Return whether candidates act on a joint of a single finding, or on all joints of
-    several findings."""
+    """Return whether candidates are effects that act on a joint of a single finding, or
+    on all joints of several findings."""
+    if batch.forms[0].replaces_own_constant:
+        return False
     joints = frozenset[int]().union(*(t.joints for t in group.terms))
     if len(group.terms) > 1:
         return joints <= {*batch.joints}
     return not joints.isdisjoint(batch.joints)
-
-
-def _list_possible_replacements(
-    search: Search, group: _Group, batch: Batch
-) -> list[int]:
-    """List the numbers, within the batch, of candidates that may replace the group.
-
-    A candidate may if it is not among the findings, may be added to the model with the
-    other findings, and does not merely generalise the only finding of the group.
-    """
-    present = {t.key for t in search.terms}
-    picked = [t.form for t in group.others]
-    is_allowed = may_join(batch.forms, picked, search.data.estimate.model)
-    single = [t.form for t in group.terms] if len(group.terms) == 1 else []
-    return [
-        f
-        for f, form in enumerate(batch.forms)
-        if is_allowed[f]
-        and form.key not in present
-        and not any(form.generalises(finding) for finding in single)
-    ]

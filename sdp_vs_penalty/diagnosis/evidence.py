@@ -303,7 +303,7 @@ class EvidenceScorer(WhiteFitter):
         refined = {(name, form.key[1]) for name in form.effect.refines}
         change = trial.products.change(trial.beta)
         for key in refined & signed.keys():
-            for number in fit.design.columns_of_model[key]:
+            for number in fit.design.model.columns_by_key[key]:
                 is_fitted = number in fit.columns_kept
                 if is_fitted and fit.theta[number] < change[number]:
                     return key

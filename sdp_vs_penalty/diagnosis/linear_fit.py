@@ -97,18 +97,27 @@ Term = ScoredEffect | Nuisance
 
 
 @dataclass(frozen=True, eq=False)
-class BasisProducts:
-    """Products of candidates' columns with the model's columns and with the torque."""
+class ModelColumns:
+    """A basis of the model's white columns and the torque, with products of candidates'
+    columns."""
 
-    #: (n joints, M, r + 1) the model's columns B and, last, the white torque y.
+    #: (n joints, M, r + 1) the basis B and, last, the white torque y.
     columns: Array
+    #: Which of the r columns belong to the effect with a key (name, joint); all columns
+    #: without a key of their own are under None.
+    columns_by_key: Mapping[Key | None, list[int]]
     #: The products computed so far, by batch of candidates.
     computed: dict[Batch, list[Array]] = field(default_factory=dict)
 
     @property
     def basis(self) -> Array:
-        """(n joints, M, r) the model's columns."""
+        """(n joints, M, r) the basis."""
         return self.columns[:, :, :-1]
+
+    @property
+    def torque(self) -> Array:
+        """(n, M) the white torque."""
+        return self.columns[:, :, -1]
 
     @cached_property
     def gram(self) -> Array:
@@ -126,16 +135,6 @@ class BasisProducts:
             pairs = zip(batch.joints, batch.whitened_columns, strict=True)
             self.computed[batch] = [self.with_columns(j, Z) for j, Z in pairs]
         return self.computed[batch]
-
-
-class ModelBasis(NamedTuple):
-    """A basis of the model's white columns."""
-
-    #: (n joints, M, r) the vectors B of the basis.
-    columns: Array
-    #: Which of the r columns belong to the effect with a key (name, joint); all columns
-    #: without a key of their own are under None.
-    columns_by_key: dict[Key | None, list[int]]
 
 
 class JointTerms(NamedTuple):
@@ -180,21 +179,16 @@ class Design:
     information on all coefficients.
     """
 
-    #: The model's columns with their products.
-    basis_products: BasisProducts
+    #: The model's columns and the torque, with their products.
+    model: ModelColumns
     #: Columns of terms that act on several joints, on each of the n joints.
     shared_terms: Sequence[JointTerms]
     #: Columns of terms that act on one joint, by that joint.
     own_terms: Sequence[JointTerms]
     #: (p,) precisions of the priors, on their own joints; zero where there is none.
     precision: Array
-    #: (n, M) white torque.
-    y: Array
     #: The number q of shared columns.
     n_shared: int
-    #: Numbers of the model's columns, by key of an effect with a shape constant that
-    #: might be re-estimated, all others under None.
-    columns_of_model: Mapping[Key | None, list[int]]
     #: Numbers of each term's columns, by its text.
     columns_by_text: dict[str, list[int]]
     #: What is left of the joints' rows, by joint and own columns that take part.
@@ -203,11 +197,12 @@ class Design:
     @cached_property
     def gram(self) -> Array:
         """(n, q + 1, q + 1) products of the shared columns and, last, the torque."""
-        if self.n_shared == self.basis_products.basis.shape[2]:
-            return self.basis_products.gram
-        of_model = [*range(self.basis_products.basis.shape[2]), self.n_shared]
-        out = np.zeros((len(self.y), self.n_shared + 1, self.n_shared + 1))
-        out[np.ix_(range(len(out)), of_model, of_model)] = self.basis_products.gram
+        if self.n_shared == self.model.basis.shape[2]:
+            return self.model.gram
+        of_model = [*range(self.model.basis.shape[2]), self.n_shared]
+        shape = self.n_shared + 1, self.n_shared + 1
+        out = np.zeros((len(self.model.columns), *shape))
+        out[np.ix_(range(len(out)), of_model, of_model)] = self.model.gram
         for j, (numbers, columns) in enumerate(self.shared_terms):
             out[j][:, numbers] = self.shared_products(j, columns)
             out[j][numbers] = out[j][:, numbers].T
@@ -240,7 +235,7 @@ class Design:
 
     def times(self, coefficients: Array) -> Array:
         """Return A C (n, M, K) for coefficients C (p, K)."""
-        B = self.basis_products.basis
+        B = self.model.basis
         out = B @ coefficients[: B.shape[2]]
         for terms_by_joint in (self.shared_terms, self.own_terms):
             for j, terms in enumerate(terms_by_joint):
@@ -283,7 +278,7 @@ class Design:
         shared columns and the torque; ``with_model`` : those with the model's columns
         and the torque, where they are known."""
         if with_model is None:
-            with_model = self.basis_products.with_columns(joint, z)
+            with_model = self.model.with_columns(joint, z)
         terms = self.shared_terms[joint]
         out = np.zeros((self.n_shared + 1, z.shape[1]))
         out[: len(with_model) - 1] = with_model[:-1]
@@ -304,7 +299,7 @@ class Design:
             known = reduced[joint].by_batch
             if batch not in known:
                 Z = batch.whitened_columns[place]
-                with_model = self.basis_products.with_batch(batch)[place]
+                with_model = self.model.with_batch(batch)[place]
                 along_own = reduced[joint].whitened.T @ Z
                 products = self.shared_products(joint, Z, with_model)
                 products -= reduced[joint].along_own.T @ along_own
@@ -350,7 +345,7 @@ class WhiteFit:
     @property
     def target(self) -> Array:
         """(n, M) the torque over the standard deviation of each joint's residual."""
-        return self.design.y / self.level[:, None]
+        return self.design.model.torque / self.level[:, None]
 
     @cached_property
     def own_deviance(self) -> float:
@@ -360,8 +355,8 @@ class WhiteFit:
     @cached_property
     def residual(self) -> Array:
         """(n, M) what the fit leaves of the torque, divided by each joint's level."""
-        residual = self.design.y - self.design.times(self.theta[:, None])[:, :, 0]
-        return residual / self.level[:, None]
+        modelled = self.design.times(self.theta[:, None])[:, :, 0]
+        return (self.design.model.torque - modelled) / self.level[:, None]
 
     @property
     def leverage(self) -> Array:
@@ -561,8 +556,7 @@ class WhiteFitter:
         self.data = data
         self.floor = 1.0 if data.noise_is_known else 1e-12
         if like is not None and like.has_rows_of(data):
-            self._model_basis = like._model_basis
-            self._basis_products = like._basis_products
+            self._model_columns = like._model_columns
 
     def has_rows_of(self, data: WhiteData) -> bool:
         """Return whether other data have the same rows.
@@ -580,7 +574,7 @@ class WhiteFitter:
         )
 
     @cached_property
-    def _model_basis(self) -> ModelBasis:
+    def _model_columns(self) -> ModelColumns:
         """A basis B (n, M, r) of the model's white columns.
 
         An effect with a shape constant that might be re-estimated, or a parameter that
@@ -601,13 +595,8 @@ class WhiteFitter:
         columns_by_key: dict[Key | None, list[int]] = {None: list(range(n_shared))}
         for k, key in enumerate(own_effects):
             columns_by_key[key] = [n_shared + k]
-        return ModelBasis(B, columns_by_key)
-
-    @cached_property
-    def _basis_products(self) -> BasisProducts:
-        """The model's basis and the torque, with their products."""
-        y = self.data.y[:, :, None]
-        return BasisProducts(np.concatenate([self._model_basis.columns, y], axis=2))
+        columns = np.concatenate([B, self.data.y[:, :, None]], axis=2)
+        return ModelColumns(columns, columns_by_key)
 
     def fit(self, terms: Sequence[Term], near: WhiteFit | None = None) -> WhiteFit:
         """Fit the model with some terms; each joint is weighted by its own residual.
@@ -628,10 +617,10 @@ class WhiteFitter:
         effects = [t for t in terms if isinstance(t, ScoredEffect)]
         replaced = {t.key for t in effects if t.form.replaces_own_constant}
         columns = [i for t in terms for i in design.columns_by_text[t.text]]
-        for key, its_columns in design.columns_of_model.items():
+        for key, its_columns in design.model.columns_by_key.items():
             if key not in replaced:
                 columns += its_columns
-        level = np.ones(len(design.y)) if near is None else near.level
+        level = np.ones(self.data.n) if near is None else near.level
         return self._fitted(design, np.sort(np.array(columns, int)), level)
 
     def at_level(self, fit: WhiteFit, level: Array) -> WhiteFit:
@@ -656,7 +645,7 @@ class WhiteFitter:
     def without_own(self, fit: WhiteFit, key: Key) -> WhiteFit:
         """Return the fit without the column of one of the model's effects on a joint."""
         if key not in fit.fits_without:
-            replaced = fit.design.columns_of_model[key]
+            replaced = fit.design.model.columns_by_key[key]
             columns_left = np.setdiff1d(fit.columns_kept, replaced)
             fit.fits_without[key] = self._fitted(
                 fit.design,
@@ -671,9 +660,8 @@ class WhiteFitter:
 
         Columns are scaled to unit length over all joints.
         """
-        basis_products = self._basis_products
-        n, M, r = basis_products.basis.shape
-        y = self.data.y
+        model = self._model_columns
+        n, M, r = model.basis.shape
         shared = [t for t in terms if len(t.columns) > 1]
         on_one = [[t for t in terms if [*t.columns] == [j]] for j in range(n)]
         columns_by_text = dict[str, list[int]]()
@@ -698,13 +686,11 @@ class WhiteFitter:
                 its_own = columns_by_text[term.text]
                 precision[its_own] = (scale[its_own] / term.deviations) ** 2
         design = Design(
-            basis_products=basis_products,
+            model=model,
             shared_terms=shared_terms,
             own_terms=own_terms,
             precision=precision,
-            y=y,
             n_shared=q,
-            columns_of_model=self._model_basis.columns_by_key,
             columns_by_text=columns_by_text,
         )
         return design

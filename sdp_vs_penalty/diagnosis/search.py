@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence, Set
+from collections.abc import Callable, Hashable, Sequence, Set
 from copy import copy
 from functools import partial
 
@@ -14,7 +14,7 @@ from sdp_vs_penalty.diagnosis.constants import (
     PROMISING,
 )
 from sdp_vs_penalty.diagnosis.evidence import EvidenceScorer
-from sdp_vs_penalty.diagnosis.library import Candidate, Key, Library, may_join
+from sdp_vs_penalty.diagnosis.library import Batch, Candidate, Key, Library, may_join
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit, margin
 from sdp_vs_penalty.diagnosis.nuisances import Nuisances
 from sdp_vs_penalty.diagnosis.refine import Judge, refine_constants
@@ -211,8 +211,7 @@ class Search:
         terms
             The effects chosen already; they are no candidates again.
         """
-        chosen_forms = [t.form for t in terms]
-        screened = self._screened(fit, chosen_forms)
+        screened = self.screened(fit, terms, self.refused | self.barred)
         top = max((t.evidence for t in screened), default=0.0)
         # The threshold is low, since refining may raise the evidence much: a friction
         # width (say) far from the grid's values explains little there, and nearly all
@@ -227,8 +226,12 @@ class Search:
         ranked.sort(key=lambda t: -t.evidence)
         return _best_law_of_each_candidate(ranked)
 
-    def _screened(
-        self, fit: WhiteFit, picked: Sequence[Candidate]
+    def screened(
+        self,
+        fit: WhiteFit,
+        terms: Sequence[ScoredEffect],
+        excluded: Set[Key],
+        is_tried: Callable[[Batch], bool] = lambda batch: True,
     ) -> list[ScoredEffect]:
         """Score the candidates that explain most, each law at its best grid point.
 
@@ -240,13 +243,17 @@ class Search:
         ----------
         fit
             The fit to which candidates are added.
-        picked
+        terms
             The effects that it holds already.
+        excluded
+            Keys of what is no candidate.
+        is_tried
+            Which batches are looked at.
         """
         # By law: cheap score, candidate at its best grid point, and white columns.
         best = dict[Hashable, tuple[float, Candidate, dict[int, Array]]]()
-        excluded = self.refused | self.barred
-        for batch in self.library.batches:
+        picked = [t.form for t in terms]
+        for batch in filter(is_tried, self.library.batches):
             scores = self.score.screened(fit, batch)
             explaining = np.flatnonzero(scores > 0.0).tolist()
             forms = [batch.forms[f] for f in explaining]
