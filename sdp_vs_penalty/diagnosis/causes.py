@@ -368,9 +368,10 @@ class CauseShares:
         for name in self.names:
             if name != best and shares[name] > 0.0 and shares[name] >= smallest_share:
                 tied.append(name)
-        # Sorted twice: what is sorted by last counts first.
-        tied.sort(key=lambda name: -self._weight(name, self.of_error))
-        return sorted(tied, key=lambda name: name not in _SINGLE_COLUMNS)
+        return sorted(
+            tied,
+            key=lambda x: (x not in _SINGLE_COLUMNS, -self._weight(x, self.of_error)),
+        )
 
     @cached_property
     def ranking(self) -> list[str]:
@@ -381,9 +382,8 @@ class CauseShares:
         """
         first = self.equivalent_causes
         others = [name for name in self.names if name not in first]
-        # Sorted twice: what is sorted by last counts first.
-        for shares in (self.of_error, self.likelihood):
-            others.sort(key=lambda name: -self._weight(name, shares))
+        both = self.likelihood, self.of_error
+        others.sort(key=lambda x: [-self._weight(x, shares) for shares in both])
         return [*first, *others]
 
     @property

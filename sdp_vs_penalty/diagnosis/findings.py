@@ -387,9 +387,8 @@ class Finding(Rated):
         return tuple(name for name in self.indistinguishable_from if name != CURVE)
 
     @property
-    def undecided(self) -> str | None:
-        """The effects that a new recording has to tell apart, as `excite --separate`
-        takes them.
+    def undecided(self) -> tuple[str, ...] | None:
+        """The effects that a new recording has to tell apart, as texts.
 
         They are the finding and its first rival, such as "backlash:3,spring:3", or a
         weak finding alone, which may not be present at all.
@@ -401,11 +400,11 @@ class Finding(Rated):
         if CURVE in self.indistinguishable_from or self.cool_down_instruction:
             return None
         if not self.joints or not self.indistinguishable_from:
-            return self.text if self.doubts else None
+            return (self.text,) if self.doubts else None
         rival = self.indistinguishable_from[0]
         if ":" not in rival:  # a rival without joints acts on those of the finding
             rival = f"{rival}:{self.joints[0]}"
-        return f"{self.text},{rival}"
+        return self.text, rival
 
     def remedy(self, diagnosis: Diagnosis) -> Remedy:
         """Return what would mend the model: adding this finding of the diagnosis; the
@@ -450,7 +449,7 @@ class Finding(Rated):
             return f"{instruction}." if instruction else ""
         out = f"tell{self.number}.csv"
         return formatting.command(
-            "excite", model, "--separate", self.undecided, "--out", out
+            "excite", model, "--separate", ",".join(self.undecided), "--out", out
         )
 
     @property
@@ -1051,7 +1050,7 @@ class Diagnosis(Record, JsonRecord):
                 change = Change(
                     "record",
                     f"record a motion that shows whether it is {finding.title}",
-                    {"separate": finding.undecided.split(",")},
+                    {"separate": [*finding.undecided]},
                 )
                 what = f"{finding.title}: these runs do not decide it"
                 remedies.append(Remedy(what, *finding.rating_and_why, change))
@@ -1209,7 +1208,7 @@ class Diagnosis(Record, JsonRecord):
             if len(together) < len(self.helpful):
                 which = [f.number for f in findings]
                 counted = f"the {len(together)} surest"
-            names = named_on_joints(findings).split("; ")
+            names = _names_on_joints(findings)
             if constants:
                 names.append(constants_in_words(constants))
             if len(names) <= _MOST_ON_A_BUTTON:
@@ -1538,6 +1537,11 @@ def named_on_joints(findings: Sequence[Finding | Retune]) -> str:
 
     For example "backlash on joints 2 and 3; payload".
     """
+    return "; ".join(_names_on_joints(findings))
+
+
+def _names_on_joints(findings: Sequence[Finding | Retune]) -> list[str]:
+    """Name the effects of findings in words, each with all of its joints."""
     joints_by_effect: dict[str, set[int]] = {}
     for finding in findings:
         joints_by_effect.setdefault(finding.effect, set()).update(finding.joints)
@@ -1547,7 +1551,7 @@ def named_on_joints(findings: Sequence[Finding | Retune]) -> str:
         if joints:
             name += f" on {formatting.joints(sorted(joints))}"
         names.append(name)
-    return "; ".join(names)
+    return names
 
 
 def constants_in_words(constants: Sequence[Retune]) -> str:

@@ -322,7 +322,10 @@ def whiten_with_noise(
         known = list(estimate.model.known_values)
         torque = torque - (columns[:, :, known] @ estimate.theta[known]).T
         columns[:, :, known] = 0.0
-    X, y = white_rows(rows, noise, columns, torque)
+    X, y = (
+        np.stack([noise.whiten(x, j, rows.pieces[j]) for j, x in enumerate(of_joints)])
+        for of_joints in (columns, torque.T)
+    )
     # An error of the model recurs whenever the motion repeats.
     _, phase_clusters = phase_stretches(rows, CLUSTERS)
     # The first rows of each piece only serve to whiten the next ones. Each other row
@@ -340,32 +343,6 @@ def whiten_with_noise(
         count=count,
         frozen=frozen,
     )
-
-
-def white_rows(
-    rows: SegmentedRuns, noise: Noise, columns: Array, residual: Array
-) -> tuple[Array, Array]:
-    """Weight columns (n, M, p) and a torque (M, n) so that each joint's noise is white;
-    the white torque is (n, M), the joint first.
-
-    White noise is independent from row to row, with variance 1.
-
-    Parameters
-    ----------
-    noise
-        The noise of each joint.
-    columns
-        (n, M, p) columns of torque.
-    residual
-        (M, n) a torque, or what a model leaves of it [N m or N].
-    """
-    white_columns = np.zeros(columns.shape)
-    white_residual = np.zeros(columns.shape[:2])
-    for j in range(rows.n):
-        pieces = rows.pieces[j]
-        white_columns[j] = noise.whiten(columns[j], j, pieces)
-        white_residual[j] = noise.whiten(residual[:, j], j, pieces)
-    return white_columns, white_residual
 
 
 def spread_columns(rows: SegmentedRuns, effect: Effect) -> Array:

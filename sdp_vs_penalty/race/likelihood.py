@@ -61,14 +61,18 @@ def keep_recent(results: dict[Any, T], key: Any, result: T, size: int) -> T:
     return result
 
 
-def recent(size: int) -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """Let a method keep its last ``size`` results, by its arguments. They are kept in the
-    object, so that they are freed with it: rows are large."""
+def recent(
+    size: int, of: Callable[..., Any] | None = None
+) -> Callable[[Callable[..., T]], Callable[..., T]]:
+    """Let a method keep its last ``size`` results, by its arguments, or by the part ``of``
+    its argument that it depends on. They are kept in the object, so that they are freed
+    with it: rows are large."""
 
     def remembering(method: Callable[..., T]) -> Callable[..., T]:
         @wraps(method)
         def remembered(self: Any, *key: Any) -> T:
-            results = self.__dict__.setdefault(f"_last{method.__name__}", {})
+            results = self.__dict__.setdefault(f"_last_{method.__name__}", {})
+            key = key if of is None else (of(*key),)
             result = results[key] if key in results else method(self, *key)
             return keep_recent(results, key, result, size)
 
@@ -239,6 +243,7 @@ class Likelihood:
 
     # -- columns
 
+    @recent(6, of=lambda repair: repair.motion_part)
     def rows(self, repair: LogTransform) -> RepairedRows:
         """Return the columns of an arm's parameters in the rows that it is fitted to.
 
@@ -255,11 +260,6 @@ class Likelihood:
         RepairedRows
             Columns of the shared parameters, and a basis of each joint's own columns.
         """
-        return self._rows(repair.motion_part)
-
-    @recent(6)
-    def _rows(self, repair: LogTransform) -> RepairedRows:
-        """Make the rows of a repair of the motion."""
         return RepairedRows.from_basis(self.basis(repair), self.raw(repair))
 
     def basis(self, repair: LogTransform) -> Array:
@@ -267,6 +267,7 @@ class Likelihood:
         repair: friction, rotor inertia, offset, and events of the log."""
         return self._basis(repair.order, repair.events)
 
+    @recent(6, of=lambda repair: repair.motion_part.with_defaults("events"))
     def raw(self, repair: LogTransform) -> Array:
         """Return the columns (n, M, s) of the s parameters that joints share (of the
         links).
@@ -286,11 +287,6 @@ class Likelihood:
         (n, M, s) array
             Torque per unit of each parameter.
         """
-        return self._raw(repair.motion_part.with_defaults("events"))
-
-    @recent(6)
-    def _raw(self, repair: LogTransform) -> Array:
-        """Make the columns (n, M, s) of a repair of the motion."""
         columns = self.shared(repair)
         if any(repair.lacks):
             weight = self.shared(repair, is_still=True)

@@ -174,7 +174,7 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
     first = replace(found.effects[0], indistinguishable_from=(), doubts=())
     assert first.undecided is None
     weak = replace(first, doubts=(Doubt("alone"),))
-    assert weak.undecided == first.text
+    assert weak.undecided == (first.text,)
     for effects, said in (
         ((first, weak), "Add what helps"),
         ((weak,), "all are weak"),
@@ -193,10 +193,8 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
     assert "To test finding 1, record: sdp-vs-penalty excite m.json" in said
     assert said.endswith("--out tell1.csv")
     rivals = ("sigmoid_friction",)
-    assert (
-        replace(first, indistinguishable_from=rivals).undecided
-        == f"{first.text},sigmoid_friction:3"
-    )
+    told_apart = replace(first, indistinguishable_from=rivals).undecided
+    assert told_apart == (first.text, "sigmoid_friction:3")
     assert (
         replace(
             first, doubts=(Doubt("alone"),), indistinguishable_from=(CURVE,)

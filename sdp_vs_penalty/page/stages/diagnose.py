@@ -275,7 +275,7 @@ def _telling(view: View, finding: Finding, words: str, key: str) -> None:
     if finding.undecided is None:
         draw.note(f"To decide it: {words}")
         return
-    change = {"arguments": {"separate": finding.undecided.split(",")}}
+    change = {"arguments": {"separate": [*finding.undecided]}}
     make = partial(session.start, session.make_motion, change, view.download)
     draw.button(label_of_motion(change), make, key)
 
