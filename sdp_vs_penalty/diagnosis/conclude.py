@@ -90,16 +90,14 @@ class Conclusion:
         search = self.search
         torque_in_doubt = torque_errors(self.data, self.explanation.estimate)
         sizes = sizes_with_intervals(search, torque_in_doubt, self.errors_of_constants)
-        steps = pairwise(self.ladder.errors)
+        before = self.ladder.held_out.errors(())
         fit = search.score.fit(search.terms, search.fit)
         contradicted = contradicted_by_sliding(self.data, fit, search.terms)
         findings = []
         stated = self.explanation.estimate.provenance.get("torque_unit", "")
-        for term, size, step, sticks in zip(
-            search.terms, sizes, steps, contradicted, strict=True
-        ):
-            judged = Judged(search, term, size, np.array(step), self.curves, sticks)
-            found = describe_finding(judged, reasons_for_doubt(judged))
+        for term, size, sticks in zip(search.terms, sizes, contradicted, strict=True):
+            judged = Judged(search, term, size, self.curves, sticks)
+            found = describe_finding(judged, reasons_for_doubt(judged), before)
             findings.append(found.in_unit(stated))
         return findings
 
@@ -215,7 +213,7 @@ class Conclusion:
                 std=constant_std(self.search.fit, errors, constant),
                 robot=self.explanation.estimate.robot,
                 before=self.ladder.errors_without(k),
-                after=self.ladder.errors[-1],
+                after=self.ladder.held_out.errors(self.ladder.offered),
                 is_harmful=not helpful[k],
             )
             for k, constant in enumerate(self.explanation.shapes)
@@ -268,7 +266,7 @@ def least_help_of(finding: Finding) -> float:
     return SURE_HELP if finding.has_open_torque else MINOR
 
 
-def describe_finding(judged: Judged, doubts: Sequence[Doubt]) -> Finding:
+def describe_finding(judged: Judged, doubts: Sequence[Doubt], before: Array) -> Finding:
     """Make the report of a finding.
 
     Parameters
@@ -277,6 +275,9 @@ def describe_finding(judged: Judged, doubts: Sequence[Doubt]) -> Finding:
         The finding with all that it is judged by.
     doubts
         Reasons for doubt; without any the finding is confident.
+    before
+        (n,) RMS errors on data left out of the model as it is [N m or N]: what the finding
+        changes is known once it is among those that are told.
     """
     term, known, effect = judged.term, judged.size, judged.effect
     size, std = size_of(effect, known.beta, known.covariance)
@@ -303,8 +304,8 @@ def describe_finding(judged: Judged, doubts: Sequence[Doubt]) -> Finding:
         torque_unit=effect.robot.torque_units[known.torque.joint],
         parameters={p.name: float(b) for p, b in parameters},
         indistinguishable_from=equivalents,
-        held_out_rmse_before=judged.errors[0],
-        held_out_rmse_after=judged.errors[1],
+        held_out_rmse_before=before,
+        held_out_rmse_after=before,
         physics=physics_of(effect, size),
         text=effect.text,
         gain=term.evidence,

@@ -17,7 +17,6 @@ from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import Size, is_insignificant, is_uncertain, size_of
 from sdp_vs_penalty.effects.effect import Effect
-from sdp_vs_penalty.robot.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -30,9 +29,6 @@ class Judged:
     term: ScoredEffect
     #: The finding's parameters with their covariance.
     size: Size
-    #: (2, n) RMS error of each joint [N m or N] on data left out, beside the findings
-    #: before it: row 0 without the finding, row 1 with it.
-    errors: Array
     #: The measured curves that were accepted.
     curves: Sequence[Measured] = ()
     #: Whether the rows in which its joints slide contradict its size, or do not show it.

@@ -187,17 +187,6 @@ class Ladder:
         offered = tuple(place[t.text] for t in explanation.terms)
         return cls(held_out, offered, len(explanation.constants))
 
-    @property
-    def errors(self) -> Array:
-        """(F + 1, n) RMS errors on data left out with the first 0, 1, ... F findings [N
-        m or N].
-
-        All rows include the re-estimated constants.
-        """
-        # ``offered`` lists the n_own re-estimated constants, then the findings.
-        steps = range(self.n_own, len(self.offered) + 1)
-        return np.array([self.held_out.errors(self.offered[:k]) for k in steps])
-
     def errors_without(self, k: int) -> Array:
         """Return the errors (n,) with all offered effects except the one at place k [N
         m or N].

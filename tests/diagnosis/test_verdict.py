@@ -394,5 +394,5 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         covariance_given_constants=None,
         torque=TorqueMade(0, 1.0, case.torque_std),
     )
-    judged = Judged(search, own, size, np.ones((2, 1)), curves)
+    judged = Judged(search, own, size, curves)
     assert {doubt.reason for doubt in reasons_for_doubt(judged)} == doubts
