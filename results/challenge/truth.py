@@ -71,8 +71,9 @@ def _white(
     noise = noise_in(rows, rows.residual - silent.residual)
     without = _filtered([x.ideal.tau - x.shares[k] for x in logged], logged, estimate)
     columns = model_columns(rows, estimate, frozen)
-    white, apart = white_rows(rows, noise, columns, silent.residual - without.residual)
-    change = apart.ravel()
+    white = white_rows(rows, noise, columns)
+    apart = silent.residual - without.residual
+    change = white_rows(rows, noise, apart.T).ravel()
     Q = span(white.reshape(len(change), -1))
     return rows, noise, Q, change - Q @ (Q.T @ change)
 

@@ -322,10 +322,7 @@ def whiten_with_noise(
         known = list(estimate.model.known_values)
         torque = torque - (columns[:, :, known] @ estimate.theta[known]).T
         columns[:, :, known] = 0.0
-    X, y = (
-        np.stack([noise.whiten(x, j, rows.pieces[j]) for j, x in enumerate(of_joints)])
-        for of_joints in (columns, torque.T)
-    )
+    X, y = (white_rows(rows, noise, x) for x in (columns, torque.T))
     # An error of the model recurs whenever the motion repeats.
     _, phase_clusters = phase_stretches(rows, CLUSTERS)
     # The first rows of each piece only serve to whiten the next ones. Each other row
@@ -343,6 +340,12 @@ def whiten_with_noise(
         count=count,
         frozen=frozen,
     )
+
+
+def white_rows(rows: SegmentedRuns, noise: Noise, values: Array) -> Array:
+    """Weight columns (n, M, p) or torques (n, M) of n joints so that each joint's noise is
+    white: independent from row to row, with variance 1."""
+    return np.stack([noise.whiten(x, j, rows.pieces[j]) for j, x in enumerate(values)])
 
 
 def spread_columns(rows: SegmentedRuns, effect: Effect) -> Array:

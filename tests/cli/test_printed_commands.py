@@ -215,7 +215,6 @@ def told(problem, texts, frozen=False):
             "N*m",
             0.1,
             {},
-            "confident",
             (),
             np.ones(n),
             np.ones(n),

@@ -304,7 +304,7 @@ def test_findings_that_cancel_are_one_with_its_sum():
 )
 def test_torques_beyond_the_joints_error_are_one_finding(torques, joint, n_in_sum):
     first, *others = torques
-    is_open = {"confidence": "weak", "doubts": (Doubt("uncertain"),)}
+    is_open = {"doubts": (Doubt("uncertain"),)}
     loud = finding("sigmoid_friction", 1, torque_rms=first, **is_open)
     beside = [
         finding(effect, joint, torque_rms=rms, **is_open)

@@ -218,7 +218,7 @@ def test_no_motion_is_made_for_a_joint_that_does_not_err_most(story, monkeypatch
     """A motion of the other joint decides nothing of the verdict."""
     first = story.session.history[0]
     finding, *_ = first.findings.effects
-    poor = {"confidence": "weak", "doubts": (Doubt("small"),), "helps": False}
+    poor = {"doubts": (Doubt("small"),), "helps": False}
     worst = first.worst_joint
     for joint in (worst, 3 - worst):
         text = f"power_friction:{joint}"
