@@ -225,7 +225,7 @@ def test_a_constant_is_judged_beside_the_model_that_findings_are():
     """One error of a joint before, whatever is changed."""
     shape = ShapeEstimate("coulomb_friction", 3, "v_s", 0.01, 0.02)
     fall = {"rmse_before": 0.2, "rmse_after": 0.1, "explanation": "it is wider"}
-    constant = Retune(**vars(shape), confidence="confident", **fall)
+    constant = Retune(**vars(shape), **fall)
     found = replace(diagnosis(finding("stiction", 3)), retuned=(constant,))
     assert (constant,) in found.additions
     found = found.with_errors({(constant.text,): np.full(7, 1.5)})
