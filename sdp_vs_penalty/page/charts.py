@@ -261,7 +261,7 @@ def cause_chart(
         cause=cause,
         waves=waves,
         units=units,
-        position_units=["m" if unit == "N" else "rad" for unit in units],
+        position_units=["m" if x == "N" else "rad" for x in session.robot["units"]],
         floor=step.comparison["noise_floor"],
     )
     return ready(plot, height)

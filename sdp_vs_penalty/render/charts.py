@@ -434,7 +434,12 @@ class CauseAxis:
 
 
 def cause_axis(
-    signals: Signals, joint: int, cause: str, position_unit: str, waves: float = 1.0
+    signals: Signals,
+    joint: int,
+    cause: str,
+    position_unit: str,
+    waves: float = 1.0,
+    torque_unit: str = "N m",
 ) -> CauseAxis:
     """Choose the abscissa that shows how a joint's error depends on a cause.
 
@@ -452,6 +457,8 @@ def cause_axis(
     waves : float
         Of the cause WAVES: how many of them there are in 2 pi of the position. They are
         drawn over the period of one, since the bins of a mean are coarser.
+    torque_unit : str
+        Unit of the joint's torque.
 
     Returns
     -------
@@ -482,14 +489,15 @@ def cause_axis(
         x = np.gradient(signals.dq[:, j], signals.t)
         return CauseAxis(x, ones, f"acceleration [{position_unit}/s^2]")
     torque = signals.modelled[:, j]
-    unit = "N" if position_unit == "m" else "N m"
     if cause == LOAD:  # friction in proportion to the load is then one straight line
         direction = np.sign(signals.dq[:, j])
-        return CauseAxis(np.abs(torque), direction, f"load: size of torque [{unit}]")
+        return CauseAxis(
+            np.abs(torque), direction, f"load: size of torque [{torque_unit}]"
+        )
     if cause == MODELLED_TORQUE:
-        return CauseAxis(torque, ones, f"modelled torque [{unit}]")
+        return CauseAxis(torque, ones, f"modelled torque [{torque_unit}]")
     if cause in (TORQUE_RATE, TORQUE_CURVATURE):
-        return _axis_of_torque_change(signals.t, torque, cause, unit)
+        return _axis_of_torque_change(signals.t, torque, cause, torque_unit)
     return CauseAxis(signals.t, ones, "time [s]")
 
 
@@ -561,7 +569,8 @@ def cause_figure(
         Of the cause WAVES: how many of them there are in 2 pi of the position.
     """
     j = joint - 1
-    axis = cause_axis(before, joint, cause, position_units[j], waves)
+    unit = plain_unit(units[j])
+    axis = cause_axis(before, joint, cause, position_units[j], waves, unit)
     inside = np.isfinite(axis.x)
     if axis.limits is not None:
         inside &= (axis.x >= axis.limits[0]) & (axis.x <= axis.limits[1])
@@ -603,7 +612,7 @@ def cause_figure(
         plot.update_layout(shapes=[noise_band(float(floor[j] or 0.0))])
     plot.update_axes("x", title=axis.label)
     along = " along motion" if cause in (REVERSAL, BY_DIRECTION, LOAD) else ""
-    title = f"joint {joint}: error{along} [{plain_unit(units[j])}]"
+    title = f"joint {joint}: error{along} [{unit}]"
     return plot.update_axes("y", title=title)
 
 

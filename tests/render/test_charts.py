@@ -28,7 +28,8 @@ def test_friction_by_load_is_drawn_as_a_straight_line():
     error = 0.08 * np.abs(torque) * np.sign(dq)
     columns = (np.sin(t), dq, torque + error, torque)
     signals = Signals(t, *(column[:, None] for column in columns))
-    axis = cause_axis(signals, 1, causes.LOAD, "rad")
+    axis = cause_axis(signals, 1, causes.LOAD, "rad", torque_unit="A")
+    assert axis.label == "load: size of torque [A]"
     centres, means = mean_curve(axis.x, signals.residual[:, 0] * axis.sign)
     assert means == pytest.approx(0.08 * centres)
 
