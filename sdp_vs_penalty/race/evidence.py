@@ -133,11 +133,17 @@ class ViewFit:
         return self.shares > c.POORLY
 
     @property
+    def is_badly_explained(self) -> bool:
+        """Whether much is left of a moving joint's torque: something is missing, or two
+        mistakes were made."""
+        return bool((self.shares[self.weights > 0.0] > c.BADLY).any())
+
+    @property
     def may_be_rearranged(self) -> bool:
-        """Whether several mistakes at once may hide in the fit: much is left of a moving
-        joint's torque, or links far from the nominal ones explain it."""
-        is_badly = (self.shares[self.weights > 0.0] > c.BADLY).any()
-        return bool(is_badly or self.cost_of_links > c.LOG_ODDS_OF_A_CLAIM)
+        """Whether several mistakes at once may hide in the fit: much is left of a torque,
+        or links far from the nominal ones explain it."""
+        is_far = self.cost_of_links > c.LOG_ODDS_OF_A_CLAIM
+        return self.is_badly_explained or is_far
 
 
 @dataclass(frozen=True)

@@ -163,7 +163,7 @@ class RaceOutcome:
     @property
     def is_well_explained(self) -> bool:
         """Whether little is left of every joint's torque with all that was taken."""
-        return bool(self.fit.shares[self.fit.weights > 0.0].max() < c.BADLY)
+        return not self.fit.is_badly_explained
 
     def differences(self) -> list[Claim]:
         """List what differs in a part of the log, by more than is usual."""
@@ -270,8 +270,7 @@ class Race:
                 taken[place], fit = self._again(taken[place], fit)
         own = [x.log_odds - c.MAX_PHYSICS_LOG_ODDS for x in taken[:1]]
         is_open = max(own, default=np.inf) < c.LOG_ODDS_OF_A_CLAIM
-        is_badly = (fit.shares > c.BADLY).any()
-        if is_open and is_badly and self._is_by_ranges(taken[0]):
+        if is_open and fit.is_badly_explained and self._is_by_ranges(taken[0]):
             # The torques tell no unit, which is then asked for.
             none = self._incumbent(LogView(self.all.log.as_logged))
             return RaceOutcome((), none.view, none, self.is_doubtful)
@@ -467,7 +466,7 @@ class Race:
             and part.after is not None
             and part.until is None
         ]
-        if not instants or not (fit.shares > c.BADLY).any():
+        if not instants or not fit.is_badly_explained:
             return []
         _, likeliest = max(instants)
         parts = of_one_part.parts_near(self.all, likeliest, away)
@@ -643,7 +642,7 @@ class Race:
         incumbent's fit."""
         h = claim.hypothesis
         ranges = [self.all.of_ranges(of.view) for of in (fit, claim.fit)]
-        if ranges[0] < ranges[1] and (fit.shares > c.BADLY).any():
+        if ranges[0] < ranges[1] and fit.is_badly_explained:
             return True  # the joints' ranges are a witness where another fault hides the arm
         span = h.part if h.part is not None and h.part.until is not None else None
         before, after = (

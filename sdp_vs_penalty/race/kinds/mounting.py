@@ -52,7 +52,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     is_claimed = now.gravity != evidence.log.as_logged.gravity
     odds = 0.0 if is_claimed else prior
     yield _tilted(evidence, fit, odds)
-    if not (fit.shares > c.BADLY).any():
+    if not fit.is_badly_explained:
         return
     nominal = _of_nominal_links(evidence, fit)
     if gravity @ nominal < size * _EARTH * np.cos(_FIRST_ORDER):

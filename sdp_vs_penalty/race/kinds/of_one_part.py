@@ -89,7 +89,7 @@ def in_parts(
     ``n_possible`` are as likely beforehand."""
     none = evidence.log.as_logged
     loads = loads_on_last_link(evidence, fit, fit.chain)
-    arm = another_arm(evidence, fit) if (fit.shares > c.BADLY).any() else None
+    arm = another_arm(evidence, fit) if fit.is_badly_explained else None
     odds = -c.LOG_ODDS_AGAINST_DIFFERENCE - float(np.log(n_possible))
     for part in parts:
         at = _share_of_rows(evidence, part)[None, :, None]

@@ -54,7 +54,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
             number = zero_number(log, j, _SD_OF_TURN)
             odds = prior - np.log(len(_QUARTERS))
             yield Hypothesis("encoder offset", (j,), odds, chain, number)
-    if not (fit.shares > c.BADLY).any():
+    if not fit.may_be_rearranged:
         return
     # If two joints are turned, undoing one of them alone explains little.
     joints = [j for j in log.revolute if j]
