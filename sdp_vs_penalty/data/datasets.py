@@ -213,8 +213,8 @@ def _panda_runs(folder: Path) -> dict[str, Measurements]:
     line, those of the seven joints of a sample one after the other."""
     names = ("time", "positions", "torques", "velocity")
     t, *blocks = (np.loadtxt(folder / f"exciting_traj_{name}.txt") for name in names)
-    channels = (block.reshape(-1, 7) for block in blocks)
-    return {"exciting": Measurements(t, *channels, names=(folder.name,))}
+    q, tau, dq = (block.reshape(-1, 7) for block in blocks)
+    return {"exciting": Measurements(t, q, tau, dq, names=(folder.name,))}
 
 
 def _ur10e_runs(folder: Path) -> dict[str, Measurements]:

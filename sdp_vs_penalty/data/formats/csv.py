@@ -11,6 +11,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -76,23 +77,9 @@ def read(path: Path) -> Log:
     try:
         table = inspect_table(path)
     except MarkupError as error:
-        from sdp_vs_penalty.data.formats import (
-            jsonl,
-            matlab,
-            named_values,
-            ros_echo,
-            rsi_xml,
-        )
-
-        if error.what.startswith("YAML"):
-            return ros_echo.read(path)
-        if error.what.startswith("names"):
-            return named_values.read(path)
-        if error.what.startswith("Octave"):
-            return matlab.read_text(path)
-        return (jsonl if error.what.startswith("JSON") else rsi_xml).read_text(
-            path, error
-        )
+        form = import_module(f"sdp_vs_penalty.data.formats.{error.form}")
+        log: Log = form.read_text(path, error)
+        return log
     return log_of_table(table)
 
 

@@ -61,7 +61,7 @@ def _log_of_variables(
     return log_of_arrays(path, arrays, texts)
 
 
-def read_text(path: Path) -> Log:
+def read_text(path: Path, _refused: InputError) -> Log:
     """Read the matrices of Octave's text: "# name: q" stands above the rows of each."""
     text = "\n".join(line for _, lines in iter_rows(path) for line in lines)
     matrices = dict[str, Array]()

@@ -55,7 +55,7 @@ def are_named_values(lines: Sequence[str]) -> bool:
     return n > 0 and is_in_turn and len(said - {_CLOCK, _INDEX}) > 1
 
 
-def read(path: Path) -> Log:
+def read_text(path: Path, _refused: InputError) -> Log:
     """Read the named values of each sample; raise InputError for one with other names."""
     from sdp_vs_penalty.data.formats.jsonl import log_of_samples  # only of such a text
 

@@ -31,7 +31,7 @@ _LOADER = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 _DEEPEST = 50
 
 
-def read(path: Path) -> Log:
+def read_text(path: Path, _refused: InputError) -> Log:
     """Read the fields of printed messages; raise InputError for a text that is no such
     YAML."""
     numbers, samples = list[int](), list[dict[str, Any]]()

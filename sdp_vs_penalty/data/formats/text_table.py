@@ -28,14 +28,17 @@ from sdp_vs_penalty.files import refuse_stand_in
 
 #: The separators that are tried, in this order; None: any number of blanks.
 DELIMITERS = (";", "\t", "|", ",", None, "^", ":")
-#: How the first line of a text begins that is no table, what it is, and what to do.
+#: How the first line of a text begins that is no table, the module that may read it, what it
+#: is, and what to do.
 _MARKUPS = {
     r"(---|[A-Za-z_]+:)$": (
+        "ros_echo",
         "YAML text, as `ros2 topic echo` prints it",
         "print it with `ros2 topic echo --csv`, or record a bag",
     ),
-    r"<[A-Za-z?!]": ("XML text", "write one row a sample as CSV"),
+    r"<[A-Za-z?!]": ("rsi_xml", "XML text", "write one row a sample as CSV"),
     r"[{](?!')|\[ *([{\[]|$)": (
+        "jsonl",
         "JSON text",
         "write one object a line into a .jsonl file, or save with"
         " numpy.savez(path, t=..., q=..., tau=...)",
@@ -79,7 +82,15 @@ Cells = Sequence[Sequence[str]]
 
 
 class MarkupError(InputError):
-    """A text is no table, but YAML, XML or JSON, the first word of ``what``."""
+    """A text is no table, but YAML, XML, JSON or the like.
+
+    ``form`` is the module of this folder whose ``read_text`` may read it.
+    """
+
+    def __init__(self, form: str, what: str, remedy: str, path: Path) -> None:
+        """Make the error of a text of a form."""
+        super().__init__(what, remedy, path)
+        self.form = form
 
 
 @dataclass(frozen=True)
@@ -295,12 +306,13 @@ def _refuse_markup(path: Path, lines: Sequence[str]) -> None:
     refuse_stand_in(path, lines[0].encode())
     if lines[0].startswith("# Created by Octave"):
         remedy = "save matrices with save('run.mat', '-v7', ...)"
-        raise MarkupError("Octave's text", remedy, path)
-    for pattern, (what, remedy) in _MARKUPS.items():
+        raise MarkupError("matlab", "Octave's text", remedy, path)
+    for pattern, markup in _MARKUPS.items():
         if re.match(pattern, lines[0].strip()) and not _end_in_a_table(lines):
-            raise MarkupError(what, remedy, path)
+            raise MarkupError(*markup, path)
     if are_named_values(lines):
-        raise MarkupError("names and values in each line", "write a table as CSV", path)
+        what = "names and values in each line"
+        raise MarkupError("named_values", what, "write a table as CSV", path)
 
 
 def _end_in_a_table(lines: Sequence[str]) -> bool:

@@ -181,8 +181,10 @@ def recognise(
     )
 
     def by_our_names(quantity: str, names: Mapping[Hashable, str]) -> dict[str, str]:
+        # The key "" marks a column that holds all joints.
+        numbered = enumerate(keys, 1)
         return {
-            _our_name(quantity, key, k): names[key] for k, key in enumerate(keys, 1)
+            f"{quantity}{k if key != '' else ''}": names[key] for k, key in numbered
         }
 
     for quantity, column_set in choice.sets.items():
@@ -312,12 +314,6 @@ def _clock_by_values(
         [x for x in unknown if not counts_rows(rising[x])],
     )
     return next((found[0] for found in surest_first if len(found) == 1), None)
-
-
-def _our_name(group: str, key: Hashable, number: int) -> str:
-    """Return our name of a joint's column, "q3"; the key "" marks a column that holds all
-    joints, whose name is the group's, "q"."""
-    return group if key == "" else f"{group}{number}"
 
 
 def _read_or_commanded(name: str, quantity: str) -> Meaning | None:

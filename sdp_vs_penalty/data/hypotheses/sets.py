@@ -83,7 +83,9 @@ def column_sets(
     groups = dict[tuple[str, int, tuple[str, ...], int], list[str]]()
     of_quantity = {x: y for x, y in said.items() if y.quantity == quantity}
     for name, meaning in of_quantity.items():
-        for style, others in _styles_of(meaning):
+        # "left_q_1" is told from others by its words, or by its number among left ones.
+        by_number = "block" if meaning.number is None else "number"
+        for style, others in (("name", ()), (by_number, meaning.other_words)):
             key = style, meaning.rank, others, len(meaning.words)
             groups.setdefault(key, []).append(name)
     sets, is_of_arms = list[ColumnSet](), False
@@ -172,14 +174,6 @@ def _of_arms(
         if is_of_arms and {*map(len, arms.values())} == {n_joints}:
             return arms
     return {}
-
-
-def _styles_of(meaning: Meaning) -> list[tuple[str, tuple[str, ...]]]:
-    """List the styles of the sets to which a column can belong, each with the further
-    words that all columns of the set share: [("name", ()), ("number", ("left",))] for
-    "left_q_1"."""
-    style = "block" if meaning.number is None else "number"
-    return [("name", ()), (style, meaning.other_words)]
 
 
 def _words_of(meaning: Meaning) -> tuple[str, ...]:
