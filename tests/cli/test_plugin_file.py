@@ -145,7 +145,7 @@ def test_a_broken_effect_is_one_sentence_before_anything_runs(
     ("named", "in_model", "words"),
     [
         ((), (), "Your effect rubber spring was tried"),
-        (("rubber_spring:2@q_0=0.5",), (), ""),
+        (("rubber_spring",), (), ""),
         ((), ("rubber_spring",), ""),
     ],
 )
@@ -153,7 +153,7 @@ def test_a_diagnosis_says_what_became_of_ones_own_effect(
     named, in_model, words, file, capsys
 ):
     register_file(Path(file))
-    finding = SimpleNamespace(effect="viscous_friction", indistinguishable_from=named)
+    finding = SimpleNamespace(effect="viscous_friction", rival_effects=named)
     result = SimpleNamespace(effects=(finding,), invisible=())
     diagnose._say_what_became_of_plugins(result, set(in_model))
     printed = " ".join(capsys.readouterr().out.split())

@@ -40,7 +40,7 @@ def test_a_diagnosis_says_it_in_the_same_words(two_link):
     before = model(two_link, "coulomb_friction@v_s=0.01")
     after = model(two_link, "coulomb_friction:1@v_s=0.01,coulomb_friction:2@v_s=0.0015")
     (line,) = changed_constants_in_words(before, after)
-    assert of_diagnosis.explanation.startswith(f"{line};")
+    assert of_diagnosis.explanation == line
 
 
 @pytest.mark.parametrize(
