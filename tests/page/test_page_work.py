@@ -283,8 +283,8 @@ def test_what_was_hidden_is_compared_with_what_was_found(
 
 
 def test_a_card_promises_what_its_own_button_adds_and_the_next_step_all_of_it(two_link):
-    """Judged on the test run as the model is; all that helps beside a card that does
-    not help alone."""
+    """Judged on the test run as the model is; a card that does not help alone says beside
+    what it does."""
     found = told(two_link, ["joint_spring:1", "backlash:1", "joint_spring:2"])
     doubt = {"doubts": (Doubt("small"),)}
     *sure, weak = found.effects
@@ -298,7 +298,8 @@ def test_a_card_promises_what_its_own_button_adds_and_the_next_step_all_of_it(tw
     judged = found.with_judged_errors(np.array([4.2, 3.1]), np.array([0.7, 1.6]))
     said = [f.gain_sentence(judged) for f in judged.effects]
     assert said[0].endswith(
-        "left out: 4.2 N m or N; with all that helps it is 0.7 N m or N."
+        "left out: 4.2 N m or N; it helps beside backlash on joint 1, not by itself: with"
+        " both joint 2's error is 1.6 N m or N, and 3.1 N m or N without it."
     )
     assert said[1].startswith(
         "Adding it cuts joint 1's error on data left out from 4.2 to 2.1 N"
