@@ -36,6 +36,8 @@ class PayloadNow(Shown):
     mass_std: float
     #: (3,) centre of mass in the last link's frame [m].
     com: Array
+    #: (3,) standard deviation of the centre of mass [m].
+    com_std: Array
     #: (3, 3) inertia about the centre of mass [kg m^2].
     inertia: Array
     #: Certified bound on how much nearer to the data another consistent payload could
@@ -552,23 +554,32 @@ class PayloadEstimator:
         """Payload that is carried now, at the time that the filters speak of.
 
         None without a payload, and until the first certified projection after a change.
-        The standard deviation comes from the estimate before the projection.
+        The standard deviations come from the estimate before the projection.
         """
         if not (self.is_carrying and self._is_published):
             return None
         self._detector.posterior(self._posterior)
+        covariance = self._posterior.covariance()
         scale = self._prior.scale
         theta = self._published * scale
         mass = float(theta[0])
         _, mass_std = self._mass(self._posterior)
         barycentric = barycentric_from_standard(theta)
+        com = barycentric[1:4]
+        # Jacobian of the centre of mass h / m by the scaled parameters m, h / reach.
+        jacobian = np.zeros((3, SIZE))
+        jacobian[:, 0] = -com / mass
+        jacobian[:, 1:4] = np.eye(3) * self._prior.reach / mass
+        # Variances (3,): the diagonal of J C J^T.
+        com_variance = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
         return PayloadNow(
             # The last tick, less the filters' delay.
             time=self._next_tick - self.period - self.delay,
             theta=theta,
             mass=mass,
             mass_std=mass_std,
-            com=barycentric[1:4],
+            com=com,
+            com_std=np.sqrt(com_variance),
             inertia=inertia_matrix(barycentric[4:]),
             gap=self._gap,
         )

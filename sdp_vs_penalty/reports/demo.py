@@ -64,7 +64,9 @@ class Demo:
     truth: str
 
 
-def demo(folder: str | Path, progress: Progress = no_progress) -> Demo:
+def demo(
+    folder: str | Path, seed: int = SEED, progress: Progress = no_progress
+) -> Demo:
     """Run the full workflow on a simulated arm with a hidden effect.
 
     The steps are: simulate three runs, identify by three methods, locate the error,
@@ -75,6 +77,8 @@ def demo(folder: str | Path, progress: Progress = no_progress) -> Demo:
     folder : str or Path
         Folder for run1.csv, run2.csv, test.csv, model.json, better.json and
         report.html.
+    seed : int
+        Seed of the simulated arm and of all random starts.
     progress : callable
         Called with a short text at each step.
 
@@ -88,7 +92,7 @@ def demo(folder: str | Path, progress: Progress = no_progress) -> Demo:
     problem = load_problem(ARM)
     progress("simulating three runs")
     hidden_result = hidden_runs(
-        problem, [(HIDDEN, [problem.robot.n - 1])], LEVEL, SEED, count=len(RUNS)
+        problem, [(HIDDEN, [problem.robot.n - 1])], LEVEL, seed, count=len(RUNS)
     )
     for name, run in zip(RUNS, hidden_result.runs, strict=True):
         save(run, folder / name)
@@ -96,7 +100,7 @@ def demo(folder: str | Path, progress: Progress = no_progress) -> Demo:
     test = hidden_result.test
     models = {}
     filtered = read_and_filter(problem, train)
-    estimation = pose_filtered(problem, filtered, PoseOptions(seed=SEED))
+    estimation = pose_filtered(problem, filtered, PoseOptions(seed=seed))
     for method in METHODS:
         progress(f"identifying by {method}")
         models[method] = estimate_posed(estimation, method)
@@ -109,12 +113,12 @@ def demo(folder: str | Path, progress: Progress = no_progress) -> Demo:
     noise = noise_floor(model, test)
     failures = where_it_fails(model, test, noise=noise)
     progress("looking for what is missing")
-    diagnosis = diagnose(model, train, test, seed=SEED)
+    diagnosis = diagnose(model, train, test, seed=seed)
     progress("adding it")
     better = model
     if diagnosis.helpful:
         helpful = diagnosis.selected(helpful=True)
-        better = add(model, helpful, train, seed=SEED)
+        better = add(model, helpful, train, seed=seed)
     judged_runs = FilteredRuns.filtering(test, model.preprocessing)
     *compared, after = compare_filtered(
         {**models, "with what was found": better}, judged_runs, noise=noise

@@ -451,6 +451,8 @@ def test_torques_of_mujoco_are_weighed_as_well(exact, tmp_path):
     assert payload.mass == pytest.approx(mass, abs=3.0 * payload.mass_std)
     assert payload.mass == pytest.approx(mass, rel=0.03)
     assert_allclose(payload.com, com, atol=0.01)
+    assert (np.abs(payload.com - com) <= 3.0 * payload.com_std).all()
+    assert (payload.com_std < 0.02).all()
 
 
 @pytest.fixture(scope="module")
