@@ -171,6 +171,11 @@ def test_a_duration_is_no_clock():
     assert find_clock({x: Column(cells=y) for x, y in cells.items()}) == "timestamp"
 
 
+def test_one_column_is_of_the_joint_that_it_numbers():
+    assert recognise(["t", "q1", "target_q_0"]) is None
+    assert recognise(["t", "q1", "target_q_1"]) is not None
+
+
 def test_commands_of_a_known_logger_hide_no_torques():
     """Columns of LeRobot a joint, with efforts that its entry does not list."""
     state = [f"observation.joint{k}.{x}" for x in ("pos", "effort") for k in (1, 2)]

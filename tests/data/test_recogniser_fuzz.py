@@ -101,7 +101,9 @@ def tables(draw):
             called = NAMES[k] if is_named else str(first + k)
             if (group, k) != lost:
                 columns.append((pattern.format(called) + endings[group], group, k))
-    for name in draw(st.lists(st.sampled_from(OTHERS), max_size=3)):
+    # A position alone and its target are a whole log of one joint.
+    others = [x for x in OTHERS if lost[0] != "q" or x != "target_q_{}"]
+    for name in draw(st.lists(st.sampled_from(others), max_size=3)):
         columns.append((name.format(0), "other", 0))
     clock = draw(st.sampled_from(CLOCKS))
     if clock:

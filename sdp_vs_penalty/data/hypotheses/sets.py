@@ -220,7 +220,9 @@ def _columns_by_joint(
     first = next(iter(in_order))
     is_whole = first < 2 and list(in_order) == list(range(first, first + len(names)))
     is_whole |= len(names) == n_joints
-    return dict(enumerate(in_order.values())) if is_whole else {}
+    # One column alone is of the joint that it numbers: q1 is not driven by target_q_0.
+    joints = in_order if len(in_order) == 1 else range(len(in_order))
+    return dict(zip(joints, in_order.values(), strict=True)) if is_whole else {}
 
 
 def _is_of_motors(columns: ColumnSet, others: Sequence[ColumnSet]) -> bool:
