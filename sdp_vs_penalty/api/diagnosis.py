@@ -283,10 +283,9 @@ def add_certain_findings(
         added, or if no torque was logged.
     """
     give_back_memory(measurements.samples)
-    if not measurements.torque_logged:
-        return diagnosis, None
     better = None
-    n_added = None
+    # Nothing is added to a model of a log without torque.
+    n_added = None if measurements.torque_logged else len(diagnosis.helpful)
     # Its sizes may show that a torque is not there, which is then not added.
     while diagnosis.helpful and n_added != len(diagnosis.helpful):
         n_added = len(diagnosis.helpful)
@@ -306,11 +305,12 @@ def add_certain_findings(
         diagnosis = with_sizes_of(diagnosis, better)
     if not diagnosis.helpful:
         better = None
+    is_open = better is None and bool(diagnosis.helpful)
     if test is not None and diagnosis.held_out_source == "test":
         progress("judging on the test run")
         models = [model] if better is None else [model, better]
         judged = beside_spans(test, diagnosis.left_out_of_test)
         compared = compare(models, judged, noise_from=judged_recordings or test)
-        before, after = compared[0].rmse, compared[-1].rmse
-        diagnosis = diagnosis.with_judged_errors(before, after)
+        after = None if is_open else compared[-1].rmse
+        diagnosis = diagnosis.with_judged_errors(compared[0].rmse, after)
     return diagnosis, better

@@ -751,7 +751,7 @@ class Diagnosis(Record, JsonRecord):
                     "number them from 1 in the order of the list",
                 )
 
-    def with_judged_errors(self, before: Array, after: Array) -> Diagnosis:
+    def with_judged_errors(self, before: Array, after: Array | None) -> Diagnosis:
         """Replace the errors of the search on the test run by those of the final
         models.
 
@@ -765,7 +765,8 @@ class Diagnosis(Record, JsonRecord):
         before
             (n,) errors of the model [N m or N].
         after
-            (n,) errors of the model with all findings whose torque is certain.
+            (n,) errors of the model with all findings whose torque is certain; None where
+            no such model is made, and its errors change as the model's.
         """
         texts = (*(r.text for r in self.retuned), *(f.text for f in self.effects))
         steps = [*(f.held_out_rmse_before for f in self.effects), self.held_out_rmse]
@@ -774,7 +775,10 @@ class Diagnosis(Record, JsonRecord):
         searched |= {x.effects: x.rmse for x in self.errors_with}
         helpful = tuple(f.text for f in self.helpful)
         scale = _ratio(before, self.held_out_rmse_before)
-        of_helpful = _ratio(after, self.held_out_rmse_with_helpful)
+        with_helpful = self.held_out_rmse_with_helpful
+        if after is None:
+            after = scale * with_helpful
+        of_helpful = _ratio(after, with_helpful)
         judged = {
             added: rmse * (of_helpful if {*helpful} <= {*added} else scale)
             for added, rmse in searched.items()
