@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.diagnosis.comparison import resolution
 from sdp_vs_penalty.diagnosis.confidence import (
     Judged,
     invisible_effects,
@@ -24,8 +25,10 @@ from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.explanation import Explanation, Ladder
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Remaining, Retune
+from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.notices import find_notices
 from sdp_vs_penalty.diagnosis.own_constants import constant_std, retune
+from sdp_vs_penalty.diagnosis.passing.cause import PassingCause
 from sdp_vs_penalty.diagnosis.passing.search import passing_causes
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import size_of, sizes_with_intervals, torque_errors
@@ -135,6 +138,16 @@ class Conclusion:
             for finding, (before, after) in zip(told, steps, strict=True)
         ], errors
 
+    def _acting_for_a_time(
+        self, certain: Sequence[ScoredEffect]
+    ) -> tuple[PassingCause, ...]:
+        """Return what acts for a part of the runs, beside effects whose torque is certain;
+        nothing where no joint errs by more than a sensor resolves."""
+        least = resolution(self.data.rows.torque, self.explanation.estimate)
+        if not np.any(self.ladder.held_out.errors(()) > least):
+            return ()
+        return passing_causes(self.search, certain)
+
     def diagnosis(self) -> Diagnosis:
         """Return the diagnosis: findings, verdict, and what is left.
 
@@ -170,7 +183,7 @@ class Conclusion:
             effects=tuple(told),
             noise_floor=noise.floor,
             invisible=invisible_effects(self.search),
-            passing=passing_causes(self.search, certain),
+            passing=self._acting_for_a_time(certain),
             notices=find_notices(self.search, self.explanation.estimate),
             noise_source=noise.source,
             unexplained=remaining.in_sample_excess_variance,

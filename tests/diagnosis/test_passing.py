@@ -15,7 +15,7 @@ from point_mass_arm import MASSES, Kinematics, PointMassArm
 from sdp_vs_penalty import add, compare, diagnose, identify
 from sdp_vs_penalty.api.diagnosis import _spans_named
 from sdp_vs_penalty.data.measurements import concatenate
-from sdp_vs_penalty.diagnosis import Candidate, Diagnosis
+from sdp_vs_penalty.diagnosis import Candidate, Diagnosis, conclude
 from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, Span, beside_spans
 from sdp_vs_penalty.diagnosis.passing.laws import PassingCandidate, point_of_force
 from sdp_vs_penalty.diagnosis.passing.spans import CellProducts, Cells, find_spans
@@ -96,6 +96,14 @@ def test_a_load_that_is_carried_for_a_time_is_weighed(problem, spans):
 
 
 @pytest.mark.long
+def test_below_what_a_sensor_resolves_nothing_passes(problem, monkeypatch):
+    """A log without noise errs by rounding: friction was said to change for seconds."""
+    monkeypatch.setattr(
+        conclude, "resolution", lambda tau, _: 10.0 * np.ptp(tau, axis=0)
+    )
+    assert diagnosed(problem, loaded(1.5, (9.0, 21.0))).passing == ()
+
+
 def test_what_passes_is_left_out_where_a_diagnosis_is_added(problem):
     run = loaded(1.0, (8.0, 16.0))
     spoilt = identify(problem, run, check=False)
