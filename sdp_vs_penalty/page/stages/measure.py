@@ -126,7 +126,7 @@ def _choose(view: View) -> None:
     with draw.details("What Good, Usable and near-tie mean", "meanings"):
         draw.note(
             f"Good: no joint errs by more than {ABOVE_NOISE:g} times its noise, and on motion"
-            f" that the model has not seen the arm by at most {100.0 * CHANGES:g} % of its"
+            f" that the model has not seen the arm by at most {formatting.percent(CHANGES)} of its"
             f" torque beyond that. Usable: by more, up to {NO_MODEL:g} % of a joint's torque."
             " Noise: what differs in the torque where a motion is repeated."
         )
