@@ -6,6 +6,7 @@ import base64
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -415,8 +416,13 @@ def spread_rows(n_rows: int, points: int = POINTS) -> Indices:
 _AROUND_REVERSAL = 0.4
 #: Bins of the mean curve of a cloud of errors.
 _BINS = 24
-#: A mean curve is broken where no sample lies on this share of its range.
+#: A mean curve is broken where no sample lies on this share of its range,
 _GAP = 0.12
+#: and on so many of the steps from row to row: where rows are farther apart, nothing is
+#: missing between them.
+_STEPS_OF_GAP = 1.5
+#: Samples within this share of the range have one mean: a picture shows no finer one.
+_ONE_PLACE = 0.005
 
 
 @dataclass(frozen=True)
@@ -516,24 +522,43 @@ def _axis_of_torque_change(t: Array, torque: Array, cause: str, unit: str) -> Ca
 
 
 def mean_curve(x: Array, y: Array) -> tuple[Array, Array]:
-    """Mean of y over x, both (M,), in bins of equal counts; broken where no sample lies.
+    """Mean of y over x, both (M,), in bins of about equal counts; broken where no sample
+    lies.
+
+    Rows are in their order in time: a gap is measured against the steps of x from row to
+    row. Samples at one place, such as those of one instant after each reversal, share a
+    bin.
 
     Returns
     -------
     tuple of (b,) arrays
         Mean of x and mean of y in each bin; NaN between two stretches of x.
     """
+    if not len(x):
+        return np.empty(0), np.empty(0)
     order = np.argsort(x)
-    steps = np.diff(x[order])
-    gaps = np.flatnonzero(steps > _GAP * max(float(np.ptp(x)), 1e-300)) + 1
+    along = x[order]
+    width = max(float(np.ptp(x)), 1e-300)
+    row_step = float(np.median(np.abs(np.diff(x)))) if len(x) > 1 else 0.0
+    places = [0]  # where each place begins, in ``order``
+    while (end := np.searchsorted(along, along[places[-1]] + _ONE_PLACE * width)) < len(
+        x
+    ):
+        places.append(max(int(end), places[-1] + 1))
+    longest_step = max(_GAP * width, _STEPS_OF_GAP * row_step)
+    gaps = [k for k in places[1:] if along[k] - along[k - 1] > longest_step]
     centres: list[float] = []
     means: list[float] = []
-    for stretch in np.split(order, gaps):
-        n_bins = max(1, round(_BINS * len(stretch) / len(order)))
+    for first, end in pairwise([0, *gaps, len(x)]):
         if centres:
             centres.append(np.nan)
             means.append(np.nan)
-        parts = [part for part in np.array_split(stretch, n_bins) if len(part)]
+        inside = np.array([k for k in places if first <= k < end])
+        middles = (inside + np.append(inside[1:], end)) / 2.0
+        n_bins = max(1, round(_BINS * (end - first) / len(x)))
+        bins = np.floor((middles - first) * n_bins / (end - first))
+        edges = inside[1:][np.diff(bins) > 0.0] - first
+        parts = np.split(order[first:end], edges)
         centres += [float(x[part].mean()) for part in parts]
         means += [float(y[part].mean()) for part in parts]
     return np.array(centres), np.array(means)

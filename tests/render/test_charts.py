@@ -34,6 +34,25 @@ def test_friction_by_load_is_drawn_as_a_straight_line():
     assert means == pytest.approx(0.08 * centres)
 
 
+def test_rows_far_apart_are_one_mean_an_instant():
+    """Eleven a second around reversals: each instant was a stretch of several bins, and the
+    picture had strokes and no curve."""
+    instants = 0.09 * np.arange(-3.5, 4.0)
+    x = np.tile(instants, 40) + np.random.default_rng(0).normal(0.0, 1e-9, 320)
+    centres, means = mean_curve(x, x**2)
+    assert centres == pytest.approx(instants)
+    assert means == pytest.approx(instants**2)
+
+
+def test_a_mean_curve_is_broken_where_no_row_lies():
+    """Two stretches of positions, between which the arm was not logged."""
+    x = np.concatenate([np.linspace(0.0, 1.0, 500), np.linspace(2.0, 3.0, 500)])
+    centres, means = mean_curve(x, 2.0 * x)
+    assert np.flatnonzero(np.isnan(centres)).tolist() == [12]
+    assert len(centres) == 25
+    assert means == pytest.approx(2.0 * centres, nan_ok=True)
+
+
 @pytest.mark.parametrize(
     ("cause", "x", "label"),
     [
