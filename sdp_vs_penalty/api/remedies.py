@@ -162,7 +162,7 @@ def _read(change: Change, state: State) -> State:
     to be named, or where the file itself has to be read anew."""
     scale = change.arguments.get("scale", {})
     name = change.arguments.get("run")
-    if set(change.arguments) - {"scale", "run"}:
+    if set(change.arguments) - {"scale", "run", "by_size"}:
         raise InputError(
             "the file has to be read anew", "convert it with these columns"
         )

@@ -133,7 +133,7 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
     repair: Callable[[Measurements], Measurements]
     order = order_of_time(glance.run.t, glance.run.q)
     seconds = float(-glance.steps[bad].min())
-    what = f"time goes back {formatting.times(len(bad))}, by up to {seconds:.3g} s."
+    what = f"time goes back {formatting.times(len(bad))}, by up to {formatting.number(seconds)} s."
     if is_last_row_first(glance.steps):
         how = "the last row comes first"
         remedy = "turn the order of the rows round"
@@ -242,7 +242,7 @@ def find_repeated_time(glance: RunSummary) -> Iterator[Issue]:
     bad = np.concatenate([[False], glance.steps == 0.0])
     same = bool(np.all(np.diff(glance.run.q, axis=0)[bad[1:]] == 0.0))
     how = "are copies of the row before" if same else "differ from the row before"
-    what = f"{{rows}} rows with a repeated time; the values {how}."
+    what = f"{{row_count}} with a repeated time; the values {how}."
     first = "keep the first of each"
     yield from glance.delete_rows(
         "repeated time", bad, what, remedy=first, unusable=True
@@ -400,8 +400,9 @@ def _clock_step(glance: RunSummary, rows: Indices) -> Issue:
         glance,
         rows,
         kind="clock step",
-        what=f"the clock jumps ahead by up to {glance.steps[rows].max():.3g} s while the"
-        " moving arm does not: the clock was set, and no sample is missing.",
+        what="the clock jumps ahead by up to"
+        f" {formatting.number(glance.steps[rows].max())} s while the moving arm does not:"
+        " the clock was set, and no sample is missing.",
         certainty=likely("the distance travelled is that of one usual step"),
         remedy=f"{NO_ACTION}: the run is split there (or {CONTINUE})",
         repair=partial(with_time_steps, where=is_wrong, steps=glance.usual_step),
@@ -415,8 +416,9 @@ def _gap(glance: RunSummary, rows: Indices) -> Issue:
         glance,
         rows,
         kind="gap in time",
-        what=f"{formatting.count(len(rows), 'gap')} of up to {steps.max():.3g} s (the"
-        f" usual step is {glance.usual_step:.3g} s), {steps.sum():.3g} s in all.",
+        what=f"{formatting.count(len(rows), 'gap')} of up to"
+        f" {formatting.number(steps.max())} s (the usual step is {glance.usual_step:.3g} s),"
+        f" {formatting.number(steps.sum())} s in all.",
         cause="samples are missing",
         remedy=f"{NO_ACTION}: the run is split there, and the filters lose a second"
         " on either side",

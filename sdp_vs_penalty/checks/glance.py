@@ -200,7 +200,7 @@ class RunSummary:
         bad : mapping of str to (N,) bool array, or such an array
             Bad rows of each channel, by its name ("q1"); or bad rows of all channels.
         what : str
-            The sentence, with places for the figures ``{rows}``, ``{named}``
+            The sentence, with places for ``{row_count}`` ("2 rows"), ``{named}``
             (channels), ``{seconds}`` (the longest part) and ``{times}`` (how many parts);
             ``{are}`` and ``{s}`` follow the number of channels.
         sure : str
@@ -237,6 +237,7 @@ class RunSummary:
             where=f"{named}, {where}" if named else where,
             what=what.format(
                 **figures,
+                row_count=formatting.count(figures["rows"], "row"),
                 times=formatting.times(len(places)),
                 are="are" if len(channels) > 1 else "is",
                 s="" if len(channels) > 1 else "s",

@@ -39,10 +39,12 @@ def list_remedies(reports: Sequence[Report]) -> tuple[Remedy, ...]:
     if len(repairs) > 1:
         words = [word for x in repairs for word in x.change.arguments["apply"]]
         problems = dict.fromkeys(x.problem.rstrip(".") for x in repairs)
+        certainty = min((x.certainty for x in repairs), key=_GRADES.index)
+        least = "" if certainty == _GRADES[-1] else "at least "
         everything = Remedy(
             f"{formatting.words(list(problems))}.",
-            min((x.certainty for x in repairs), key=_GRADES.index),
-            "the least sure of them is so",
+            certainty,
+            f"each of them is {least}{certainty}",
             Change("transform", f"make these {len(repairs)} repairs", {"apply": words}),
         )
         remedies.insert(0, everything)

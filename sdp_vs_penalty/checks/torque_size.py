@@ -296,7 +296,21 @@ def gains_by_size(
     words = (
         f"multiply tau by {formatting.words(listed)} {per}, to fit the robot's masses"
     )
-    return (Change("read", words, {"scale": {"tau": ":".join(texts)}}),)
+    arguments = {"scale": {"tau": ":".join(texts)}, "by_size": True}
+    return (Change("read", words, arguments),)
+
+
+def gains_are_by_size() -> Issue:
+    """Return the warning about a run whose torques are in N m by :func:`gains_by_size`."""
+    return make_explanation(
+        kind="gains by size",
+        what="the torques are in N m by gains that fit the robot's masses, which nobody"
+        " has stated: N m may be 10 % off, and kilograms with them.",
+        certainty=_BY_SIZE,
+        remedy="type the drive gains if you know them",
+        where="all torque channels",
+        changes=_scales(["tau"]),
+    )
 
 
 def _torques_without_friction(

@@ -34,6 +34,7 @@ from sdp_vs_penalty.checks.gate import Gate
 from sdp_vs_penalty.checks.issue import Issue, make_issue
 from sdp_vs_penalty.checks.long_runs import is_long
 from sdp_vs_penalty.checks.report import list_remedies
+from sdp_vs_penalty.checks.torque_size import gains_are_by_size
 from sdp_vs_penalty.data.catalogue import DATASETS, dataset
 from sdp_vs_penalty.data.datasets import fetch as fetch_dataset
 from sdp_vs_penalty.data.files import (
@@ -314,6 +315,7 @@ def read(job: JobRequest) -> Answer:
                     "in_commands": f"{Path(name).stem}_read.csv" if how else name,
                     "columns": names,
                     "stated": "scale" in how,
+                    "gains_by_size": "scale" in how and _has_gains_by_size(job, names),
                     "rougher": _rougher_block(path, how.get("rename", ""), names),
                 }
             )
@@ -435,14 +437,24 @@ def _names_of_columns(path: Path) -> list[str]:
 def _kept_of(run: Mapping[str, Any]) -> Answer:
     """Return what stays in the record of a run, whatever is done to its samples: its use,
     what commands call its file, the columns of that, whether a person has stated its
-    units, and the columns that are rougher than its torque."""
+    units, whether its gains are judged by size, and the columns that are rougher than its
+    torque."""
     return {
         "use": run["use"],
         "in_commands": run["in_commands"],
         "columns": run.get("columns", []),  # older projects have none
         "stated": bool(run.get("stated")),
+        "gains_by_size": bool(run.get("gains_by_size")),
         "rougher": run.get("rougher", ""),
     }
+
+
+def _has_gains_by_size(job: JobRequest, columns: Sequence[str]) -> bool:
+    """Whether runs with these columns are read by gains that nobody has stated."""
+    return any(
+        run.get("gains_by_size") and run.get("columns") == columns
+        for run in job["runs"]
+    )
 
 
 def _holding(state: State, positions: dict[str, float], remarks: list[str]) -> State:
@@ -466,7 +478,8 @@ def _judged(job: JobRequest, state: State, kept: Sequence[Answer]) -> Answer:
         gravity and the held joints of the state.
     """
     problem = state.problem
-    job.progress(f"checking {formatting.count(len(state.runs), 'run')}")
+    if state.runs:  # none while the columns of all files are asked for
+        job.progress(f"checking {formatting.count(len(state.runs), 'run')}")
     reports = check_runs(problem, state.runs, thorough=False)
     facts = robot_facts(job, problem)
     if facts["hold"] != job["robot"].get("hold", ""):  # joints have other numbers
@@ -478,6 +491,8 @@ def _judged(job: JobRequest, state: State, kept: Sequence[Answer]) -> Answer:
     for record in records:
         if rougher := record.get("rougher"):
             record["findings"].insert(0, _computed_torque(rougher).to_dict())
+        if record.get("gains_by_size"):
+            record["findings"].append(gains_are_by_size().to_dict())
     return {
         "runs": records,
         "remedies": to_json(list_remedies(reports)),
@@ -523,6 +538,8 @@ def change(job: JobRequest) -> Answer:
     if change.verb == "read":
         for k in chosen:
             kept[k]["stated"] = True
+            if "tau" in change.arguments.get("scale", {}):
+                kept[k]["gains_by_size"] = bool(change.arguments.get("by_size"))
     for stays, name in zip(kept, job["names"], strict=True):
         stays["in_commands"] = name
     return {"effect": effect} | _judged(job, replace(after, runs=runs), kept)

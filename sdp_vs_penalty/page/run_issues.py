@@ -49,6 +49,12 @@ class RunIssues(JobQueue):
         return UNNAMED_UNIT in units or any(map(asks_for_unit, used))
 
     @property
+    def has_gains_by_size(self) -> bool:
+        """Whether the torques of a run in use are in N m by gains that nobody has stated."""
+        used = [run for run in self.runs if run["use"] != "wait"]
+        return any(run.get("gains_by_size") for run in used)
+
+    @property
     def meaningless(self) -> list[str]:
         """The errors that the data check found in the training runs, a sentence each.
 

@@ -32,8 +32,9 @@ ARGUMENTS: Mapping[Verb, frozenset[str]] = {
     # spans the whole run.
     "cut": frozenset({"run", "spans"}),
     # Units or factors of columns; the file's names by ours; rate [Hz]; topic of a bag;
-    # the run that is read so, by its name: all where none is named.
-    "read": frozenset({"scale", "rename", "rate", "topic", "run"}),
+    # the run that is read so, by its name: all where none is named; whether the factors
+    # are judged by size, and nobody has stated them.
+    "read": frozenset({"scale", "rename", "rate", "topic", "run", "by_size"}),
     # Positions [rad, m] of joints by name.
     "hold": frozenset({"positions"}),
     # Gravity in the base frame [m/s^2].

@@ -595,7 +595,11 @@ def test_identify_refuses_meaningless_data_by_itself(tmp_path, two_link, capsys,
     said = capsys.readouterr().err
     assert not model.exists()
     assert len(said.splitlines()) == 1
-    for words in ("bad.csv: 3 samples of tau2", "--fix", "--no-check"):
+    for words in (
+        "bad.csv: tau2 is far from the samples on both sides in 3 rows",
+        "--fix",
+        "--no-check",
+    ):
         assert words in said
     assert run_cli("identify", "two_link", "--data", bad, "--no-check", *to) == 0
     assert model.exists()

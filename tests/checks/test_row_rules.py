@@ -529,6 +529,19 @@ def test_what_is_wrong_with_rows_is_told(name):
         np.testing.assert_array_equal(issue.repair(run).tau, clean.tau)
 
 
+def test_amounts_are_written_as_a_person_writes_them():
+    """ "1 rows" and "3.05e+03 s" stood there."""
+    run = motion(periods=2)
+    half = len(run.t) // 2
+    late = run.rows(np.r_[:half, half + 500 : len(run.t)])
+    late = replace(late, t=late.t + 3050.0 * (np.arange(len(late.t)) >= half))
+    assert "1 gap of up to 3052 s (the usual" in found("gap in time", late).what
+    tau = run.tau.copy()
+    tau[half, 0] = np.nan
+    missing = found("missing numbers", replace(run, tau=tau))
+    assert missing.what.startswith("1 row with values that are not finite")
+
+
 def test_a_step_that_the_reader_made_is_no_fact_of_the_file():
     run = motion(periods=2)
     half = len(run.t) // 2

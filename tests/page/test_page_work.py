@@ -48,7 +48,7 @@ from sdp_vs_penalty.page import Sessions, WorkerPool, data_chart, guarded, jobs,
 from sdp_vs_penalty.page import sessions as tabs
 from sdp_vs_penalty.page.job_queue import Working
 from sdp_vs_penalty.page.next_step import next_step
-from sdp_vs_penalty.page.view import changes_of_data_in_words
+from sdp_vs_penalty.page.view import changes_of_data_in_words, checked
 from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.render.words import describe_diagnosis, describe_remedy
 from sdp_vs_penalty.results import Change, Remedy
@@ -218,6 +218,7 @@ def test_a_button_of_several_repairs_names_those_that_it_makes(here, hidden, tmp
     remedies = list_remedies([replace(report, issues=tuple(issues))])
     s.runs[0]["findings"] = json.loads(json.dumps([x.to_dict() for x in issues]))
     s.remedies = to_json(remedies)
+    assert remedies[0].why == "each of them is at least likely"
     screen = Screen(s)
     repairs = "torque sign (joint 1) and torque unit (joint 1)"
     assert screen.at("next").text == "Repair torque sign and torque unit in a.csv"
@@ -1461,7 +1462,7 @@ def test_a_fault_of_the_log_leads_where_a_new_run_errs(here, hidden, tmp_path):
     do(s, s.identify)
     assert "test.csv" in s.current.differing_tests
     assert "test.csv: " in screen.text("next")
-    assert "tau2 lie far from the samples" in screen.text("next")
+    assert "tau2 is far from the samples" in screen.text("next")
     assert "See what Check found" in screen.text("next")
     assert "Find a load" not in screen.text("next")
 
@@ -1481,7 +1482,7 @@ def test_rows_that_no_robot_measures_are_left_out_by_a_button(
     assert s.runs[-1]["use"] == "wait"
     assert s.current.judged_on == ["test.csv"]
     screen = Screen(s)
-    assert "torn.csv: 1 rows with values that are not finite" in screen.text("next")
+    assert "torn.csv: 1 row with values that are not finite" in screen.text("next")
     assert "Delete these rows" in screen.text("next")
     screen.click("next")
     assert s.runs[-1]["use"] == "test"
@@ -1691,6 +1692,31 @@ def test_currents_become_torques_by_one_click(in_amperes):
     np.testing.assert_allclose(taken, gains, rtol=0.05)
     assert not session.is_unit_open
     assert "to fit the robot's masses" in session.repairs[-1][0]
+
+
+def test_gains_by_size_are_doubted_until_they_are_typed(in_amperes):
+    """Check was green with them: nothing wrong in 2 runs."""
+    session, gains = in_amperes
+    screen = Screen(session)
+    doubt = "N m may be 10 % off (the gains are judged by size)"
+    assert doubt not in screen.text("check")
+    screen.click("next")
+    assert (checked(session).level, next_step(screen.view).level) == (
+        "usable",
+        "usable",
+    )
+    assert doubt in screen.text("check")
+    assert doubt in screen.text("next")
+    do(session, session.identify)
+    assert doubt in screen.text("next")
+    assert next_step(screen.view).level != "good"
+    typed = {"scale": {"tau": ":".join(map(str, gains))}}
+    change = {"verb": "read", "words": "read tau by its gains", "arguments": typed}
+    do(session, lambda: session.read_in_unit(change))
+    assert len(session.repairs) == 1
+    assert doubt not in screen.text("check")
+    assert doubt not in screen.text("next")
+    assert checked(session).level == "good"
 
 
 def test_torques_without_units_are_nowhere_in_newton_metres(in_amperes):

@@ -50,7 +50,7 @@ def find_repeated_run(glance: RunSummary) -> Iterator[Issue]:
         if has_noise or is_jump[first - 1]
     ]
     what = (
-        "{rows} rows are copies, bit by bit, of rows {lag} earlier, and would count as a"
+        "{row_count} are copies, bit by bit, of rows {lag} earlier, and would count as a"
         " repetition without noise."
     )
     is_copy = mask_of(len(is_same), parts)

@@ -24,7 +24,7 @@ def find_missing_numbers(glance: RunSummary) -> Iterator[Issue]:
     """
     is_usable = glance.run.usable_rows
     what = (
-        "{rows} rows with values that are not finite numbers, or that no robot"
+        "{row_count} with values that are not finite numbers, or that no robot"
         " measures."
     )
     yield from glance.delete_rows("missing numbers", ~is_usable, what, unusable=True)
@@ -88,7 +88,7 @@ def find_interpolated_rows(glance: RunSummary) -> Iterator[Issue]:
         if end - first >= shortest and moves[first:end].mean() > 0.5
     ]
     what = (
-        "{rows} rows lie on straight lines in every channel: a gap was filled by"
+        "{row_count} lie on straight lines in every channel: a gap was filled by"
         " interpolation."
     )
     sure = told_by("the arm moves, and no other rows do so")
@@ -154,7 +154,7 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
             if not np.any(is_far & _is_steady(glance, j)):
                 continue
         bad[name] = is_far & (is_far.mean() <= rare)
-    what = "{rows} samples of {named} lie far from the samples on both sides."
+    what = "{named} {are} far from the samples on both sides in {row_count}."
     beside = "the samples around them go on"
     is_of_torque = any(x[0] == "t" and rows.any() for x, rows in bad.items())
     # A torque may be a knock's.

@@ -101,9 +101,7 @@ def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
                 zeros[first:end] = not glance.is_at_rest(j, first, end)
             zeros &= not glance.holds_torque(j, zeros)
         bad[name] = zeros
-    what = (
-        "{rows} rows of {named} are exactly zero, and the channel jumps there and back."
-    )
+    what = "{named} {are} exactly zero in {row_count}, and jump{s} there and back."
     jumps = "the channel jumps to no other value and back"
     sure = told_by(jumps, glance.second_witness(bad, "no joint moves like that"))
     yield from glance.delete_rows("zeros", bad, what, sure, cause=_NOT_MEASURED)

@@ -628,7 +628,7 @@ def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
     if asked and waiting:
         leave = partial(session.start, session.leave_as_read, waiting[0])
         draw.button("Leave it as it is", leave, f"{key}-as-is")
-    elif asked == ["tau"] and session.model is None:
+    elif asked == ["tau"] and session.model is None and session.is_unit_open:
         identify = partial(session.start, session.identify_without_units)
         draw.button("Identify without units", identify, f"{key}-as-is")
     if outcome := session.outcome_of(change):
