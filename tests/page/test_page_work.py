@@ -31,6 +31,7 @@ from sdp_vs_penalty import (
     load_measurements,
     load_problem,
 )
+from sdp_vs_penalty.api.remedies import State, next_remedy
 from sdp_vs_penalty.checks.certainty import likely, possible
 from sdp_vs_penalty.checks.check import check_runs
 from sdp_vs_penalty.checks.fixing import LeftOut
@@ -47,7 +48,7 @@ from sdp_vs_penalty.formatting import sentence
 from sdp_vs_penalty.page import Sessions, WorkerPool, data_chart, guarded, jobs, worker
 from sdp_vs_penalty.page import sessions as tabs
 from sdp_vs_penalty.page.job_queue import Working
-from sdp_vs_penalty.page.next_step import next_step
+from sdp_vs_penalty.page.next_step import _to_add, next_step
 from sdp_vs_penalty.page.view import changes_of_data_in_words, checked
 from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.render.words import describe_diagnosis, describe_remedy
@@ -1005,6 +1006,23 @@ def test_a_question_that_is_cut_ends_as_one(wide):
     step = next_step(wide.view)
     assert step.more
     assert step.text.endswith("is the torque?")
+
+
+def test_no_run_is_checked_while_the_columns_of_all_files_are_asked_for(wide):
+    """ "Checking 0 runs" stood there."""
+    texts = []
+    job = jobs.JobRequest(wide.session._request("read"), texts.append)
+    jobs._judged(job, State(job.problem, ()), [])
+    assert not texts
+
+
+def test_what_a_good_model_leaves_is_said_in_sentences(identified):
+    """ "Still to be won: cause uncertain: pre-sliding hysteresis" was read twice."""
+    s = identified
+    do(s, s.diagnose)
+    diagnosis = s.findings_of_current
+    step = _to_add(Screen(s).view, diagnosis, next_remedy(diagnosis.remedies), "good")
+    assert re.match(r"Good already[.] Some error is left[.] [A-Z][^.]*[.]", step.text)
 
 
 @pytest.mark.parametrize(
