@@ -13,7 +13,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.certainty import READ, likely, possible
+from sdp_vs_penalty.checks.certainty import READ, likely, possible, stated
 from sdp_vs_penalty.checks.issue import Issue, Left, make_explanation
 from sdp_vs_penalty.checks.residual import leaves_more_than_usual
 from sdp_vs_penalty.data.hypotheses.channels import UNSAID_CURRENT
@@ -304,9 +304,9 @@ def gains_are_by_size() -> Issue:
     """Return the warning about a run whose torques are in N m by :func:`gains_by_size`."""
     return make_explanation(
         kind="gains by size",
-        what="the torques are in N m by gains that fit the robot's masses, which nobody"
-        " has stated: N m may be 10 % off, and kilograms with them.",
-        certainty=_BY_SIZE,
+        what="the gains fit the robot's masses, and nobody has stated them: the model's"
+        " kilograms are no surer than those masses.",
+        certainty=stated("the gains were taken from the robot's masses"),
         remedy="type the drive gains if you know them",
         where="all torque channels",
         changes=_scales(["tau"]),

@@ -216,7 +216,7 @@ def checked(session: Session) -> StageVerdict:
         if asks_nothing(warnings[0]):
             done = warnings[0]["remedy"].removeprefix(NO_ACTION).replace(":", ";", 1)
             text = f"{warnings[0]['what'].rstrip('.')}{done}"
-        text = f"{names}: {graded(text, grade)}"
+        text = f"{names}: {graded(text, grade).rstrip('.')}."
         text += f" And {others} more." if others else ""
         return StageVerdict("usable", text, "Check")
     runs = formatting.count(len(session.runs), "run")

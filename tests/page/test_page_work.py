@@ -1723,6 +1723,7 @@ def test_gains_by_size_are_doubted_until_they_are_typed(in_amperes):
         "usable",
         "usable",
     )
+    assert checked(session).text == f"a.csv and test.csv: {doubt}."
     assert doubt in screen.text("check")
     assert doubt in screen.text("next")
     do(session, session.identify)
