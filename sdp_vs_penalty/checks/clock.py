@@ -21,6 +21,7 @@ from sdp_vs_penalty.data.stretches.gaps import (
     is_set_back,
     order_of_time,
     spaced_evenly,
+    stray_rows,
 )
 from sdp_vs_penalty.data.words.units import UNITS
 from sdp_vs_penalty.robot.arrays import Array, Indices
@@ -246,6 +247,34 @@ def find_repeated_time(glance: RunSummary) -> Iterator[Issue]:
     first = "keep the first of each"
     yield from glance.delete_rows(
         "repeated time", bad, what, remedy=first, unusable=True
+    )
+
+
+def find_stray_stamps(glance: RunSummary) -> Iterator[Issue]:
+    """Yield an issue about a few rows that lie farther from the others than the others
+    last together: rows of another clock, as where a recorder starts inside a packet.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run with its clock and channels, as repaired by earlier rules.
+
+    Returns
+    -------
+    iterator of Issue
+        Issues to report; none if nothing is wrong.
+    """
+    bad = stray_rows(glance.run.t)
+    if glance.run.episode is not None or not bad.any():
+        return
+    t = glance.run.t
+    distance = float(max(np.abs(t[~bad] - x).min() for x in t[bad]))
+    yield from glance.delete_rows(
+        "stray rows",
+        bad,
+        f"the time of {formatting.count(int(bad.sum()), 'row')} is up to"
+        f" {formatting.number(distance)} s from that of all others: another clock's.",
+        distance=distance,
     )
 
 

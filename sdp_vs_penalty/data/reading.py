@@ -42,6 +42,7 @@ from sdp_vs_penalty.data.stretches.gaps import (
     is_set_back,
     order_of_time,
     spaced_evenly,
+    stray_rows,
     usual_step,
 )
 from sdp_vs_penalty.data.words.tokens import brief_names, group_of, parts_of
@@ -1120,7 +1121,10 @@ def _as_the_arm_says(
     found, blocks = by_arm.with_channel_of_torque(found, blocks, channels, fit)
     if robot is not None:
         found, blocks = by_arm.with_signed_register(found, blocks, fit)
-    return by_arm.confirmed(found, blocks, fit), blocks
+    steady = ~stray_rows(t)
+    fit = by_arm.fit_of(robot, lambda _: seconds(found)[steady])
+    of_steady = {group: x[steady] for group, x in blocks.items()}
+    return by_arm.confirmed(found, of_steady, fit), blocks
 
 
 def _with_possible_clock(

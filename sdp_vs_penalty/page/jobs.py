@@ -786,7 +786,8 @@ def _sketches(path: Path, report: ColumnReport) -> list[Answer]:
         share = np.clip((few - low) / ((high - low) or 1.0), 0.0, 1.0)
         points = [(k, round(height * (1.0 - y), 1)) for k, y in enumerate(share)]
         found = {"low": float(low), "high": float(high), "points": points}
-        found["roughness"] = float(roughness / (np.std(x) or 1.0))
+        spread = np.std(np.clip(x, low, high))  # a broken row has none
+        found["roughness"] = float(roughness / (spread or 1.0))
         sketches.append(found)
     return sketches
 

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -125,16 +126,22 @@ class RobotAndRuns(RunIssues):
         try:
             await self._take_runs("Reading measurements", "read", others, **how)
         finally:
-            # Uploaded copies are deleted, except for files whose columns the person
-            # still has to assign.
-            unassigned = {
-                path
-                for mapping in self.mappings
-                for path in mapping["path"].split(FILE_SEPARATOR)
-            }
+            # Uploaded copies are deleted, except for files whose columns the person has to
+            # assign now, or after a step back or forward.
+            asked = self._files_of_mappings()
             for path in files.values():
-                if path.parent == self.folder and str(path) not in unassigned:
+                if path.parent == self.folder and str(path) not in asked:
                     path.unlink(missing_ok=True)
+
+    def _files_of_mappings(self) -> set[str]:
+        """Return the paths of all files whose columns can be assigned, now or in a state
+        that a step back or forward brings back."""
+        states = [state["mappings"] for _, state in (*self.past, *self.future)]
+        return {
+            path
+            for mapping in chain(self.mappings, *states)
+            for path in mapping["path"].split(FILE_SEPARATOR)
+        }
 
     async def fetch_measured(self) -> None:
         """Load the public measurements of a built-in robot, and read them as runs."""

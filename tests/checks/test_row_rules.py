@@ -550,3 +550,21 @@ def test_a_step_that_the_reader_made_is_no_fact_of_the_file():
     assert found("clock step", apart)
     assert not found("clock step", replace(apart, episode=number))
     assert not found("gap in time", replace(apart, episode=number))
+
+
+def test_a_few_rows_of_another_clock_are_to_be_deleted():
+    """Rows behind a pause that is shorter than the run are samples, however few."""
+    run = motion(periods=2)
+    first = np.arange(len(run.t)) < 3
+    apart = replace(run, t=run.t + np.where(first, 0.0, 3048.0))
+    issue = found("stray rows", apart)
+    assert issue.what.startswith("the time of 3 rows is up to 3048 s")
+    np.testing.assert_array_equal(issue.repair(apart).tau, run.tau[3:])
+    issues, _ = told(apart)
+    assert not {"gap in time", "clock step"} & {issue.kind for issue in issues}
+    paused = replace(run, t=run.t + np.where(first, 0.0, 5.0))
+    assert not found("stray rows", paused)
+    assert found("gap in time", paused) or found("clock step", paused)
+    half = np.arange(len(run.t)) < len(run.t) // 2
+    two = replace(run, t=run.t + np.where(half, 0.0, 3048.0))
+    assert not found("stray rows", two)

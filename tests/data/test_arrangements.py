@@ -720,6 +720,21 @@ def test_velocities_tell_an_order_before_an_arm_does(tmp_path):
     assert first.weight > CERTAIN * second.weight
 
 
+def test_torn_rows_at_an_end_change_no_order():
+    """A recorder that starts inside a packet writes fields that are no samples."""
+    whole = np.column_stack([T + 3048.0, Q, DQ, TAU])
+    torn = np.full((3, whole.shape[1]), 253.0)
+    torn[:, 0] = -0.1231, 0.7932, 0.0
+    torn[1, 1:] = 1e280
+    orders = []
+    for rows in ([whole], [whole[:1], torn, whole[1:]], [whole, torn]):
+        table = np.vstack(rows)
+        columns = {f"#{k}": x for k, x in enumerate(table.T, 1)}
+        orders.append(layouts(columns, 3)[0].names)
+    assert orders[0]["t"] == "#1"
+    assert orders[1] == orders[2] == orders[0]
+
+
 def test_without_a_robot_the_file_s_order_stays(tmp_path):
     path = log(tmp_path / "run.csv", "t=time; q={s}_position; tau={j}_effort")
     run, _ = read(path, None)

@@ -970,19 +970,35 @@ def test_what_a_reader_assumes_is_said_once(here, hidden, tmp_path, recwarn):
     assert not recwarn
 
 
-@pytest.fixture
-def wide(here, hidden, tmp_path):
-    """The screen of two tables without a header, of a clock and five columns a joint."""
+def wide_table(run):
+    """A clock and five columns a joint (N, 11), as some loggers write them."""
+    run = run.rows(slice(None, None, 4))
+    dq = np.gradient(run.q, run.t, axis=0)
+    return np.column_stack([run.t, run.q, dq, run.tau, 0.5 * run.tau, run.q])
+
+
+def with_tables(here, **tables):
+    """The screen of uploaded tables without a header, by their names without ending."""
     screen = Screen(here.new())
-    screen.do(screen.session.start, screen.session.choose_robot, "two_link")
-    for run, name in zip(hidden.runs, ("a.csv", "b.csv"), strict=False):
-        run = run.rows(slice(None, None, 4))
-        dq = np.gradient(run.q, run.t, axis=0)
-        more = np.column_stack([run.t, run.q, dq, run.tau, 0.5 * run.tau, run.q])
-        np.savetxt(tmp_path / name, more, fmt="%.9g", delimiter=",")
-        screen.session.arrived[name] = tmp_path / name
-    screen.do(screen.session.read_arrived)
+    s = screen.session
+    screen.do(s.start, s.choose_robot, "two_link")
+    for name, table in tables.items():
+        path = s.folder / f"file-{name}.csv"
+        np.savetxt(path, table, fmt="%.9g", delimiter=",")
+        s.arrived[f"{name}.csv"] = path
+    screen.do(s.read_arrived)
     return screen
+
+
+def blocks_of(screen):
+    return [key for key in screen.keys if key.startswith("block-")]
+
+
+@pytest.fixture
+def wide(here, hidden):
+    """The screen of two tables without a header, of a clock and five columns a joint."""
+    a, b = map(wide_table, hidden.runs[:2])
+    return with_tables(here, a=a, b=b)
 
 
 def test_a_wide_table_is_read_by_the_order_that_the_command_line_proposes(wide, hidden):
@@ -998,6 +1014,38 @@ def test_a_wide_table_is_read_by_the_order_that_the_command_line_proposes(wide, 
     ]
     assert "tau1=#6,tau2=#7" in wide.session.commands()[0]
     assert "Read with these columns" not in wide.text("next")
+
+
+def test_another_block_is_read_after_a_step_back(wide):
+    """The uploaded files are there as long as undo brings their question back."""
+    s = wide.session
+    first, second, *_ = blocks_of(wide)
+    wide.click(first)
+    read = s.arrays(s.runs[0]["file"])["tau1"]
+    s.undo()
+    assert not s.runs
+    assert len(s.refused) == 2
+    wide.click(second)
+    assert [run["name"] for run in s.runs] == ["a.csv", "b.csv"]
+    np.testing.assert_allclose(s.arrays(s.runs[0]["file"])["tau1"], 0.5 * read, 1e-6)
+
+
+def test_a_table_that_begins_inside_a_packet_is_recognised_and_mended(here, hidden):
+    """Whatever stands in its first rows; the rows of another clock are to be deleted."""
+    table = wide_table(hidden.runs[0])
+    table[:, 0] += 3048.0
+    torn = np.full((3, table.shape[1]), 253.0)
+    torn[:, 0] = -0.1231, 0.7932, 0.0
+    torn[1, 1:] = 1e280
+    screen = with_tables(here, a=np.vstack([table[:1], torn, table[1:]]))
+    (mapping,) = screen.session.refused
+    assert mapping["chosen"]["t"] == "#1"
+    screen.click(blocks_of(screen)[0])
+    (run,) = screen.session.runs
+    kinds = [issue["kind"] for issue in run["findings"]]
+    assert "stray rows" in kinds
+    assert "gap in time" not in kinds
+    assert "elete these rows" in screen.text("check")
 
 
 def test_a_question_that_is_cut_ends_as_one(wide):

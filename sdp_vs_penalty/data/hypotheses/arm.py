@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sdp_vs_penalty.data.stretches.gaps import stray_rows
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.threads import on_one_thread
@@ -54,7 +55,8 @@ def fit_arm(
     Masses and frictions are of any size, so that the unit of the torques (N, n) does not
     matter. Of nominal links (n, 10) one factor each is fitted: in a wrong unit of positions
     any links explain much, the arm's do not. Rows beside a gap of the clock t (N,) [s] are
-    left out, for derivatives reach over it. None for a log that is too short, or in which nothing moves.
+    left out, for derivatives reach over it; so are rows of another clock. None
+    for a log that is too short, or in which nothing moves.
 
     Parameters
     ----------
@@ -64,7 +66,7 @@ def fit_arm(
         Whether each joint's torque has a unit of its own, such as a share of its rating: its
         masses and frictions are then fitted apart.
     """
-    whole = np.isfinite(np.hstack([q, tau])).all(axis=1)
+    whole = np.isfinite(np.hstack([q, tau])).all(axis=1) & ~stray_rows(t)
     t, q, tau = (x[whole][:_ROWS] for x in (t, q, tau))
     steps = np.diff(t)
     step = float(np.median(steps)) if len(steps) else 0.0

@@ -16,6 +16,8 @@ from sdp_vs_penalty.robot.arrays import Array, Arrays
 
 #: Steps of a clock are so many times the usual one, in nine of ten.
 _USUAL_STEPS = 0.5, 1.5
+#: A step of so many usual ones is a leap, and such a share of the rows is nearly all.
+_LEAP, _NEARLY_ALL = 1e3, 0.9
 #: Squared correlation of steps and velocities from which one is the other's derivative,
 #: and what noise leaves of it.
 _IS_DERIVATIVE, _NOISE = 0.8, 1e-3
@@ -61,7 +63,10 @@ def layouts(
     t : (N,) array, optional
         The clock that another column is.
     """
-    columns = {x: np.ravel(y)[:ROWS_JUDGED] for x, y in columns.items()}
+    judged = {x: np.ravel(y)[:ROWS_JUDGED] for x, y in columns.items()}
+    rows = _steady_rows([*judged.values()] if t is None else [np.ravel(t)])
+    columns = {x: y[rows] for x, y in judged.items()}
+    t = None if t is None else np.ravel(t)[rows]
     found = list[Layout]()
     for clock, names in _with_clock(columns, is_known=t is not None):
         stamps = columns[clock] if clock else t
@@ -77,6 +82,29 @@ def layouts(
                 t_of = {"t": clock} if clock and is_clock else {}
                 found.append(Layout({**t_of, **layout.names}, layout.weight))
     return sorted(found, key=lambda x: -x.weight)
+
+
+def _steady_rows(columns: Sequence[Array]) -> slice:
+    """Return the rows that values are judged by: of the first and the last column (N,) the
+    longest stretch in which one of them never falls nor leaps, if that is nearly all rows;
+    else all.
+
+    Rows at the ends are often no samples: a recorder starts, or stops, inside a packet.
+    """
+    for values in (columns[0], columns[-1]) if columns else ():
+        values = values[:ROWS_JUDGED]
+        with np.errstate(over="ignore", invalid="ignore"):
+            steps = np.diff(values)
+        rising = steps[steps > 0.0]
+        if not len(rising):
+            continue
+        is_steady = (steps >= 0.0) & (steps < _LEAP * np.median(rising))
+        edges = np.flatnonzero(np.concatenate([[True], ~is_steady, [True]]))
+        longest = int(np.argmax(np.diff(edges)))
+        first, end = edges[longest : longest + 2].tolist()
+        if end - first > _NEARLY_ALL * len(values):
+            return slice(first, end)
+    return slice(None)
 
 
 def _with_clock(

@@ -77,6 +77,20 @@ def is_set_back(t: Array) -> bool:
     return len(rows) > 0 and bool(np.all(lengths > FEWEST_ROWS))
 
 
+def stray_rows(t: Array) -> Mask:
+    """Return which rows (N,) of stamps t are of another clock: fewer than FEWEST_ROWS
+    between steps that are longer than all that was recorded."""
+    behind = rows_behind_pauses(t)
+    if not len(behind):
+        return np.zeros(len(t), bool)
+    far = behind[np.abs(t[behind] - t[behind - 1]) > recorded_seconds(t)]
+    lengths = np.diff(far, prepend=0, append=len(t))
+    is_stray = lengths < FEWEST_ROWS
+    if is_stray.all():
+        return np.zeros(len(t), bool)
+    return np.repeat(is_stray, lengths)
+
+
 def goes_on(q: Array, rows: Indices) -> Mask:
     """Return at which of K steps (numbers of the rows before them) the arm moves no
     farther than in the ten steps before and behind: the motion q (N, n) goes on there."""
