@@ -126,7 +126,7 @@ def progress_in_words(text: str) -> str:
 #: Kinds of issue that the page calls otherwise.
 _HEADINGS = {
     "torque channel kind": "torques that are not in N m",
-    "gains by size": "N m may be 10 % off (the gains are judged by size)",
+    "gains by size": "N m are no surer than the masses of the robot file (the gains are judged by size)",
     "another load": "another load than in the other runs",
     "another arm": "another arm than in the other runs",
     "another friction": "another friction than in the other runs",

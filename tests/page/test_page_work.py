@@ -1764,7 +1764,7 @@ def test_gains_by_size_are_doubted_until_they_are_typed(in_amperes):
     """Check was green with them: nothing wrong in 2 runs."""
     session, gains = in_amperes
     screen = Screen(session)
-    doubt = "N m may be 10 % off (the gains are judged by size)"
+    doubt = "N m are no surer than the masses of the robot file (the gains are judged by size)"
     assert doubt not in screen.text("check")
     screen.click("next")
     assert (checked(session).level, next_step(screen.view).level) == (
