@@ -166,6 +166,8 @@ def test_a_file_of_version_0_1_loads_and_is_written_as_it_was(name, load):
                 finding.pop(gone)
         for finding in again["effects"]:
             assert not finding.pop("helps")
+            later = ("no_place_in", "held_law", "held_law_in")
+            assert not any([finding.pop(name) for name in later])
         for finding in (*written["effects"], *again["effects"]):  # derived: a sentence
             finding.pop("explanation")
     for content in (again, written):  # derived: later versions may write more

@@ -37,6 +37,7 @@ from sdp_vs_penalty.diagnosis.unexplained import Remainder
 from sdp_vs_penalty.diagnosis.white_rows import ConstantErrors, WhiteData
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
+from sdp_vs_penalty.exporters.export import files_without_place
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import NOISE_UNKNOWN, RESIDUAL, SPECTRUM
 
@@ -200,6 +201,8 @@ class Conclusion:
             remains=tuple(Remaining(j + 1, x) for j, x in sorted(unexplained.items())),
         )
         errors |= self._errors_with(diagnosis.additions)
+        laws = [term.held_law for term in self.search.terms]
+        errors |= {(law.text,): law.rmse for law in laws if law is not None}
         diagnosis = diagnosis.with_errors(errors)
         together = [diagnosis.sure, *diagnosis.pairs_to_try]
         return diagnosis.with_errors(errors | self._errors_with(together))
@@ -302,6 +305,7 @@ def describe_finding(judged: Judged, doubts: Sequence[Doubt], before: Array) -> 
     beside_curve = any(doubt.reason == "curve" for doubt in doubts)
     equivalents = (*rivals, CURVE) if beside_curve else tuple(rivals)
     parameters = zip(effect.parameters, known.beta, strict=True)
+    law = term.held_law
     return Finding(
         effect=effect.name,
         joints=() if effect.whole_robot else tuple(j + 1 for j in effect.joints),
@@ -324,6 +328,9 @@ def describe_finding(judged: Judged, doubts: Sequence[Doubt], before: Array) -> 
         gain=term.evidence,
         doubts=tuple(doubts),
         constants=effect.constants,
+        no_place_in=files_without_place(effect, judged.search.data.estimate),
+        held_law="" if law is None else law.text,
+        held_law_in=() if law is None else law.files,
     )
 
 

@@ -16,6 +16,7 @@ from sdp_vs_penalty.diagnosis.findings import Invisible
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import Size, is_insignificant, is_uncertain, size_of
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 
 
@@ -57,9 +58,27 @@ class Judged:
 
     @property
     def resembles(self) -> tuple[str, ...]:
-        """Names of effects that make nearly the same torque over what was travelled."""
+        """Names of effects that make nearly the same torque over what was travelled.
+
+        Friction that turns round over a travel may be stiction where these runs leave
+        that travel, and with it the size, open; no joint has to stand for that.
+        """
         coverage = self.search.data.rows.coverage(self.effect.joints[0])
-        return self.effect.resembles_over(coverage)
+        alike = self.effect.resembles_over(coverage)
+        turns = self.effect.has_memory and self.effect.at_rest == "turns"
+        if not (
+            turns and self.size_is_open and not is_insignificant(*self.value_and_std)
+        ):
+            return alike
+        holding = [x for x, kind in effect_types().items() if kind.at_rest == "holds"]
+        return (*alike, *holding)
+
+    @property
+    def size_is_open(self) -> bool:
+        """Whether nothing tells the size from zero, with the errors of its shape
+        constants."""
+        beta, covariance = self.size.beta, self.size.covariance
+        return is_insignificant(*size_of(self.effect, beta, covariance))
 
     @property
     def looks_like(self) -> str:
@@ -98,9 +117,7 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
     # As if its shape constants were exact; "insignificant" counts their errors too.
     "uncertain": lambda x: is_uncertain(*x.value_and_std),
     # With the errors of the shape constants.
-    "insignificant": lambda x: is_insignificant(
-        *size_of(x.effect, x.size.beta, x.size.covariance)
-    ),
+    "insignificant": lambda x: x.size_is_open,
     "no_torque": _makes_no_torque,
     "small": _is_small,
     "sticks": lambda x: x.is_contradicted,

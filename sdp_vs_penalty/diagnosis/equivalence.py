@@ -14,6 +14,7 @@ A finding is confident only if no rival passes both.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
@@ -31,9 +32,11 @@ from sdp_vs_penalty.diagnosis.held_out import (
     least_squares_parameters,
 )
 from sdp_vs_penalty.diagnosis.library import Batch, Key
-from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
+from sdp_vs_penalty.diagnosis.linear_fit import HeldLaw, ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.estimation.certificate import NOT_CERTIFIED
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.exporters.export import files_without_place
 
 
 @dataclass(frozen=True)
@@ -96,15 +99,29 @@ def with_equivalence_sets(explanation: Explanation, judge: HeldOutData) -> Expla
     """
     search = explanation.search
     full = search.score.fit(search.nuisances.with_law_misfits(search.terms), search.fit)
+    tried = [(group, _tried_in_place(search, group)) for group in _groups(search, full)]
     pairs = [
         (group, rival)
-        for group in _groups(search, full)
-        for rival in _rivals_on_rows(search, group)
+        for group, terms in tried
+        for rival in terms
+        if group.is_rival(rival)
     ]
-    if not pairs:
+    no_place = {
+        term: files_without_place(term.form.effect, explanation.estimate)
+        for term in search.terms
+    }
+    laws = {
+        group.terms[0]: law
+        for group, terms in tried
+        if len(group.terms) == 1
+        for law in _nearest_held(terms, no_place[group.terms[0]], explanation.estimate)
+    }
+    if not (pairs or laws):
         return explanation
-    # ``held_out`` addresses effects by number: first the findings, then the rivals.
-    all_terms = [*explanation.terms, *(rival for _, rival in pairs)]
+    # ``held_out`` addresses effects by number: first the findings, then the rivals, then
+    # the laws that files hold.
+    rivals_and_laws = [*(rival for _, rival in pairs), *laws.values()]
+    all_terms = [*explanation.terms, *rivals_and_laws]
     effects = [t.form.effect for t in all_terms]
     theta = explanation.estimate.theta
     estimate = replace(explanation.first, theta=theta, certificate=NOT_CERTIFIED)
@@ -116,12 +133,30 @@ def with_equivalence_sets(explanation: Explanation, judge: HeldOutData) -> Expla
         if _predicts_as_well(explanation, held_out, group, number):
             for term in group.terms:
                 rivals_by_term[term].setdefault(rival.key, rival)
+    held = {}
+    for number, (term, law) in enumerate(laws.items(), first_rival + len(pairs)):
+        lacking = files_without_place(law.form.effect, explanation.estimate)
+        files = tuple(name for name in no_place[term] if name not in lacking)
+        held[term] = HeldLaw(law.text, files, held_out.errors([number]))
     out = copy(search)
     out.terms = [
-        replace(term, rivals=tuple(rivals.values()))
+        replace(term, rivals=tuple(rivals.values()), held_law=held.get(term))
         for term, rivals in rivals_by_term.items()
     ]
     return replace(explanation, search=out)
+
+
+def _nearest_held(
+    tried: Sequence[ScoredEffect], no_place_in: Sequence[str], estimate: Estimate
+) -> list[ScoredEffect]:
+    """Return the candidate that explains most of those for which one of these files,
+    which have no place for a finding, has a place; nothing without one."""
+    held = [
+        term
+        for term in tried
+        if not {*no_place_in} <= {*files_without_place(term.form.effect, estimate)}
+    ]
+    return sorted(held, key=lambda term: -term.drop)[:1]
 
 
 def _predicts_as_well(
@@ -199,21 +234,20 @@ def _judge_group(
     )
 
 
-def _rivals_on_rows(search: Search, group: _Group) -> list[ScoredEffect]:
-    """List the candidates that explain the searched rows as well as a group, of those
-    that explain half as much before their constants are refined."""
+def _tried_in_place(search: Search, group: _Group) -> list[ScoredEffect]:
+    """List the candidates that explain half as much of the searched rows as a group
+    before their constants are refined, with refined constants."""
     present = {t.key for t in search.terms}
     screened = search.screened(
         group.fit, group.others, present, partial(_acts_there, group)
     )
     single = [t.form for t in group.terms] if len(group.terms) == 1 else []
-    rivals = [
+    return [
         search.refined(group.fit, t)
         for t in screened
         if t.drop > PROMISING * group.deviance_drop
         and not any(t.form.generalises(finding) for finding in single)
     ]
-    return [rival for rival in rivals if group.is_rival(rival)]
 
 
 def _acts_there(group: _Group, batch: Batch) -> bool:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
-from itertools import pairwise, starmap
+from itertools import chain, pairwise, starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, get_args
 
@@ -215,6 +215,13 @@ class Finding(Rated):
     helps: bool = False
     #: The shape constants in words, with units.
     constants: str = ""
+    #: Files of `export` for a controller or a simulator without a place for it.
+    no_place_in: tuple[str, ...] = ()
+    #: The nearest law for which one of these files has a place, as :func:`add` takes
+    #: it; "" without one. Its errors are among those of the diagnosis.
+    held_law: str = ""
+    #: The files that hold that law.
+    held_law_in: tuple[str, ...] = ()
     #: Standard deviation of the size from the scatter over the log alone, all else
     #: being exact, in ``unit``.
     std_of_rows: float = 0.0
@@ -267,13 +274,20 @@ class Finding(Rated):
         return f"{formatting.amount(self.torque_rms, half, unit)} RMS in these runs"
 
     @property
+    def _torque_is_known(self) -> bool:
+        """Whether the 95 % interval of the torque that it makes does not hold zero."""
+        if self.torque_rms is None or self.torque_std is None:
+            return False
+        return self.torque_rms > NORMAL_95 * self.torque_std
+
+    @property
     def _torque_tells_more(self) -> bool:
         """Whether the size is uncertain, and its relative standard deviation more than
         twice the torque's, which is not zero.
         """
         if self.torque_rms is None or self.torque_std is None:
             return False
-        if not self.torque_rms > NORMAL_95 * self.torque_std:
+        if not self._torque_is_known:
             return False
         of_size = self.std / abs(self.size) if self.size else np.inf
         of_torque = self.torque_std / self.torque_rms
@@ -339,7 +353,13 @@ class Finding(Rated):
     def on_the_arm(self) -> str:
         """A sentence on what the effect is mechanically on the arm, with its size."""
         if self.size_may_be_zero:
-            return f"{ON_THE_ARM}these runs do not tell its size from zero."
+            if not self._torque_is_known:
+                return f"{ON_THE_ARM}these runs do not tell its size from zero."
+            where = f" of {formatting.joints(self.joints)}" if self.joints else ""
+            when = f"that changes with the {self.seen_against}{where}"
+            if self.seen_against == "reversal":
+                when = f"at each reversal{where}"
+            return f"{ON_THE_ARM}a torque {when}, {self.torque_text}."
         fitted = FittedEffect(
             name=self.effect,
             joints=self.joints,
@@ -620,8 +640,9 @@ class Diagnosis(Record, JsonRecord):
     #: What the check calls likely of the log, with the repair; nothing is sure beside
     #: it. None where a finding states the same.
     log_faults: tuple[Remedy, ...] = ()
-    #: The errors with what each remedy adds, with the first findings of the list, and
-    #: with pairs of what helps. None in files of older versions.
+    #: The errors with what each remedy adds, with the first findings of the list, with
+    #: pairs of what helps, and with each law that a file holds in place of a finding.
+    #: None in files of older versions.
     errors_with: tuple[ErrorWith, ...] = ()
 
     def __post_init__(self) -> None:
@@ -812,8 +833,49 @@ class Diagnosis(Record, JsonRecord):
     def error_with(self, found: Sequence[Finding | Retune]) -> Array | None:
         """Return the errors (n,) on data left out of the model with some of what was found,
         and nothing else [N m or N]; None where they were not computed."""
-        texts = {f.text for f in found}
+        return self._error_with_texts({f.text for f in found})
+
+    def _error_with_texts(self, texts: Set[str]) -> Array | None:
+        """Return the errors (n,) of :meth:`error_with` by the texts of what is added."""
         return next((x.rmse for x in self.errors_with if {*x.effects} == texts), None)
+
+    def files_without_place(self, texts: Collection[str]) -> tuple[str, ...]:
+        """The files of `export` that have no place for one of the findings with these
+        texts."""
+        lacking = (f.no_place_in for f in self.effects if f.text in texts)
+        return tuple(dict.fromkeys(chain.from_iterable(lacking)))
+
+    def place_in_files(self, texts: Collection[str]) -> str:
+        """Say which files of `export` have no place for one of the findings with these
+        texts, and what the nearest law does that such a file holds; "" where all files
+        have a place for all of them."""
+        files = self.files_without_place(texts)
+        if not files:
+            return ""
+        have = "has" if len(files) == 1 else "have"
+        what = "it" if len(texts) == 1 else "all of it"
+        clauses = [f"{formatting.words(files)} {have} no place for {what}"]
+        laws = [self._held_law_in_words(f) for f in self.effects if f.text in texts]
+        return f"{'; '.join([*clauses, *filter(None, laws)])}."
+
+    def _held_law_in_words(self, finding: Finding) -> str:
+        """Say what error of its joint the nearest law gives that a file holds in place of
+        a finding; "" without one that lowers this error."""
+        joint = finding.main_joint
+        before, after = (float(x[joint - 1]) for x in self.errors_of(finding))
+        with_law = self._error_with_texts({finding.held_law})
+        if with_law is None or with_law[joint - 1] > (1.0 - CHANGES) * before:
+            return ""
+        unit = self.torque_unit(joint)
+        errors = [
+            formatting.quantity(x, unit) for x in (float(with_law[joint - 1]), after)
+        ]
+        holds = "holds" if len(finding.held_law_in) == 1 else "hold"
+        return (
+            f"{effect_in_words(finding.held_law)}, which"
+            f" {formatting.words(finding.held_law_in)} {holds}, gives {errors[0]} there"
+            f" instead of {errors[1]}"
+        )
 
     def errors_of(self, finding: Finding) -> tuple[Array, Array]:
         """Return a finding's errors on data left out, (n,) before and after it [N m or N]:

@@ -28,6 +28,17 @@ def margin(evidence: float, least: float = EVIDENCE_TO_DISTINGUISH) -> float:
     return least + LAW_TOLERANCE * max(evidence, 0.0)
 
 
+class HeldLaw(NamedTuple):
+    """A law that a file of `export` holds, in place of a finding that it does not hold."""
+
+    #: The effect as `add` takes it.
+    text: str
+    #: Files with a place for it, and none for the finding.
+    files: tuple[str, ...]
+    #: (n,) RMS errors on data left out of the model with it alone [N m or N].
+    rmse: Array
+
+
 @dataclass(frozen=True, eq=False)
 class ScoredEffect:
     """A candidate effect with its score as an addition to a fit.
@@ -54,6 +65,8 @@ class ScoredEffect:
     squares: Array = field(default_factory=lambda: np.zeros(0))
     #: Candidates that fit about as well.
     rivals: tuple[ScoredEffect, ...] = ()
+    #: The nearest law for which one of these files has a place; None without one.
+    held_law: HeldLaw | None = None
 
     @property
     def evidence(self) -> float:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sdp_vs_penalty.effects import effect_in_words
+from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError, Remark, printable
 from sdp_vs_penalty.estimation.carried import doubts_of_bodies
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -15,6 +16,9 @@ from sdp_vs_penalty.exporters.content import Options, verdict_line
 from sdp_vs_penalty.exporters.held import is_held, left_out
 from sdp_vs_penalty.exporters.interface import ExportFormat
 from sdp_vs_penalty.files import write_bytes
+
+#: Files that a controller or a simulator takes.
+FILES_TO_TAKE = ("model.h", "robot.urdf", "robot.xml")
 
 
 def format_of(out: str | Path) -> ExportFormat:
@@ -137,6 +141,15 @@ def as_exported(estimate: Estimate, out: str | Path) -> Estimate | None:
     if fields is None:
         return None
     return estimate.with_effects(lambda effect: is_held(effect, estimate, fields))
+
+
+def files_without_place(effect: Effect, estimate: Estimate) -> tuple[str, ...]:
+    """Return which of FILES_TO_TAKE have no place for an effect beside a model."""
+    return tuple(
+        name
+        for name in FILES_TO_TAKE
+        if not is_held(effect, estimate, getattr(format_of(name), "HOLDS", ()))
+    )
 
 
 def effects_left_out(estimate: Estimate, out: str | Path) -> tuple[str, ...]:

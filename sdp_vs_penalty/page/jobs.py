@@ -86,7 +86,7 @@ from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.exporters import EXPORTS
-from sdp_vs_penalty.exporters.export import effects_left_out, write_model
+from sdp_vs_penalty.exporters.export import write_model
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import read_bytes, write_bytes, write_text, writing
 from sdp_vs_penalty.page.splits import split_run
@@ -1179,10 +1179,9 @@ def find(job: JobRequest) -> Answer:
     Returns
     -------
     dict
-        "diagnosis"; "curves": what `add` calls each measured curve; "not_held": by file of
-        `export` the effects that it cannot hold of the model with all that helps;
-        "verdicts": those of ``job["verdicts"]``, with what is missing. The curves that the
-        page draws are saved as ``job["pictures"]``.
+        "diagnosis"; "curves": what `add` calls each measured curve; "verdicts": those of
+        ``job["verdicts"]``, with what is missing. The curves that the page
+        draws are saved as ``job["pictures"]``.
     """
     runs = job.runs
     model = job.model
@@ -1198,9 +1197,7 @@ def find(job: JobRequest) -> Answer:
     )
     save_arrays(job.folder / job["pictures"], _card_arrays(model, better, runs.judge))
     curves = [curve.effect(model.robot).text for curve in result.curves]
-    files = [home.FILE for home in EXPORTS.all().values()]
     return {
-        "not_held": {file: effects_left_out(better or model, file) for file in files},
         "diagnosis": result.to_dict(),
         "curves": curves,
         "verdicts": {

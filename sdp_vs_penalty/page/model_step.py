@@ -103,9 +103,6 @@ class ModelStep(JsonRecord):
     #: without the lost ones, what that did, and the "model" that the file is made of,
     #: where it errs less.
     exported: dict[str, dict[str, Any]] = field(default_factory=dict)
-    #: By file of `export` the effects, as `add` writes them, of this model with all that
-    #: helps which it cannot hold.
-    not_held: dict[str, list[str]] = field(default_factory=dict)
     #: File that a person brought; "" for none.
     opened: str = ""
     #: Whether it knows the servos of a log without torque.
@@ -173,17 +170,6 @@ class ModelStep(JsonRecord):
         record = self.exported.get(file, {})
         is_free = not self.opened and not self.frozen and "again" not in record
         return is_free and file in self._lesser
-
-    def files_lacking(
-        self, names: Collection[str], effects: Collection[str]
-    ) -> list[str]:
-        """The files of `export`, of these names, that cannot hold one of these effects of
-        the diagnosis."""
-        return [
-            name
-            for name in names
-            if any(is_among(text, self.not_held.get(name, ())) for text in effects)
-        ]
 
     def lesser_files(self, names: Collection[str]) -> str:
         """Say which of these files of `export` err more than the model, since they cannot

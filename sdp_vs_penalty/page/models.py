@@ -351,7 +351,6 @@ class Models(RobotAndRuns):
             curve_texts=tuple(answer["curves"]),
             pictures=pictures,
             exported=exported,
-            not_held=answer["not_held"],
             comparison={**self.current.comparison, "verdict": verdict},
         )
         self.history = [*self.history[:-1], diagnosed]

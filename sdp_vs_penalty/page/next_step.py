@@ -22,12 +22,13 @@ from sdp_vs_penalty.diagnosis.findings import (
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, LOG, over_noise
+from sdp_vs_penalty.exporters.export import FILES_TO_TAKE
 from sdp_vs_penalty.page.model_step import joints_of
 from sdp_vs_penalty.page.models import MOTION
 from sdp_vs_penalty.page.run_issues import asks_for_unit, is_refused
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import heading_of, label_of, spoken
-from sdp_vs_penalty.page.stages.use import FILES, models_taken
+from sdp_vs_penalty.page.stages.use import models_taken
 from sdp_vs_penalty.page.view import (
     StageVerdict,
     View,
@@ -456,8 +457,8 @@ def _to_add(
         text = f"Since then changed, beside what the model has: {text}"
         return _identify_again(session, text, level, more)
     number = ""
-    lacking = model.files_lacking(FILES, texts)
-    is_idle = level == "good" and {*FILES} - {*lacking} == {"report.html", "model.json"}
+    lacking = diagnosis.files_without_place(texts)
+    is_idle = level == "good" and {*FILES_TO_TAKE} <= {*lacking}
     if remedy.before is not None and remedy.after is not None:
         falls = remedy.after[worst - 1] < (1.0 - CHANGES) * remedy.before[worst - 1]
         is_idle = is_idle or (level != "bad" and not falls)
@@ -468,14 +469,14 @@ def _to_add(
         if over is not None and over[worst - 1] > ABOVE_NOISE:
             left = formatting.number(float(over[worst - 1]))
             number += f"; joint {worst} keeps {left} times its noise"
-    no_place = f"No place for it in {formatting.words(lacking)}" if lacking else ""
+    number = _sentences(number, diagnosis.place_in_files(texts))
     do = partial(session.start, session.apply, change.to_dict())
     label = label_of(change.words)
     said: dict[str, Any] = {
         "text": text,
         "level": level,
         "number": number,
-        "more": _sentences(more, beside, no_place),
+        "more": _sentences(more, beside),
     }
     if is_idle and "report.html" not in session.taken:
         other = NextStep("", f"Or {change.words}", "diagnose", do)

@@ -222,7 +222,8 @@ def _evidence_for(
     if together := diagnosis.only_in_sum(finding):
         evidence += [(_part_of_sum(part), not part.size_is_open) for part in together]
     elif finding.size_may_be_zero:
-        evidence.append(("Its size is not told from zero.", False))
+        if Doubt("insignificant") not in finding.doubts:  # it is said among the doubts
+            evidence.append(("Its size is not told from zero.", False))
     else:
         power = min(int(finding.gain / 2.0 / np.log(10.0)), _MOST_ODDS)
         odds = f"{10**power:,}".replace(",", " ")

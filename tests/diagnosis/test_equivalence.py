@@ -10,7 +10,7 @@ import pytest
 import scipy
 from point_mass_arm import COULOMB, MASSES, PointMassArm, causal_filter, delayed
 
-from sdp_vs_penalty import diagnose, identify
+from sdp_vs_penalty import diagnose, identify, simulate
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
@@ -284,3 +284,16 @@ def test_an_effect_that_contradicts_itself_is_not_found(problem, monkeypatch):
     found = {t.key for t in search(data, runs.candidates).terms}
     assert found
     assert spring not in found
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("hidden", "is_open"), [("stiction:2", True), ("presliding_hysteresis:2", False)]
+)
+def test_stiction_fits_where_the_travel_of_friction_that_turns_is_open(hidden, is_open):
+    """Though no joint stands in these runs; where the travel shows, it does not fit."""
+    runs = simulate("panda", hide=hidden, level="medium", seed=11)
+    model = identify("panda", runs.train, effects=EFFECTS, check=False)
+    (found,) = diagnose(model, runs.train, runs.test, check=False).effects
+    assert found.effect == "presliding_hysteresis"
+    assert ("stiction" in set_of(found)) == found.size_may_be_zero == is_open

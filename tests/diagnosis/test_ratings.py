@@ -597,3 +597,50 @@ def test_a_size_that_may_be_zero_stands_nowhere():
         assert found.size_text == "size open"
         assert "do not tell" in found.on_the_arm
         assert "1e-08" not in f"{found.line}{found.explanation}"
+
+
+def test_what_no_file_holds_is_said_beside_the_offer_with_the_nearest_law_that_one_does():
+    """A finding that all files hold, or of which no law is known, adds nothing to it."""
+    files = ("model.h", "robot.urdf")
+    lost = {"no_place_in": files, "held_law": "load_dependent_friction:2"}
+    lacking = finding("presliding_hysteresis", 2, held_law_in=("model.h",), **lost)
+    unknown = replace(lacking, held_law="", held_law_in=())
+    everywhere = finding("joint_spring", 3)
+    errors = (
+        ErrorWith((lacking.text,), np.full(7, 1.0)),
+        ErrorWith((lacking.held_law,), np.full(7, 1.25)),
+    )
+    found = replace(diagnosis(lacking, everywhere), errors_with=errors)
+    said = found.place_in_files([lacking.text])
+    assert said == (
+        "model.h and robot.urdf have no place for it; load dependent friction on joint 2,"
+        " which model.h holds, gives 1.25 N m or N there instead of 1 N m or N."
+    )
+    assert Diagnosis.from_dict(found.to_dict()).place_in_files([lacking.text]) == said
+    both = found.place_in_files([lacking.text, everywhere.text])
+    assert both == said.replace("for it;", "for all of it;")
+    assert found.place_in_files([everywhere.text]) == ""
+    worse = replace(found, errors_with=(errors[0], ErrorWith(*_no_better(lacking))))
+    for without_law in (worse, diagnosis(unknown)):
+        text = without_law.place_in_files([lacking.text])
+        assert text == "model.h and robot.urdf have no place for it."
+
+
+def _no_better(lacking):
+    """The errors of the model, which the law of a finding leaves as they were."""
+    return (lacking.held_law,), np.full(7, 2.0)
+
+
+def test_a_size_that_may_be_zero_is_said_once_on_a_card_behind_the_torque_that_is_known():
+    known = {"torque_rms": 0.2, "torque_std": 0.01, "torque_unit": "N*m"}
+    reasons = (Doubt("rivals"), Doubt("insignificant"))
+    found = finding(
+        "presliding_hysteresis", 2, "maxwell_slip", std=0.9, doubts=reasons, **known
+    )
+    (words,) = describe_diagnosis(diagnosis(found), ["N m"] * 7).findings
+    assert words.on_the_arm.endswith(
+        "a torque at each reversal of joint 2, 0.2 ± 0.02 N m RMS in these runs."
+    )
+    evidence = [text for text, _ in words.evidence]
+    for said in (words.sentences, " ".join([words.on_the_arm, *evidence])):
+        assert said.count("from zero") == 1

@@ -91,6 +91,8 @@ def verb(
     if what is not None:
         if json_ is not None and result.leaves_curves_out:
             console.paragraph(CURVES_LEFT_OUT)
+        if no_place := result.place_in_files([f.text for f in result.helpful]):
+            console.paragraph(no_place)
         console.next_step(what)
 
 
