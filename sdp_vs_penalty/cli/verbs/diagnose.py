@@ -88,11 +88,11 @@ def verb(
     printing.diagnosis(result, units, model, what is not None, verbose)
     _say_what_became_of_plugins(result, {e.name for e in estimate.model.effects})
     console.save_json(json_, result.to_dict())
+    if no_place := result.place_in_files([f.text for f in result.helpful]):
+        console.paragraph(no_place)
     if what is not None:
         if json_ is not None and result.leaves_curves_out:
             console.paragraph(CURVES_LEFT_OUT)
-        if no_place := result.place_in_files([f.text for f in result.helpful]):
-            console.paragraph(no_place)
         console.next_step(what)
 
 
