@@ -102,6 +102,7 @@ def test_the_torque_is_said_where_it_tells_more_than_the_size(std, torque_std, i
         "half_width_95",
         "size_may_be_zero",
         "torque_text",
+        "_torque_is_known",
         "_torque_tells_more",
     ):
         setattr(finding, name, vars(Finding)[name].fget(finding))
