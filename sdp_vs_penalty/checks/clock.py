@@ -54,16 +54,6 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
     Time steps outside those of any log in seconds are an error. Of the units that bring
     the steps inside, the one is named in which the stamps are dates of today, or else
     that makes the steps nearest to usual ones.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
     """
     shortest, longest = _STEPS
     t = glance.run.t
@@ -116,16 +106,6 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error about rows whose time lies before that of an earlier row, and a
     warning where the clock was set back, or several runs are in the file: each stretch
     is then a run.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
     """
     bad = np.flatnonzero(glance.steps < 0.0)
     if not len(bad):
@@ -190,16 +170,6 @@ def find_coarse_stamps(glance: RunSummary) -> Iterator[Issue]:
     the clock was printed with too few digits.
 
     The repair spaces the rows evenly between two gaps, so that none is lost.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
     """
     is_same = glance.steps == 0.0
     changes = np.diff(glance.run.q, axis=0)[is_same]
@@ -228,18 +198,7 @@ def _spaced_evenly(run: Measurements, step: float) -> Measurements:
 
 
 def find_repeated_time(glance: RunSummary) -> Iterator[Issue]:
-    """Yield an error about single rows with the time of the row before.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
-    """
+    """Yield an error about single rows with the time of the row before."""
     bad = np.concatenate([[False], glance.steps == 0.0])
     same = bool(np.all(np.diff(glance.run.q, axis=0)[bad[1:]] == 0.0))
     how = "are copies of the row before" if same else "differ from the row before"
@@ -253,16 +212,6 @@ def find_repeated_time(glance: RunSummary) -> Iterator[Issue]:
 def find_stray_stamps(glance: RunSummary) -> Iterator[Issue]:
     """Yield an issue about a few rows that lie farther from the others than the others
     last together: rows of another clock, as where a recorder starts inside a packet.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
     """
     bad = stray_rows(glance.run.t)
     if glance.run.episode is not None or not bad.any():
@@ -288,16 +237,6 @@ _SLOWER_RATE = 3.0
 def find_changes_of_rate(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning for each stretch in which the rows are a whole number of times
     farther apart, steadily: the logger wrote every second or third row only.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
     """
     usual = glance.usual_step
     for a, b, times in _slower_stretches(glance):
@@ -335,16 +274,6 @@ _ROUGHER_OVER_TIME = 3.0
 def find_uneven_stamps(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning where stamps jitter, or come in bursts, although the samples were
     taken evenly: positions are smoother over the row number than over time.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
     """
     # Steps longer than this are gaps; packets may come in bursts of many short steps.
     pause = GAP * max(glance.usual_step, float(np.quantile(glance.steps, 0.97)))
@@ -392,16 +321,6 @@ def _roughness(glance: RunSummary, share: Array, is_inner: Rows) -> Array:
 def find_time_jumps(glance: RunSummary) -> Iterator[Issue]:
     """Yield warnings about long time steps. Where the motion goes on, the clock was set
     ahead; elsewhere samples are missing.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
     """
     shortest_pause = 0.02  # s
     is_long = glance.steps > max(GAP * glance.usual_step, shortest_pause)

@@ -65,16 +65,6 @@ def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
 
     A factor that all joints share is that of the clock, or of the unit of velocity. A
     joint whose factor is another one has a wrong velocity.
-
-    Parameters
-    ----------
-    glance : RunSummary
-        The run with its clock and channels, as repaired by earlier rules.
-
-    Returns
-    -------
-    iterator of Issue
-        Issues to report; none if nothing is wrong.
     """
     if glance.run.dq is None or len(glance.run.t) < 2 * RUN:
         return

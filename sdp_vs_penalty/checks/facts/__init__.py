@@ -44,6 +44,8 @@ from sdp_vs_penalty.problem.problem import Problem
 
 #: In the order of mending; all but the first ask of RUN rows in which something moves.
 FEW_ROWS = find_channels_without_numbers, find_missing_numbers, find_static_poses
+#: Each rule takes the run with its clock and channels, as repaired by the rules before it,
+#: and yields its issues, none if nothing is wrong.
 RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
     find_channels_without_numbers,
     find_missing_numbers,

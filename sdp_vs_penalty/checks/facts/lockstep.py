@@ -39,18 +39,8 @@ class LockstepMotion:
 
     @classmethod
     def find_in(cls, glance: RunSummary) -> Self | None:
-        """Return the lockstep of a run; None where no joints move in proportion.
-
-        Parameters
-        ----------
-        glance : RunSummary
-            The run with its clock and channels, as repaired by earlier rules.
-
-        Returns
-        -------
-        LockstepMotion or None
-            With at least one group of two joints.
-        """
+        """Return the lockstep of a run, with at least one group of two joints; None where
+        no joints move in proportion."""
         moving = np.flatnonzero(glance.moving)
         if len(moving) < 2:
             return None
