@@ -284,10 +284,10 @@ def add_certain_findings(
     """
     give_back_memory(measurements.samples)
     better = None
-    # Nothing is added to a model of a log without torque.
-    n_added = None if measurements.torque_logged else len(diagnosis.helpful)
+    n_added = None
+    can_add = measurements.torque_logged
     # Its sizes may show that a torque is not there, which is then not added.
-    while diagnosis.helpful and n_added != len(diagnosis.helpful):
+    while can_add and diagnosis.helpful and n_added != len(diagnosis.helpful):
         n_added = len(diagnosis.helpful)
         progress("adding what helps")
         try:
@@ -305,12 +305,12 @@ def add_certain_findings(
         diagnosis = with_sizes_of(diagnosis, better)
     if not diagnosis.helpful:
         better = None
-    is_open = better is None and bool(diagnosis.helpful)
     if test is not None and diagnosis.held_out_source == "test":
         progress("judging on the test run")
         models = [model] if better is None else [model, better]
         judged = beside_spans(test, diagnosis.left_out_of_test)
         compared = compare(models, judged, noise_from=judged_recordings or test)
-        after = None if is_open else compared[-1].rmse
+        is_unmade = better is None and bool(diagnosis.helpful)
+        after = None if is_unmade else compared[-1].rmse
         diagnosis = diagnosis.with_judged_errors(compared[0].rmse, after)
     return diagnosis, better
