@@ -141,33 +141,21 @@ def determined(setting: Setting, draws: int) -> str:
     return f"{' or '.join(map(str, counts))} of {models[0].n_base}"
 
 
-def mass_matrix_on(setting: Setting, draws: int) -> float:
-    """Return the default's mean error of the mass matrix [%] over some draws."""
-    truth = truth_of("panda", setting)
-    rigid = truth.model.rigid_indices
-    fitted = [LmiSdp().fit(task_of(truth, k)).theta[rigid] for k in range(draws)]
-    errors = [mass_matrix_error(x.reshape(-1, 10), truth) for x in fitted]
-    return float(np.mean(errors))
-
-
 def half_width(values: Array) -> float:
     """Return half the width of the 95 % interval of a mean over the draws."""
     return float(1.96 * np.std(values, ddof=1) / np.sqrt(len(values)))
 
 
-def main() -> None:
-    """Fit every draw, and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--draws", type=int, default=20)
-    count = parser.parse_args().draws
-    truth = truth_of("panda", POOR)
+def judged(motion: str, setting: Setting, draws: int) -> list[list[str]]:
+    """Return the rows of a setting: one a method and prior. motion: its word."""
+    truth = truth_of("panda", setting)
     unseen = truth.unseen.least_squares()
     rigid = truth.model.rigid_indices
     errors: dict[tuple[str, str], list[float]] = {}
     exist: dict[tuple[str, str], int] = {}
     at_limit: dict[tuple[str, str], list[int]] = {}
     of_matrices: dict[tuple[str, str], list[float]] = {}
-    for number in range(count):
+    for number in range(draws):
         task = task_of(truth, number)
         for key, theta in fits(task).items():
             error = relative_error(unseen.loss(theta), unseen.tau_squared)
@@ -185,34 +173,57 @@ def main() -> None:
         n_worse = int((np.array(of_method) > default).sum())
         more = np.array(of_method) - default
         of_method_matrices = np.array(of_matrices[prior, name])
-        apart = of_method_matrices - matrices_of_default
-        is_known = np.isfinite(apart).all()
+        is_known = bool(np.isfinite(of_method_matrices).all())
         cells.append(
             [
+                motion,
                 name,
                 prior,
-                f"{np.mean(of_method):.2f}",
-                f"{half_width(np.array(of_method)):.2f}",
-                f"{np.mean(more):+.2f}",
-                f"{half_width(more):.2f}",
+                f"{np.mean(of_method):#.3g}",
+                f"{half_width(np.array(of_method)):#.2g}",
+                f"{np.mean(more):+.2g}",
+                f"{half_width(more):.2g}",
                 str(n_worse),
                 str(exist[prior, name]),
                 f"{np.mean(at_limit[prior, name]):.1f}",
-                f"{np.mean(of_method_matrices):.0f}" if is_known else "-",
-                f"{np.mean(apart):+.0f}" if is_known else "-",
-                f"{half_width(apart):.0f}" if is_known else "-",
+                *of_matrix(of_method_matrices, matrices_of_default, is_known),
             ]
         )
-    heads = ["method", "prior", "error [%]", "+- [%]", "minus the default's [points]"]
+    return cells
+
+
+def of_matrix(errors: Array, of_default: Array, is_known: bool) -> list[str]:
+    """Return the three cells of the mass matrix: its error [%], how much more that is than
+    the default's, and half the width of that interval."""
+    if not is_known:
+        return ["-", "-", "-"]
+    apart = errors - of_default
+    return [
+        f"{np.mean(errors):.2g}",
+        f"{np.mean(apart):+.1g}",
+        f"{half_width(apart):.1g}",
+    ]
+
+
+def main() -> None:
+    """Fit every draw, and write the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--draws", type=int, default=20)
+    count = parser.parse_args().draws
+    heads = ["motion", "method", "prior", "error [%]", "+- [%]"]
+    heads += ["minus the default's [points]"]
     heads += ["+- [points]", "worse", "all links exist"]
     heads += ["links at the limit", "error of the mass matrix [%]"]
     heads += ["mass matrix minus the default's [points]"]
     heads += ["+- of the mass matrix [points]"]
     text = [
-        "# What the default's prior buys on poor motion",
+        "# What the default's prior buys",
         "",
-        f"Simulated: {count} draws of a Panda that moves at 0.3 of its amplitude for 7 s,"
-        " as in `results/tables/table_monte_carlo.md`. Error: RMS of the torques of all"
+        f"Simulated: {count} draws of a Panda that moves little (0.3 of its amplitude for 7"
+        f" s; the data determine {determined(POOR, 5)} base parameters), and {count} that"
+        f" move much (14 s at the whole amplitude; {determined(RICH, 5)}), as in"
+        " `results/tables/table_monte_carlo.md`. What `identify` says of the first five is"
+        " counted. Error: RMS of the torques of all"
         " joints together on three random motions, over their RMS, mean over the draws with"
         " its 95 % interval; then what a method errs more than the default in the same"
         " draws, in how many of them it does, and in how many all links can exist. Then how"
@@ -221,15 +232,14 @@ def main() -> None:
         " or computed torque answers: RMS over 30 poses of the logarithms of the eigenvalues"
         " of M_true^-1 M, so that twice and half err alike; `-` where it is not positive in"
         " some pose. The masses of the nominal robot are 10 to 252 % off; alone it errs by"
-        f" 21.5 %. In five of these draws `identify` says that the data determine"
-        f" {determined(POOR, 5)} base parameters; on the rich motion (14 s at the whole"
-        f" amplitude) {determined(RICH, 5)}; there the"
-        f" default's mass matrix errs by {mass_matrix_on(RICH, 5):.1f} %."
+        " 21.5 %."
         " The prior's squares: its expansion to second order, which least squares"
         " and the penalty can minimise. By"
         " `python results/default_method/prior.py`.",
         "",
-        *markdown_lines(heads, cells),
+        *markdown_lines(
+            heads, [*judged("little", POOR, count), *judged("rich", RICH, count)]
+        ),
         "",
     ]
     (HERE / "prior.md").write_text("\n".join(text))
