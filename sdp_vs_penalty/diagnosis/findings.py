@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import chain, pairwise, starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, get_args
@@ -430,7 +431,7 @@ class Finding(Rated):
         """Return what would mend the model: adding this finding of the diagnosis; the
         effects that fit as well are its rivals.
         """
-        together = diagnosis.only_in_sum(self) or (self,)
+        together = diagnosis.group_of(self).findings
         arguments = {
             "effects": [f.text for f in together],
             "findings": [f.number for f in together],
@@ -547,6 +548,51 @@ class Finding(Rated):
             "record one more run after the gears have cooled down; what follows their"
             " temperature is then as it was at first, what follows the clock is not"
         )
+
+
+@dataclass(frozen=True)
+class Group:
+    """What is shown as one and added together: one finding, or those of which the runs
+    show the sum alone."""
+
+    #: The findings, in the order of the list.
+    findings: tuple[Finding, ...]
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """The findings as :func:`add` takes them."""
+        return tuple(finding.text for finding in self.findings)
+
+    @property
+    def is_sum(self) -> bool:
+        """Whether the runs show the sum of several findings alone."""
+        return len(self.findings) > 1
+
+    @property
+    def title(self) -> str:
+        """What it is, and its place, such as "Stribeck friction, joint 3"."""
+        if self.is_sum:
+            return formatting.sentence(named_on_joints(self.findings))
+        return self.findings[0].title
+
+    @property
+    def badge(self) -> str:
+        """What is certain of it, or how certain it is."""
+        return "sum certain" if self.is_sum else self.findings[0].badge
+
+    @property
+    def on_the_arm(self) -> str:
+        """A sentence on what it is mechanically on the arm; of a sum what its findings
+        have in common."""
+        if not self.is_sum:
+            return self.findings[0].on_the_arm
+        seen = dict.fromkeys(finding.seen_against for finding in self.findings)
+        with_what = formatting.words([f"its {name}" for name in seen if name])
+        are_friction = all(is_friction(finding.effect) for finding in self.findings)
+        what = "friction" if are_friction else "torque"
+        changes = f"changes with {with_what}" if with_what else "is another one"
+        joint = formatting.joints([self.findings[0].main_joint])
+        return f"{ON_THE_ARM}{what} of {joint} {changes}, by a law that is open."
 
 
 @dataclass(frozen=True)
@@ -885,7 +931,7 @@ class Diagnosis(Record, JsonRecord):
         those of which the runs show the sum alone. In files of older versions they are
         those after the findings before it in the list.
         """
-        after = self.error_with(self.only_in_sum(finding) or (finding,))
+        after = self.error_with(self.group_of(finding).findings)
         if after is None:
             return finding.held_out_rmse_before, finding.held_out_rmse_after
         return self.held_out_rmse_before, after
@@ -895,7 +941,7 @@ class Diagnosis(Record, JsonRecord):
         """What remedies that add take together: each constant, each finding, and all that
         helps. What is sure is judged by these."""
         constants = [(constant,) for constant in self.retuned]
-        groups = [self.only_in_sum(f) or (f,) for f in self.effects]
+        groups = [group.findings for group in self.groups]
         return [*constants, *groups, *filter(None, (self.helpful,))]
 
     @property
@@ -912,7 +958,7 @@ class Diagnosis(Record, JsonRecord):
     def _helps_alone(self, found: Finding | Retune) -> bool:
         """Whether something, or a sum that it belongs to, lowers the error of a joint by
         CHANGES without all others; True where that was not computed."""
-        if isinstance(found, Finding) and self.only_in_sum(found):
+        if self._is_in_sum(found):
             return True
         after = self.error_with((found,))
         before = self.held_out_rmse_before
@@ -967,14 +1013,21 @@ class Diagnosis(Record, JsonRecord):
                 joint = int(falls.argmax()) + 1
         return companion, joint
 
-    def only_in_sum(self, finding: Finding) -> tuple[Finding, ...]:
-        """The findings of which these runs show the sum alone, this one among them; none
-        for others.
+    @cached_property
+    def groups(self) -> tuple[Group, ...]:
+        """The findings as they are shown and added, in the order of the list: each by
+        itself, or with those of which the runs show the sum alone."""
+        sums = [self._sum_on(joint) for joint in {f.main_joint for f in self.effects}]
+        sum_by_number = {f.number: findings for findings in sums for f in findings}
+        groups = [sum_by_number.get(f.number, (f,)) for f in self.effects]
+        return tuple({those[0].number: Group(those) for those in groups}.values())
 
-        They are sure and on one joint, while the size of one or more is open and its
-        torque larger than the joint's error: it cancels with that of the others.
+    def _sum_on(self, joint: int) -> tuple[Finding, ...]:
+        """Return the findings on a joint (from 1) of which the runs show the sum alone.
+
+        They are sure, while the size of one or more is open and its torque larger than
+        the joint's error: it cancels with that of the others.
         """
-        joint = finding.main_joint
         error = self.held_out_rmse_before[joint - 1]
         of_joint = [f for f in self.effects if f.main_joint == joint]
         sure = [f for f in of_joint if f.torque_is_certain]
@@ -983,24 +1036,15 @@ class Diagnosis(Record, JsonRecord):
         ]
         # A single one cancels with all that helps there.
         group = cancelling if len(cancelling) > 1 else sure
-        if not cancelling or len(group) < 2 or finding not in group:
-            return ()
-        return tuple(group)
+        return tuple(group) if cancelling and len(group) > 1 else ()
 
-    def on_the_arm_of(self, finding: Finding) -> str:
-        """Say what a finding is on the arm, in a sentence; of those that show their sum
-        alone, what they have in common."""
-        together = self.only_in_sum(finding)
-        if not together:
-            return finding.on_the_arm
-        kinds = effect_types()
-        seen = dict.fromkeys(kinds[f.effect].seen_against for f in together)
-        with_what = formatting.words([f"its {name}" for name in seen if name])
-        are_friction = all(is_friction(f.effect) for f in together)
-        what = "friction" if are_friction else "torque"
-        changes = f"changes with {with_what}" if with_what else "is another one"
-        joint = formatting.joints([finding.main_joint])
-        return f"{ON_THE_ARM}{what} of {joint} {changes}, by a law that is open."
+    def group_of(self, finding: Finding) -> Group:
+        """Return the group that a finding of the diagnosis belongs to."""
+        return next(group for group in self.groups if finding.text in group.texts)
+
+    def _is_in_sum(self, found: Finding | Retune) -> bool:
+        """Return whether the runs show something in a sum alone."""
+        return isinstance(found, Finding) and self.group_of(found).is_sum
 
     @fact("times the noise", name="error on data left out")
     def left_over_noise(self) -> Array | None:
@@ -1083,7 +1127,7 @@ class Diagnosis(Record, JsonRecord):
             for f in self.helpful
             if f.rating == "confident"
             or (isinstance(f, Finding) and f.effect_is_certain)
-            if not (isinstance(f, Finding) and self.only_in_sum(f))
+            if not self._is_in_sum(f)
             if isinstance(f, Retune) or max(self._falls(f)) > 0.0
         ]
         of_known_size = [f for f in sure if isinstance(f, Retune) or not f.size_is_open]
@@ -1222,7 +1266,7 @@ class Diagnosis(Record, JsonRecord):
             key=lambda f: (
                 not f.torque_is_certain,
                 self.is_within_noise(f),
-                f.size_may_be_zero and not self.only_in_sum(f),
+                f.size_may_be_zero and not self._is_in_sum(f),
                 *(-fall for fall in self._falls(f) if not self.is_within_noise(f)),
                 ratings.index(f.rating),
                 -f.gain,
@@ -1294,7 +1338,8 @@ class Diagnosis(Record, JsonRecord):
         (confident)", or "The robot errs: base tilt (confident)"."""
         main = self.main_finding
         if main is not None:
-            together = self.only_in_sum(main) or (main,)
+            group = self.group_of(main)
+            together, badge = group.findings, group.badge
             names = formatting.words([effect_name(f.effect) for f in together])
             likeness = ""
             if rivals := main.rivals_without_curve[
@@ -1304,7 +1349,6 @@ class Diagnosis(Record, JsonRecord):
             elif not main.effect_is_certain:
                 likeness = "something like "
             where = f"Joint {main.main_joint}" if main.joints else "The robot"
-            badge = main.badge if len(together) == 1 else "their sum is certain"
             text = f"{where} errs: {likeness}{names} ({badge})"
             if self.is_within_noise(main):
                 named = named_on_joints(together)

@@ -520,7 +520,7 @@ def _in_one_line(diagnosis: Diagnosis, texts: Collection[str]) -> tuple[str, str
         words = describe_finding(finding, diagnosis)
         if finding.text in texts and not words.said_by:
             badge = "" if words.badge in SURE else f"{words.badge}: "
-            those = diagnosis.only_in_sum(finding) or (finding,)
+            those = diagnosis.group_of(finding).findings
             if alike or main or (finding.size_may_be_zero and len(those) == 1):
                 alike.setdefault((badge, finding.effect), []).extend(those)
             else:

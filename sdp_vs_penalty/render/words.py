@@ -30,12 +30,7 @@ from sdp_vs_penalty.diagnosis.causes import (
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, MINOR
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.findings import (
-    Diagnosis,
-    Finding,
-    Retune,
-    named_on_joints,
-)
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.diagnosis.where_it_fails import (
     NEAR,
     UNNAMED,
@@ -152,22 +147,17 @@ def describe_finding(
     if any(other.effect == finding.effect for other in earlier):
         physics = ""  # the first one of its kind explains it
     rivals = finding.rivals_in_words
-    title, badge, size = finding.title, finding.badge, finding.size_text
-    said_by = 0
     doubt = doubt_of(finding, shared_doubts(diagnosis.effects))
-    if together := diagnosis.only_in_sum(finding):
-        title = formatting.sentence(named_on_joints(together))
-        badge = "sum certain"
-        size = ""
-        said_by = together[0].number if finding != together[0] else 0
-    elif finding.size_may_be_zero:
-        size = ""
+    group = diagnosis.group_of(finding)
+    first = group.findings[0].number
+    has_size = not (group.is_sum or finding.size_may_be_zero)
+    size = finding.size_text if has_size else ""
     return FindingWords(
-        title=title,
-        said_by=said_by,
-        on_the_arm=diagnosis.on_the_arm_of(finding),
+        title=group.title,
+        said_by=0 if finding.number == first else first,
+        on_the_arm=group.on_the_arm,
         rating=finding.rating,
-        badge=badge,
+        badge=group.badge,
         size=size,
         constants=finding.constants if size else "",
         gain=finding.gain_sentence(diagnosis),
@@ -219,8 +209,10 @@ def _evidence_for(
     evidence = [(finding.gain_sentence(diagnosis), falls)]
     if rising := _rising_joints(diagnosis, before, after):
         evidence.append((f"{rising} with it.", False))
-    if together := diagnosis.only_in_sum(finding):
-        evidence += [(_part_of_sum(part), not part.size_is_open) for part in together]
+    group = diagnosis.group_of(finding)
+    if group.is_sum:
+        parts = group.findings
+        evidence += [(_part_of_sum(part), not part.size_is_open) for part in parts]
     elif finding.size_may_be_zero:
         if Doubt("insignificant") not in finding.doubts:  # it is said among the doubts
             evidence.append(("Its size is not told from zero.", False))
@@ -235,7 +227,7 @@ def _evidence_for(
         evidence.append((_size_in_words(finding, size), is_known))
     if rivals := finding.rivals_in_words:
         evidence.append((f"Fits as well: {rivals}.", False))
-    elif finding.rating == "confident" and not together:
+    elif finding.rating == "confident" and not group.is_sum:
         least_odds = number(np.exp(EVIDENCE_TO_DISTINGUISH / 2.0), 2)
         text = f"That it is this effect and no other: {least_odds} to 1, or more."
         evidence.append((text, True))
@@ -644,8 +636,9 @@ def on_the_arm_of(diagnosis: Diagnosis | None) -> list[str]:
     if diagnosis is None:
         return []
     lines = []
-    for finding in diagnosis.effects:
-        if finding.rating != "weak" and not diagnosis.only_in_sum(finding):
+    for group in diagnosis.groups:
+        finding = group.findings[0]
+        if finding.rating != "weak" and not group.is_sum:
             text = formatting.sentence(finding.on_the_arm.removeprefix(ON_THE_ARM))
             lines.append(f"{text} ({formatting.sentence(finding.rating)}.)")
     return lines
