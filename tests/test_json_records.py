@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import sdp_vs_penalty
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.diagnosis import load_diagnosis
-from sdp_vs_penalty.estimation.estimate import load_estimate
+from sdp_vs_penalty.estimation.estimate import estimate_of_file, load_estimate
 from sdp_vs_penalty.records import JsonRecord
 
 finite = st.floats(-1e6, 1e6)
@@ -138,6 +138,16 @@ def test_derived_figures_are_written_and_not_read():
 
 
 OLD = Path(__file__).parent / "data" / "written_by_0_1"
+
+
+def test_a_certainty_that_0_1_wrote_as_a_text_is_a_record():
+    written = json.loads((OLD / "model.json").read_text())
+    issue = {"kind": "spikes", "severity": "note", "certainty": "likely: seen: twice"}
+    written["provenance"]["checks"] = {"hash": [issue]}
+    (read,) = estimate_of_file(written).provenance["checks"]["hash"]
+    assert read == {**issue, "certainty": {"grade": "likely", "why": "seen: twice"}}
+    written["provenance"]["checks"] = {"hash": [read]}
+    assert estimate_of_file(written).provenance["checks"]["hash"] == [read]
 
 
 @pytest.mark.parametrize(

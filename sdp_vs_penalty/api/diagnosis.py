@@ -185,7 +185,7 @@ def _spans_named(
 
 def _is_likely(issue: Mapping[str, Any]) -> bool:
     """Return whether the check calls an issue likely or certain."""
-    return str(issue["certainty"]).partition(":")[0] != POSSIBLE
+    return bool(issue["certainty"]["grade"] != POSSIBLE)
 
 
 def _beside_check(

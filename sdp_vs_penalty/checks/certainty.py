@@ -15,7 +15,7 @@ POSSIBLE: Final = "possible"
 
 @dataclass(frozen=True)
 class Certainty(WritesJson):
-    """How sure an issue is, and why; its text is "certain: read from the file"."""
+    """How sure an issue is, and why; in a sentence "certain: read from the file"."""
 
     #: Grade: CERTAIN, LIKELY or POSSIBLE.
     grade: Grade
@@ -25,10 +25,6 @@ class Certainty(WritesJson):
     def __str__(self) -> str:
         """Grade and reason in one sentence."""
         return f"{self.grade}: {self.why}"
-
-    def as_written(self) -> str:
-        """Return grade and reason in one sentence."""
-        return str(self)
 
 
 def stated(why: str) -> Certainty:

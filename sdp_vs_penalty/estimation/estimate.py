@@ -53,6 +53,7 @@ from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
+from sdp_vs_penalty.results.remedy import issue_of_older_file
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array, as_plain_array, check_finite, wrong_shape
 from sdp_vs_penalty.robot.robot import Robot
@@ -1012,9 +1013,19 @@ def estimate_of_file(data: Mapping[str, Any]) -> Estimate:
         preprocessing=file.preprocessing,
         settings=dict(file.settings),
         report=file.details,
-        provenance=dict(file.provenance),
+        provenance=_provenance_of_file(file.provenance),
         training_motion=file.training_motion,
     )
+
+
+def _provenance_of_file(provenance: Mapping[str, Any]) -> dict[str, Any]:
+    """Return where a model is from, with the issues of its runs as today's JSON."""
+    issues_by_run = provenance.get("checks") or {}
+    checks = {
+        run: [issue_of_older_file(issue) for issue in issues]
+        for run, issues in issues_by_run.items()
+    }
+    return {**provenance, **({"checks": checks} if checks else {})}
 
 
 #: One Estimate or the path of a model.json; a sequence of these; or a mapping from

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.checks.certainty import POSSIBLE
 from sdp_vs_penalty.checks.explain import NOT_REPAIRED
 from sdp_vs_penalty.data.measurements import UNNAMED_UNIT
 from sdp_vs_penalty.diagnosis.causes import TIME, VELOCITY
@@ -137,9 +138,8 @@ class Models(RobotAndRuns):
         for run in self.runs:
             for issue in run["findings"] if run["name"] in differing else ():
                 is_new = issue["severity"] == "warning" and issue["kind"] not in seen
-                is_likely = not issue["certainty"].startswith("possible")
-                if issue["severity"] == "error" or (is_new and is_likely):
-                    grade = issue["certainty"].partition(":")[0]
+                grade = issue["certainty"]["grade"]
+                if issue["severity"] == "error" or (is_new and grade != POSSIBLE):
                     said = graded(
                         issue["what"].partition(" only: ")[2] or issue["what"], grade
                     )

@@ -19,6 +19,7 @@ from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.spoken import name_beside, spoken
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.records import from_json, to_json
+from sdp_vs_penalty.results.remedy import issue_of_older_file
 
 #: What a step back brings back: everything that was made of the person's choices.
 KEPT = (
@@ -43,7 +44,8 @@ CHOSEN = (
 MOST_STEPS = 20
 #: File of a session's state in its folder.
 STATE_FILE = "project.json"
-_FORMAT = 1
+#: Format 1 has the certainty of an issue as a text.
+_FORMAT = 2
 
 
 #: How a notice says that a step can be taken back, with a button for it.
@@ -329,6 +331,7 @@ class ProjectState:
                 run.setdefault("in_commands", run["name"])
                 run["name"] = name_beside(run["name"], taken)
                 taken.append(run["name"])
+                run["findings"] = [issue_of_older_file(x) for x in run["findings"]]
             # An older version does not know the change, and the effect in words alone.
             none = {"verb": "", "arguments": {}}
             kept["repairs"] = [

@@ -209,7 +209,7 @@ def checked(session: Session) -> StageVerdict:
         return StageVerdict("bad", session.meaningless[0], "Check failed")
     if warnings := session.warnings:
         others = len(session.kinds_of_issue) - 1
-        grade = warnings[0]["certainty"].partition(":")[0]
+        grade = warnings[0]["certainty"]["grade"]
         having = next((r for issue, r in session.issues if issue is warnings[0]), ())
         names = formatting.words([run["name"] for run in having or session.runs])
         text = heading_of(warnings[0]["kind"])

@@ -96,6 +96,16 @@ class Remedy(JsonRecord):
     may_be_the_arm: bool = False
 
 
+def issue_of_older_file(issue: Mapping[str, Any]) -> dict[str, Any]:
+    """Bring the JSON of a check's issue to today's: an older version wrote its certainty
+    as a text, "likely: an arm leaves less"."""
+    certainty = issue.get("certainty")
+    if isinstance(certainty, str):
+        grade, _, why = certainty.partition(": ")
+        certainty = {"grade": grade, "why": why}
+    return {**issue, "certainty": certainty}
+
+
 def one_of_rivals(remedies: Iterable[Remedy]) -> list[Remedy]:
     """List remedies that can be made together: of each set that explains as much the
     first."""

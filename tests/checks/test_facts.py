@@ -543,7 +543,8 @@ def test_a_fact_is_mended_unasked_where_its_repair_is_safe_or_certain():
     )
     assert issue.can_fix
     assert str(issue.certainty) == "certain: read from the file"
-    assert issue.to_dict()["certainty"] == "certain: read from the file"
+    written = issue.to_dict()["certainty"]
+    assert written == {"grade": "certain", "why": "read from the file"}
     of_values = replace(issue, certainty=likely("certain: but for a few"))
     assert of_values.can_fix
     assert not replace(of_values, apply="unit:tau").can_fix

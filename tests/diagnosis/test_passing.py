@@ -316,10 +316,10 @@ def test_spans_are_left_out_of_the_run_that_they_name():
     assert beside_spans(one, []) is one
 
 
-@pytest.mark.parametrize(("certainty", "n_left_out"), [("likely", 1), ("possible", 0)])
-def test_spans_that_the_check_calls_likely_are_left_out(certainty, n_left_out):
+@pytest.mark.parametrize(("grade", "n_left_out"), [("likely", 1), ("possible", 0)])
+def test_spans_that_the_check_calls_likely_are_left_out(grade, n_left_out):
     run = PointMassArm().run(1)
-    issue = {"certainty": f"{certainty}: one arm", "figures": {"span": [3.0, 5.0]}}
-    elsewhere = {"certainty": "likely: one arm", "figures": {"t": 9.0}}
+    issue = {"certainty": {"grade": grade}, "figures": {"span": [3.0, 5.0]}}
+    elsewhere = {"certainty": {"grade": "likely"}, "figures": {"t": 9.0}}
     spans = _spans_named({run.data_hash: [issue, elsewhere]}, run)
     assert spans == (Span("", 3.0, 5.0),) * n_left_out

@@ -370,19 +370,19 @@ def test_what_the_check_explains_is_a_rival_on_its_joints(joints, ratings):
 
 
 @pytest.mark.parametrize(
-    ("kind", "certainty", "doubts", "rating"),
+    ("kind", "grade", "doubts", "rating"),
     [
-        ("torque step", "likely: an arm leaves less", (), "near-tie"),
-        ("torque step", "possible: a load does so too", (), "confident"),
-        ("torque filter", "likely: an arm leaves less", (), "confident"),  # stated
-        ("torque filter", "likely: an arm leaves less", (Doubt("small"),), "near-tie"),
+        ("torque step", "likely", (), "near-tie"),
+        ("torque step", "possible", (), "confident"),
+        ("torque filter", "likely", (), "confident"),  # stated
+        ("torque filter", "likely", (Doubt("small"),), "near-tie"),
     ],
 )
-def test_only_what_no_sure_finding_states_is_a_rival(kind, certainty, doubts, rating):
+def test_only_what_no_sure_finding_states_is_a_rival(kind, grade, doubts, rating):
     late = finding("torque_filter", 1, joints=(), doubts=doubts)
     issue = {
         "kind": kind,
-        "certainty": certainty,
+        "certainty": {"grade": grade, "why": ""},
         "nature": EXPLANATION,
         "remedies": [],
         "what": "The torques step.",
@@ -404,7 +404,7 @@ def test_a_mounting_and_each_of_a_set_are_faults_of_the_log():
     ]
     issue = {
         "kind": "gravity direction",
-        "certainty": "likely: an arm leaves less",
+        "certainty": {"grade": "likely", "why": "an arm leaves less"},
         "nature": EXPLANATION,
         "what": "gravity is up. As likely: joint 1 counts.",
         "figures": {"log_odds": 60.0},

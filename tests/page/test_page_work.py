@@ -1185,17 +1185,20 @@ def test_a_project_is_there_after_the_server_has_ended(kept, hidden, tmp_path, s
     assert Path(named.current.file).parent == moved
 
 
-def test_a_project_of_an_older_version_knows_which_repair_helps(kept, hidden, tmp_path):
-    """It has what a repair did in words."""
+def test_a_project_of_an_older_version_is_brought_to_todays(kept, hidden, tmp_path):
+    """It has what a repair did, and how sure an issue is, in words."""
     s = opened(kept, "two_link", **saved(tmp_path, hidden.runs[:1], "a.csv"))
     words = "Error on motion left out: 0.512 % as logged, {} % repaired."
     s.remedies = [{"change": {}, "effect": words.format(0.519)}]
     s.repairs = [["flip it", words.format(0.3)]]
+    s.runs[0]["findings"] = [{"certainty": "likely: spikes"}]
     s.save()
     again = Sessions(Here(), kept.projects).get(s.token)
     assert not again.remedies[0]["effect"]["falls"]
     assert again.repairs[0][1] == {"sentence": words.format(0.3), "falls": True}
     assert again.repairs[0][2]["verb"] == ""
+    (issue,) = again.runs[0]["findings"]
+    assert issue["certainty"] == {"grade": "likely", "why": "spikes"}
 
 
 def test_a_project_has_a_name_runs_and_verdict_and_is_deleted(kept, hidden, tmp_path):

@@ -549,12 +549,11 @@ def _findings(view: View) -> None:
     for k, (issue, runs) in enumerate(session.issues):
         names = formatting.words([run["name"] for run in runs])
         with draw.tag("div", style=f"finding {issue['severity']}"):
-            grade, _, why = issue["certainty"].partition(": ")
             draw.tag("strong", f"{names}: {heading_of(issue['kind'])}. ")
-            draw.tag("span", graded(issue["what"], grade))
+            draw.tag("span", graded(issue["what"], issue["certainty"]["grade"]))
             is_tried = any(session.outcome_of(x["change"]) for x in issue["remedies"])
-            if why and not is_tried:  # a trial says more
-                draw.note(formatting.sentence(spoken(why)))
+            if not is_tried:  # a trial says more
+                draw.note(formatting.sentence(spoken(issue["certainty"]["why"])))
             mends = [x for x in issue["remedies"] if x["change"]["verb"] != "cut"]
             is_tested = all(run["use"] == "test" for run in runs)
             is_difference = issue["kind"] in NOT_REPAIRED
