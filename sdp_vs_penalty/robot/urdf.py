@@ -276,8 +276,8 @@ def placed_links(
 
 
 def couplings_left_out(root: Any, *, has_lines: bool) -> str:
-    """Say what couples links of a URDF beside its tree of joints, and is not read:
-    constraints and loops of its extensions.
+    """Say what couples links or motors of a URDF beside its tree of joints, and is not
+    read: constraints and loops of its extensions, and reductions that are no numbers.
 
     Parameters
     ----------
@@ -295,6 +295,15 @@ def couplings_left_out(root: Any, *, has_lines: bool) -> str:
         words = [tag, *(f"{k}={v!r}" for k, v in element.attrib.items())]
         line = f" (line {element.sourceline})" if has_lines else ""
         out.append(f"<{' '.join(words)[:100]}>{line}")
+    unread = _unread_reductions(root)
+    if unread:
+        line = f" (line {unread[0].sourceline})" if has_lines else ""
+        text = " ".join((unread[0].text or "").split())[:100]
+        what = f"<mechanicalReduction> holds {text!r}{line}, no number other than 0"
+        reductions = (
+            f"{what}: every motor turns as its joint, without the file's reductions"
+        )
+        return "; ".join(filter(None, (not_read(out), reductions)))
     return not_read(out)
 
 
@@ -537,11 +546,13 @@ def _joint(element: Any, parent: int, placement: Array) -> Joint:
 
 def _transmission(root: Any, names: Sequence[str]) -> Transmission | None:
     """Return how the motors turn with the joints ``names``, None if the file does not
-    say.
+    say, or not in numbers.
 
     A joint without <transmission> has a motor that turns with it. Channels are on the
     joint side, as in every ROS log.
     """
+    if _unread_reductions(root):
+        return None
     matrix = np.eye(len(names))
     has_transmission = False
     for element in root.findall("transmission"):
@@ -564,14 +575,18 @@ def _transmission(root: Any, names: Sequence[str]) -> Transmission | None:
     )
 
 
+def _unread_reductions(root: Any) -> list[Any]:
+    """List the elements whose mechanical reduction is no number other than 0."""
+    return [
+        element
+        for element in root.iterfind("transmission/*/mechanicalReduction")
+        if not 0.0 < abs(numbers_of(element.text or "", 1)[0]) < np.inf
+    ]
+
+
 def _reduction(part: Any) -> float:
     """Return the mechanical reduction of a joint or an actuator; 1 without one."""
-    (value,) = numbers_of(part.findtext("mechanicalReduction", "1"), 1).tolist()
-    if not np.isfinite(value) or value == 0.0:
-        where = f"line {part.sourceline}, <mechanicalReduction>"
-        what = f"{where} must hold a number other than 0"
-        raise InputError(what, "correct the file")
-    return float(value)
+    return float(part.findtext("mechanicalReduction", "1"))
 
 
 def _motors_by_joints(kind: str, reductions: Array) -> Array:

@@ -230,12 +230,14 @@ def test_torques_tell_the_unit_of_positions(word, scale, middle, three_joints):
 
 def test_a_unit_that_nothing_says_nor_the_arm_tells_is_asked_for(tmp_path):
     """Two joints without gravity, which move little: any unit explains their torques.
-    What has our names is in radians, and asks nothing."""
+    What has our names is in radians, and asks nothing, nor does an arm that would be
+    more than a turn away from its zero."""
     problem = load_problem("two_link").with_gravity((0.0, 0.0, 0.0))
     small = replace(small_run(problem, seconds=10.0, reach=0.01), dq=None)
     asks = replace(small, unit_command="convert pos.csv --scale q=UNIT --out run.csv")
-    kinds = [{f.kind for f in check(problem, x)[0].issues} for x in (small, asks)]
-    assert ["position unit not said" in x for x in kinds] == [False, True]
+    far = replace(asks, q=asks.q + 1.5)
+    kinds = [{f.kind for f in check(problem, x)[0].issues} for x in (small, asks, far)]
+    assert ["position unit not said" in x for x in kinds] == [False, True, False]
     (issue,) = [f for f in check(problem, asks)[0].issues if "not said" in f.kind]
     units = [change.arguments["scale"]["q"] for change in issue.changes]
     assert units == ["rad", "turns"]

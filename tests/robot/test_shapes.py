@@ -13,6 +13,7 @@ from sdp_vs_penalty.robot import (
     directions,
     geometry,
     joint,
+    load_robot,
     load_urdf,
     trajectory,
 )
@@ -194,8 +195,12 @@ def test_the_motors_of_a_transmission_turn_as_ros_control_says(
     ]
     path = robot_file(tmp_path, more=second + transmission(kind, *parts))
     assert_array_equal(load_urdf(path)[0].transmission.matrix, expected)
-    path.write_text(path.read_text().replace(">5<", ">0<"))
-    refusal(lambda: load_urdf(path), "a number other than 0")
+    good = path.read_text()
+    for text in ("0", "reduction"):  # what a xacro leaves of a property
+        path.write_text(good.replace(">5<", f">{text}<"))
+        left_out = load_robot(path)
+        assert left_out.robot.transmission is None
+        assert f"<mechanicalReduction> holds '{text}' (line" in left_out.couplings
     fixed = robot_file(
         tmp_path,
         more=second + transmission(kind, parts[0].replace('"k"', '"x"'), parts[1]),

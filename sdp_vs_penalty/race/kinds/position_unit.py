@@ -259,14 +259,17 @@ def _in_radians(
 def as_likely_as_radians(evidence: Evidence, fit: ViewFit) -> list[PositionUnit]:
     """List the units that such numbers may be in, and under which an arm explains the
     torques as well as it does in radians: degrees where a joint moves over a turn, turns
-    and shares of the range where all move little."""
+    and shares of the range where all are below one and move little."""
     log, now = evidence.log, fit.chain
-    travel = float(np.ptp(log.data.motion.q[:, log.revolute], axis=0).max(initial=0.0))
-    if any(abs(scale) != 1.0 for scale in now.scale) or _LITTLE < travel < _TURN:
+    q = log.data.motion.q[:, log.revolute]
+    travel = float(np.ptp(q, axis=0).max(initial=0.0))
+    if any(abs(scale) != 1.0 for scale in now.scale):
         return []
-    units = [unit for unit in UNITS if not unit.is_small]
+    units = list[PositionUnit]()
     if travel >= _TURN:
         units = [_DEGREES]
+    elif travel <= _LITTLE and np.abs(q).max(initial=0.0) < 1.0:
+        units = [unit for unit in UNITS if not unit.is_small]
     alike = list[PositionUnit]()
     for unit in units:
         if numbers := unit.scales_and_middles(log):
