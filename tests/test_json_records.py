@@ -140,12 +140,19 @@ def test_derived_figures_are_written_and_not_read():
 OLD = Path(__file__).parent / "data" / "written_by_0_1"
 
 
-def test_a_certainty_that_0_1_wrote_as_a_text_is_a_record():
+def test_an_issue_that_0_1_wrote_is_as_todays():
+    """Its certainty was a text, and its remedy alone said that nothing has to be done."""
     written = json.loads((OLD / "model.json").read_text())
-    issue = {"kind": "spikes", "severity": "note", "certainty": "likely: seen: twice"}
+    issue = {
+        "kind": "spikes",
+        "severity": "note",
+        "certainty": "likely: seen: twice",
+        "remedy": "no action needed: that is the torque",
+    }
     written["provenance"]["checks"] = {"hash": [issue]}
     (read,) = estimate_of_file(written).provenance["checks"]["hash"]
-    assert read == {**issue, "certainty": {"grade": "likely", "why": "seen: twice"}}
+    certainty = {"grade": "likely", "why": "seen: twice"}
+    assert read == {**issue, "certainty": certainty, "needs_action": False}
     written["provenance"]["checks"] = {"hash": [read]}
     assert estimate_of_file(written).provenance["checks"]["hash"] == [read]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.certainty import likely, told_by
-from sdp_vs_penalty.checks.constants import GAP, MOST_REPEATED, NO_ACTION, RUN
+from sdp_vs_penalty.checks.constants import GAP, MOST_REPEATED, RUN
 from sdp_vs_penalty.checks.glance import CONTINUE, Rows, RunSummary, with_time_steps
 from sdp_vs_penalty.checks.issue import Issue, Left, make_issue, rows_text
 from sdp_vs_penalty.checks.velocity import velocity_ratio
@@ -138,7 +138,7 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
             otherwise = "let each begin a second after the end of the one before"
             step = max(1.0, 50.0 * step)
         what = f"{what} {seen}"
-        remedy = f"{NO_ACTION}: a run begins there (or {otherwise})"
+        remedy = f"a run begins there (or {otherwise})"
         repair = partial(with_time_steps, where=glance.steps < 0.0, steps=step)
     yield make_issue(
         kind="time runs backwards",
@@ -147,6 +147,7 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
         what=what,
         cause=how,
         remedy=remedy,
+        needs_action=severity == "error",
         repair=repair,
         rows=glance.run.rows_of_file(bad[:100] + 1).tolist(),
         seconds=seconds,
@@ -352,7 +353,8 @@ def _clock_step(glance: RunSummary, rows: Indices) -> Issue:
         f" {formatting.number(glance.steps[rows].max())} s while the moving arm does not:"
         " the clock was set, and no sample is missing.",
         certainty=likely("the distance travelled is that of one usual step"),
-        remedy=f"{NO_ACTION}: the run is split there (or {CONTINUE})",
+        remedy=f"the run is split there (or {CONTINUE})",
+        needs_action=False,
         repair=partial(with_time_steps, where=is_wrong, steps=glance.usual_step),
     )
 
@@ -368,8 +370,8 @@ def _gap(glance: RunSummary, rows: Indices) -> Issue:
         f" {formatting.number(steps.max())} s (the usual step is {glance.usual_step:.3g} s),"
         f" {formatting.number(steps.sum())} s in all.",
         cause="samples are missing",
-        remedy=f"{NO_ACTION}: the run is split there, and the filters lose a second"
-        " on either side",
+        remedy="the run is split there, and the filters lose a second on either side",
+        needs_action=False,
     )
 
 

@@ -59,7 +59,3 @@ SAMPLES_A_PERIOD = 30.0
 #: magnitude smaller. As far as the second they may be from those of a nominal arm, beside what its
 #: masses allow: friction, another place of the masses, a gear that was left out.
 EFFORT = (0.2, 3.0)
-
-# -- what a fact asks for
-#: How the remedy of a fact begins that asks nothing of a person: it is reckoned with.
-NO_ACTION = "no action needed"

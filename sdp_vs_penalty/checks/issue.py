@@ -59,6 +59,8 @@ class Issue(WritesJson):
     certainty: Certainty = READ
     #: What to do, in one sentence.
     remedy: str
+    #: Whether a person has to do it: some facts are reckoned with already.
+    needs_action: bool = True
     #: How a run is repaired, where that is safe; ``remedy`` says it in words.
     repair: Callable[[Measurements], Measurements] | None = field(
         default=None, metadata=NOT_STORED
@@ -151,6 +153,7 @@ def make_issue(
     what: str,
     *,
     remedy: str,
+    needs_action: bool = True,
     severity: str = "warning",
     joints: Any = None,
     where: str = "",
@@ -167,8 +170,12 @@ def make_issue(
 
     Parameters
     ----------
-    kind, what, remedy, severity, certainty, repair, nature, apply, changes
+    kind, what, severity, certainty, repair, nature, apply, changes
         As the attributes of the issue. ``{where}`` in ``what`` stands for the place.
+    remedy : str
+        What to do, in one sentence.
+    needs_action : bool
+        False: nothing has to be done, and ``remedy`` says how it is reckoned with.
     joints : sequence of int
         From 0; None for an issue about no joint.
     where : str
@@ -185,6 +192,8 @@ def make_issue(
     numbers = {} if joints is None else {"joints": [int(j) + 1 for j in joints]}
     if cause:
         what = f"{what} Likely cause: {cause}."
+    if not needs_action:
+        remedy = ": ".join(filter(None, ("no action needed", remedy)))
     return Issue(
         kind=kind,
         severity=severity,
@@ -193,6 +202,7 @@ def make_issue(
         cause=cause,
         certainty=certainty,
         remedy=remedy,
+        needs_action=needs_action,
         repair=repair,
         figures={**numbers, **figures},
         nature=nature,

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from sdp_vs_penalty.checks.certainty import READ, likely, possible
-from sdp_vs_penalty.checks.constants import GAP, NO_ACTION, RUN
+from sdp_vs_penalty.checks.constants import GAP, RUN
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import Issue, Left, make_issue
 from sdp_vs_penalty.data.hypotheses.weighing import CERTAIN, VELOCITY_UNITS
@@ -56,7 +56,8 @@ _ROWS_OF_LAG = 16384
 _note = partial(
     make_issue,
     severity="note",
-    remedy=f"{NO_ACTION}: velocities are taken from the positions",
+    remedy="velocities are taken from the positions",
+    needs_action=False,
 )
 
 

@@ -44,7 +44,7 @@ CHOSEN = (
 MOST_STEPS = 20
 #: File of a session's state in its folder.
 STATE_FILE = "project.json"
-#: Format 1 has the certainty of an issue as a text.
+#: Format 1 has issues as 0.1 wrote them.
 _FORMAT = 2
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks.constants import NO_ACTION
 from sdp_vs_penalty.checks.explain import NOT_REPAIRED
 from sdp_vs_penalty.data.measurements import UNNAMED_UNIT
 from sdp_vs_penalty.errors import InputError
@@ -20,11 +19,6 @@ _MOST_OF_PLACE = 20
 def is_refused(run: Mapping[str, Any]) -> bool:
     """Whether the check calls something in a run an error."""
     return any(issue["severity"] == "error" for issue in run["findings"])
-
-
-def asks_nothing(issue: Mapping[str, Any]) -> bool:
-    """Whether an issue asks nothing of a person: what it says is reckoned with."""
-    return str(issue["remedy"]).startswith(NO_ACTION)
 
 
 def asks_for_unit(run: Mapping[str, Any]) -> bool:
@@ -111,7 +105,7 @@ class RunIssues(JobQueue):
     def kinds_to_see(self) -> set[str]:
         """Kinds of what the check found that asks for something, and that the person was
         not led to."""
-        asking = {issue["kind"] for issue in self.warnings if not asks_nothing(issue)}
+        asking = {issue["kind"] for issue in self.warnings if issue["needs_action"]}
         return asking - {*self.seen_issues}
 
     def see_issues(self) -> None:

@@ -14,11 +14,9 @@ from nicegui import ui
 from nicegui.client import Client
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks.constants import NO_ACTION
 from sdp_vs_penalty.diagnosis.causes import VELOCITY
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.page.model_step import level_of
-from sdp_vs_penalty.page.run_issues import asks_nothing
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import graded, heading_of, label_of, repairs_in_words
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
@@ -209,13 +207,12 @@ def checked(session: Session) -> StageVerdict:
         return StageVerdict("bad", session.meaningless[0], "Check failed")
     if warnings := session.warnings:
         others = len(session.kinds_of_issue) - 1
-        grade = warnings[0]["certainty"]["grade"]
-        having = next((r for issue, r in session.issues if issue is warnings[0]), ())
+        first, grade = warnings[0], warnings[0]["certainty"]["grade"]
+        having = next((r for issue, r in session.issues if issue is first), ())
         names = formatting.words([run["name"] for run in having or session.runs])
-        text = heading_of(warnings[0]["kind"])
-        if asks_nothing(warnings[0]):
-            done = warnings[0]["remedy"].removeprefix(NO_ACTION).replace(":", ";", 1)
-            text = f"{warnings[0]['what'].rstrip('.')}{done}"
+        text = heading_of(first["kind"])
+        if not first["needs_action"]:
+            text = f"{first['what'].rstrip('.')}; {first['remedy']}"
         text = f"{names}: {graded(text, grade).rstrip('.')}."
         text += f" And {others} more." if others else ""
         return StageVerdict("usable", text, "Check")

@@ -98,12 +98,14 @@ class Remedy(JsonRecord):
 
 def issue_of_older_file(issue: Mapping[str, Any]) -> dict[str, Any]:
     """Bring the JSON of a check's issue to today's: an older version wrote its certainty
-    as a text, "likely: an arm leaves less"."""
+    as a text, "likely: an arm leaves less", and that nothing has to be done in its remedy
+    alone."""
     certainty = issue.get("certainty")
     if isinstance(certainty, str):
         grade, _, why = certainty.partition(": ")
         certainty = {"grade": grade, "why": why}
-    return {**issue, "certainty": certainty}
+    needs_action = not str(issue.get("remedy")).startswith("no action needed")
+    return {"needs_action": needs_action, **issue, "certainty": certainty}
 
 
 def one_of_rivals(remedies: Iterable[Remedy]) -> list[Remedy]:

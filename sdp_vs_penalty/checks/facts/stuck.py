@@ -10,14 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sdp_vs_penalty.checks.certainty import likely, told_by
-from sdp_vs_penalty.checks.constants import (
-    GAP,
-    LONG_STRETCH,
-    NO_ACTION,
-    RUN,
-    STUCK,
-    STUCK_SECONDS,
-)
+from sdp_vs_penalty.checks.constants import GAP, LONG_STRETCH, RUN, STUCK, STUCK_SECONDS
 from sdp_vs_penalty.checks.glance import Rows, RunSummary, mask_of
 from sdp_vs_penalty.checks.issue import Issue, make_issue
 from sdp_vs_penalty.data.measurements import Measurements
@@ -66,7 +59,8 @@ def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
             what=f"tau{j + 1} is exactly zero for {seconds:.3g} s, while the joint"
             " moves: the drive was off, and zero is the torque.",
             certainty=_AS_ELSEWHERE,
-            remedy=NO_ACTION,
+            remedy="",
+            needs_action=False,
             where=f"tau{j + 1}",
             rows=int(is_off.sum()),
             times=glance.one_arm_is_worse(j, is_off),
@@ -330,7 +324,7 @@ def _clipped(glance: RunSummary, j: int, x: Array) -> Iterator[Issue]:
     )
     if is_torque:
         severity, which = "note", "the drive is"
-        remedy = f"{NO_ACTION}: that is the torque"
+        remedy = "that is the torque"
         certainty = _AT_EFFORT_LIMIT if is_drives_limit else _AS_ELSEWHERE
     elif times is not None:
         which = "the channel is"
@@ -343,6 +337,7 @@ def _clipped(glance: RunSummary, j: int, x: Array) -> Iterator[Issue]:
         f" {longest} samples in a row ({np.sum(x == value)} in total): {which} at its limit.",
         certainty=certainty,
         remedy=remedy,
+        needs_action=not is_torque,
         where=f"tau{j + 1}",
         limit=value,
         times=times,

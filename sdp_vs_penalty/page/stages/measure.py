@@ -21,7 +21,7 @@ from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import ArmScene, chart_and_arm
 from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.repairs import ANGLES, UNITS
-from sdp_vs_penalty.page.run_issues import asks_for_unit, asks_nothing
+from sdp_vs_penalty.page.run_issues import asks_for_unit
 from sdp_vs_penalty.page.runs import ENDINGS
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import heading_of, label_of, name_in_title, spoken
@@ -565,7 +565,7 @@ def _findings(view: View) -> None:
                 for n, remedy in enumerate(issue["remedies"]):
                     _remedy(view, remedy, f"remedy-{k}-{n}")
                 is_apart = is_difference and _apart(session, runs, k)
-                is_done = issue["remedies"] or asks_nothing(issue)
+                is_done = issue["remedies"] or not issue["needs_action"]
                 if issue["severity"] != "note" and not (is_apart or is_done):
                     _last_resort(session, issue, runs, k)
 
