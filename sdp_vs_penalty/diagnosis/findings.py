@@ -158,6 +158,9 @@ def is_friction(name: str) -> bool:
 _WIDE = 0.1
 
 
+#: What is said of an error within ABOVE_NOISE that a finding lowers.
+SOME_ERROR_IS_LEFT = "Some error is left"
+
 #: Factor and unit in which sentences say a size, by its plain unit; gravity across the
 #: base [m/s^2] is a tilt.
 _SAID_IN = {
@@ -326,6 +329,12 @@ class Finding(Rated):
         return not abs(self.size) > self.half_width_95
 
     @property
+    def says_open_law(self) -> bool:
+        """Whether :attr:`on_the_arm` says a torque alone, and the laws that may make it."""
+        has_rivals = bool(self.rivals_without_curve)
+        return has_rivals and self.size_may_be_zero and self._torque_is_known
+
+    @property
     def size_is_open(self) -> bool:
         """Whether a doubt leaves the size open, or its interval holds zero."""
         reasons = {doubt.reason for doubt in self.doubts}
@@ -360,7 +369,15 @@ class Finding(Rated):
             when = f"that changes with the {self.seen_against}{where}"
             if self.seen_against == "reversal":
                 when = f"at each reversal{where}"
-            return f"{ON_THE_ARM}a torque {when}, {self.torque_text}."
+            text = f"{ON_THE_ARM}a torque {when}, {self.torque_text}"
+            laws = [
+                effect_name(self.effect),
+                *map(effect_in_words, self.rivals_without_curve),
+            ]
+            open_law = (
+                f"; which law makes it is open: {', '.join(laws[:-1])} or {laws[-1]}"
+            )
+            return f"{text}{open_law * self.says_open_law}."
         fitted = FittedEffect(
             name=self.effect,
             joints=self.joints,
@@ -898,29 +915,46 @@ class Diagnosis(Record, JsonRecord):
         files = self.files_without_place(texts)
         if not files:
             return ""
-        have = "has" if len(files) == 1 else "have"
-        what = "it" if len(texts) == 1 else "all of it"
-        clauses = [f"{formatting.words(files)} {have} no place for {what}"]
+        lacking = dict[tuple[str, ...], list[Finding]]()
+        for finding in self.effects:
+            if finding.text in texts and finding.no_place_in:
+                lacking.setdefault(finding.no_place_in, []).append(finding)
+        clauses = [
+            f"{formatting.words(names)} {'has' if len(names) == 1 else 'have'} no place"
+            f" for {named_on_joints(those)}"
+            for names, those in lacking.items()
+        ]
         laws = [self._held_law_in_words(f) for f in self.effects if f.text in texts]
         return f"{'; '.join([*clauses, *filter(None, laws)])}."
 
+    def held_law_remedy(self, finding: Finding) -> Remedy | None:
+        """Return the remedy that adds, in place of a finding, the nearest law that a file
+        holds which has no place for the finding; None without one that lowers the error
+        of its joint."""
+        j = finding.main_joint - 1
+        before, _ = self.errors_of(finding)
+        after = self._error_with_texts({finding.held_law})
+        if after is None or after[j] > (1.0 - CHANGES) * before[j]:
+            return None
+        name = effect_in_words(finding.held_law)
+        change = Change("add", f"add {name}", {"effects": [finding.held_law]})
+        errors = tuple(before.tolist()), tuple(after.tolist())
+        return Remedy(finding.title, *finding.rating_and_why, change, *errors)
+
     def _held_law_in_words(self, finding: Finding) -> str:
-        """Say what error of its joint the nearest law gives that a file holds in place of
-        a finding; "" without one that lowers this error."""
-        joint = finding.main_joint
-        before, after = (float(x[joint - 1]) for x in self.errors_of(finding))
-        with_law = self._error_with_texts({finding.held_law})
-        if with_law is None or with_law[joint - 1] > (1.0 - CHANGES) * before:
+        """Say what :meth:`held_law_remedy` adds and what error it leaves; "" without it."""
+        remedy = self.held_law_remedy(finding)
+        if remedy is None:
             return ""
-        unit = self.torque_unit(joint)
-        errors = [
-            formatting.quantity(x, unit) for x in (float(with_law[joint - 1]), after)
-        ]
-        holds = "holds" if len(finding.held_law_in) == 1 else "hold"
+        assert remedy.after is not None  # this remedy has it
+        j, files = finding.main_joint - 1, finding.held_law_in
+        unit = self.torque_unit(j + 1)
+        _, after = self.errors_of(finding)
+        errors = [formatting.quantity(float(x[j]), unit) for x in (remedy.after, after)]
         return (
-            f"{effect_in_words(finding.held_law)}, which"
-            f" {formatting.words(finding.held_law_in)} {holds}, gives {errors[0]} there"
-            f" instead of {errors[1]}"
+            f"{formatting.words(files)} {'holds' if len(files) == 1 else 'hold'}"
+            f" {effect_in_words(finding.held_law)}, which gives {errors[0]} there instead"
+            f" of {errors[1]}"
         )
 
     def errors_of(self, finding: Finding) -> tuple[Array, Array]:
@@ -1352,7 +1386,7 @@ class Diagnosis(Record, JsonRecord):
             text = f"{where} errs: {likeness}{names} ({badge})"
             if self.is_within_noise(main):
                 named = named_on_joints(together)
-                text = f"Still to be won: {likeness}{named} ({badge})"
+                text = f"{SOME_ERROR_IS_LEFT}: {likeness}{named} ({badge})"
                 text = f"{self.good_already} {text}".lstrip()
             others = [found for found in self.helpful if found not in together]
             if len(others) > _MOST_NAMED:

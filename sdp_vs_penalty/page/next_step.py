@@ -14,6 +14,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.findings import (
+    SOME_ERROR_IS_LEFT,
     Diagnosis,
     Finding,
     constants_in_words,
@@ -66,7 +67,8 @@ class NextStep:
     opens: str = ""
     #: Colour: "good", "usable", "bad", or "" for none.
     level: str = ""
-    #: A second choice, of which the button counts; None for none.
+    #: A second choice, of which the button counts, and its own second one as a third;
+    #: None for none.
     other: NextStep | None = None
     #: What the step does to an error, or how large one is, and what that is measured on;
     #: "" where nothing is measured.
@@ -75,6 +77,11 @@ class NextStep:
     more: str = ""
     #: Stage and part in which that number is drawn.
     figure: tuple[str, str] = ("diagnose", "history")
+
+    @property
+    def choices(self) -> tuple[NextStep, ...]:
+        """The step and its other choices."""
+        return (self, *(self.other.choices if self.other else ()))
 
 
 def next_step(view: View) -> NextStep:
@@ -439,11 +446,18 @@ def _to_add(
     remedy = diagnosis.main_remedy or all_of_it
     change = remedy.change
     texts = change.arguments.get("effects", [])
+    others = [
+        second
+        for second in (all_of_it, main and main.remedy(diagnosis))
+        if second and {*second.change.arguments["effects"]} != {*texts}
+    ][:1]
+    if main is not None and {*texts} == {main.text}:
+        others += filter(None, [diagnosis.held_law_remedy(main)])
     other = None
-    for second in (all_of_it, main and main.remedy(diagnosis)):
-        if second and {*second.change.arguments["effects"]} != {*texts}:
-            add = partial(session.start, session.apply, second.change.to_dict())
-            other = other or NextStep("", f"Or {second.change.words}", "diagnose", add)
+    for second in others[::-1]:
+        add = partial(session.start, session.apply, second.change.to_dict())
+        words = f"Or {second.change.words}"
+        other = NextStep("", words, "diagnose", add, other=other)
     is_all = {*texts} == {found.text for found in diagnosis.helpful}
     more = spoken(diagnosis.cause)
     model = session.current
@@ -451,7 +465,7 @@ def _to_add(
     text, beside = _in_one_line(diagnosis, texts)
     text = text or in_brief(more)
     if level == "good":
-        text = f"Good already. Some error is left. {formatting.sentence(text)}"
+        text = f"Good already. {SOME_ERROR_IS_LEFT}. {formatting.sentence(text)}"
     text = formatting.sentence(text)
     if texts and all(map(session.is_of_held_model, texts)):
         text = f"Since then changed, beside what the model has: {text}"
@@ -521,7 +535,8 @@ def _in_one_line(diagnosis: Diagnosis, texts: Collection[str]) -> tuple[str, str
         if finding.text in texts and not words.said_by:
             badge = "" if words.badge in SURE else f"{words.badge}: "
             those = diagnosis.group_of(finding).findings
-            if alike or main or (finding.size_may_be_zero and len(those) == 1):
+            is_open = finding.size_may_be_zero and not finding.says_open_law
+            if alike or main or (is_open and len(those) == 1):
                 alike.setdefault((badge, finding.effect), []).extend(those)
             else:
                 on_the_arm = words.on_the_arm.removeprefix(ON_THE_ARM)

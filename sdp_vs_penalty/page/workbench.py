@@ -28,6 +28,8 @@ from sdp_vs_penalty.page.worker import sentence
 
 #: Characters of a sentence of a notice; what a longer one adds is folded.
 _MOST_IN_NOTICE = 160
+#: Keys and styles of the buttons of the next step.
+_CHOICES = (("next", "primary"), ("next-other", "quiet"), ("next-third", "quiet"))
 
 
 class Workbench:
@@ -270,21 +272,16 @@ class Workbench:
                 if step.more:
                     with details("More", "more"):
                         note(step.more)
-            at: dict[str, Any] = {
-                "data_to": step.stage,
-                "data_opens": step.opens or False,
-            }
-            do = step.do or (lambda: None)
             with tag("div", style="choices"):
-                button(step.label, do, "next", "primary", **at)
-                if (other := step.other) is not None:
-                    at = {"data_to": other.stage, "data_opens": other.opens or False}
-                    do = other.do or (lambda: None)
-                    button(other.label, do, "next-other", "quiet", **at)
+                for (key, style), choice in zip(_CHOICES, step.choices, strict=False):
+                    do = choice.do or (lambda: None)
+                    opens = choice.opens or False
+                    at: dict[str, Any] = {"data_to": choice.stage, "data_opens": opens}
+                    button(choice.label, do, key, style, **at)
 
-        other = step.other and step.other.label
         words = [step.text, step.number, step.more]
-        state = [words, step.label, step.stage, step.opens, step.level, other]
+        labels = [choice.label for choice in step.choices]
+        state = [words, labels, step.stage, step.opens, step.level]
         # What the button does depends on the remedies and on the model.
         depends = [
             session.remedies,

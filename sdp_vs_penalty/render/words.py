@@ -146,9 +146,10 @@ def describe_finding(
     earlier = diagnosis.effects[: finding.number - 1]
     if any(other.effect == finding.effect for other in earlier):
         physics = ""  # the first one of its kind explains it
-    rivals = finding.rivals_in_words
-    doubt = doubt_of(finding, shared_doubts(diagnosis.effects))
     group = diagnosis.group_of(finding)
+    is_open_law = finding.says_open_law and not group.is_sum  # said in the headline
+    rivals = "" if is_open_law else finding.rivals_in_words
+    doubt = doubt_of(finding, shared_doubts(diagnosis.effects))
     first = group.findings[0].number
     has_size = not (group.is_sum or finding.size_may_be_zero)
     size = finding.size_text if has_size else ""
@@ -214,7 +215,8 @@ def _evidence_for(
         parts = group.findings
         evidence += [(_part_of_sum(part), not part.size_is_open) for part in parts]
     elif finding.size_may_be_zero:
-        if Doubt("insignificant") not in finding.doubts:  # it is said among the doubts
+        # It is said among the doubts, or follows from the law that is open.
+        if not (finding.says_open_law or Doubt("insignificant") in finding.doubts):
             evidence.append(("Its size is not told from zero.", False))
     else:
         power = min(int(finding.gain / 2.0 / np.log(10.0)), _MOST_ODDS)
@@ -226,7 +228,8 @@ def _evidence_for(
         is_known = not (is_rough or finding.size_is_open)
         evidence.append((_size_in_words(finding, size), is_known))
     if rivals := finding.rivals_in_words:
-        evidence.append((f"Fits as well: {rivals}.", False))
+        if not finding.says_open_law or group.is_sum:  # or said in the headline
+            evidence.append((f"Fits as well: {rivals}.", False))
     elif finding.rating == "confident" and not group.is_sum:
         least_odds = number(np.exp(EVIDENCE_TO_DISTINGUISH / 2.0), 2)
         text = f"That it is this effect and no other: {least_odds} to 1, or more."
@@ -289,11 +292,12 @@ def doubt_of(rated: Finding | Retune, shared: Collection[Doubt] = ()) -> str:
 
     Doubts that are shown elsewhere are left out: those ``shared`` with other findings,
     that another effect fits as well if that effect is named, and that the size is
-    uncertain if the badge says so.
+    uncertain if the badge says so, or if the law is open.
     """
     is_named = isinstance(rated, Finding) and bool(rated.rivals_in_words)
     left_out = {*shared, *([Doubt("rivals")] if is_named else [])}
-    if rated.badge == "size uncertain":
+    is_open_law = isinstance(rated, Finding) and rated.says_open_law
+    if rated.badge == "size uncertain" or is_open_law:
         left_out |= {Doubt("uncertain"), Doubt("insignificant")}
     return _in_words([doubt for doubt in rated.doubts if doubt not in left_out])
 
