@@ -28,6 +28,10 @@ from sdp_vs_penalty.robot.arrays import Array
 
 Order = tuple[int, ...]
 Numbers = tuple[float, ...]
+#: Least limit of an amplifier: a channel is divided by it.
+_TINY = 1e-300
+#: An amplifier's curve is inverted up to this share of its limit [-].
+_LARGEST_SHARE_OF_LIMIT = 0.999
 
 
 @dataclass(frozen=True)
@@ -295,12 +299,37 @@ class LogTransform:
         """(n,) factor of each joint's logged torque."""
         return np.array(self.gain) / np.array(self.ratio)
 
-    def within_limits(self, tau: Array) -> Array:
-        """Return torques (..., n) no larger than the drives' limits."""
+    def torques(
+        self, channels: Array, rates: Array | None = None, largest: Array | None = None
+    ) -> Array:
+        """Return the torques (n, N) of motors by what their channels read:
+
+        tau_j = gain_j / ratio_j (s(x_j) + lag_j dx_j/dt), no larger than limit_j, where s
+        straightens a channel that bends towards its amplifier's limit.
+
+        Parameters
+        ----------
+        channels : (n, N) array
+            x_j, the channel that joint j takes, read ``lead_j`` later [N m or N].
+        rates : (n, N) array
+            Their time derivatives; None: bends and lags stay in the torques.
+        largest : (n,) array
+            Largest reading of each of the channels, for those that bend.
+        """
+        tau = channels
+        if rates is not None and largest is not None:
+            if any(self.bend):
+                pairs = zip(channels, self.bend, largest.tolist(), strict=True)
+                tau = np.array(
+                    [_straighten(x, top / b) if b else x for x, b, top in pairs]
+                )
+            if any(self.lag):
+                tau = tau + np.array(self.lag)[:, None] * rates
+        tau = self.torque_factors[:, None] * tau
         if not any(self.limit):
             return tau
-        largest = np.where(self.limit, self.limit, np.inf)
-        return np.clip(tau, -largest, largest)
+        limits = np.where(self.limit, self.limit, np.inf)[:, None]
+        return np.clip(tau, -limits, limits)
 
     def positions(self, q: Array) -> Array:
         """Return the true positions: q_j = ratio_j scale_j q_logged[order_j] + zero_j, of
@@ -360,22 +389,19 @@ class LogTransform:
             run,
             t=t[0] + self.rate * (t - t[0]),
             q=self.positions(run.q),
-            tau=self._torques(run),
+            tau=self._torques_of_joints(run),
             dq=dq,
         ).rows(is_inside)
         return _in_reverse(repaired) if self.reversed else repaired
 
-    def _torques(self, run: Measurements) -> Array:
-        """Return the torques (N, n) by joint, as repaired [N m or N].
-
-        tau_j(t) = gain_j raw_k(t + lead_j), with the channel k = tau_order[j]; between
-        rows it is interpolated linearly.
-        """
-        tau = run.tau[:, list(self.tau_order)]
+    def _torques_of_joints(self, run: Measurements) -> Array:
+        """Return the torques (N, n) of joints as repaired [N m or N]; a channel is
+        interpolated linearly between rows."""
+        channels = run.tau.T[list(self.tau_order)]
         for j, lead in enumerate(self.lead):
             if lead:
-                tau[:, j] = np.interp(run.t + lead, run.t, tau[:, j])
-        tau = self.within_limits(tau * self.torque_factors)
+                channels[j] = np.interp(run.t + lead, run.t, channels[j])
+        tau = np.ascontiguousarray(self.torques(channels).T)
         a = self.joints_by_motors
         return tau if a is None else tau @ np.linalg.inv(a)
 
@@ -386,6 +412,17 @@ ENTRIES: dict[str, _Entries] = {
     for name, hint in get_type_hints(LogTransform, include_extras=True).items()
     if hasattr(hint, "__metadata__")
 }
+
+
+def _straighten(value: Array, limit: float) -> Array:
+    """Return the true torque (M,) of a channel x (M,) whose amplifier saturates.
+
+    The channel reads x = s tanh(tau / s), with the limit s > 0 in its unit; the torque
+    is tau = s artanh(x / s). x / s is clipped just below 1, where artanh is infinite.
+    """
+    limit = max(limit, _TINY)  # a dead channel has no limit
+    share = np.clip(value / limit, -_LARGEST_SHARE_OF_LIMIT, _LARGEST_SHARE_OF_LIMIT)
+    return limit * np.arctanh(share)
 
 
 def _in_reverse(run: Measurements) -> Measurements:

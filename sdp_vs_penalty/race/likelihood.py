@@ -45,10 +45,6 @@ FEW_ROWS = 128
 #: Rows of several repaired motions that are computed at a time.
 ROWS_AT_A_TIME = 2000
 T = TypeVar("T")
-#: Least limit of an amplifier: a channel is divided by it.
-_TINY = 1e-300
-#: An amplifier's curve is inverted up to this share of its limit [-].
-_LARGEST_SHARE_OF_LIMIT = 0.999
 
 
 def keep_recent(results: dict[Any, T], key: Any, result: T, size: int) -> T:
@@ -164,35 +160,24 @@ class Likelihood:
     # -- torques and motion as repaired
 
     def channels(self, repair: LogTransform) -> Array:
-        """Return the joints' torques (n, M) as repaired [N m or N].
-
-        With k = tau_order[j] the channel that joint j takes, tau_j(t) = gain_j (s(x) +
-        lag_j dx/dt), x = raw_k(t + lead_j), where s straightens a channel that bends
-        towards its amplifier's limit. The torque is 0 where it is not used (see
-        :meth:`torque_mask`).
-        """
+        """Return the joints' torques (n, M) as repaired [N m or N]; 0 where they are not
+        used (see :meth:`torque_mask`)."""
         return self.torques(repair) * self.torque_mask(repair)
 
     def torques(self, repair: LogTransform) -> Array:
         """Return the joints' torques (n, M) as repaired, also where a joint does not
         slide [N m or N]; see :meth:`channels`.
         """
+        order = list(repair.tau_order)
         if not any((*repair.lead, *repair.lag, *repair.bend)):
             # Most repairs leave time and shape of the channels as they are.
-            values, _ = self.channels_at(0.0)
-            ordered = values.T[list(repair.tau_order)]
-            torque = repair.torque_factors[:, None] * ordered
-            return repair.within_limits(torque.T).T
-        repaired = np.empty((self.n, self.data.count))
-        for j, k in enumerate(repair.tau_order):
-            values, rates = self.channels_at(repair.lead[j])
-            value = values[:, k]
-            if repair.bend[j]:
-                limit = float(self.data.largest[k]) / repair.bend[j]
-                value = _straighten(value, limit)
-            lagging = value + repair.lag[j] * rates[:, k]
-            repaired[j] = repair.torque_factors[j] * lagging
-        return repair.within_limits(repaired.T).T
+            return repair.torques(self.channels_at(0.0)[0].T[order])
+        pairs = [self.channels_at(lead) for lead in repair.lead]
+        of_joints = [
+            (x[:, k], rate[:, k]) for k, (x, rate) in zip(order, pairs, strict=True)
+        ]
+        channels, rates = np.array(of_joints).swapaxes(0, 1)
+        return repair.torques(channels, rates, self.data.largest[order])
 
     def torque_mask(self, repair: LogTransform) -> Array:
         """Return which torques are used, (n, M): 1 where the joint slides, and 0
@@ -494,14 +479,3 @@ class Likelihood:
         energy_left = other_parts.left_of(parts, models).sum(axis=0)
         energy = positive(parts[..., -1, -1].sum(axis=0))
         return np.maximum(energy_left / energy, FLOOR)
-
-
-def _straighten(value: Array, limit: float) -> Array:
-    """Return the true torque (M,) of a channel x (M,) whose amplifier saturates.
-
-    The channel reads x = s tanh(tau / s), with the limit s > 0 in its unit; the torque
-    is tau = s artanh(x / s). x / s is clipped just below 1, where artanh is infinite.
-    """
-    limit = max(limit, _TINY)  # a dead channel has no limit
-    share = np.clip(value / limit, -_LARGEST_SHARE_OF_LIMIT, _LARGEST_SHARE_OF_LIMIT)
-    return limit * np.arctanh(share)
