@@ -43,6 +43,8 @@ _TEST_WORD = re.compile(r"(?<![A-Za-z])(?i:test)|(?<=[a-z])Test")
 #: of runs.
 Source: TypeAlias = Any
 
+#: Where a folder has its runs: in it, or as a data set of LeRobot has them.
+_PLACES_OF_RUNS = ("*", "chunk-*/*", "data/chunk-*/*")
 #: Travel of a joint that a brake or a controller holds [rad, m], and its share of what
 #: the joint that moves most does.
 _STILL = 0.01
@@ -305,9 +307,11 @@ def run_files(path: str | Path, joints: Sequence[str] = ()) -> list[Path]:
     if _is_joined(path, joints):
         return [path]
     if os.path.isdir(path) and format_of(path) is None:
-        return sorted(p for p in path.iterdir() if p.suffix.lower() in suffixes()) or [
-            path
-        ]
+        for place in _PLACES_OF_RUNS:
+            runs = [x for x in path.glob(place) if x.suffix.lower() in suffixes()]
+            if runs:
+                return sorted(runs)
+        return [path]
     pattern = any(c in str(path) for c in "*?[") and "\0" not in str(path)
     if pattern and not os.path.exists(path):
         paths = sorted(map(Path, glob.glob(str(path))))

@@ -33,6 +33,7 @@ from written_logs import (
 
 from sdp_vs_penalty import convert, load_measurements
 from sdp_vs_penalty.data import describe_columns, read_run, unit_of_clock
+from sdp_vs_penalty.data.files import run_files
 from sdp_vs_penalty.data.formats.text_file import PIECE
 from sdp_vs_penalty.data.hypotheses.orders import layouts
 from sdp_vs_penalty.data.hypotheses.weighing import CERTAIN
@@ -538,6 +539,11 @@ FORMS = {
 def test_the_same_motion_comes_out_of_every_form(case, tmp_path):
     rate = {"rate": RATE} if case.startswith("rate") else {}
     same(read(FORMS[case](tmp_path), **rate)[0])
+
+
+def test_the_runs_of_a_data_set_of_lerobot_are_those_of_its_folder(tmp_path):
+    run = lerobot(tmp_path)
+    assert run_files(tmp_path) == run_files(tmp_path / "data") == [run]
 
 
 REFUSED = {

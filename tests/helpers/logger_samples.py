@@ -106,6 +106,8 @@ TABLES = {
     # By the names of the controller's variables.
     "kuka_variables": "t=time; degrees=$AXIS_ACT.A{}; tau=$TORQUE_AXIS_ACT[{}]",
     "abb_rapid": "t=time; degrees=rax_{}; tau=torque_{}",
+    "abb_test_signals": "t=Time [s]; q=resolver_angle axis {}; dq=speed axis {};"
+    " tau=torque_ref axis {}; ones=dig_input1",
     "kortex": "t=time; degrees from 0=actuators[{z}].position;"
     " degrees/s=actuators[{z}].velocity; tau=actuators[{z}].torque;"
     " current=actuators[{z}].current_motor",
