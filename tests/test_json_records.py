@@ -178,9 +178,14 @@ def test_a_file_of_version_0_1_loads_and_is_written_as_it_was(name, load):
         ):
             assert again.pop(later) == []
         assert written.pop("events") == []  # what is no longer judged
+        assert (written.pop("format"), again.pop("format")) == (2, 3)
         for finding in written["effects"]:
             for gone in ("is_shown_beside_all", "n_splits", "n_splits_showing"):
                 finding.pop(gone)
+            finding["rivals"] = [
+                {"name": name, "joints": [], "constants": {}}
+                for name in finding.pop("indistinguishable_from")
+            ]
         for finding in again["effects"]:
             assert not finding.pop("helps")
             later = ("no_place_in", "held_law", "held_law_in")

@@ -100,7 +100,7 @@ def claims_of_diagnosis(found: Diagnosis) -> Iterator[Claim]:
     """Yield the claims of `diagnose`."""
     for finding in found.effects:
         words = f"{finding.effect.replace('_', ' ')}: {effect_in_words(finding.text)}"
-        rivals = ", ".join(finding.indistinguishable_from).replace("_", " ")
+        rivals = ", ".join(finding.rival_texts).replace("_", " ")
         explained = [x.sentence for x in finding.doubts if x.reason == "explained"]
         rivals = "; ".join(filter(None, (rivals, *explained)))
         text = f"{words}; as well: {rivals}" if rivals else words

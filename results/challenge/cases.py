@@ -133,15 +133,7 @@ CLASSES: Mapping[str, CaseClass] = {
     "payload": CaseClass("payload", "strong"),
 }
 
-_KEPT = (
-    "effect",
-    "joints",
-    "size",
-    "std",
-    "shape",
-    "confidence",
-    "indistinguishable_from",
-)
+_KEPT = ("effect", "joints", "size", "std", "shape", "confidence")
 
 
 @dataclass(frozen=True)
@@ -244,7 +236,11 @@ def _diagnosed(
     result = diagnosis.to_dict()
     record: Record = {
         "verdict": result["verdict"],
-        "found": [{name: f[name] for name in _KEPT} for f in result["effects"]],
+        "found": [
+            {name: f[name] for name in _KEPT}
+            | {"indistinguishable_from": [rival["name"] for rival in f["rivals"]]}
+            for f in result["effects"]
+        ],
         "retuned": result.get("retuned", []),
         "events": result["named_by_check"],
         "passing": result["passing"],

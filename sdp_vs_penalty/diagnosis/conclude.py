@@ -20,7 +20,7 @@ from sdp_vs_penalty.diagnosis.confidence import (
     reasons_for_doubt,
 )
 from sdp_vs_penalty.diagnosis.constants import MINOR, SURE_HELP
-from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
+from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.explanation import Explanation, Ladder
@@ -36,6 +36,7 @@ from sdp_vs_penalty.diagnosis.sliding import contradicted_by_sliding
 from sdp_vs_penalty.diagnosis.unexplained import Remainder
 from sdp_vs_penalty.diagnosis.white_rows import ConstantErrors, WhiteData
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.written import WrittenEffect, read_effect
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.exporters.export import files_without_place
 from sdp_vs_penalty.robot.arrays import Array
@@ -163,7 +164,7 @@ class Conclusion:
         held_out = self.ladder.held_out
         told, errors = self._told
         untold = [finding for finding in self.findings if not is_told(finding)]
-        replaces_untold = all(CURVE in f.indistinguishable_from for f in untold)
+        replaces_untold = all(f.fits_a_curve for f in untold)
         curves = self.described_curves if replaces_untold else ()
         # By joint (from 0): RMS torque beyond the noise [N m or N].
         unexplained = {
@@ -300,10 +301,8 @@ def describe_finding(judged: Judged, doubts: Sequence[Doubt], before: Array) -> 
     std_of_law = known.std_of_law(effect)
     std = float(np.hypot(std, std_of_law))
     _, std_of_rows = size_of(effect, known.beta, known.covariance_of_rows)
-    names = [_rival_name(effect, r.form.effect) for r in term.rivals]
-    rivals = dict.fromkeys([*names, *judged.resembles])  # each name once, in order
-    beside_curve = any(doubt.reason == "curve" for doubt in doubts)
-    equivalents = (*rivals, CURVE) if beside_curve else tuple(rivals)
+    rivals = [_rival_of(effect, r.form.effect) for r in term.rivals]
+    rivals += map(WrittenEffect, judged.resembles)
     parameters = zip(effect.parameters, known.beta, strict=True)
     law = term.held_law
     return Finding(
@@ -320,7 +319,7 @@ def describe_finding(judged: Judged, doubts: Sequence[Doubt], before: Array) -> 
         torque_std=known.torque.std,
         torque_unit=effect.robot.torque_units[known.torque.joint],
         parameters={p.name: float(b) for p, b in parameters},
-        indistinguishable_from=equivalents,
+        rivals=tuple({rival.text: rival for rival in rivals}.values()),
         held_out_rmse_before=before,
         held_out_rmse_after=before,
         physics=physics_of(effect, size),
@@ -334,18 +333,15 @@ def describe_finding(judged: Judged, doubts: Sequence[Doubt], before: Array) -> 
     )
 
 
-def _rival_name(effect: Effect, other: Effect) -> str:
-    """Return the name of a rival effect, ``other``, that differs from the finding's.
-
-    It is the rival's name if that differs. If the rival is the same effect on another
-    joint, the joint is appended ("viscous_friction:3"); if it is on the same joint, the
-    full text with constants is returned.
+def _rival_of(effect: Effect, other: Effect) -> WrittenEffect:
+    """Return a rival effect, ``other``, by what differs from the finding's: its name, else
+    its joint ("viscous_friction:3"), else its constants, with all of the rest.
     """
     if other.name != effect.name:
-        return other.name
+        return WrittenEffect(other.name)
     if other.joints == effect.joints:
-        return other.text
-    return f"{other.name}:{other.joints[0] + 1}"
+        return read_effect(other.text)
+    return WrittenEffect(other.name, (other.joints[0] + 1,))
 
 
 #: What is said of a noise that no repetition shows, by its source; and of errors without

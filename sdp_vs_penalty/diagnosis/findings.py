@@ -24,8 +24,8 @@ from sdp_vs_penalty.effects import (
     on_the_arm,
     standard_effect,
 )
-from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
-from sdp_vs_penalty.effects.written import read_effect
+from sdp_vs_penalty.effects.plain_words import ON_THE_ARM, written_in_words
+from sdp_vs_penalty.effects.written import WrittenEffect, read_effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import CHANGES, NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
@@ -52,8 +52,9 @@ if TYPE_CHECKING:
     import pandas
 
 
-#: Of findings.json.
-FINDINGS_FORMAT = 2
+#: Of findings.json, and the oldest that is read.
+FINDINGS_FORMAT = 3
+_OLDEST_FORMAT = 2
 #: Effects besides the main one that a cause names; more are counted.
 _MOST_NAMED = 2
 #: Kinds of findings that a button names; more are counted.
@@ -200,8 +201,9 @@ class Finding(Rated):
     std: float
     #: All parameters of the effect by name, in SI units.
     parameters: Mapping[str, float]
-    #: Effects that fit about as well: names, or texts with joint and constants.
-    indistinguishable_from: tuple[str, ...]
+    #: Effects that fit about as well: by name alone where they have another one and act
+    #: on the finding's joints, else with joint or constants.
+    rivals: tuple[WrittenEffect, ...]
     #: (n,) RMS errors on data left out with the findings before this one [N m or N].
     held_out_rmse_before: Array
     #: (n,) RMS errors on data left out with this finding as well [N m or N].
@@ -243,6 +245,15 @@ class Finding(Rated):
     torque_unit: str = ""
     #: Number in the diagnosis, from 1, which sets it; 0 for a finding of none.
     number: int = field(default=0, compare=False)
+
+    @classmethod
+    def upgraded(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Read the rivals of format 2, which are texts."""
+        if "indistinguishable_from" not in data:
+            return data
+        texts = data["indistinguishable_from"]
+        effects = [vars(read_effect(text)) for text in texts if text != CURVE]
+        return {**data, "rivals": effects}
 
     def in_unit(self, torque: str) -> Finding:
         """Return the same with its sizes in another unit of torque, such as "A"; "" leaves
@@ -307,7 +318,13 @@ class Finding(Rated):
     def rivals_in_words(self) -> str:
         """What fits as well, such as "joint spring on joint 2; base tilt"; "" if
         nothing does."""
-        return "; ".join(map(effect_in_words, self.indistinguishable_from))
+        named = [*map(written_in_words, self.rivals)]
+        return "; ".join([*named, effect_name(CURVE)] if self.fits_a_curve else named)
+
+    @property
+    def rival_texts(self) -> list[str]:
+        """What fits as well, as it is written; a measured curve last."""
+        return [*(rival.text for rival in self.rivals), *[CURVE] * self.fits_a_curve]
 
     @property
     def line(self) -> str:
@@ -331,8 +348,7 @@ class Finding(Rated):
     @property
     def says_open_law(self) -> bool:
         """Whether :attr:`on_the_arm` says a torque alone, and the laws that may make it."""
-        has_rivals = bool(self.rivals_without_curve)
-        return has_rivals and self.size_may_be_zero and self._torque_is_known
+        return bool(self.rivals) and self.size_may_be_zero and self._torque_is_known
 
     @property
     def size_is_open(self) -> bool:
@@ -349,15 +365,8 @@ class Finding(Rated):
         of the same physical effect.
         """
         reasons = {doubt.reason for doubt in self.doubts}
-        laws = [is_law_of(name, self.effect) for name in self.rival_effects]
+        laws = [is_law_of(rival.name, self.effect) for rival in self.rivals]
         return reasons <= {"rivals", "uncertain"} and all(laws)
-
-    @property
-    def rival_effects(self) -> list[str]:
-        """Names of the effects that fit as well, such as "backlash" for
-        "backlash:3@w=0.01".
-        """
-        return [read_effect(text).name for text in self.rivals_without_curve]
 
     @property
     def on_the_arm(self) -> str:
@@ -370,10 +379,7 @@ class Finding(Rated):
             if self.seen_against == "reversal":
                 when = f"at each reversal{where}"
             text = f"{ON_THE_ARM}a torque {when}, {self.torque_text}"
-            laws = [
-                effect_name(self.effect),
-                *map(effect_in_words, self.rivals_without_curve),
-            ]
+            laws = [effect_name(self.effect), *map(written_in_words, self.rivals)]
             open_law = (
                 f"; which law makes it is open: {', '.join(laws[:-1])} or {laws[-1]}"
             )
@@ -412,17 +418,15 @@ class Finding(Rated):
         head = f"{name} on {where}: {self.size_text}"
         head += f" ({self.constants})" if self.constants else ""
         text = f"{head}. {self.physics}"
-        if self.rivals_without_curve:
-            named = ", ".join(map(effect_in_words, self.rivals_without_curve))
+        if self.rivals:
+            named = ", ".join(map(written_in_words, self.rivals))
             text += f" Indistinguishable in these data from {named}."
         return text
 
     @property
-    def rivals_without_curve(self) -> tuple[str, ...]:
-        """The effects that fit as well; a measured curve, which is no effect, is left
-        out.
-        """
-        return tuple(name for name in self.indistinguishable_from if name != CURVE)
+    def fits_a_curve(self) -> bool:
+        """Whether a measured curve, which is no effect, explains its joint better."""
+        return any(doubt.reason == "curve" for doubt in self.doubts)
 
     @property
     def undecided(self) -> tuple[str, ...] | None:
@@ -435,14 +439,13 @@ class Finding(Rated):
         curve is the rival, or if a motion cannot decide
         (:attr:`cool_down_instruction`).
         """
-        if CURVE in self.indistinguishable_from or self.cool_down_instruction:
+        if self.fits_a_curve or self.cool_down_instruction:
             return None
-        if not self.joints or not self.indistinguishable_from:
+        if not self.joints or not self.rivals:
             return (self.text,) if self.doubts else None
-        rival = self.indistinguishable_from[0]
-        if ":" not in rival:  # a rival without joints acts on those of the finding
-            rival = f"{rival}:{self.joints[0]}"
-        return self.text, rival
+        rival = self.rivals[0]  # one without joints acts on those of the finding
+        joints = rival.joints or self.joints[:1]
+        return self.text, replace(rival, joints=joints).text
 
     def remedy(self, diagnosis: Diagnosis) -> Remedy:
         """Return what would mend the model: adding this finding of the diagnosis; the
@@ -455,8 +458,8 @@ class Finding(Rated):
         }
         before, after = diagnosis.errors_of(self)
         rivals = tuple(
-            Change("add", f"add {effect_in_words(text)}", {"effects": [text]})
-            for text in self.rivals_without_curve
+            Change("add", f"add {written_in_words(rival)}", {"effects": [rival.text]})
+            for rival in self.rivals
         )
         return Remedy(
             self.title,
@@ -557,8 +560,7 @@ class Finding(Rated):
         that such a rival makes the finding one of temperature.
         """
         types = effect_types()  # classes of effects by name
-        rivals = [types[name] for name in self.rival_effects]
-        is_rival_over_time = any(rival.follows_clock for rival in rivals)
+        is_rival_over_time = any(types[x.name].follows_clock for x in self.rivals)
         if types[self.effect].follows_clock or not is_rival_over_time:
             return ""
         return (
@@ -1376,10 +1378,8 @@ class Diagnosis(Record, JsonRecord):
             together, badge = group.findings, group.badge
             names = formatting.words([effect_name(f.effect) for f in together])
             likeness = ""
-            if rivals := main.rivals_without_curve[
-                : 0 if main.effect_is_certain else 1
-            ]:
-                names = f"{names} or {effect_in_words(rivals[0])}"
+            if main.rivals and not main.effect_is_certain:
+                names = f"{names} or {written_in_words(main.rivals[0])}"
             elif not main.effect_is_certain:
                 likeness = "something like "
             where = f"Joint {main.main_joint}" if main.joints else "The robot"
@@ -1641,7 +1641,7 @@ class Diagnosis(Record, JsonRecord):
         """Return the table of findings and re-estimated constants for display."""
         rows = []
         for finding in self.effects:
-            rivals = ", ".join(finding.indistinguishable_from)
+            rivals = ", ".join(finding.rival_texts)
             rows.append((finding.text, finding.size_text, finding.rating, rivals))
         rows += [(r.text, r.in_words, r.rating, "") for r in self.retuned]
         heads = ("effect", "size", "confidence", "indistinguishable from")
@@ -1650,11 +1650,7 @@ class Diagnosis(Record, JsonRecord):
     @property
     def beside_curves(self) -> tuple[Finding, ...]:
         """The findings that no measured curve replaces."""
-        return tuple(
-            f
-            for f in self.effects
-            if not self.curves or CURVE not in f.indistinguishable_from
-        )
+        return tuple(f for f in self.effects if not (self.curves and f.fits_a_curve))
 
     @property
     def format(self) -> int:
@@ -1719,7 +1715,7 @@ def _diagnosis_of(data: Mapping[str, Any]) -> Diagnosis:
     """Make a diagnosis of the content of a findings.json, after a check of its
     format.
     """
-    require_format(data, FINDINGS_FORMAT, FINDINGS_FORMAT, remedy="diagnose again")
+    require_format(data, FINDINGS_FORMAT, _OLDEST_FORMAT, remedy="diagnose again")
     return Diagnosis.from_dict(data)
 
 

@@ -59,8 +59,11 @@ def effect_in_words(text: str) -> str:
     'Stribeck friction on joint 1 (vs 0.0436, law dip)'
     """
     written = _read(text)
-    if written is None:
-        return text
+    return text if written is None else written_in_words(written)
+
+
+def written_in_words(written: WrittenEffect) -> str:
+    """Say an effect with its joints and shape constants in words of a sentence."""
     words = effect_name(written.name)
     if written.joints:
         words += f" on {formatting.joints(written.joints)}"

@@ -1,7 +1,7 @@
 """Effects as users and files write them: ``name[:joints][@constant=value]``."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from sdp_vs_penalty.errors import InputError
 
@@ -14,9 +14,16 @@ class WrittenEffect:
     #: Name of the effect, as `list effects` has it.
     name: str
     #: Numbers of the joints, from 1; none: all joints, or those of the robot as a whole.
-    joints: tuple[int, ...]
+    joints: tuple[int, ...] = ()
     #: Shape constants as they are written, by name.
-    constants: Mapping[str, str]
+    constants: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def text(self) -> str:
+        """The written form."""
+        joints = ":" * bool(self.joints) + "+".join(map(str, self.joints))
+        constants = (f"@{key}={value}" for key, value in self.constants.items())
+        return "".join([self.name, joints, *constants])
 
 
 def read_effect(text: str) -> WrittenEffect:

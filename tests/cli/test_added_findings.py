@@ -17,7 +17,6 @@ from sdp_vs_penalty import InputError
 from sdp_vs_penalty.diagnosis import Curve
 from sdp_vs_penalty.diagnosis.doubts import REASONS, Doubt
 from sdp_vs_penalty.diagnosis.findings import Retune
-from sdp_vs_penalty.effects import MeasuredCurve
 from sdp_vs_penalty.estimation.verdict import ErrorsBesideNoise
 from tests.cli.test_printed_commands import told
 
@@ -68,9 +67,7 @@ def curve(joint):
 def with_curve(found, joint):
     """With a curve on a joint (from 1), which replaces the finding there."""
     effects = tuple(
-        replace(f, indistinguishable_from=(MeasuredCurve.name,))
-        if f.joints == (joint,)
-        else f
+        replace(f, doubts=(*f.doubts, Doubt("curve"))) if f.joints == (joint,) else f
         for f in found.effects
     )
     return replace(found, effects=effects, curves=(curve(joint),))

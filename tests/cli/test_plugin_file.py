@@ -14,6 +14,7 @@ from small_runs import write_run
 
 from sdp_vs_penalty.api.registration import REGISTRIES, register_file
 from sdp_vs_penalty.cli.verbs import diagnose
+from sdp_vs_penalty.effects.written import WrittenEffect
 
 THEIRS = Path(__file__).parents[1] / "testing" / "theirs" / "theirs"
 
@@ -153,7 +154,9 @@ def test_a_diagnosis_says_what_became_of_ones_own_effect(
     named, in_model, words, file, capsys
 ):
     register_file(Path(file))
-    finding = SimpleNamespace(effect="viscous_friction", rival_effects=named)
+    finding = SimpleNamespace(
+        effect="viscous_friction", rivals=[*map(WrittenEffect, named)]
+    )
     result = SimpleNamespace(effects=(finding,), invisible=())
     diagnose._say_what_became_of_plugins(result, set(in_model))
     printed = " ".join(capsys.readouterr().out.split())

@@ -26,10 +26,10 @@ from sdp_vs_penalty.diagnosis import (
     least_squares_refit,
     whiten_rows,
 )
-from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.diagnose import diagnose as search
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.effects import Motion
+from sdp_vs_penalty.effects.written import WrittenEffect
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 
@@ -171,7 +171,7 @@ def test_two_joints_whatever_the_record(slope, what):
 
 
 def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
-    first = replace(found.effects[0], indistinguishable_from=(), doubts=())
+    first = replace(found.effects[0], rivals=(), doubts=())
     assert first.undecided is None
     weak = replace(first, doubts=(Doubt("alone"),))
     assert weak.undecided == (first.text,)
@@ -192,18 +192,16 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
     said = " ".join(capsys.readouterr().out.split())
     assert "To test finding 1, record: sdp-vs-penalty excite m.json" in said
     assert said.endswith("--out tell1.csv")
-    rivals = ("sigmoid_friction",)
-    told_apart = replace(first, indistinguishable_from=rivals).undecided
+    rivals = (WrittenEffect("sigmoid_friction"),)
+    told_apart = replace(first, rivals=rivals).undecided
     assert told_apart == (first.text, "sigmoid_friction:3")
     assert (
-        replace(
-            first, doubts=(Doubt("alone"),), indistinguishable_from=(CURVE,)
-        ).undecided
+        replace(first, doubts=(Doubt("alone"), Doubt("curve")), rivals=rivals).undecided
         is None
     )
     # No motion tells the clock from the temperature: a cold start does.
     warm = replace(
-        first, effect="warming_friction", indistinguishable_from=("drift_friction",)
+        first, effect="warming_friction", rivals=(WrittenEffect("drift_friction"),)
     )
     assert warm.undecided is None
     assert "cooled down" in warm.cool_down_instruction

@@ -30,7 +30,7 @@ def diagnosed(problem, arm):
 
 def set_of(finding):
     """The names of a finding and of what is not told from it."""
-    return {finding.effect, *(r.split(":")[0] for r in finding.indistinguishable_from)}
+    return {finding.effect, *(rival.name for rival in finding.rivals)}
 
 
 def confident(found):

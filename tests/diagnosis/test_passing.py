@@ -16,7 +16,12 @@ from sdp_vs_penalty import add, compare, diagnose, identify
 from sdp_vs_penalty.api.diagnosis import _spans_named
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis import Candidate, Diagnosis, conclude
-from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, Span, beside_spans
+from sdp_vs_penalty.diagnosis.passing.cause import (
+    PassingCause,
+    PassingLaw,
+    Span,
+    beside_spans,
+)
 from sdp_vs_penalty.diagnosis.passing.laws import PassingCandidate, point_of_force
 from sdp_vs_penalty.diagnosis.passing.spans import CellProducts, Cells, find_spans
 from sdp_vs_penalty.diagnosis.passing.trial import chance_of_groups, standing
@@ -220,7 +225,7 @@ def test_a_cause_is_a_sentence():
 
 def test_rivals_and_runs_are_named():
     spans = Span("a", 1.0, 2.0), Span("b", 3.0, 4.0)
-    text = cause(*spans, rivals=("torque:2",)).sentence
+    text = cause(*spans, rivals=(PassingLaw("torque", 2),)).sentence
     assert "from 1.0 s to 2.0 s of a and from 3.0 s to 4.0 s of b" in text
     assert text.endswith("; a constant torque on joint 2 would explain as much")
 

@@ -23,7 +23,9 @@ from sdp_vs_penalty.diagnosis import (
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.findings import ErrorWith, Retune
 from sdp_vs_penalty.diagnosis.own_constants import retune
+from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, PassingLaw, Span
 from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.effects.written import read_effect
 from sdp_vs_penalty.estimation import ShapeEstimate
 from sdp_vs_penalty.render.words import describe_diagnosis, errors_that_rise
 from sdp_vs_penalty.results.remedy import Change, Remedy
@@ -40,7 +42,7 @@ def finding(effect, joint, *rivals, **changes):
         "unit": "N m",
         "std": 0.1,
         "parameters": {},
-        "indistinguishable_from": rivals,
+        "rivals": tuple(map(read_effect, rivals)),
         "held_out_rmse_before": np.full(7, 2.0),
         "held_out_rmse_after": np.full(7, 1.0),
         "physics": "",
@@ -119,6 +121,30 @@ def test_a_doubt_of_another_version_is_read_and_its_finding_is_not_added():
     assert [f.text for f in read.helpful] == [read.effects[0].text]
     said = describe_diagnosis(read, ["N m"] * 7).findings[1].doubt
     assert "another version of this program doubted it ('by_itself')" in said
+
+
+def test_rivals_of_older_findings_which_are_texts_are_read():
+    """Those of what acts for a time too; that a curve explains more, a doubt says."""
+    curve = (Doubt("rivals"), Doubt("curve"))
+    rivals = ("backlash:3@w=0.01", "base_tilt")
+    found = diagnosis(finding("backlash", 2, *rivals, doubts=curve))
+    span = (Span("run1", 1.0, 2.0),)
+    cause = PassingCause(
+        "load", 7, 1.0, 0.1, "kg", (), (), span, 0.9, 50.0, (PassingLaw("force", 3),)
+    )
+    found = replace(found, passing=(cause,))
+    older = found.to_dict()
+    (first,), (passing,) = older["effects"], older["passing"]
+    del first["rivals"]
+    first["indistinguishable_from"] = [*rivals, "measured_curve"]
+    passing["rivals"] = ["force:3"]
+    read = Diagnosis.from_dict(older)
+    assert read.to_dict() == found.to_dict()
+    words = "backlash on joint 3 (w 0.01); base tilt; measured curve"
+    assert read.effects[0].rivals_in_words == words
+    assert read.passing[0].sentence.endswith(
+        "; a constant force on link 3 would explain as much"
+    )
 
 
 def test_a_size_whose_interval_holds_zero_is_not_called_sure():

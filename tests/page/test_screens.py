@@ -24,6 +24,7 @@ from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.findings import ErrorWith
 from sdp_vs_penalty.diagnosis.where_it_fails import UNNAMED
 from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.effects.written import WrittenEffect
 from sdp_vs_penalty.estimation import ShapeEstimate
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.exporters import EXPORTS
@@ -544,7 +545,7 @@ def show_every_kind(story):
     found = steps[0].findings
     (one,) = found.effects
     weak = {
-        "indistinguishable_from": ("torque_ripple",),
+        "rivals": (WrittenEffect("torque_ripple"),),
         "doubts": (Doubt("small"),),
         "helps": False,
     }

@@ -103,7 +103,7 @@ def _say_what_became_of_plugins(result: Diagnosis, in_model: set[str]) -> None:
 
     named = {x.effect for x in result.effects} | {x.effect for x in result.invisible}
     for finding in result.effects:
-        named |= {*finding.rival_effects}
+        named |= {rival.name for rival in finding.rivals}
     for name, kind in EFFECTS.all().items():
         if name in named | in_model or not EFFECTS.provider(name):
             continue

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import without_spans as leave_out
@@ -41,6 +42,23 @@ class Span(JsonRecord):
 
 
 @dataclass(frozen=True)
+class PassingLaw(JsonRecord):
+    """What kind of cause acts where."""
+
+    #: "load", "force", "torque" or "friction", as :class:`PassingCause` says; "gain" in
+    #: older files.
+    kind: str
+    #: Number of the link or joint, from 1.
+    place: int
+
+    @property
+    def in_words(self) -> str:
+        """What acts where, such as "a constant force on link 3"."""
+        what, part = _IN_WORDS[self.kind]
+        return f"{what} on {part} {self.place}"
+
+
+@dataclass(frozen=True)
 class PassingCause(JsonRecord):
     """What acts for a part of the runs only."""
 
@@ -68,8 +86,19 @@ class PassingCause(JsonRecord):
     share: float
     #: Evidence of the cause, as of findings.
     evidence: float
-    #: Laws that explain about as much, such as "force:3".
-    rivals: tuple[str, ...] = ()
+    #: Laws that explain about as much.
+    rivals: tuple[PassingLaw, ...] = ()
+
+    @classmethod
+    def upgraded(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Read the rivals of older findings, which are texts such as "force:3"."""
+        rivals = [
+            {"kind": x.split(":")[0], "place": int(x.split(":")[1])}
+            if isinstance(x, str)
+            else x
+            for x in data.get("rivals", ())
+        ]
+        return {**data, "rivals": rivals}
 
     @property
     def sentence(self) -> str:
@@ -87,7 +116,7 @@ class PassingCause(JsonRecord):
         )
         text += " then)"
         if self.rivals:
-            named = formatting.words([_law_in_words(r) for r in self.rivals])
+            named = formatting.words([law.in_words for law in self.rivals])
             text += f"; {named} would explain as much"
         return text
 
@@ -109,13 +138,6 @@ def spans_in_words(spans: Sequence[Span]) -> str:
         text = f"from {span.t_start:.1f} s to {span.t_end:.1f} s"
         texts.append(f"{text} of {span.run}" if span.run else text)
     return formatting.words(texts)
-
-
-def _law_in_words(law: str) -> str:
-    """Write a law such as "force:3" as "a constant force on link 3"."""
-    kind, place = law.split(":")
-    what, part = _IN_WORDS[kind]
-    return f"{what} on {part} {place}"
 
 
 def beside_spans(runs: Measurements, spans: Sequence[Span]) -> Measurements:

@@ -19,7 +19,7 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.constants import COARSENING_ROWS, EVIDENCE_TO_ADD
 from sdp_vs_penalty.diagnosis.evidence import EvidenceScorer
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit, with_ridge
-from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, Span
+from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, PassingLaw, Span
 from sdp_vs_penalty.diagnosis.passing.laws import (
     Law,
     PassingCandidate,
@@ -316,7 +316,7 @@ def _described(
         spans=_spans(data, trial.cells, x),
         share=trial.share,
         evidence=trial.term.evidence,
-        rivals=tuple(t.law.text for t in rivals),
+        rivals=tuple(PassingLaw(t.law.kind, t.law.place) for t in rivals),
     )
 
 
