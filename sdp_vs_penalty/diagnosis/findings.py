@@ -375,7 +375,7 @@ class Finding(Rated):
             if not self._torque_is_known:
                 return f"{ON_THE_ARM}these runs do not tell its size from zero."
             where = f" of {formatting.joints(self.joints)}" if self.joints else ""
-            when = f"that changes with the {self.seen_against}{where}"
+            when = f"that changes with the {self.seen_against or 'motion'}{where}"
             if self.seen_against == "reversal":
                 when = f"at each reversal{where}"
             text = f"{ON_THE_ARM}a torque {when}, {self.torque_text}"

@@ -190,14 +190,16 @@ class Effect(ABC):
     on_the_arm: ClassVar[str] = ""
     #: The same where torques are in a unit of the drives, such as A; "": no other.
     on_the_arm_unscaled: ClassVar[str] = ""
-    #: The cause against which a person sees its torque in a log: "velocity".
+    #: The cause against which a person sees its torque in a log: "velocity", "position",
+    #: "load", "time", "reversal"; "" where no single one shows it.
     seen_against: ClassVar[str] = ""
     #: What a simulator's file calls its parameters; "" where it has no place for them,
     #: or several (:meth:`simulator_terms`).
     simulator_field: ClassVar[SimulatorField] = ""
     #: A second statement of the law, for simulated worlds: the torque (N,) at size 1 of
     #: (motion, joint from 0, sign of its velocity (N,), shape constants by name). It
-    #: uses NumPy and its arguments alone, so that worlds share nothing with columns.
+    #: uses NumPy and its arguments alone, so that worlds share nothing with columns; of
+    #: the motion t, q, dq and ddq, which is all that a world has.
     hidden_torque: ClassVar[Callable[..., Array] | None] = None
     #: Non-linear shape constants by name; an object's own may be more or fewer than its
     #: class's.

@@ -1,7 +1,7 @@
 """What a further measurement would tell of a range, before it is done.
 
 Scales bound a link's mass, or the sum of masses where they weigh the arm: the range under
-that bound, about the value in the middle of the set, is what the scales would leave. With very much
+that bound, about the model's value, is what the scales would leave. With very much
 more motion c is nearly zero: consistency and bounds alone decide what remains. A known load at the
 flange adds known torque: it says nothing of a link by itself, but the same motion again with it
 halves the noise's variance and fixes the gains of the torque channels.
@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sdp_vs_penalty.data.files import Source
-from sdp_vs_penalty.estimation.constants import LEVEL
+from sdp_vs_penalty.estimation.constants import LEVEL, ROUNDING
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.ranges.allowed import AllowedSet, allowed_set, spread_of
 from sdp_vs_penalty.ranges.ends import EndSearch
@@ -30,6 +30,8 @@ from sdp_vs_penalty.robot.arrays import Array
 SCALES = 0.01
 #: Share of each interval that very much more motion would leave [-].
 _PERFECT = 1e-2
+#: Relative accuracy of the loss of the best fit under the scales.
+_ACCURACY = 1e-9
 _ANY_MOTION = "any motion, as long as you like"
 
 
@@ -57,7 +59,7 @@ def what_to_measure(
     """Return what measurements would leave of a linear function's range, the best
     first.
 
-    Each assumes that the scales show the value in the middle of the set, to a hundredth.
+    Each assumes that the scales show what the model says, to a hundredth.
 
     Parameters
     ----------
@@ -83,7 +85,9 @@ def what_to_measure(
     for scale in functions_by_name(posed.problem, posed.task.model, ["masses"]):
         if scale.name != function and scale.g is not None:
             what = "the arm" if scale.name == TOTAL else f"link {scale.name[1:]}"
-            after[f"weigh {what}"] = _after_weighing(allowed, middle, scale.g)
+            after[f"weigh {what}"] = _after_weighing(
+                allowed, estimate.theta, middle, scale.g
+            )
     out = []
     for measurement, smaller in after.items():
         # What is known already stays known.
@@ -94,22 +98,34 @@ def what_to_measure(
     return tuple(sorted(out, key=lambda worth: worth.length))
 
 
-def _ends(allowed: AllowedSet, g: Array) -> tuple[float, float]:
-    """Return the least and the greatest value of g^T theta."""
+def _ends(allowed: AllowedSet, g: Array) -> tuple[float, ...]:
+    """Return the least and the greatest value of g^T theta; zero where rounding is all
+    that differs."""
     ((low, high),) = EndSearch(allowed).both([g])
-    return low.value, high.value
+    smallest = 1e-9 * (high.value - low.value)
+    return tuple(x.value if abs(x.value) > smallest else 0.0 for x in (low, high))
 
 
-def _after_weighing(allowed: AllowedSet, middle: Array, g: Array) -> AllowedSet:
-    """Return the set with g^T theta within SCALES of its value in the middle (p,)."""
-    value = float(g @ middle)
+def _after_weighing(
+    allowed: AllowedSet, model: Array, middle: Array, g: Array
+) -> AllowedSet:
+    """Return the set with g^T theta within SCALES of its value in a model (p,), or in the
+    middle (p,) of the set where the model breaks a constraint."""
+    if allowed.constraints.margin(model) < -ROUNDING:
+        model = middle
+    value = float(g @ model)
     places = np.flatnonzero(g)
     rows = np.outer(g[places], [1.0, -1.0])
     ends = [-(1.0 - SCALES) * value, (1.0 + SCALES) * value]
     scales = build.linear("scales", "the measurement", places, rows, ends)
-    return replace(
-        allowed, constraints=allowed.constraints.plus([scales]), interior=middle
+    # From the model towards the middle, half as far as the scales allow: strictly inside.
+    away = abs(float(g @ middle) - value)
+    share = min(1.0, 0.5 * SCALES * value / away) if away > 0.0 else 1.0
+    inside = model + share * (middle - model)
+    weighed = replace(
+        allowed, constraints=allowed.constraints.plus([scales]), interior=inside
     )
+    return replace(weighed, fit=weighed.best_fit(_ACCURACY))
 
 
 def worth_sentence(found: Sequence[Worth]) -> str:

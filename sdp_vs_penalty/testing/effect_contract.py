@@ -26,7 +26,8 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.testing.demand import demand
+from sdp_vs_penalty.simulation.worlds.world import TrueMotion
+from sdp_vs_penalty.testing.demand import ContractError, demand
 from sdp_vs_penalty.testing.robots import link_parameters, sines, tree
 
 #: Returns the forms of an effect that are tried on a robot.
@@ -481,11 +482,16 @@ def check_hidden_torque(kind: type[Effect], forms: Forms) -> None:
     demand(not others, f"hidden_torque uses {', '.join(sorted(others))}")
     robot = robots()["arm"]
     motion = to_and_fro(robot)
+    in_a_world = TrueMotion(motion.t, motion.q, motion.dq, motion.ddq)
     for effect in forms(robot):
         columns_of_joints = wide_columns(effect, motion)
         for joint in effect.joints:
             columns = columns_of_joints[joint]  # (N, p)
-            torque = law(motion, joint, motion.sign(joint), **effect.shape)
+            try:
+                torque = law(in_a_world, joint, motion.sign(joint), **effect.shape)
+            except AttributeError as error:
+                sentence = "hidden_torque gets t, q, dq and ddq of a motion, no more"
+                raise ContractError(f"{sentence}: {error}") from error
             # Of several parameters a joint, the statement may be any sum.
             sizes = np.linalg.lstsq(columns, torque)[0]
             if len(effect.parameters) == len(effect.joints):

@@ -151,6 +151,16 @@ def test_a_measurement_leaves_a_shorter_range(model):
     assert all(x.length <= 1.0 + 1e-6 for x in worth)
 
 
+def test_scales_are_taken_to_show_what_the_model_says(model):
+    """What is weighed is the model's own mass, to a hundredth."""
+    mass = float(model.links[1][0])
+    (weighed,) = [
+        x for x in what_to_measure(model, "m2") if x.measurement == "weigh the arm"
+    ]
+    total = sum(float(link[0]) for link in model.links)
+    assert weighed.least <= mass <= weighed.greatest <= 1.02 * total
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("longer", "words"), [(1, "--longer 4"), (4, "--longer 16"), (16, "--bounds")]
