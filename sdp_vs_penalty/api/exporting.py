@@ -1,13 +1,18 @@
 """The verb ``export``: a model in another format, judged as that format holds it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import Source, as_measurements
+from sdp_vs_penalty.diagnosis.adding import identify_with
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare, compare_filtered
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.open_findings import verdict_beside
+from sdp_vs_penalty.effects import parse_effects
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.written import read_effect
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.exporters import export as exporting
@@ -79,12 +84,16 @@ class AsExported:
 
     #: Effects that the file has no place for.
     lost: tuple[str, ...]
-    #: The model without them.
+    #: The model without them, or identified again.
     model: Estimate
     #: Its errors on the runs.
     comparison: Comparison
     #: The verdict on it.
     verdict: Verdict
+    #: Whether it was identified again.
+    is_refitted: bool = False
+    #: The nearest laws that the file holds, in place of what it has no place for.
+    laws_in_place: tuple[Effect, ...] = ()
 
 
 def judge_as_exported(
@@ -115,3 +124,62 @@ def judge_as_exported(
     name = Path(out).name
     (compared,) = compare_filtered({name: held}, runs, noise=whole.noise)
     return AsExported(lost, held, compared, verdict_beside(findings, compared))
+
+
+def refit_as_exported(
+    held: AsExported,
+    laws: Sequence[Effect],
+    training: FilteredRuns,
+    judged: FilteredRuns,
+    whole: Comparison,
+    findings: Diagnosis | None = None,
+) -> AsExported:
+    """Identify a model again without what a file cannot hold.
+
+    Parameters
+    ----------
+    held : AsExported
+        The model without what the file cannot hold.
+    laws : sequence of Effect
+        What it holds in place of that (:func:`laws_in_place`).
+    training, judged : FilteredRuns
+        The runs that the model is identified from, and those that it is judged on.
+    whole : Comparison
+        All of the model on the runs that it is judged on.
+    findings : Diagnosis, optional
+        What a diagnosis of the model, or of one that it grew from, found.
+
+    Returns
+    -------
+    AsExported
+        The model that was identified again where it errs less, else ``held``.
+    """
+    again = identify_with(held.model, (*held.model.model.effects, *laws), training)
+    name = held.comparison.name
+    (compared,) = compare_filtered({name: again}, judged, noise=whole.noise)
+    if not compared.errors.size < held.comparison.errors.size:
+        return held
+    verdict = verdict_beside(findings, compared)
+    return AsExported(held.lost, again, compared, verdict, True, tuple(laws))
+
+
+def laws_in_place(
+    held: AsExported, out: str | Path, findings: Diagnosis | None
+) -> tuple[Effect, ...]:
+    """Return the nearest law that a file of this name holds in place of each finding that
+    it has no place for, where one is known and the model does not have it."""
+    lost = [read_effect(text) for text in held.lost]
+    present = {(e.name, j) for e in held.model.model.effects for j in e.joints}
+    laws = []
+    for finding in () if findings is None else findings.effects:
+        is_lost = any(
+            x.name == finding.effect and {*finding.joints} <= {*x.joints} for x in lost
+        )
+        if not (is_lost and finding.held_law):
+            continue
+        (law,) = parse_effects(finding.held_law, held.model.robot)
+        joints = {(law.name, joint) for joint in law.joints}
+        if joints.isdisjoint(present) and exporting.has_place(law, held.model, out):
+            laws.append(law)
+            present |= joints
+    return tuple(laws)

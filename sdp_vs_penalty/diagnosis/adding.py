@@ -141,6 +141,15 @@ def add(
     return extended
 
 
+def identify_with(
+    estimate: Estimate, effects: Sequence[Effect], runs: FilteredRuns
+) -> Estimate:
+    """Identify a model again with these effects as its only ones, by its own method and
+    constraints; constants that `identify` had estimated are estimated again."""
+    again = _Again(estimate, runs, seed=0, progress=no_progress)
+    return again.identified(_reopened(effects, estimate.report.shapes))
+
+
 def _searched_constants(
     added: Sequence[Effect], findings: Sequence[Finding]
 ) -> set[ConstantKey]:
@@ -356,9 +365,18 @@ def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
     retuned
         Constants with new values, at which they stay fixed.
     """
-    free = {s.key for s in estimate.report.shapes} - {r.key for r in retuned}
+    fixed = {r.key for r in retuned}
+    estimated = [s for s in estimate.report.shapes if s.key not in fixed]
+    return _reopened(with_shapes(estimate.model.effects, retuned), estimated)
+
+
+def _reopened(
+    effects: Sequence[Effect], estimated: Sequence[ShapeEstimate]
+) -> list[Effect]:
+    """Return effects with those of their shape constants free that were estimated."""
+    free = {s.key for s in estimated}
     out = []
-    for effect in with_shapes(estimate.model.effects, retuned):
+    for effect in effects:
         its_free = [
             shape
             for shape in effect.shapes

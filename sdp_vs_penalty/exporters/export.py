@@ -146,10 +146,13 @@ def as_exported(estimate: Estimate, out: str | Path) -> Estimate | None:
 def files_without_place(effect: Effect, estimate: Estimate) -> tuple[str, ...]:
     """Return which of FILES_TO_TAKE have no place for an effect beside a model."""
     return tuple(
-        name
-        for name in FILES_TO_TAKE
-        if not is_held(effect, estimate, getattr(format_of(name), "HOLDS", ()))
+        name for name in FILES_TO_TAKE if not has_place(effect, estimate, name)
     )
+
+
+def has_place(effect: Effect, estimate: Estimate, out: str | Path) -> bool:
+    """Whether a file of this name has a place for an effect beside a model."""
+    return is_held(effect, estimate, getattr(format_of(out), "HOLDS", ()))
 
 
 def effects_left_out(estimate: Estimate, out: str | Path) -> tuple[str, ...]:

@@ -58,7 +58,7 @@ def commands_of(session: RunIssues) -> list[list[str]]:
         names.append(name)
         commands.append(["add", *words, *frozen, "--out", name])
     for file, record in history[-1].exported.items():
-        if "model" in record:
+        if file in session.taken and record.get("model"):  # none in older projects
             commands.append(identify_words(record["effects"], f"for-{file}.json"))
             commands.append(["export", f"for-{file}.json", "--out", file])
     if history[-1].findings is not None:

@@ -19,7 +19,12 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.diagnosis import diagnose_and_add
-from sdp_vs_penalty.api.exporting import judge_as_exported
+from sdp_vs_penalty.api.exporting import (
+    AsExported,
+    judge_as_exported,
+    laws_in_place,
+    refit_as_exported,
+)
 from sdp_vs_penalty.api.identification import identify_and_judge
 from sdp_vs_penalty.api.remedies import (
     State,
@@ -74,7 +79,7 @@ from sdp_vs_penalty.errors import (
     other_robot,
 )
 from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
-from sdp_vs_penalty.estimation.constants import NORMAL_95
+from sdp_vs_penalty.estimation.constants import CHANGES, NORMAL_95
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.estimation.excitation import Limits, excite, save_trajectory
@@ -1141,13 +1146,15 @@ def open_model(job: JobRequest) -> Answer:
     train = job.runs.train
     estimate = job.model
     estimate.require_joints(train, job["model"])
+    job["frozen"] = True
     return summary(job, estimate)
 
 
 def judge(job: JobRequest) -> Answer:
     """Judge the models of a history again, on the runs as they are used now.
 
-    ``job["steps"]`` holds of each its file ("model") and the new file ("out"). Returns
+    ``job["steps"]`` holds of each its file ("model"), the new file ("out"), and whether
+    its parameters are kept ("frozen"). Returns
     {"steps": the record of each, as :func:`summary` makes it}.
     """
     records = []
@@ -1392,26 +1399,53 @@ def _distinct_names(runs: Sequence[Measurements]) -> list[str]:
 
 
 def _files_judged(
+    job: JobRequest,
     estimate: Estimate,
     filtered: FilteredRuns,
     comparison: Comparison,
     diagnosis: Diagnosis | None,
+    is_refitted: bool,
 ) -> Answer:
     """Judge what each file of `export` holds of a model, where that is not all: the field
-    ``exported`` of ModelStep. ``comparison`` is that of the model on the same runs."""
+    ``exported`` of ModelStep. ``comparison`` is that of the model on the same runs.
+
+    A file that errs more than the model is made of a model that is identified again for
+    it (``is_refitted``: unless parameters are kept), which is saved beside ``job["out"]``.
+    """
     judged = {}
+    limit = (1.0 + CHANGES) * comparison.errors.size
+    training: FilteredRuns | None = None
+    refits = dict[tuple[str, ...], tuple[AsExported, str]]()
     for home in EXPORTS.all().values():
         held = judge_as_exported(estimate, home.FILE, filtered, comparison, diagnosis)
         if held is None:
             continue
+        of_file, model = held, ""
+        if is_refitted and held.comparison.errors.size > limit:
+            if training is None:
+                job.progress("fitting what the files can hold")
+                train = job.windowed(job.runs.train)
+                training = FilteredRuns.filtering(train, estimate.preprocessing)
+            laws = laws_in_place(held, home.FILE, diagnosis)
+            texts = tuple(x.text for x in (*held.model.model.effects, *laws))
+            if texts not in refits:
+                on = training, filtered, comparison, diagnosis
+                again = refit_as_exported(held, laws, *on)
+                out = Path(job["out"])
+                out = out.with_name(f"held-{len(refits) + 1}-{out.name}")
+                again.model.save(out)
+                refits[texts] = again, out.name * again.is_refitted
+            of_file, model = refits[texts]
         judged[home.FILE] = {
-            **_error_of(held.comparison),
-            "lost": effects_in_words(held.lost),
-            "n_lost": len(held.lost),
+            **_error_of(of_file.comparison),
+            "lost": effects_in_words(of_file.lost),
+            "n_lost": len(of_file.lost),
             "effects": effects_to_estimate_again(
-                held.model.model.effects, held.model.report.shapes
+                of_file.model.model.effects, of_file.model.report.shapes
             ),
-            "verdict": held.verdict.to_dict(),
+            "verdict": of_file.verdict.to_dict(),
+            "model": model,
+            "in_place": effects_in_words([x.text for x in of_file.laws_in_place]),
         }
     return judged
 
@@ -1554,7 +1588,11 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         (stated,) = compare_filtered(as_it_came, judged, noise=comparison.noise)
         factory = _error_of(stated)
     job.progress("judging the files to export")
-    exported = _files_judged(estimate, judged, comparison, diagnosis)
+    frozen = any(effect.frozen_only for effect in estimate.model.effects)
+    exported = _files_judged(
+        *(job, estimate, judged, comparison, diagnosis),
+        is_refitted=not (frozen or job.get("frozen")),
+    )
     job.progress("looking where it fails")
     failures = _failures_of(estimate, judge, comparison)
     estimate.save(out)

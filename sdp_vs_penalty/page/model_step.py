@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -99,9 +99,9 @@ class ModelStep(JsonRecord):
     factory: dict[str, Any] = field(default_factory=dict)
     #: By file of `export` that cannot hold all of it, what is known of that file: the
     #: same, "lost" effects in words, their number "n_lost", "effects" that it holds as
-    #: `identify` takes them, "verdict" as the file says it; once identified "again"
-    #: without the lost ones, what that did, and the "model" that the file is made of,
-    #: where it errs less.
+    #: `identify` takes them, "verdict" as the file says it; the "model" that was
+    #: identified again for it, "" where that errs no less, and the laws in words that
+    #: this has "in_place" of what is lost.
     exported: dict[str, dict[str, Any]] = field(default_factory=dict)
     #: File that a person brought; "" for none.
     opened: str = ""
@@ -129,24 +129,6 @@ class ModelStep(JsonRecord):
         record = self.exported.get(file)
         return self.verdict if record is None else Verdict.from_dict(record["verdict"])
 
-    def beside(self, file: str, again: ModelStep) -> ModelStep:
-        """Return this step, with a file of `export` made of a model that was identified
-        without what it cannot hold, where that errs less; else as it is. The file says
-        both errors."""
-        record = self.exported[file]
-        errors = again.exported.get(file, again.errors)
-        before = record["error"]
-        done = f"Identified again without these: {before} → {errors['error']}."
-        kept: dict[str, Any] = {"again": f"{done} Worse: the file stays as it was."}
-        if errors.get("size", np.inf) < record.get("size", 0.0):
-            kept = {
-                **{name: errors[name] for name in ("size", "error", "worst")},
-                "again": f"{done} The file is made of that model.",
-                "model": Path(again.file).name,
-                "verdict": again.verdict_on(file).to_dict(),
-            }
-        return replace(self, exported={**self.exported, file: {**record, **kept}})
-
     def model_of(self, file: str) -> str:
         """The model.json that a file is made of."""
         name = self.exported.get(file, {}).get("model", "")
@@ -163,13 +145,6 @@ class ModelStep(JsonRecord):
             if other.get("size", np.inf) < limit:  # none in files of older versions
                 return f"Worse than {name} ({other['error']})."
         return ""
-
-    def is_refitted(self, file: str) -> bool:
-        """Whether a file is better made of a model identified without what it cannot hold:
-        as it is, it errs more than this one, and the parameters are not kept."""
-        record = self.exported.get(file, {})
-        is_free = not self.opened and not self.frozen and "again" not in record
-        return is_free and file in self._lesser
 
     def lesser_files(self, names: Collection[str]) -> str:
         """Say which of these files of `export` err more than the model, since they cannot

@@ -393,16 +393,6 @@ class Models(RobotAndRuns):
         self.history = [*self.history, step]
         self.new = "diagnose", "history"
 
-    async def identify_for(self, file: str) -> None:
-        """Identify without the effects that a file cannot hold, for this file alone: the
-        model stays as it is."""
-        effects = self.current.exported[file]["effects"]
-        found = self.findings and self.findings.to_dict()
-        again = await self._fit(f"Identifying for {file}", effects, diagnosed=found)
-        self._step_from_here(f"identified for {file}", keeps_models=True)
-        self.history = [*self.history[:-1], self.current.beside(file, again)]
-        self.new = ("use", "take-away")
-
     async def make_motion(
         self, change: Mapping[str, Any], ready: Callable[[str], None]
     ) -> None:

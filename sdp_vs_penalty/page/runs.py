@@ -303,7 +303,11 @@ class RobotAndRuns(RunIssues):
             return []
         n_files = len([*self.folder.glob("model-*.json")])
         steps = [
-            {"model": step.file, "out": str(self.folder / f"model-{k}.json")}
+            {
+                "model": step.file,
+                "out": str(self.folder / f"model-{k}.json"),
+                "frozen": step.frozen or bool(step.opened),
+            }
             for k, step in enumerate(kept, start=n_files + 1)
         ]
         title = "Testing the model" if len(steps) == 1 else "Testing the models"

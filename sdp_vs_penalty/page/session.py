@@ -85,9 +85,6 @@ class Session(Repairs):
 
         options : further fields of the request, such as the flange of a payload.
         """
-        if self.task is None and self.history and self.current.is_refitted(name):
-            self.start(self._refit_and_download, name, ready, options)
-            return
         request = self._content(name, options)
         if self.made.get(name) == json.dumps(request):
             ready(name)
@@ -101,13 +98,6 @@ class Session(Repairs):
             task = asyncio.get_running_loop().create_task(making)
             self.making.add(task)
             task.add_done_callback(self.making.discard)
-
-    async def _refit_and_download(
-        self, name: str, ready: Callable[[str], None], options: Mapping[str, str] | None
-    ) -> None:
-        """Make a file of a model which it can hold, and give it out."""
-        await self.identify_for(name)
-        await self._take_file(self._content(name, options), ready)
 
     async def _take_file(
         self,

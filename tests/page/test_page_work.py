@@ -1625,38 +1625,29 @@ def test_the_unit_of_one_run_is_asked_for_that_run(here, hidden, tmp_path):
 
 def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(identified):
     """The verdict on the card is the one in the file; a URDF that errs more is made of a
-    model without what it cannot hold, for this file alone and where that errs less."""
+    model that was identified without what it cannot hold, as its card says."""
     s = identified
     do(s, lambda: s.add("joint_spring:1"))
-    assert not s.current.is_refitted("robot.urdf")  # which errs no more than the model
-    model = replace(s.current, errors={**s.current.errors, "size": 1.0})
-    s.history = [*s.history[:-1], model]
-    assert "joint spring" in model.exported["robot.urdf"]["lost"]
-    before = model.verdict_on("robot.urdf")
+    model, record = s.current, s.current.exported["robot.urdf"]
+    assert "joint spring" in record["lost"]
+    assert not record["model"]  # it errs no more than the model
+    do(s, lambda: s.add("presliding_hysteresis:1"))
+    poor, record = s.current, s.current.exported["robot.urdf"]
+    assert record["model"]
+    made_of = load_estimate(poor.model_of("robot.urdf"))
+    lost = {"joint_spring", "presliding_hysteresis"}
+    assert lost.isdisjoint(effect.name for effect in made_of.model.effects)
     screen = Screen(s)
     screen.view.download = lambda name: None
     text = screen.text("take-away")
-    assert sentence(before.grade) in text
-    assert model.facts["grades"].text in text
-    assert screen.at("take-robot.urdf").text == "Refit and download"
+    assert sentence(poor.verdict_on("robot.urdf").grade) in text
+    assert poor.facts["grades"].text in text
+    assert "Fitted without" in text
+    assert "for-robot.urdf.json" not in str(s.commands())
     screen.click("take-robot.urdf")
-    again, record = s.current, s.current.exported["robot.urdf"]
-    assert replace(again, exported=model.exported) == model
-    assert record["size"] < model.exported["robot.urdf"]["size"]
-    assert f"→ {record['error']}. The file is made" in screen.text("take-away")
-    assert "for-robot.urdf.json" in s.commands()[-2]
-    assert screen.at("take-robot.urdf").text == "Download"
-    verdict = again.verdict_on("robot.urdf").brief()
+    assert "for-robot.urdf.json" in str(s.commands())
+    verdict = poor.verdict_on("robot.urdf").brief()
     assert verdict in (s.folder / "robot.urdf").read_text()
-    error = model.exported["robot.urdf"]["error"]
-    before_and_after = f"{error} → {error}"
-    assert model.beside("robot.urdf", model).exported["robot.urdf"] == {
-        **model.exported["robot.urdf"],
-        "again": f"Identified again without these: {before_and_after}. Worse: the file"
-        " stays as it was.",
-    }
-    s.undo()
-    assert s.current is model
     good = {"size": 0.0, "error": "within noise"}
     poor = replace(model, factory=good, errors={**model.errors, "size": 1.0})
     s.history = [*s.history[:-1], poor]

@@ -492,8 +492,9 @@ def test_everything_is_offered_and_every_control_does_what_it_says(story, monkey
         "forward",
     )
     screen.click("take-robot.xml")
-    taken = ("_refit_and_download", "robot.xml", view.download, {"flange": ""}, {})
-    assert called.pop() == taken
+    taken, request, ready, _ = called.pop()
+    assert (taken, request["name"], ready) == ("_take_file", "robot.xml", view.download)
+    assert request["flange"] == ""
     asked = {"methods": ["lmi-sdp", "penalty"]}
     assert called == [
         ("simulate", "joint_spring", [2], "weak", SEED, {}),

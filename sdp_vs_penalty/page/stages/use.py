@@ -105,7 +105,6 @@ def take_away(view: View) -> None:
 def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) -> None:
     """Draw the card of a file: what it is for, the verdict that stands in it, and a
     button to download it; of one that cannot hold all of the model first what it lacks.
-    What is handed out is then identified again without that, where that errs less.
     """
     model = session.current
     record = model.exported.get(name)
@@ -125,20 +124,21 @@ def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) 
             _lacking(name, record, worse)
         elif worse:
             draw.tag("p", with_whole_amounts(worse), "worst")
-        label = "Refit and download" if model.is_refitted(name) else "Download"
-        draw.button(label, take, f"take-{name}", "free", aria_label=f"{label} {name}")
+        label = f"Download {name}"
+        draw.button("Download", take, f"take-{name}", "free", aria_label=label)
 
 
 def _lacking(name: str, record: dict[str, Any], worse: str) -> None:
     """Draw what a file cannot hold of the model, and what it errs without that."""
     count = formatting.count(record["n_lost"], "effect")
     worst = record["worst"].rstrip(".")
-    text = f"Without {count}: {worst[:1].lower()}{worst[1:]}."
+    how = f"Fitted without {count}" if record.get("model") else f"Without {count}"
+    if laws := record.get("in_place"):
+        how = f"{how}, with {laws} in place"
+    text = f"{how}: {worst[:1].lower()}{worst[1:]}."
     draw.tag("p", with_whole_amounts(f"{text} {worse}".rstrip()), "worst")
     with draw.details("What it cannot hold", f"lacks-{name}"):
         draw.note(f"{formatting.sentence(record['lost'])}.")
-    if "again" in record:
-        draw.note(record["again"])
 
 
 @requires_model("forward", "Run forward", lambda s: s.answer("forward"))
