@@ -141,10 +141,10 @@ OLD = Path(__file__).parent / "data" / "written_by_0_1"
 
 
 def test_an_issue_that_0_1_wrote_is_as_todays():
-    """Its certainty was a text, and its remedy alone said that nothing has to be done."""
+    """Its certainty was a text, and kind and remedy alone said what has fields today."""
     written = json.loads((OLD / "model.json").read_text())
     issue = {
-        "kind": "spikes",
+        "kind": "positions in mm",
         "severity": "note",
         "certainty": "likely: seen: twice",
         "remedy": "no action needed: that is the torque",
@@ -152,7 +152,8 @@ def test_an_issue_that_0_1_wrote_is_as_todays():
     written["provenance"]["checks"] = {"hash": [issue]}
     (read,) = estimate_of_file(written).provenance["checks"]["hash"]
     certainty = {"grade": "likely", "why": "seen: twice"}
-    assert read == {**issue, "certainty": certainty, "needs_action": False}
+    fields = {"needs_action": False, "position_unit": "mm", "is_another_arm": False}
+    assert read == {**issue, **fields, "certainty": certainty}
     written["provenance"]["checks"] = {"hash": [read]}
     assert estimate_of_file(written).provenance["checks"]["hash"] == [read]
 

@@ -47,7 +47,6 @@ from sdp_vs_penalty.data.plausibility import (
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.race.kinds.position_unit import KINDS_OF_UNITS
 from sdp_vs_penalty.race.race import HeldRaces
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.signals.filtered import FilteredRuns
@@ -247,9 +246,9 @@ def judge_ranges(
     to be possible for this robot.
     """
     issues = [*report.issues]
-    explained = "encoder offset", *KINDS_OF_UNITS
-    has_rows = len(report.repaired_all.t) >= RUN
-    if has_rows and not any(f.kind in explained for f in issues):
+    is_unit_said = any(f.position_unit is not None for f in issues)
+    is_explained = is_unit_said or any(f.kind == "encoder offset" for f in issues)
+    if len(report.repaired_all.t) >= RUN and not is_explained:
         glance = RunSummary(report.repaired_all, problem)
         issues += [*channels.find_positions_outside_range(glance)]
     if not any(f.severity == "error" for f in issues):
@@ -273,7 +272,7 @@ def _with_range_error(
             check_plausible(problem.robot, run)
     except InputError as error:
         impossible = error
-    if any(f.kind in KINDS_OF_UNITS for f in issues):
+    if any(f.position_unit is not None for f in issues):
         percent = radians_per_percent(problem.robot, run.q)
         joints = enumerate(problem.robot.joints, 1)
         rails = {j for j, joint in joints if joint.kind == "prismatic"}

@@ -47,8 +47,6 @@ _DIFFERENCES = {
         "identify the runs apart, or log them as warm",
     ),
 }
-#: Differences that no change of the log can undo.
-NOT_REPAIRED = tuple(_DIFFERENCES)
 #: What competes with all that leaves much unexplained.
 SOMETHING_ELSE = "something that the model lacks, since much stays unexplained"
 #: What competes with a claim of low odds.
@@ -80,7 +78,7 @@ def issues_of_all(
     """
     issues = []
     for fault in list_faults(log, net):
-        if fault.kind == "torque gain" and not has_gains:
+        if fault.is_gain and not has_gains:
             continue
         claims = [x for x in verdict.claims_of_all() if _is_about(x, fault)]
         if fault.kind == DRIFT and len(runs) > 1:
@@ -189,7 +187,7 @@ def _of_fault(
         first = float(np.prod([claim.probabilities[0] for claim in claims]))
         figures["probability"] = first
         figures["as_likely"] = [{"kind": x.kind, **x.figures} for x in of_rivals]
-    is_repaired = fault.is_repairable and is_known
+    is_repaired = bool(fault.apply) and is_known
 
     issue = Issue(
         kind=fault.kind,
@@ -201,7 +199,9 @@ def _of_fault(
         changes=() if is_known else _asked(fault),
         repair=keep_only(log, net, [fault]).apply if is_repaired else None,
         figures=figures,
-        gravity=net.gravity_left if fault.kind.startswith("gravity") else None,
+        gravity=fault.gravity,
+        position_unit=fault.position_unit,
+        is_gain=fault.is_gain,
         apply=fault.apply if is_repaired else "",
         equivalents=tuple(as_likely),
         rivals=tuple(of_rivals),
@@ -244,12 +244,10 @@ def _of_rival(
         what=f"{', and '.join(x.sentence.rstrip('.') for x in faults)}.",
         remedy=", ".join(x.remedy for x in faults),
     )
-    if all(x.is_repairable for x in faults):
+    if all(x.apply for x in faults):
         repair = keep_only(log, rival.fit.chain, faults).apply
         return replace(issue, repair=repair, apply=" ".join(x.apply for x in faults))
-    if len(faults) == 1 and h.kind.startswith("gravity"):
-        return replace(issue, gravity=rival.fit.chain.gravity_left)
-    return issue
+    return replace(issue, gravity=faults[0].gravity) if len(faults) == 1 else issue
 
 
 def keep_only(
@@ -309,7 +307,8 @@ def issue_of_difference(
     h = claim.hypothesis
     repair = repair_of(claim)
     size = claim.size
-    if h.kind == "torque gain":  # by how much the torque is larger there
+    is_gain = h.number is not None and h.number.is_gain
+    if is_gain:  # by how much the torque is larger there
         size = float(np.exp(-size)) - 1.0
     apply = ""
     if repair is None:
@@ -349,6 +348,9 @@ def issue_of_difference(
         remedy=remedy,
         repair=None if repair is None else repair.apply,
         apply=apply,
+        position_unit=h.position_unit,
+        is_gain=is_gain,
+        is_another_arm=h.further is not None,
         joints=h.joints,
         run=name,
         size=size,

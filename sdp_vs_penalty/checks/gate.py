@@ -75,7 +75,7 @@ def raise_on_errors(
         (report.run, issue)
         for report in reports
         for issue in report.errors_and_warnings
-        if not (gains and issue.kind == "torque gain")
+        if not (gains and issue.is_gain)
     ]
     _raise_on_first_error(issues, f"{gate.otherwise} {verb} anyway", reports)
     for run, issue in issues:

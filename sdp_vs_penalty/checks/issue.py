@@ -72,6 +72,14 @@ class Issue(WritesJson):
     #: FACT, which is read from the file, or EXPLANATION, which a model of the arm
     #: gives: it competes with other explanations and is never an error.
     nature: str = FACT
+    #: Unit that it says positions are in; "" where a part of the joints has it alone;
+    #: None for an issue about no unit of positions.
+    position_unit: str | None = None
+    #: Whether it says that torque channels have another factor.
+    is_gain: bool = field(default=False, metadata=NOT_STORED)
+    #: Whether the arm is another one in this run (its load, its links, its friction): no
+    #: change of the log undoes that.
+    is_another_arm: bool = False
     #: What is left to be judged beside it.
     left: Left = field(default=Left.ALL, metadata=NOT_STORED)
     #: Word of `check --fix --apply` for the repair.
@@ -164,13 +172,16 @@ def make_issue(
     changes: Sequence[Change] = (),
     cause: str = "",
     left: Left = Left.ALL,
+    position_unit: str | None = None,
+    is_gain: bool = False,
+    is_another_arm: bool = False,
     **figures: Any,
 ) -> Issue:
     """Make an issue, mostly about some joints.
 
     Parameters
     ----------
-    kind, what, severity, certainty, repair, nature, apply, changes
+    kind, what, severity, certainty, repair, nature, apply, changes, left
         As the attributes of the issue. ``{where}`` in ``what`` stands for the place.
     remedy : str
         What to do, in one sentence.
@@ -180,6 +191,8 @@ def make_issue(
         From 0; None for an issue about no joint.
     where : str
         The place; default: the joints in words.
+    position_unit, is_gain, is_another_arm
+        As the attributes.
     cause : str
         What most likely made it so: it is said apart, and is likely at most.
 
@@ -207,6 +220,9 @@ def make_issue(
         figures={**numbers, **figures},
         nature=nature,
         left=left,
+        position_unit=position_unit,
+        is_gain=is_gain,
+        is_another_arm=is_another_arm,
         apply=apply,
         changes=tuple(changes),
     )

@@ -11,15 +11,15 @@ from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue, make_issue
 from sdp_vs_penalty.data.plausibility import far_outside
 from sdp_vs_penalty.race.constants import LOG_ODDS_OF_A_CLAIM, MAX_PHYSICS_LOG_ODDS
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
-from sdp_vs_penalty.race.kinds.position_unit import KINDS_OF_UNITS, as_likely_as_radians
+from sdp_vs_penalty.race.kinds.position_unit import as_likely_as_radians
 from sdp_vs_penalty.results.remedy import Change
 
-#: What confirms that positions which no joint reaches are in a unit, by the kind of issue.
+#: What confirms that positions which no joint reaches are in a unit.
 _INSIDE_AS = {
-    "positions in degrees": "degrees",
-    "position unit": "degrees",
-    "positions in per cent": "per cent",
-    "positions in mm": "millimetres",
+    "degrees": "degrees",
+    "": "degrees",
+    "per cent": "per cent",
+    "mm": "millimetres",
 }
 #: Factors that gears have.
 _OF_GEARS = "position scale", "gear ratio"
@@ -46,7 +46,7 @@ def units_as_facts(
     kinds_left_out = ("quantisation", *(_OF_GEARS if has_gears else ()))
     new_issues = list[Issue]()
     for issue in issues:
-        if issue.kind not in KINDS_OF_UNITS:
+        if issue.position_unit is None:
             if issue.kind not in kinds_left_out:
                 new_issues.append(issue)
         elif has_gears:
@@ -64,6 +64,7 @@ def _of_motors(issue: Issue) -> Issue:
         nature=FACT,
         severity="error",
         kind="position unit not said",
+        position_unit=None,
         what="the positions are in degrees, or the motors' behind gears: read in"
         " degrees, they leave the torques a factor that gears have.",
         certainty=possible("inside the joints' ranges by any such factor"),
@@ -86,7 +87,7 @@ def _as_fact(
         nature, severity = (FACT, "error") if is_sure else (EXPLANATION, "warning")
         return replace(issue, nature=nature, severity=severity)
     fact = replace(issue, nature=FACT, severity="error")
-    unit = _INSIDE_AS.get(issue.kind)
+    unit = _INSIDE_AS.get(issue.position_unit or "")
     if unit is None:
         return fact
     why = f"outside what the joints can reach, and inside it as {unit}"

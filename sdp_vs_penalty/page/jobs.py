@@ -350,8 +350,8 @@ def read(job: JobRequest) -> Answer:
         state = _holding(state, shared, remarks)
     answer = {"refused": refused, "remarks": remarks, "mappings": mappings}
     judged = _judged(job, state, kept)
-    kinds = [issue["kind"] for run in judged["runs"] for issue in run["findings"]]
-    if any(kind.startswith("positions in ") for kind in kinds):  # what else they may be
+    issues = [issue for run in judged["runs"] for issue in run["findings"]]
+    if any(issue["position_unit"] for issue in issues):  # what else they may be
         remarks[:] = [x for x in remarks if ": q may be " not in x]
     return answer | {"read": read_so} | judged
 

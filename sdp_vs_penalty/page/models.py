@@ -9,7 +9,6 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.certainty import POSSIBLE
-from sdp_vs_penalty.checks.explain import NOT_REPAIRED
 from sdp_vs_penalty.data.measurements import UNNAMED_UNIT
 from sdp_vs_penalty.diagnosis.causes import TIME, VELOCITY
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, is_law_of
@@ -134,10 +133,10 @@ class Models(RobotAndRuns):
         more, in a sentence: an error, or a likely cause that the person was not led to;
         "" where the arm itself may have changed."""
         differing = {name.partition(", ")[0] for name in self.current.differing_tests}
-        seen = {*self.seen_issues, *NOT_REPAIRED}
         for run in self.runs:
             for issue in run["findings"] if run["name"] in differing else ():
-                is_new = issue["severity"] == "warning" and issue["kind"] not in seen
+                is_new = issue["kind"] not in self.seen_issues
+                is_new &= issue["severity"] == "warning" and not issue["is_another_arm"]
                 grade = issue["certainty"]["grade"]
                 if issue["severity"] == "error" or (is_new and grade != POSSIBLE):
                     said = graded(

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks.explain import NOT_REPAIRED
 from sdp_vs_penalty.data.measurements import UNNAMED_UNIT
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.job_queue import JobQueue
@@ -70,7 +69,7 @@ class RunIssues(JobQueue):
         differing = [
             run
             for run in training
-            if any(issue["kind"] in NOT_REPAIRED for issue in run["findings"])
+            if any(issue["is_another_arm"] for issue in run["findings"])
         ]
         return differing if len(differing) < len(training) else []
 
@@ -118,8 +117,8 @@ class RunIssues(JobQueue):
         """Return the units of a run's positions and of its torque where these are not the
         robot's; "" where they are."""
         (one,) = (x for x in self.runs if x["name"] == run)
-        kinds = [issue["kind"].partition("positions in ") for issue in one["findings"]]
-        position = next((unit for begin, _, unit in kinds if unit and not begin), "")
+        units = [issue["position_unit"] for issue in one["findings"]]
+        position = next(filter(None, units), "")
         torque = one.get("torque_unit") or ("A?" if asks_for_unit(one) else "")
         return position, torque
 

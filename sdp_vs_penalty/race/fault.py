@@ -68,36 +68,6 @@ def prior_of_one_of(count: int) -> float:
     return -LOG_ODDS_AGAINST_FAULT - float(np.log(max(count, 1)))
 
 
-#: By kind of issue, the word of `--apply`, and the channel that it changes.
-APPLY = {
-    "positions in degrees": ("degrees", "q"),
-    "position unit": ("degrees", "q"),
-    "positions in per cent": ("percent", "q"),
-    "positions in mrad": ("mrad", "q"),
-    "positions in mdeg": ("mdeg", "q"),
-    "positions in counts": ("counts", "q"),
-    "positions in turns": ("turns", "q"),
-    "positions in shares": ("shares", "q"),
-    "positions in mm": ("mm", "q"),
-    "position scale": ("scale", "q"),
-    "clock rate": ("clock", "t"),
-    "time reversed": ("reverse", "t"),
-    "torque sign": ("sign", "tau"),
-    "position sign": ("sign", "q"),
-    "joint sign": ("sign", "joint"),
-    "torque order": ("order", "tau"),
-    "position order": ("order", "q"),
-    "joint order": ("order", "joint"),
-    "torque gain": ("gain", "tau"),
-    "gear ratio": ("ratio", "joint"),
-    "motor on the base": ("motor", "joint"),
-    "delay": ("delay", "tau"),
-    "channel delay": ("delay", "tau"),
-    "encoder offset": ("zero", "q"),
-    "command beyond the limit": ("limit", "tau"),
-}
-
-
 @dataclass(frozen=True)
 class Fault:
     """One fault of a log that a transform corrects, and what the user is told of it."""
@@ -121,10 +91,21 @@ class Fault:
     number_told: Callable[[float], float] = float
     #: Where the fault is, in words; empty: at its joints.
     place: str = ""
-    #: Whether a repaired log can be written.
-    is_repairable: bool = True
+    #: The word of `--apply` that repairs a log, and the channel that it changes; None
+    #: where no repaired log can be written.
+    repaired_by: tuple[str, str] | None = None
+    #: Unit that positions are in; "" where a part of the joints has it alone; None for a
+    #: fault that is about no unit of positions.
+    position_unit: str | None = None
+    #: Gravity that the torques show instead [m/s^2], for a fault about it.
+    gravity: tuple[float, ...] | None = None
     #: Numbers behind the fault, for JSON.
     figures: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_gain(self) -> bool:
+        """Whether torque channels have another factor."""
+        return self.number is not None and self.number.is_gain
 
     @property
     def sentence(self) -> str:
@@ -135,9 +116,9 @@ class Fault:
     def apply(self) -> str:
         """The word by which `check --fix --apply` tries the repair, as "sign:tau3";
         empty where no log can be repaired."""
-        verb, channel = APPLY.get(self.kind, ("", ""))
-        if not verb or not self.is_repairable:
+        if self.repaired_by is None:
             return ""
+        verb, channel = self.repaired_by
         numbered = "+".join(f"{channel}{j + 1}" for j in self.joints)
         return f"{verb}:{numbered or channel}"
 

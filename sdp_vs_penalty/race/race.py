@@ -149,7 +149,7 @@ class RaceOutcome:
         a motion of few directions. No claim is surer than the unit of positions before it.
         """
         first = self.claims[0]
-        is_unit_open = first.hypothesis.kind in position_unit.KINDS_OF_UNITS
+        is_unit_open = first.hypothesis.position_unit is not None
         is_unit_open &= any(x.is_of_all for x in first.rivals)
         has_no_witness = claim.hypothesis.tells_by_friction or self.is_doubtful
         has_no_witness |= is_unit_open

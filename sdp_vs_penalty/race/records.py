@@ -47,6 +47,11 @@ class Number:
     #: Smallest and largest possible size.
     limits: tuple[float, float] = (-1e9, 1e9)
 
+    @property
+    def is_gain(self) -> bool:
+        """Whether it is a factor of torque channels."""
+        return self.field == "gain"
+
     def size_in(self, chain: LogTransform) -> float:
         """Return the size in a transform."""
         entries = getattr(chain, self.field)
@@ -217,6 +222,8 @@ class Hypothesis:
     by_controller: str = ""
     #: Whether arms and loggers differ as much by themselves.
     is_usual: bool = False
+    #: Unit that positions are in, as its fault has it.
+    position_unit: str | None = None
 
     @property
     def name(self) -> tuple[str, tuple[int, ...]]:

@@ -221,8 +221,9 @@ def test_degrees_beside_a_factor_of_gears_are_not_certain(rival, kinds_left, gra
         certainty=likely("fits"),
         joints=range(7),
         log_odds=100.0,
+        position_unit="degrees",
     )
-    rivals = [replace(told, kind=rival)] if rival else []
+    rivals = [replace(told, kind=rival, position_unit=None)] if rival else []
     judged = units_as_facts([told, *rivals], True, None)
     assert [x.kind for x in judged] == kinds_left
     assert judged[0].certainty.grade == grade
@@ -567,7 +568,9 @@ def test_a_rail_in_mm_beside_degrees_is_likely(tmp_path):
 def test_a_unit_of_a_rail_is_never_certain():
     """Degrees of a rail are a factor as millimetres are."""
     said = {"remedy": "", "certainty": likely("fits"), "joints": [2]}
-    told = make_explanation("position unit", "q3", **said, log_odds=100.0)
+    told = make_explanation(
+        "position unit", "q3", **said, position_unit="", log_odds=100.0
+    )
     for rails, grade in (({3}, "likely"), ((), "certain")):
         (judged,) = units_as_facts([told], True, None, rails)
         assert judged.certainty.grade == grade

@@ -1603,7 +1603,12 @@ def test_the_unit_of_one_run_is_asked_for_that_run(here, hidden, tmp_path):
     s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:2], "a.csv", "b.csv"))
     gains = [
         make_explanation(
-            "torque gain", "", joints=[j], remedy="", run="b.csv", size=size
+            *("torque gain", ""),
+            remedy="",
+            joints=[j],
+            is_gain=True,
+            run="b.csv",
+            size=size,
         )
         for j, size in enumerate((-0.5, -0.75))
     ]
@@ -1690,7 +1695,12 @@ def test_a_new_run_in_another_unit_waits_for_its_unit(
     s = identified
     gains = [
         make_explanation(
-            "torque gain", "", joints=[j], remedy="", run="new.csv", size=-0.9
+            *("torque gain", ""),
+            remedy="",
+            joints=[j],
+            is_gain=True,
+            run="new.csv",
+            size=-0.9,
         )
         for j in (0, 1)
     ]

@@ -637,15 +637,16 @@ def test_no_refusal_or_remedy_needs_a_terminal(folder):
     assert not [text for text in shown if needs_a_terminal(text)]
 
 
-@pytest.mark.parametrize("kind", ["quantisation", "another load"])
+@pytest.mark.parametrize("is_another_arm", [False, True])
 @pytest.mark.parametrize("severity", ["error", "warning"])
 @pytest.mark.parametrize("n_runs", [1, 2])
 def test_every_issue_without_a_remedy_has_a_button(
-    story, monkeypatch, kind, severity, n_runs
+    story, monkeypatch, is_another_arm, severity, n_runs
 ):
     """It leaves its run out, sets it aside, or brings other runs."""
     session = story.session
-    issue = Issue(kind=kind, severity=severity, where="", what="bad", remedy="log it")
+    words = {"kind": "k", "where": "", "what": "bad", "remedy": "log it"}
+    issue = Issue(severity=severity, is_another_arm=is_another_arm, **words)
     problem = json.loads(json.dumps(issue.to_dict()))
     runs = [
         {**run, "findings": [problem] if k < n_runs else [], "use": "train"}

@@ -91,6 +91,7 @@ def _degrees(glance: RunSummary) -> Issue:
     largest = float(np.abs(glance.run.q[:, joints]).max())
     return make_issue(
         kind="positions in degrees",
+        position_unit="degrees",
         severity="error",
         joints=joints,
         what="the positions of {where} are in degrees and wrapped at 360: they reach"

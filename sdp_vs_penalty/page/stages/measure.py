@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks.explain import NOT_REPAIRED
 from sdp_vs_penalty.data.words.tokens import group_of
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
@@ -556,7 +555,7 @@ def _findings(view: View) -> None:
                 draw.note(formatting.sentence(spoken(issue["certainty"]["why"])))
             mends = [x for x in issue["remedies"] if x["change"]["verb"] != "cut"]
             is_tested = all(run["use"] == "test" for run in runs)
-            is_difference = issue["kind"] in NOT_REPAIRED
+            is_difference = issue["is_another_arm"]
             if is_difference and is_tested:
                 draw.tag("p", "It is tested on; no model is identified from it.")
             elif not mends or asks_for_unit({"findings": [issue]}):

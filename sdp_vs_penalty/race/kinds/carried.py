@@ -43,4 +43,5 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             remedy=f"identify with --motors {','.join(motors)}, or replace q{one} by"
             f" q{one} {back} q{before} and tau{before} by tau{before} {sign} tau{one}",
             without=chain.with_entries("carried", (j,), 0.0),
+            repaired_by=("motor", "joint"),
         )

@@ -45,6 +45,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             remedy="reverse q and tau in time",
             without=chain.with_defaults("reversed"),
             place="all rows",
+            repaired_by=("reverse", "t"),
         )
     rate = chain.rate
     if rate != 1.0:
@@ -57,6 +58,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             number=_RATE,
             in_words=lambda x: f"a factor of {np.exp(x):.3g}",
             place="column t",
+            repaired_by=("clock", "t"),
         )
 
 

@@ -99,7 +99,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
                 in_words=_milliseconds,
                 # A single joint is named by the issue itself.
                 place="all torque channels" if is_all and log.n > 1 else "",
-                is_repairable=field == "lead",
+                repaired_by=("delay", "tau") if field == "lead" else None,
             )
 
 

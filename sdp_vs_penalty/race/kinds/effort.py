@@ -48,4 +48,5 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             remedy="log the measured torque, or put the limit in the command's place",
             without=chain.with_entries("limit", (j,), 0.0),
             place=f"tau{j + 1}",
+            repaired_by=("limit", "tau"),
         )

@@ -147,7 +147,6 @@ def _drift(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
         " from the first row to the last.",
         remedy="let the sensor warm up and set its zero before the run",
         without=repair.without_event(event),
-        is_repairable=False,
         figures={"size": size},
     )
 
@@ -192,6 +191,5 @@ def _step(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
         remedy="cut the run there, or find out what touched the arm",
         without=repair.without_event(event),
         place=f"{name}, t = {{t:.4g}} s",
-        is_repairable=False,
         figures={"size": size, "t": event.at},
     )

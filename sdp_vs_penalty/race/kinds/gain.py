@@ -72,5 +72,6 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             number=_number((j,)),
             in_words=lambda log_factor: times_text(float(np.exp(log_factor))),
             number_told=abs,
+            repaired_by=("gain", "tau"),
             figures={"factor": factor},
         )

@@ -40,5 +40,6 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             without=number.at(chain, 0.0),
             number=number,
             in_words=lambda x: f"a factor of {np.exp(x):.3g}",
+            repaired_by=("ratio", "joint"),
             figures={"factor": ratio},
         )

@@ -142,7 +142,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         remedy=remedy,
         without=_with_gravity(chain, assumed),
         place="the base",
-        is_repairable=False,
+        gravity=chain.gravity_left,
         figures={"angle_degrees": angle, "vector": vector},
     )
 

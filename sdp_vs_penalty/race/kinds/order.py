@@ -13,11 +13,14 @@ from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis
 
 #: By kind: the fields of a transform that hold the channels' order, the channels in
-#: words, and the names of their columns.
-_KINDS: dict[str, tuple[tuple[str, ...], str, str]] = {
-    "joint order": (("order", "tau_order"), "positions and torques", "q, dq and tau"),
-    "position order": (("order",), "the positions", "q and dq"),
-    "torque order": (("tau_order",), "the torques", "tau"),
+#: words, the names of their columns, and what a repair is of.
+_KINDS: dict[str, tuple[tuple[str, ...], str, str, str]] = {
+    "joint order": (
+        ("order", "tau_order"),
+        *("positions and torques", "q, dq and tau", "joint"),
+    ),
+    "position order": (("order",), "the positions", "q and dq", "q"),
+    "torque order": (("tau_order",), "the torques", "tau", "tau"),
 }
 
 
@@ -28,13 +31,13 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     now, poor = fit.chain, fit.is_poorly_explained
     joints = tuple(evidence.log.joints)
     if len(joints) > 3 and poor.any():
-        for kind, (fields, _, _) in _KINDS.items():
+        for kind, (fields, *_) in _KINDS.items():
             from_the_wrist = {name: getattr(now, name)[::-1] for name in fields}
             reverse = replace(now, **from_the_wrist)
             yield Hypothesis(kind, joints, prior_of_one_of(1), reverse)
     prior = prior_of_one_of(evidence.log.n * (evidence.log.n - 1) // 2)
     for pair in combinations(joints, 2):
-        for kind, (fields, _, _) in _KINDS.items():
+        for kind, (fields, *_) in _KINDS.items():
             if kind == "torque order" or poor[list(pair)].any():
                 yield Hypothesis(kind, pair, prior, now.with_swap(*pair, *fields))
 
@@ -45,7 +48,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     is_same = chain.order == chain.tau_order
     kinds = ["joint order"] if is_same else ["position order", "torque order"]
     for kind in kinds:
-        fields, words, columns = _KINDS[kind]
+        fields, words, columns, channel = _KINDS[kind]
         order = getattr(chain, fields[0])
         changed = tuple(np.flatnonzero(np.array(order) != np.arange(log.n)).tolist())
         if not changed:
@@ -60,4 +63,5 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             what=f"{words} of {joints_text(changed)} are swapped{which}.",
             remedy=f"rename the columns of {columns}",
             without=chain.with_defaults(*fields),
+            repaired_by=("order", channel),
         )

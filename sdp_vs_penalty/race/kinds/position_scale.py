@@ -73,9 +73,10 @@ def _fault(log: Likelihood, chain: LogTransform, joints: tuple[int, ...]) -> Fau
     where = f"position of {joints_text(joints)} is"
     if is_all:
         where = "positions of all joints are"
-    are = times_text(scale)
+    are, unit = times_text(scale), None
     if is_all and scale < c.LARGEST_COUNT:
-        kind, number = COUNTS, counts_a_turn(log)
+        kind, number = f"positions in {COUNTS}", counts_a_turn(log)
+        unit = COUNTS
         are = f"in counts of an encoder with {_TURN / scale:.5g} a turn"
     channels = ", ".join(f"q{j + 1}" for j in joints)
     # The sign of a position is a fault of its own.
@@ -93,7 +94,9 @@ def _fault(log: Likelihood, chain: LogTransform, joints: tuple[int, ...]) -> Fau
         remedy=f"multiply {channels} (and dq) by {scale:.5g}",
         without=without,
         number=number,
-        in_words=_counts_in_words if kind == COUNTS else _factor_in_words,
+        in_words=_counts_in_words if unit else _factor_in_words,
         place=channels if is_all else "",
+        repaired_by=(unit or "scale", "q"),
+        position_unit=unit,
         figures={"factor": scale},
     )

@@ -42,8 +42,8 @@ class PositionUnit:
     """A unit of revolute positions: radians are scale times the logged number, plus
     middle."""
 
-    #: Kind of hypothesis and issue.
-    kind: str
+    #: Its name in the kind of issue; "" of degrees that a part of the joints has.
+    unit: str
     #: What the positions are in, in words.
     words: str
     #: What they are multiplied by, in words.
@@ -58,6 +58,16 @@ class PositionUnit:
     usual: float = 2e-3
     #: Its name where a command says the unit; "" of one that is said by its factors.
     name: str = ""
+
+    @property
+    def kind(self) -> str:
+        """Kind of hypothesis and issue."""
+        return f"positions in {self.unit}" if self.unit else "position unit"
+
+    @property
+    def repaired_by(self) -> tuple[str, str]:
+        """The word of `--apply` that undoes it, and the channel."""
+        return self.unit.replace(" ", "") or "degrees", "q"
 
     @property
     def is_small(self) -> bool:
@@ -91,26 +101,22 @@ class PositionUnit:
         return numbers
 
 
-#: Kind of positions that are an encoder's counts.
-COUNTS = "positions in counts"
+#: Positions that are an encoder's counts.
+COUNTS = "counts"
 _DEGREES = PositionUnit(
-    "positions in degrees", "degrees", "pi / 180", NAMED["deg"], usual=1.0, name="deg"
+    "degrees", "degrees", "pi / 180", NAMED["deg"], usual=1.0, name="deg"
 )
 UNITS = (
     _DEGREES,
     PositionUnit(
-        "positions in per cent",
+        "per cent",
         "per cent of each joint's range, from -100 to 100, as LeRobot writes them",
         "a hundredth of half of the range",
         1.0,
         is_share=True,
     ),
-    PositionUnit(
-        "positions in mrad", "milliradians", "0.001", NAMED["mrad"], name="mrad"
-    ),
-    PositionUnit(
-        "positions in mdeg", "millidegrees", "pi / 180000", NAMED["mdeg"], name="mdeg"
-    ),
+    PositionUnit("mrad", "milliradians", "0.001", NAMED["mrad"], name="mrad"),
+    PositionUnit("mdeg", "millidegrees", "pi / 180000", NAMED["mdeg"], name="mdeg"),
     *(
         PositionUnit(
             COUNTS,
@@ -125,18 +131,16 @@ UNITS = (
             *((bits, 0.0, "") for bits in ENCODER_BITS),
         )
     ),
+    PositionUnit("turns", "turns", "2 pi", _TURN, usual=0.02, name="turns"),
     PositionUnit(
-        "positions in turns", "turns", "2 pi", _TURN, usual=0.02, name="turns"
-    ),
-    PositionUnit(
-        "positions in shares",
+        "shares",
         "shares of each joint's range, from -1 to 1",
         "half of the range",
         100.0,
         is_share=True,
     ),
     PositionUnit(
-        "positions in shares",
+        "shares",
         "shares of each joint's range, from 0 to 1",
         "all of the range",
         200.0,
@@ -144,18 +148,15 @@ UNITS = (
         is_share=True,
     ),
 )
-#: What positions of prismatic joints may have been multiplied by, by the kind of issue: what
-#: undoes it, both in words. A program that makes degrees of all columns changes rails, too.
-_OF_RAILS = {
-    "positions in mm": (NAMED["mm"], "0.001", "in millimetres"),
-    "position unit": (
-        _DEGREES.scale,
-        _DEGREES.factor,
-        "57.3 times too large, as if degrees were made of radians",
+_OF_A_PART = replace(_DEGREES, unit="")
+#: What positions of prismatic joints may have been multiplied by. A program that makes
+#: degrees of all columns changes rails, too.
+_OF_RAILS = (
+    PositionUnit("mm", "in millimetres", "0.001", NAMED["mm"]),
+    replace(
+        _OF_A_PART, words="57.3 times too large, as if degrees were made of radians"
     ),
-}
-#: Kinds of issue that say in which unit positions are.
-KINDS_OF_UNITS = (*dict.fromkeys(unit.kind for unit in UNITS), *_OF_RAILS)
+)
 
 
 def counts_a_turn(log: Likelihood) -> Number:
@@ -184,9 +185,9 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     if not rails:
         yield from _of_angles(log, fit, fit.chain, largest)
         return
-    for kind, (scale, _, _) in _OF_RAILS.items():
-        chain = fit.chain.with_multiplied("scale", rails, scale)
-        yield Hypothesis(kind, rails, prior_of_one_of(1), chain)
+    for unit in _OF_RAILS:
+        chain = fit.chain.with_multiplied("scale", rails, unit.scale)
+        yield _hypothesis(unit, rails, prior_of_one_of(1), chain)
         yield from _of_angles(log, fit, chain, largest)
 
 
@@ -206,7 +207,20 @@ def _of_angles(
         return  # the only joint is all joints
     for j in beyond_turn:
         in_degrees = chain.with_multiplied("scale", (j,), _DEGREES.scale)
-        yield Hypothesis("position unit", (j,), prior_of_one_of(log.n), in_degrees)
+        yield _hypothesis(_OF_A_PART, (j,), prior_of_one_of(log.n), in_degrees)
+
+
+def _hypothesis(
+    unit: PositionUnit,
+    joints: tuple[int, ...],
+    log_prior: float,
+    chain: LogTransform,
+    number: Number | None = None,
+) -> Hypothesis:
+    """Return the hypothesis that positions of joints are in a unit."""
+    return Hypothesis(
+        unit.kind, joints, log_prior, chain, number, position_unit=unit.unit
+    )
 
 
 def _units_of_all(
@@ -223,14 +237,14 @@ def _units_of_all(
         if not numbers:
             continue
         # Counts about a middle are those of one encoder; of others the size is estimated.
-        has_free_count = unit.kind == COUNTS and not unit.middle
+        has_free_count = unit.unit == COUNTS and not unit.middle
         number = counts_a_turn(log) if has_free_count else None
         chain = _in_radians(now, numbers)
         travels = np.ptp(chain.positions(log.data.motion.q), axis=0)[log.revolute]
         log_travel = float(np.log(max(travels.max(), 1e-9)))
         prior = prior_of_one_of(1) + float(np.log(unit.usual))
         prior -= 0.5 * (log_travel / _SPREAD_OF_TRAVEL) ** 2
-        yield Hypothesis(unit.kind, tuple(numbers), prior, chain, number)
+        yield _hypothesis(unit, tuple(numbers), prior, chain, number)
 
 
 def _prismatic(log: Likelihood) -> list[int]:
@@ -308,19 +322,22 @@ def undone_unit(
 def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     """Yield one fault about all revolute joints, or those in degrees, and one about
     prismatic joints."""
-    for kind, (scale, factor, are) in _OF_RAILS.items():
-        long = [j for j in _prismatic(log) if np.isclose(abs(chain.scale[j]), scale)]
+    sizes = np.abs(chain.scale)
+    for unit in _OF_RAILS:
+        long = [j for j in _prismatic(log) if np.isclose(sizes[j], unit.scale)]
         if not long:
             continue
         lengths = ", ".join(f"q{j + 1}" for j in long)
         yield Fault(
-            kind=kind,
+            kind=unit.kind,
             joints=tuple(long),
-            what=f"the positions of {joints_text(long)} are {are}: they reach"
+            what=f"the positions of {joints_text(long)} are {unit.words}: they reach"
             f" {np.abs(log.data.motion.q[:, long]).max():.4g}.",
-            remedy=f"multiply {lengths} (and their dq) by {factor}",
-            without=chain.with_multiplied("scale", long, 1.0 / scale),
+            remedy=f"multiply {lengths} (and their dq) by {unit.factor}",
+            without=chain.with_multiplied("scale", long, 1.0 / unit.scale),
             place=lengths,
+            repaired_by=unit.repaired_by,
+            position_unit=unit.unit,
         )
     unit, numbers = undone_unit(log, chain)
     joints = tuple(numbers)
@@ -335,12 +352,15 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     if len(joints) == 1:
         places, are, they_reach = "position", "is", "it reaches"
     channels = ", ".join(f"q{j + 1}" for j in joints)
+    of_fault = unit if len(joints) == len(log.revolute) else _OF_A_PART
     yield Fault(
-        kind=unit.kind if len(joints) == len(log.revolute) else "position unit",
+        kind=of_fault.kind,
         joints=joints,
         what=f"the {places} of {joints_text(joints)} {are} in {unit.words}:"
         f" {they_reach} {largest:.4g}.",
         remedy=f"multiply {channels} (and dq) by {unit.factor}",
         without=without,
         place=channels,
+        repaired_by=of_fault.repaired_by,
+        position_unit=of_fault.unit,
     )

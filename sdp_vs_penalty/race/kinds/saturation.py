@@ -52,5 +52,4 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             without=chain.with_entries("bend", (j,), 0.0),
             number=_number(j),
             in_words=lambda value: f"{percent_text(value)} of the limit is reached",
-            is_repairable=False,
         )

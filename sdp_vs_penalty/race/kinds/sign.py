@@ -89,6 +89,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             what=f"the position of joint {j + 1} has the wrong sign.",
             remedy=f"flip the sign of q{j + 1} (and dq{j + 1})",
             without=with_signs(chain, "position sign", (j,)),
+            repaired_by=("sign", "q"),
         )
     if joints := tuple(np.flatnonzero(is_q_turned & is_tau_turned).tolist()):
         count = "counts" if len(joints) == 1 else "count"
@@ -99,6 +100,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             what=f"{joints_text(joints)} {count} the other way, position and torque alike.",
             remedy=f"flip the signs of {formatting.words(channels)}",
             without=with_signs(chain, "joint sign", joints),
+            repaired_by=("sign", "joint"),
         )
     if joints := tuple(np.flatnonzero(is_tau_turned & ~is_q_turned).tolist()):
         where = "every joint" if len(joints) == log.n else joints_text(joints)
@@ -108,4 +110,5 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             what=f"the torque of {where} has the wrong sign.",
             remedy=f"flip the sign of {', '.join(f'tau{j + 1}' for j in joints)}",
             without=with_signs(chain, "torque sign", joints),
+            repaired_by=("sign", "tau"),
         )

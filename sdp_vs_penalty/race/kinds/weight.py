@@ -51,5 +51,5 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             without=chain.with_entries("lacks", joints, 0.0),
             number=_number(joints),
             in_words=percent_text,
-            is_repairable=False,
+            gravity=chain.gravity_left,
         )

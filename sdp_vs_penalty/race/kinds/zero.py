@@ -93,6 +93,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             number=None if middles[j] else zero_number(log, j),
             in_words=partial(_minus, of_size),
             number_told=operator.neg,
+            repaired_by=("zero", "q"),
             figures={"shifts": [offset]},
         )
 
