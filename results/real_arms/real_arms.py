@@ -4,7 +4,7 @@
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them. From each split's
 training part a model is identified and diagnosed. Its error on the unseen part is
-measured three times: bare, with the confident findings added, and with all findings.
+measured three times: bare, with the helpful findings added, and with all findings.
 Beside them stands the error by the robot's file alone, where the data hold one.
 Writes real_arms.csv and real_arms.md; naming arms makes their rows alone.
 """
@@ -122,14 +122,11 @@ def joint_errors(
 
 
 def rows_of(split: Split) -> Iterator[dict[str, object]]:
-    """Yield a row for each joint: errors bare, with confident and with all findings."""
+    """Yield a row for each joint: errors bare, with helpful and with all findings."""
     bare = identify(split.problem, split.train, check=False)
     diagnosis = diagnose(bare, split.train, check=False)
     errors = {"bare": joint_errors(bare, split.unseen, bare)}
-    for name, findings in (
-        ("confident", diagnosis.helpful),
-        ("all", diagnosis.effects),
-    ):
+    for name, findings in (("helpful", diagnosis.helpful), ("all", diagnosis.effects)):
         model = add(bare, list(findings), split.train) if findings else bare
         errors[name] = joint_errors(model, split.unseen, bare)
     errors |= file_errors(split, bare)
@@ -138,7 +135,7 @@ def rows_of(split: Split) -> Iterator[dict[str, object]]:
             "split": split.name,
             "joint": joint + 1,
             **{name: float(rmse[joint]) for name, rmse in errors.items()},
-            "n_confident": len(diagnosis.helpful),
+            "n_helpful": len(diagnosis.helpful),
             "n_all": len(diagnosis.effects),
         }
 
@@ -164,24 +161,24 @@ def largest_ratio(rows: pandas.DataFrame, column: str) -> tuple[float, int]:
 
 def report(rows: pandas.DataFrame) -> str:
     """Write the tables: a row a split, and the Panda's joints over its folds."""
-    header = ["split", "findings", "confident", "mean, confident", "mean, all"]
-    header += ["worst joint, confident", "worst joint, all"]
+    header = ["split", "findings", "helpful", "mean, helpful", "mean, all"]
+    header += ["worst joint, helpful", "worst joint, all"]
     cells = []
     for name, of_split in rows.groupby("split", sort=False):
         counts = of_split.iloc[0]
-        worst = [largest_ratio(of_split, c) for c in ("confident", "all")]
+        worst = [largest_ratio(of_split, c) for c in ("helpful", "all")]
         cells.append(
             [
                 str(name),
                 str(counts["n_all"]),
-                str(counts["n_confident"]),
-                *(f"{mean_ratio(of_split, c):.2f}" for c in ("confident", "all")),
+                str(counts["n_helpful"]),
+                *(f"{mean_ratio(of_split, c):.2f}" for c in ("helpful", "all")),
                 *(f"{ratio:.2f} (joint {joint})" for ratio, joint in worst),
             ]
         )
     panda = rows[rows["split"].str.startswith("Panda")]
     by_joint = [
-        [str(joint), *(f"{mean_ratio(of_joint, c):.2f}" for c in ("confident", "all"))]
+        [str(joint), *(f"{mean_ratio(of_joint, c):.2f}" for c in ("helpful", "all"))]
         for joint, of_joint in panda.groupby("joint")
     ]
     with_file = rows["split"][rows["file"].notna()].unique()
@@ -195,7 +192,7 @@ def report(rows: pandas.DataFrame) -> str:
         "",
         "## The Panda's joints, over its folds",
         "",
-        *markdown_lines(["joint", "confident", "all"], by_joint),
+        *markdown_lines(["joint", "helpful", "all"], by_joint),
         *(line for split in with_file for line in errors_by_joint(split, rows)),
     ]
     return "\n".join(text) + "\n"
@@ -203,12 +200,12 @@ def report(rows: pandas.DataFrame) -> str:
 
 def errors_by_joint(split: str, rows: pandas.DataFrame) -> list[str]:
     """Return the table of a split's errors: by the maker's file, and by ours."""
-    columns = ("file", "bare", "confident", "all")
+    columns = ("file", "bare", "helpful", "all")
     cells = [
         [str(row["joint"]), *(f"{row[c]:.3g}" for c in columns)]
         for _, row in rows[rows["split"] == split].iterrows()
     ]
-    header = ["joint", "maker's file", "identified", "with confident", "with all"]
+    header = ["joint", "maker's file", "identified", "with helpful", "with all"]
     return ["", f"## Errors, {split} [N m]", "", *markdown_lines(header, cells)]
 
 

@@ -15,10 +15,10 @@ static inline void @_cross(double sign, const double a[3], const double b[3], do
     out[k] += sign * (a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3]);
 }
 
-/* out = A b, or A' b, added to what is there */
-static inline void @_times(const double A[3][3], int transposed, const double b[3], double out[3]) {
+/* out = A b, or A' b, added to what is there; A: nine numbers, row by row */
+static inline void @_times(const double *A, int transposed, const double b[3], double out[3]) {
   for (int i = 0; i < 3; i++)
-    for (int j = 0; j < 3; j++) out[i] += (transposed ? A[j][i] : A[i][j]) * b[j];
+    for (int j = 0; j < 3; j++) out[i] += A[transposed ? 3 * j + i : 3 * i + j] * b[j];
 }
 
 /* torque that links need on each joint, from each link's mass, first moments and inertia about its joint's frame */
@@ -53,9 +53,9 @@ static inline void @_links(const double q[], const double dq[], const double ddq
     @_cross(1.0, u[p], r[i], carried);
     @_cross(1.0, w[p], r[i], inner);
     @_cross(1.0, w[p], inner, carried);
-    @_times(R[i], 1, carried, a[i]);
-    @_times(R[i], 1, w[p], w[i]);
-    @_times(R[i], 1, u[p], u[i]);
+    @_times(&R[i][0][0], 1, carried, a[i]);
+    @_times(&R[i][0][0], 1, w[p], w[i]);
+    @_times(&R[i][0][0], 1, u[p], u[i]);
     @_cross(slides[i] ? 2.0 : 1.0, w[i], push, slides[i] ? a[i] : u[i]);
     for (int k = 0; k < 3; k++) {
       (slides[i] ? a[i] : u[i])[k] += ddq[i] * s[k];
@@ -66,8 +66,8 @@ static inline void @_links(const double q[], const double dq[], const double ddq
     @_cross(1.0, w[i], first[i], swung); /* f = m a + u x mc + w x (w x mc) */
     @_cross(1.0, u[i], first[i], f[i]);
     @_cross(1.0, w[i], swung, f[i]);
-    @_times(inertia[i], 0, w[i], spun); /* m = I u + w x I w + mc x a */
-    @_times(inertia[i], 0, u[i], m[i]);
+    @_times(&inertia[i][0][0], 0, w[i], spun); /* m = I u + w x I w + mc x a */
+    @_times(&inertia[i][0][0], 0, u[i], m[i]);
     @_cross(1.0, w[i], spun, m[i]);
     @_cross(1.0, first[i], a[i], m[i]);
   }
@@ -75,9 +75,9 @@ static inline void @_links(const double q[], const double dq[], const double ddq
     double handed[3] = {0};
     load[i] = 0.0;
     for (int k = 0; k < 3; k++) load[i] += axis[i][k] * (slides[i] ? f[i] : m[i])[k];
-    @_times(R[i], 0, f[i], handed);
+    @_times(&R[i][0][0], 0, f[i], handed);
     for (int k = 0; k < 3; k++) f[parent[i]][k] += handed[k];
-    @_times(R[i], 0, m[i], m[parent[i]]);
+    @_times(&R[i][0][0], 0, m[i], m[parent[i]]);
     @_cross(1.0, r[i], handed, m[parent[i]]);
   }
 }

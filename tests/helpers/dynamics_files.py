@@ -94,7 +94,16 @@ def by_c(path, robot, q, dq, ddq):
         f" *t) {{ {function}(q, v, a, t); }}"
     )
     # Twice as fast to compile as -O2, which test_written_formats compiles with.
-    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Og", "-shared", "-fPIC"]
+    strict = [
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-pedantic-errors",
+        "-Og",
+        "-shared",
+        "-fPIC",
+    ]
     subprocess.run(["cc", *strict, str(source), "-o", str(library), "-lm"], check=True)
     loaded = ctypes.CDLL(str(library))
     out = np.zeros_like(q)
