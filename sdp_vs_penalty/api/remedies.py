@@ -174,6 +174,9 @@ def _read(change: Change, state: State) -> State:
         scaled(run, scale) if name in (None, run.names[0]) else run
         for run in state.runs
     ]
+    if "tau" in scale:
+        by_size = bool(change.arguments.get("by_size"))
+        runs = [replace(run, gains_by_size=by_size) for run in runs]
     return replace(state, runs=tuple(runs))
 
 

@@ -34,6 +34,7 @@ from sdp_vs_penalty.checks.issue import (
 from sdp_vs_penalty.checks.long_runs import issues_of_run, windows_of
 from sdp_vs_penalty.checks.position_units import units_as_facts
 from sdp_vs_penalty.checks.report import Report
+from sdp_vs_penalty.checks.torque_size import gains_are_by_size
 from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
 from sdp_vs_penalty.data.hypotheses.by_arm import likeliest_scale
@@ -229,6 +230,8 @@ def _facts_of(problem: Problem, run: Measurements, only_sure: bool = False) -> R
             issues += stuck.find_bad_torque_channels(glance)
             issues += magnitude.find_magnitudes(glance)
             issues += magnitude.find_model_torques(glance)
+            if work.gains_by_size:
+                issues.append(gains_are_by_size())
             if not work.is_unit_stated:
                 issues += channels.find_torques_in_counts(glance)
         if left_to_judge(issues) > Left.FACTS:

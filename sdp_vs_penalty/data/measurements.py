@@ -96,6 +96,9 @@ class Measurements(Shown):
         names do not; "" where they do.
     unit_by_arm : str
         Unit of q that the arm's torques have told, "" where they have told none.
+    gains_by_size : bool
+        Whether ``tau`` is in N m by gains that fit the robot's masses, and that nobody has
+        stated.
     file_rows : (N,) array of int, optional
         Number in its file of each sample's row; default: sample k, from 0, is row k + 2.
     episode : (N,) array of int, optional
@@ -117,6 +120,7 @@ class Measurements(Shown):
     reading: str = ""
     unit_command: str = ""
     unit_by_arm: str = ""
+    gains_by_size: bool = False
     file_rows: NDArray[np.int64] | None = None
     episode: NDArray[np.int64] | None = None
     #: Recordings that these samples are windows of; none: they are a whole recording. A
@@ -527,6 +531,7 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
         episode=episode,
         reading=" ".join(sentences),
         unit_command=asked,
+        gains_by_size=any(run.gains_by_size for run in runs),
     )
     if not any(part._cut_from for part in several):
         return together

@@ -272,9 +272,13 @@ class _Again:
             seed=self.seed,
             progress=self.progress,
         )
-        return estimate_parameters(
+        again = estimate_parameters(
             self.estimate.problem, self.runs, self.estimate.estimator, options
         )
+        known = self.estimate.provenance
+        if known["runs"] == again.provenance["runs"]:  # and so are their doubts
+            again.provenance["checks"] = known.get("checks", {})
+        return again
 
     def identified_jointly(
         self, effects: Sequence[Effect], to_estimate: Sequence[Effect]

@@ -82,13 +82,17 @@ DOUBTS = frozenset(
         "torque channel kind",
         "torque in counts",
         "torque unit",
+        "gains by size",
         "torque not explained",
         "units of the problem",
         "masses of the problem",
     }
 )
 #: What a person calls some of them.
-_DOUBTS_IN_WORDS = {"torque channel kind": "the torques' unit"}
+_DOUBTS_IN_WORDS = {
+    "torque channel kind": "the torques' unit",
+    "gains by size": "N m, no surer than the masses of the robot file",
+}
 
 
 @dataclass(frozen=True)

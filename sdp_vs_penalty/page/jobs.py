@@ -39,7 +39,6 @@ from sdp_vs_penalty.checks.gate import Gate
 from sdp_vs_penalty.checks.issue import Issue, make_issue
 from sdp_vs_penalty.checks.long_runs import is_long
 from sdp_vs_penalty.checks.report import list_remedies
-from sdp_vs_penalty.checks.torque_size import gains_are_by_size
 from sdp_vs_penalty.data.catalogue import DATASETS, dataset
 from sdp_vs_penalty.data.datasets import fetch as fetch_dataset
 from sdp_vs_penalty.data.files import (
@@ -187,7 +186,9 @@ class JobRequest(dict[str, Any]):
             replace(
                 as_measurements(self.folder / run["file"], usable=False),
                 names=(run["name"],),
-                torque_unit=run.get("torque_unit", ""),  # older projects have none
+                # Older projects have neither.
+                torque_unit=run.get("torque_unit", ""),
+                gains_by_size=bool(run.get("gains_by_size")),
             )
             for run in runs
         ]
@@ -310,7 +311,8 @@ def read(job: JobRequest) -> Answer:
             remarks += filter(None, map(_news_of, said))
             if "scale" in how:
                 remarks.append(f"{name}: read in the units of runs like it.")
-            part = replace(part, names=(name,))
+            by_size = "scale" in how and _has_gains_by_size(job, names)
+            part = replace(part, names=(name,), gains_by_size=by_size)
             check_torque(part)
             _refuse_duplicate(part, state.runs, path)
             state = replace(state, runs=(*state.runs, part))
@@ -320,7 +322,6 @@ def read(job: JobRequest) -> Answer:
                     "in_commands": f"{Path(name).stem}_read.csv" if how else name,
                     "columns": names,
                     "stated": "scale" in how,
-                    "gains_by_size": "scale" in how and _has_gains_by_size(job, names),
                     "rougher": _rougher_block(path, how.get("rename", ""), names),
                 }
             )
@@ -442,14 +443,12 @@ def _names_of_columns(path: Path) -> list[str]:
 def _kept_of(run: Mapping[str, Any]) -> Answer:
     """Return what stays in the record of a run, whatever is done to its samples: its use,
     what commands call its file, the columns of that, whether a person has stated its
-    units, whether its gains are judged by size, and the columns that are rougher than its
-    torque."""
+    units, and the columns that are rougher than its torque."""
     return {
         "use": run["use"],
         "in_commands": run["in_commands"],
         "columns": run.get("columns", []),  # older projects have none
         "stated": bool(run.get("stated")),
-        "gains_by_size": bool(run.get("gains_by_size")),
         "rougher": run.get("rougher", ""),
     }
 
@@ -496,8 +495,6 @@ def _judged(job: JobRequest, state: State, kept: Sequence[Answer]) -> Answer:
     for record in records:
         if rougher := record.get("rougher"):
             record["findings"].insert(0, _computed_torque(rougher).to_dict())
-        if record.get("gains_by_size"):
-            record["findings"].append(gains_are_by_size().to_dict())
     return {
         "runs": records,
         "remedies": to_json(list_remedies(reports)),
@@ -543,8 +540,6 @@ def change(job: JobRequest) -> Answer:
     if change.verb == "read":
         for k in chosen:
             kept[k]["stated"] = True
-            if "tau" in change.arguments.get("scale", {}):
-                kept[k]["gains_by_size"] = bool(change.arguments.get("by_size"))
     for stays, name in zip(kept, job["names"], strict=True):
         stays["in_commands"] = name
     return {"effect": effect} | _judged(job, replace(after, runs=runs), kept)
@@ -914,6 +909,7 @@ def keep(
         "rate": sample_rate(shown) if seconds > 0.0 else 0.0,
         "findings": findings,
         "torque_unit": part.torque_unit,
+        "gains_by_size": part.gains_by_size,
     }
 
 

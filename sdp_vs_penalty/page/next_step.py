@@ -28,7 +28,7 @@ from sdp_vs_penalty.page.model_step import joints_of
 from sdp_vs_penalty.page.models import MOTION
 from sdp_vs_penalty.page.run_issues import asks_for_unit, is_refused
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.spoken import heading_of, label_of, spoken
+from sdp_vs_penalty.page.spoken import label_of, spoken
 from sdp_vs_penalty.page.stages.use import models_taken
 from sdp_vs_penalty.page.view import (
     StageVerdict,
@@ -124,10 +124,9 @@ def _with_doubt_of_log(session: Session, step: NextStep) -> NextStep:
         other = step.other or _name_unit(session)
         return replace(step, text=f"{step.text}{said}", other=other)
     if session.has_gains_by_size:
-        text = f"{step.text} {heading_of('gains by size')}."
-        level = "usable" if step.level == "good" else step.level
-        other = step.other or _name_unit(session)
-        return replace(step, text=text, level=level, other=other)
+        (doubt,) = [spoken(line.text) for line in lines if line.about == LOG] or [""]
+        text = f"{step.text} {doubt * (doubt not in step.text)}".rstrip()
+        return replace(step, text=text, other=step.other or _name_unit(session))
     if step.other is None and any(line.about == LOG for line in lines):
         label = "Or see what Check says"
         other = NextStep("", label, "check", session.see_issues)

@@ -1779,14 +1779,21 @@ def test_gains_by_size_are_doubted_until_they_are_typed(in_amperes):
     assert doubt in screen.text("check")
     assert doubt in screen.text("next")
     do(session, session.identify)
-    assert doubt in screen.text("next")
-    assert next_step(screen.view).level != "good"
+    in_brief = doubt.partition(" (")[0].replace(" are", ",")
+    for add in (None, "joint_spring:1"):  # what is added makes nothing surer
+        if add:
+            do(session, lambda text=add: session.add(text))
+        assert in_brief in screen.text("next")
+        assert next_step(screen.view).level != "good"
+        model = load_estimate(session.current.file)
+        assert in_brief in str(model.provenance["verdict"])
     typed = {"scale": {"tau": ":".join(map(str, gains))}}
     change = {"verb": "read", "words": "read tau by its gains", "arguments": typed}
     do(session, lambda: session.read_in_unit(change))
     assert len(session.repairs) == 1
     assert doubt not in screen.text("check")
     assert doubt not in screen.text("next")
+    assert in_brief not in screen.text("next")
     assert checked(session).level == "good"
 
 
