@@ -188,6 +188,8 @@ def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recogn
     """Return the run of a log, what its columns were taken for, and the log, perhaps with
     a column a joint."""
     log, found = channels_of(log, choice)
+    if choice.rate is None and "t" not in found.rename:
+        found = _with_counter(log, found)
     if choice.rate is None and "t" not in found.rename and log.rate is not None:
         _remark(log, f"{log.rate:g} rows a second, as the file's header says")
         choice = replace(choice, rate=log.rate)
@@ -222,6 +224,38 @@ def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recogn
         found = replace(found, rename=rename, said=(*found.said, what))
         run, found = _run_of_columns(log, found, choice)
     return log, run, found
+
+
+def _with_counter(log: Log, found: Recognition) -> Recognition:
+    """Take the column that counts rows as the clock, where it shows that rows were lost or
+    come twice, and the header or the velocities tell the rate."""
+    from sdp_vs_penalty.data.hypotheses.orders import counts_rows
+    from sdp_vs_penalty.data.hypotheses.proposals import rate_of
+
+    used = {*found.rename.values(), found.episode}
+    counters = [
+        name
+        for name, column in log.columns.items()
+        if name not in used and column.kind == "number" and counts_rows(column.head)
+    ]
+    if len(counters) != 1 or log.is_of_messages:
+        return found
+    pairs = {x: y for x, y in found.rename.items() if group_of(x) in ("q", "dq")}
+    values = log.read([*counters, *pairs.values()]).columns
+    counter = values[counters[0]]
+    if np.all(np.diff(counter) == 1.0) or not counts_rows(counter):
+        return found
+    in_si = {x: found.scale.get(x, 1.0) * values[y] for x, y in pairs.items()}
+    rate = log.rate or rate_of(in_si, is_usual=True)
+    if rate is None:
+        return found
+    said = f"t = {counters[0]}, which counts rows at {rate:g} Hz"
+    return replace(
+        found,
+        rename={"t": counters[0], **found.rename},
+        scale={**found.scale, "t": 1.0 / rate},
+        said=(*found.said, said),
+    )
 
 
 def _are_exchanged(run: Measurements) -> bool:
@@ -327,6 +361,12 @@ def _run_of_columns(
         columns = {x: y[order] if len(y) == n_rows else y for x, y in columns.items()}
         t = t[order]
     run, found = _in_si(log, found, groups, t, columns, choice)
+    is_copy = _repeats_row_before(run)
+    if 0 < is_copy.sum() < _MOST_GAPS * len(is_copy) and not choice.as_written:
+        many = formatting.count(int(is_copy.sum()), "row")
+        _remark(log, f"{many} like the one before, the stamp too: left out")
+        run = run.rows(~is_copy)
+        rows = (np.arange(2, len(is_copy) + 2) if rows is None else rows)[~is_copy]
     if not (found.has_our_names or choice.as_written) and (step := _rounded_to(run)):
         run = replace(run, t=spaced_evenly(run.t, step))
         each = float(np.median(np.diff(run.t)))
@@ -340,6 +380,15 @@ def _run_of_columns(
         in_degrees -= {*map(group_of, choice.scale or {})}
         run = unwrapped(run, log.path, [x for x in POSITIONS if x in in_degrees])
     return replace(run, file_rows=rows), found
+
+
+def _repeats_row_before(run: Measurements) -> Mask:
+    """Return which rows (N,) are copies of the one before, with the same stamp."""
+    is_copy = np.append(False, np.diff(run.t) == 0.0)[: len(run.t)]
+    rows = np.flatnonzero(is_copy)
+    for x in run.groups.values() if len(rows) else ():
+        is_copy[rows] &= (x[rows] == x[rows - 1]).all(axis=1)
+    return is_copy
 
 
 def _rounded_to(run: Measurements) -> float:

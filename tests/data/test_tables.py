@@ -293,6 +293,7 @@ WRITTEN = {
         "q=q{}; tau=tau{}",
         {"above": ["# cutoff freq: 40 Hz", "# sampling period [s]: 0.01"]},
     ),
+    "a step without a word": ("q=q{}; tau=tau{}", {"above": ["Sampling [ms]: 10"]}),
     "a period above": ("q=q{}; tau=tau{}", {"above": ["Sampling time = 10 ms", ""]}),
     "gbk": ("t=时间; q=关节{}角度; tau=关节{}力矩", {"encoding": "gbk"}),
     "shift_jis": ("t=時刻; q=関節角度{}; tau=関節トルク{}", {"encoding": "shift_jis"}),
@@ -309,6 +310,24 @@ def test_the_same_motion_comes_out_of_every_writing(case, tmp_path):
     run, _ = read(log(tmp_path / "run.csv", row, **how), joints)
     same(run, row, atol=2e-6)
     assert run.torque_unit == ""
+
+
+@pytest.mark.parametrize("clock", ["Tick", "t"])
+@pytest.mark.parametrize("has_velocities", [False, True])
+def test_rows_that_were_lost_or_come_twice_are_told_by_what_counts_them(
+    clock, has_velocities, tmp_path
+):
+    """By a counter, at the rate of the header or the velocities, or by a clock."""
+    rows = np.delete(np.repeat(np.arange(len(T)), np.where(T == 0.5, 2, 1)), 100)
+    held = {x: np.asarray(y)[rows] for x, y in {**HELD, "count": 1e2 * T}.items()}
+    row = f"{'t=t' if clock == 't' else 'count=Tick'}; deg=q{{}} [deg]; tau=T{{}} [Nm]"
+    row += "; deg/s=w{} [deg/s]" if has_velocities else ""
+    above = [] if has_velocities else ["# dt = 10 ms"]
+    run, said = read(log(tmp_path / "run.csv", row, above=above, held=held))
+    np.testing.assert_allclose(run.t, np.delete(T, 99), atol=1e-9)
+    np.testing.assert_allclose(run.q, np.delete(Q, 99, axis=0), atol=1e-9)
+    assert "1 row like the one before, the stamp too: left out" in said
+    assert ("t = Tick, which counts rows at 100 Hz" in said) is (clock == "Tick")
 
 
 @pytest.mark.parametrize("cell", ["{:,.0f}", "{:.3f}"])
