@@ -201,21 +201,21 @@ class Conclusion:
             torque_units=self.explanation.estimate.torque_units,
             remains=tuple(Remaining(j + 1, x) for j, x in sorted(unexplained.items())),
         )
-        errors |= self._errors_with(diagnosis.additions)
+        errors |= self._errors_with(diagnosis.selections_of_one)
         laws = [term.held_law for term in self.search.terms]
         errors |= {(law.text,): law.rmse for law in laws if law is not None}
         diagnosis = diagnosis.with_errors(errors)
-        together = [diagnosis.sure, *diagnosis.pairs_to_try]
-        return diagnosis.with_errors(errors | self._errors_with(together))
+        errors |= self._errors_with(diagnosis.selections_of_several)
+        return diagnosis.with_errors(errors)
 
     def _errors_with(
-        self, additions: Iterable[Sequence[Finding | Retune]]
+        self, selections: Iterable[Sequence[Finding | Retune]]
     ) -> dict[tuple[str, ...], Array]:
-        """Return the errors on data left out with each of several additions alone, by
-        their texts."""
+        """Return the errors on data left out with each of several selections, by their
+        texts."""
         texts = [*(r.text for r in self.retunes), *(f.text for f in self.findings)]
         numbers = dict(zip(texts, self.ladder.offered, strict=True))
-        chosen = [tuple(found.text for found in added) for added in additions]
+        chosen = [tuple(found.text for found in added) for added in selections]
         errors = self.ladder.held_out.errors
         return {added: errors([numbers[x] for x in added]) for added in chosen}
 

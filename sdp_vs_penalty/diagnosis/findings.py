@@ -447,29 +447,6 @@ class Finding(Rated):
         joints = rival.joints or self.joints[:1]
         return self.text, replace(rival, joints=joints).text
 
-    def remedy(self, diagnosis: Diagnosis) -> Remedy:
-        """Return what would mend the model: adding this finding of the diagnosis; the
-        effects that fit as well are its rivals.
-        """
-        together = diagnosis.group_of(self).findings
-        arguments = {
-            "effects": [f.text for f in together],
-            "findings": [f.number for f in together],
-        }
-        before, after = diagnosis.errors_of(self)
-        rivals = tuple(
-            Change("add", f"add {written_in_words(rival)}", {"effects": [rival.text]})
-            for rival in self.rivals
-        )
-        return Remedy(
-            self.title,
-            *self.rating_and_why,
-            Change("add", f"add {named_on_joints(together)}", arguments),
-            tuple(before.tolist()),
-            tuple(after.tolist()),
-            rivals,
-        )
-
     def telling_run(self, model: str) -> str:
         """Return the command that designs a recording by which an open question is
         decided.
@@ -973,23 +950,24 @@ class Diagnosis(Record, JsonRecord):
         return self.held_out_rmse_before, after
 
     @property
-    def additions(self) -> list[tuple[Finding | Retune, ...]]:
-        """What remedies that add take together: each constant, each finding, and all that
-        helps. What is sure is judged by these."""
+    def selections_of_one(self) -> list[tuple[Finding | Retune, ...]]:
+        """What is added by itself: each constant, each group of findings."""
         constants = [(constant,) for constant in self.retuned]
-        groups = [group.findings for group in self.groups]
-        return [*constants, *groups, *filter(None, (self.helpful,))]
+        return [*constants, *(group.findings for group in self.groups)]
 
     @property
-    def pairs_to_try(self) -> list[tuple[Finding | Retune, ...]]:
-        """What helps and lowers no error by itself, with each other one that helps."""
-        return [
+    def selections_of_several(self) -> list[tuple[Finding | Retune, ...]]:
+        """What is added together, by the errors of what is added by itself: all that
+        helps, what is sure, and what helps and lowers no error by itself with each other
+        one that helps."""
+        pairs = [
             (found, other)
             for found in self.helpful
             if not self._helps_alone(found)
             for other in self.helpful
             if other is not found
         ]
+        return [*filter(None, (self.helpful, self._sure)), *pairs]
 
     def _helps_alone(self, found: Finding | Retune) -> bool:
         """Whether something, or a sum that it belongs to, lowers the error of a joint by
@@ -1153,7 +1131,64 @@ class Diagnosis(Record, JsonRecord):
         return tuple(f for f in candidates if f.torque_is_certain)
 
     @property
-    def sure(self) -> tuple[Finding | Retune, ...]:
+    def leaves_curves_out(self) -> bool:
+        """Whether what helps is added without the measured curves: these were measured
+        beside weak findings, which would be added as well.
+        """
+        are_certain = [f.torque_is_certain for f in self.beside_curves]
+        return bool(self.curves) and not all(are_certain)
+
+    @cached_property
+    def offers(self) -> tuple[Remedy, ...]:
+        """What would mend the model at once, each with the errors on data left out that
+        it leaves: all that helps, what is offered first where that is several others,
+        each re-estimated constant, and each group of findings."""
+        adds_curves = bool(self.curves) and not self.leaves_curves_out
+        leaves_spans_out = bool(self.left_out) and not self.frozen
+        offers = list[Remedy]()
+        if self.helpful or adds_curves or leaves_spans_out:
+            offers.append(self._offer_of_all)
+        if self._sure_together not in ((), self.helpful):
+            offers.append(self._offer_of_sure)
+        offers += [constant.remedy for constant in self.retuned]
+        offers += [self.offer_of(group.findings[0]) for group in self.groups]
+        return tuple(offers)
+
+    @property
+    def main_offer(self) -> Remedy | None:
+        """The offer that stands first: what is sure together; else the main finding. None
+        where that does not lower the error of the joint that errs most: what helps only
+        does together."""
+        if self._sure_together:
+            is_all = self._sure_together == self.helpful
+            return self._offer_of_all if is_all else self._offer_of_sure
+        main = self.main_finding
+        return self.offer_of(main) if main and self._falls(main)[0] else None
+
+    def offer_of(self, finding: Finding) -> Remedy:
+        """Return the offer that adds a finding of the diagnosis, with those of which the
+        runs show the sum alone; the effects that fit as well are its rivals."""
+        group = self.group_of(finding)
+        before, after = self.errors_of(finding)
+        rivals = tuple(
+            Change("add", f"add {written_in_words(rival)}", {"effects": [rival.text]})
+            for rival in finding.rivals
+        )
+        arguments = {
+            "effects": [*group.texts],
+            "findings": [f.number for f in group.findings],
+        }
+        return Remedy(
+            group.title,
+            *finding.rating_and_why,
+            Change("add", f"add {named_on_joints(group.findings)}", arguments),
+            tuple(before.tolist()),
+            tuple(after.tolist()),
+            rivals,
+        )
+
+    @property
+    def _sure(self) -> tuple[Finding | Retune, ...]:
         """What helps and surely is the effect that it is called, in whatever law of it.
         Left out is what lowers no error by itself, what is of open size where the rest is
         not, and constants where not all that helps is sure, since these have no number.
@@ -1172,25 +1207,81 @@ class Diagnosis(Record, JsonRecord):
         return tuple(f for f in sure if is_all or isinstance(f, Finding))
 
     @property
-    def leaves_curves_out(self) -> bool:
-        """Whether what helps is added without the measured curves: these were measured
-        beside weak findings, which would be added as well.
-        """
-        are_certain = [f.torque_is_certain for f in self.beside_curves]
-        return bool(self.curves) and not all(are_certain)
+    def _sure_together(self) -> tuple[Finding | Retune, ...]:
+        """What is sure, where that is several, the main finding among them, or all that
+        helps where all but the main one is confident; none where its errors were not
+        computed."""
+        main, together = self.main_finding, self._sure
+        others = [f for f in self.helpful if f is not main]
+        if main not in together and all(f.rating == "confident" for f in others):
+            together = self.helpful
+        has_errors = self.error_with(together) is not None
+        is_several = main in together and len(together) > 1
+        return together if has_errors and is_several else ()
+
+    @property
+    def _offer_of_sure(self) -> Remedy:
+        """The offer that adds what is sure together, which is not all that helps."""
+        together = self._sure_together
+        findings = [f for f in self.in_order_of_reading if f in together]
+        after = self.error_with(together)
+        assert after is not None  # or they would not be together
+        named, numbers = named_on_joints(findings), [f.number for f in findings]
+        return self._offer_of_several(together, named, "surest", numbers, after)
+
+    @property
+    def _offer_of_all(self) -> Remedy:
+        """The offer that adds what helps, with the curves where these stay."""
+        takes_all = bool(self.curves) and not self.leaves_curves_out
+        which = "all" if takes_all else "helpful"
+        after = self.held_out_rmse_with_helpful
+        offer = self._offer_of_several(
+            self.helpful, self._missing, "that help", which, after
+        )
+        if self.helpful:
+            return offer
+        words = "add what was measured and has no name"
+        if not takes_all:
+            words = "leave out the spans in which something passes"
+        return replace(offer, change=replace(offer.change, words=words))
+
+    def _offer_of_several(
+        self,
+        found: Sequence[Finding | Retune],
+        problem: str,
+        counted: str,
+        which: str | list[int],
+        after: Array,
+    ) -> Remedy:
+        """Return the offer that adds several together, with the errors ``after`` (n,) that
+        this leaves [N m or N]. A button names few kinds, and counts more, which are
+        ``counted``."""
+        arguments = {"effects": [f.text for f in found], "findings": which}
+        is_confident = all(f.rating == "confident" for f in found)
+        names = _names_on_joints([f for f in self.in_order_of_reading if f in found])
+        constants = [f for f in found if isinstance(f, Retune)]
+        if len(found) == 1:
+            names = _names_on_joints(found)
+        elif constants:
+            names.append(constants_in_words(constants))
+        words = f"the {len(found)} {counted}"
+        if 0 < len(names) <= _MOST_ON_A_BUTTON:
+            words = formatting.words(names)
+        return Remedy(
+            problem,
+            "confident" if is_confident else "near-tie",
+            "judged on data left out",
+            Change("add", f"add {words}", arguments),
+            tuple(self.held_out_rmse_before.tolist()),
+            tuple(after.tolist()),
+        )
 
     @property
     def remedies(self) -> tuple[Remedy, ...]:
-        """What would mend the model, the most useful first: all that helps, then each
-        re-estimated constant and finding, then the runs that decide what is open.
+        """What would mend the log or the model, the most useful first: repairs of the log,
+        what is offered, then the runs that decide what is open.
         """
-        remedies = [*self.log_faults]
-        adds_curves = bool(self.curves) and not self.leaves_curves_out
-        leaves_spans_out = bool(self.left_out) and not self.frozen
-        if self.helpful or adds_curves or leaves_spans_out:
-            remedies.append(self._all_that_helps)
-        remedies += [constant.remedy for constant in self.retuned]
-        remedies += self.remedies_by_finding
+        remedies = [*self.log_faults, *self.offers]
         for finding in self.effects:
             if finding.undecided is not None:
                 change = Change(
@@ -1206,48 +1297,6 @@ class Diagnosis(Record, JsonRecord):
             why = "the model explains the runs that it is from"
             remedies.append(Remedy(what, "confident", why, change))
         return tuple(remedies)
-
-    @property
-    def remedies_by_finding(self) -> tuple[Remedy, ...]:
-        """The remedy of each finding, in the order of the list."""
-        return tuple(f.remedy(self) for f in self.effects)
-
-    @property
-    def _all_that_helps(self) -> Remedy:
-        """The remedy that adds what helps, with the curves where these stay."""
-        texts = [f.text for f in self.helpful]
-        takes_all = bool(self.curves) and not self.leaves_curves_out
-        words = "add what was measured and has no name"
-        if not takes_all:
-            words = "leave out the spans in which something passes"
-        if len(texts) == 1:
-            words = f"add {named_on_joints(self.helpful)}"
-        elif texts:
-            words = f"add the {len(texts)} that help"
-        which = "all" if takes_all else "helpful"
-        after = self.held_out_rmse_with_helpful
-        return self._remedy_of(self.helpful, self._missing, words, which, after)
-
-    def _remedy_of(
-        self,
-        found: Sequence[Finding | Retune],
-        problem: str,
-        words: str,
-        which: str | list[int],
-        after: Array,
-    ) -> Remedy:
-        """Return the remedy that adds several together, with the errors ``after`` (n,) that
-        this leaves [N m or N]."""
-        arguments = {"effects": [f.text for f in found], "findings": which}
-        is_confident = all(f.rating == "confident" for f in found)
-        return Remedy(
-            problem,
-            "confident" if is_confident else "near-tie",
-            "judged on data left out",
-            Change("add", words, arguments),
-            tuple(self.held_out_rmse_before.tolist()),
-            tuple(after.tolist()),
-        )
 
     @property
     def noise_known(self) -> bool:
@@ -1333,34 +1382,6 @@ class Diagnosis(Record, JsonRecord):
         """The first of the findings whose torque is certain, as they are read; None
         without one."""
         return next((f for f in self.in_order_of_reading if f.torque_is_certain), None)
-
-    @property
-    def main_remedy(self) -> Remedy | None:
-        """The remedy that adds what is sure, where that is several findings and the main
-        one among them; else that of the main finding, with the rest of what helps where
-        all of the rest is confident. None where that does not lower the error of the joint
-        that errs most: what helps only does together."""
-        main, together = self.main_finding, self.sure
-        rest = [f for f in self.helpful if f is not main]
-        if main not in together and all(f.rating == "confident" for f in rest):
-            together = self.helpful
-        after = self.error_with(together)
-        if main in together and len(together) > 1 and after is not None:
-            findings = [f for f in self.in_order_of_reading if f in together]
-            constants = [f for f in together if isinstance(f, Retune)]
-            named = named_on_joints([*findings, *constants])
-            which: str | list[int] = "helpful"
-            counted = f"the {len(together)} that help"
-            if len(together) < len(self.helpful):
-                which = [f.number for f in findings]
-                counted = f"the {len(together)} surest"
-            names = _names_on_joints(findings)
-            if constants:
-                names.append(constants_in_words(constants))
-            if len(names) <= _MOST_ON_A_BUTTON:
-                counted = formatting.words(names)
-            return self._remedy_of(together, named, f"add {counted}", which, after)
-        return main.remedy(self) if main and self._falls(main)[0] else None
 
     @property
     def is_open(self) -> bool:

@@ -442,12 +442,12 @@ def _to_add(
     model that can be used, or no file can hold it beside one that is good."""
     session = view.session
     main = diagnosis.main_finding
-    remedy = diagnosis.main_remedy or all_of_it
+    remedy = diagnosis.main_offer or all_of_it
     change = remedy.change
     texts = change.arguments.get("effects", [])
     others = [
         second
-        for second in (all_of_it, main and main.remedy(diagnosis))
+        for second in (all_of_it, main and diagnosis.offer_of(main))
         if second and {*second.change.arguments["effects"]} != {*texts}
     ][:1]
     if main is not None and {*texts} == {main.text}:

@@ -151,7 +151,9 @@ def test_a_size_whose_interval_holds_zero_is_not_called_sure():
     """The evidence does not count it for the finding."""
     helps = finding("joint_spring", 2, std=0.7, helps=True)
     found = diagnosis(finding("backlash", 1), helps)
-    assert found.remedies[0].change.words == "add the 2 that help"
+    assert found.remedies[0].change.words == (
+        "add backlash on joint 1 and joint spring on joint 2"
+    )
     known, unknown = (
         words.evidence for words in describe_diagnosis(found, ["N m"] * 7).findings
     )
@@ -176,7 +178,7 @@ def test_what_is_confident_is_read_first_and_what_is_within_the_noise_last():
     said = diagnosis(doubted, small, sure)
     assert [f.number for f in said.in_order_of_reading] == [3, 1, 2]
     assert said.cause.startswith("Joint 2 errs: backlash (confident)")
-    assert said.main_remedy.change.words == "add backlash on joint 2"
+    assert said.main_offer.change.words == "add backlash on joint 2"
     assert "Some error is left: base tilt" in diagnosis(small).cause
 
 
@@ -190,8 +192,7 @@ def test_a_near_tie_is_added_with_the_constants_that_are_confident():
     errors = (ErrorWith((tie.text, constant.text), np.full(7, 1.0)),)
     found = replace(diagnosis(tie), retuned=(constant,), errors_with=errors)
     assert found.main_finding == tie
-    assert tie not in found.sure
-    assert found.main_remedy.change.arguments["findings"] == "helpful"
+    assert found.main_offer.change.arguments["findings"] == "helpful"
 
 
 def test_what_lowers_the_worst_joint_most_is_read_first():
@@ -212,8 +213,8 @@ def test_what_lowers_the_worst_joint_most_is_read_first():
         "backlash",
         "stiction",
     ]
-    assert found.main_remedy.change.words == "add joint spring on joint 1"
-    assert diagnosis(useless).main_remedy is None
+    assert found.main_offer.change.words == "add joint spring on joint 1"
+    assert diagnosis(useless).main_offer is None
 
 
 def test_what_is_sure_is_added_together():
@@ -222,13 +223,13 @@ def test_what_is_sure_is_added_together():
     loud = {"held_out_rmse_before": np.full(7, 3.0)}
     one, two = finding("backlash", 1, **loud), finding("backlash", 2, **loud)
     found = diagnosis(one, two, finding("joint_spring", 3, "backlash", **loud))
-    assert found.main_remedy.change.words == "add backlash on joint 1"
-    texts = tuple(f.text for f in found.sure)
+    assert found.main_offer.change.words == "add backlash on joint 1"
+    texts = (one.text, two.text)
     errors = {"errors_with": (ErrorWith(texts, np.full(7, 1.0)),)}
-    change = replace(found, **errors).main_remedy.change
+    change = replace(found, **errors).main_offer.change
     assert change.words == "add backlash on joints 1 and 2"
     assert change.arguments == {"effects": [*texts], "findings": [1, 2]}
-    change = replace(diagnosis(one, two), **errors).main_remedy.change
+    change = replace(diagnosis(one, two), **errors).main_offer.change
     assert change.arguments["findings"] == "helpful"
     shape = ShapeEstimate("coulomb_friction", 1, "v_s", 0.01, 0.02)
     fall = {"rmse_before": 0.2, "rmse_after": 0.1, "explanation": "it is wider"}
@@ -236,15 +237,15 @@ def test_what_is_sure_is_added_together():
     texts = (one.text, two.text, constant.text)
     errors = {"errors_with": (ErrorWith(texts, np.full(7, 1.0)),)}
     both = replace(diagnosis(one, two), retuned=(constant,), **errors)
-    change = (
-        both.main_remedy.change
-    )  # what counts is named, and its trifles are counted
+    change = both.main_offer.change  # what counts is named, and its trifles are counted
     effects = "backlash on joints 1 and 2"
     assert change.words == f"add {effects} and 1 constant of the model at another value"
     (words,) = describe_diagnosis(both, ["N m"] * 7).constants
     assert words.brief_gain == "joint 1's error: 0.2 → 0.1 N m or N, -50 %"
     useless = finding("stiction", 3, held_out_rmse_after=np.full(7, 3.0), **loud)
-    assert [f.effect for f in diagnosis(useless, one, two).sure] == ["backlash"] * 2
+    three = diagnosis(useless, one, two).with_errors({texts[:2]: np.full(7, 1.0)})
+    assert three.main_offer.change.arguments["effects"] == [one.text, two.text]
+    assert three.main_offer in three.offers
 
 
 def test_a_constant_is_judged_beside_the_model_that_findings_are():
@@ -253,7 +254,7 @@ def test_a_constant_is_judged_beside_the_model_that_findings_are():
     fall = {"rmse_before": 0.2, "rmse_after": 0.1, "explanation": "it is wider"}
     constant = Retune(**vars(shape), **fall)
     found = replace(diagnosis(finding("stiction", 3)), retuned=(constant,))
-    assert (constant,) in found.additions
+    assert (constant,) in found.selections_of_one
     found = found.with_errors({(constant.text,): np.full(7, 1.5)})
     scaled = found.with_judged_errors(np.full(7, 4.0), np.full(7, 1.0))
     for judged, before, after in ((found, 2.0, 1.5), (scaled, 4.0, 3.0)):
@@ -272,7 +273,7 @@ def test_what_helps_beside_another_one_alone_says_which():
     alone = {(first.text,): 1.01 * before, (second.text,): before - np.eye(7)[1]}
     alone |= {(third.text,): before - np.eye(7)[2]}
     found = found.with_errors(alone)
-    assert found.pairs_to_try == [(first, second), (first, third)]
+    assert found.selections_of_several[-2:] == [(first, second), (first, third)]
     pairs = {(first.text, second.text): alone[(second.text,)]}
     assert found.with_errors(alone | pairs).helped_by(first) == ""
     pairs |= {(first.text, third.text): before - np.eye(7)[2] - 0.5 * np.eye(7)[0]}
@@ -309,7 +310,7 @@ def test_findings_that_cancel_are_one_with_its_sum():
     assert first.size == ""
     assert (first.said_by, second.said_by, third.said_by) == (0, 1, 0)
     assert third.title == "Stiction, joint 2"
-    added = found.remedies_by_finding[0].change.arguments
+    added = found.offer_of(found.effects[0]).change.arguments
     assert added == {"effects": [rubs.text, sticks.text], "findings": [1, 2]}
     (alone,) = describe_diagnosis(diagnosis(rubs), ["N m"] * 7).findings
     assert alone.size

@@ -311,7 +311,7 @@ def test_a_card_promises_what_its_own_button_adds_and_the_next_step_all_of_it(tw
         "joint 1's error falls from 4.2 to 0.7 (-83 %) on data left out."
     )
     assert "2's error falls from 3.1 to 1.55" in describe_remedy(
-        judged.remedies_by_finding[2]
+        judged.offer_of(judged.effects[2])
     )
 
 

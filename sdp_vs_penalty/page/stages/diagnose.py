@@ -61,7 +61,7 @@ def models(view: View) -> None:
     floor = history[-1].comparison["noise_floor"]
     scope = measured_on(session, names_runs=True)
     if (diagnosis := session.findings_of_current) is not None:
-        remedy = diagnosis.main_remedy or next_remedy(diagnosis.remedies)
+        remedy = diagnosis.main_offer or next_remedy(diagnosis.remedies)
         before, after = diagnosis.held_out_rmse_before, remedy and remedy.after
     torque = history[-1].comparison["torque_rms"]
     drawn = bars(before, after, floor, units, scope, torque=torque)
@@ -238,7 +238,7 @@ def _card(
                     draw.note(words.physics)
                     if words.constants:
                         draw.note(f"Its constants: {words.constants}.")
-        change = diagnosis.remedies_by_finding[k].change.to_dict()
+        change = diagnosis.offer_of(finding).change.to_dict()
         _adding(session, finding.text, change, f"add-{k}", f"Add {words.title}")
 
 
