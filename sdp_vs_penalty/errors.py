@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, Self
 
 #: Characters of a sentence about an error.
 _LONGEST = 1500
@@ -85,8 +85,8 @@ def _shell_byte(byte: int) -> str:
 class InputError(ValueError):
     """What the user gave cannot be used.
 
-    Its text is one sentence, "where: what: remedy.", which the command line prints
-    before it exits with code 2.
+    Its text is one sentence, "where: what: remedy (command).", which the command line
+    prints before it exits with code 2.
 
     Parameters
     ----------
@@ -96,6 +96,8 @@ class InputError(ValueError):
         What to do about it.
     where : str or Path, optional
         The file, row, field or option.
+    command : str
+        The command or option that does it.
 
     Examples
     --------
@@ -103,8 +105,10 @@ class InputError(ValueError):
     'run.csv: row 3 is empty: delete it.'
     """
 
-    def __init__(self, what: str, remedy: str = "", where: Any = None) -> None:
-        """Compose the sentence "where: what: remedy.", at most 1500 characters long.
+    def __init__(
+        self, what: str, remedy: str = "", where: Any = None, command: str = ""
+    ) -> None:
+        """Compose the sentence, at most 1500 characters long.
 
         Parameters
         ----------
@@ -114,26 +118,38 @@ class InputError(ValueError):
             What the user can do about it.
         where : str or Path, optional
             The file, row, field or option.
+        command : str
+            The command or option that does it.
         """
         self.what = what
         self.remedy = remedy
         self.where = where
-        place = "" if where is None else f"{where}: "
-        text = f"{place}{what}"
-        if remedy:
-            text += f": {remedy}."
-        text = printable(text)  # names out of a broken file may hold anything
-        if len(text) > _LONGEST:
-            text = f"{text[:_LONGEST]} ..."
-        super().__init__(text)
+        self.command = command
+        super().__init__(self._sentence(command))
 
-    def within(self, where: Any) -> InputError:
+    def _sentence(self, command: str) -> str:
+        """Return the sentence with a command or without."""
+        text = self.what if self.where is None else f"{self.where}: {self.what}"
+        if self.remedy:
+            text += f": {self.remedy}{f' ({command})' if command else ''}."
+        text = printable(text)  # names out of a broken file may hold anything
+        return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ..."
+
+    @property
+    def without_command(self) -> str:
+        """The sentence for a reader without a command line."""
+        return self._sentence("")
+
+    def within(self, where: Any) -> Self:
         """Return the same error with its place extended by what contains it.
 
         For an error at a field, ``where`` is the file that holds the field.
         """
-        place = where if self.where is None else f"{where}: {self.where}"
-        return type(self)(self.what, self.remedy, place)
+        outer = type(self).__new__(type(self))
+        outer.__dict__.update(self.__dict__)
+        outer.where = where if self.where is None else f"{where}: {self.where}"
+        outer.args = (outer._sentence(outer.command),)
+        return outer
 
 
 class RepairableError(InputError):
@@ -160,13 +176,6 @@ class RepairableError(InputError):
         super().__init__(what, remedy, where)
         self.apply = apply
         self.is_known = is_known
-
-    def within(self, where: Any) -> RepairableError:
-        """Return the same error with its place extended by what contains it."""
-        outer = super().within(where)
-        return RepairableError(
-            outer.what, outer.remedy, outer.where, self.apply, self.is_known
-        )
 
 
 class Terminated(KeyboardInterrupt):
@@ -247,9 +256,10 @@ class MissingJoints(InputError):  # noqa: N818 (what is missing)
         self.joints = tuple(joints)
         is_or_are = "is" if len(joints) == 1 else "are"
         held = ",".join(f"{name}=0" for name in joints)
-        remedy = f"where nothing moves there, pass --hold {command_line([held])}"
+        it_or_them = "it" if len(joints) == 1 else "them"
         what = f"{', '.join(joints)} {is_or_are} in no column"
-        super().__init__(what, remedy, where)
+        remedy = f"where nothing moves there, hold {it_or_them}"
+        super().__init__(what, remedy, where, f"--hold {command_line([held])}")
 
 
 def require_known(
@@ -328,21 +338,17 @@ def other_robot(
     'run.csv: 1 joint, the robot has 7: choose the problem that belongs to it.'
     """
     have = f"{joints} joint{'' if joints == 1 else 's'}"
-    remedy = f"choose the {choose} that belongs to it"
+    remedy, command = f"choose the {choose} that belongs to it", ""
     words_of_tools = "finger|grip|knuckle|jaw|claw|hand|wheel|caster|drive|thumb"
     tools = [name for name in names if re.search(words_of_tools, name, re.IGNORECASE)]
     n_missing = expected - joints
     if 0 < n_missing == len(tools):
-        held = command_line([",".join(f"{name}=0" for name in tools)])
-        remedy = (
-            f"where {' and '.join(tools)} did not move, pass --hold {held}, or {remedy}"
-        )
+        command = f"--hold {command_line([','.join(f'{name}=0' for name in tools)])}"
+        remedy += f", or hold {' and '.join(tools)}, if they did not move"
     elif n_missing > 0 and names:
-        remedy += (
-            ", or hold what did not move with --hold NAME=0 (there are:"
-            f" {', '.join(names)})"
-        )
-    return InputError(f"{have}, the robot has {expected}", remedy, where)
+        command = "--hold NAME=0"
+        remedy += f", or hold what did not move of {', '.join(names)}"
+    return InputError(f"{have}, the robot has {expected}", remedy, where, command)
 
 
 def install_command(extra: str) -> str:

@@ -89,15 +89,10 @@ def dataset(name: str) -> Dataset:
     return DATASETS[name]
 
 
-def fetch_remedy(path: Path) -> str | None:
-    """Say how to get the converted run of a public data set's raw file.
-
-    Returns
-    -------
-    str | None
-        The end of an error message; None for a file of no data set.
-    """
+def raw_file_of(path: Path) -> str | None:
+    """Return the name of the public data set that a raw file is of; None for another
+    file."""
     for dataset in DATASETS.values():
         if path.name in (PurePosixPath(file.path).name for file in dataset.files):
-            return f"take what `sdp-vs-penalty fetch {dataset.name}` makes of this raw file"
+            return dataset.name
     return None

@@ -336,11 +336,13 @@ def read(job: JobRequest) -> Answer:
         except InputError as error:
             columns = _columns_of(path, state.problem)
             if columns is None:
-                refused.append(str(error))
+                refused.append(error.without_command)
                 continue
             if tried := _columns_tried(how.get("rename", ""), columns["columns"]):
                 columns["tried"] = columns["chosen"] = {**columns["chosen"], **tried}
-            mappings.append({**file, **columns, "reason": str(error), "run": ""})
+            mappings.append(
+                {**file, **columns, "reason": error.without_command, "run": ""}
+            )
     idle = [find_idle_joints(state.problem.robot, run) for run in state.runs]
     shared = {
         name: at
@@ -1265,7 +1267,7 @@ def methods(job: JobRequest) -> Answer:
             )
         except InputError as error:
             rows.append((name, "failed", {}))
-            reasons[name] = str(error)
+            reasons[name] = error.without_command
             continue
         (judged,) = compare(
             {name: estimates_made}, runs.judge, noise_from=runs.judged_recordings

@@ -78,7 +78,7 @@ class Repairs(Models):
             try:
                 answer = await self.pool.run(request, no_progress, is_aside=True)
             except InputError as error:
-                self._keep_outcome(change, {"refused": str(error)})
+                self._keep_outcome(change, {"refused": error.without_command})
             else:
                 self.foreseen[json.dumps(request)] = answer
                 self._keep_outcome(change, {"effect": answer["effect"]})
@@ -209,7 +209,7 @@ class Repairs(Models):
         try:
             answer = self.foreseen.get(json.dumps(request)) or await self._run(request)
         except InputError as error:
-            self._keep_outcome(change, {"refused": str(error)})
+            self._keep_outcome(change, {"refused": error.without_command})
             raise
         commands = self._commands_of(change, request["files"])
         answer = {**answer, "runs": self._with_questions(answer["runs"])}

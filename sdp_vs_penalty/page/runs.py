@@ -194,7 +194,7 @@ class RobotAndRuns(RunIssues):
             options = _options_of(columns, chosen)
         except InputError as error:
             self.mappings = [
-                {**m, "reason": str(error)} if m["columns"] == columns else m
+                {**m, "reason": error.without_command} if m["columns"] == columns else m
                 for m in self.mappings
             ]
             raise

@@ -259,7 +259,7 @@ async def keep(session: Session, request: Request, name_given: str) -> int:
     except ClientDisconnect:  # whoever sent it is gone, and what came of it too
         return 400
     except InputError as error:
-        session.say(str(error))
+        session.say(error.without_command)
         return 400
     except OSError as error:
         session.say(f"{name}: cannot be stored ({error.strerror}): free disk space.")

@@ -20,14 +20,11 @@ _STAGES = {
     " -> ": " → ",
     "on training motion": "on motion that it was identified from",
 }
-#: What is advised for raw files of a public data set, by the name of its robot.
-_FETCH = r"take what `sdp-vs-penalty fetch (\w+)` makes of this raw file"
 #: A clause that names a command with options, or an option of one.
 _CLAUSE = re.compile(
     r"\s*\(--[^)]*\)|^[^;:,(.`]*\s--[a-z]\S*( \S+)?, or |"
     r"(?:; if so)?(?:[;:,(]| or| and)?[^;:,(`]*`[^`]*(?:--|sdp-vs-penalty|convert |"
     r"check-urdf)[^`]*`[^;:,.`]*"
-    r"|(?:[;:,]| or)[^;:,(.]*\s--[a-z][^;:,(.]*\([^)]*\)|: put t,q1.* above them,.*"
     r"|(?:[;:,(]| or| and)[^;:,(.]*\s--[a-z](?:\.\.\.|[^;:,.])*"
 )
 
@@ -40,8 +37,6 @@ def spoken(text: str) -> str:
     'Torque beyond the noise; Diagnose names causes.'
     >>> spoken("run.csv: no column t: name the clock with `convert --rename t=NAME`.")
     'run.csv: no column t.'
-    >>> spoken("finger is in no column: where nothing moves there, pass --hold finger=0.")
-    'finger is in no column: where nothing moves there.'
     >>> spoken("tau: taken as SI; if so, convert it by `convert run.csv --scale tau=10`")
     'tau: taken as SI.'
     >>> spoken("A test run (--test) judges both; run `compare` on it.")
@@ -50,12 +45,7 @@ def spoken(text: str) -> str:
     'replace q2 by q2 - q1.'
     >>> spoken("tau is a current in A: --scale tau=... makes torques of it.")
     'tau is a current in A.'
-    >>> spoken("6 joints: choose another, or hold one with --hold NAME=0 (there are: a, b)")
-    '6 joints: choose another.'
-    >>> spoken("no column t: take what `sdp-vs-penalty fetch emps` makes of this raw file.")
-    'no column t: choose the built-in emps, and load its measurements.'
     """
-    text = re.sub(_FETCH, r"choose the built-in \1, and load its measurements", text)
     text = _CLAUSE.sub("", text)
     for word, stage in _STAGES.items():
         text = text.replace(word, stage)

@@ -242,4 +242,4 @@ def sentence(error: BaseException) -> str:
         error = InputError(
             what, "nothing was changed; try other data or settings, and report it"
         )
-    return str(error)
+    return error.without_command

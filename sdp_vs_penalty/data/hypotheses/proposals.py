@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.catalogue import fetch_remedy
+from sdp_vs_penalty.data.catalogue import raw_file_of
 from sdp_vs_penalty.data.hypotheses.channels import Recognition
 from sdp_vs_penalty.data.hypotheses.orders import Layout, layouts
 from sdp_vs_penalty.data.hypotheses.recognition import (
@@ -66,7 +66,10 @@ def lacking(
     of the robot's joints, None where no robot is known; chosen : columns that the command
     names already, by our names.
     """
-    how = log.remedy or fetch_remedy(log.path)
+    what = f"{problem} (columns: {brief_names(log.names)})"
+    how = log.remedy
+    if not how and (name := raw_file_of(log.path)):
+        return _raw_file(name, what, log)
     if not how and log.names:
         found = _propose(log, missing, joints, chosen)
         how = _rename_remedy(log, missing, found)
@@ -75,7 +78,13 @@ def lacking(
         if few:
             how += f"; it names {min(few)} of the robot's {len(joints or ())} joints"
     how = how or "write numbers, a column or an array a channel (t, q, tau)"
-    return InputError(f"{problem} (columns: {brief_names(log.names)})", how, log.path)
+    return InputError(what, how, log.path)
+
+
+def _raw_file(name: str, what: str, log: Log) -> InputError:
+    """Return the error of a raw file of the public data set of this name."""
+    remedy = f"it is a raw file of the built-in {name}: choose that, and load its measurements"
+    return InputError(what, remedy, log.path, f"`sdp-vs-penalty fetch {name}`")
 
 
 def proposed(
@@ -236,7 +245,10 @@ def names_by_values(
     how = "" if known else f"put {_HEADER} above them, or "
 
     def refusal(layout: Layout | None) -> InputError:
-        remedy = "name columns by their numbers with `convert --rename t=#1,q1=#2`"
+        if name := raw_file_of(log.path):
+            return _raw_file(name, problem, log)
+        remedy = "name columns by their numbers"
+        command = "convert --rename t=#1,q1=#2"
         if layout is not None and layout.is_supported:
             order = Recognition({**beside.rename, **layout.names})
             text = ""
@@ -248,8 +260,8 @@ def names_by_values(
             command = formatting.convert_command(log.path, *words)
             in_file = sorted(layout.names, key=lambda x: names.index(layout.names[x]))
             groups = [*dict.fromkeys(map(group_of, in_file))]
-            remedy = f"where its columns are {formatting.words(groups)}, `{command}`"
-        return InputError(problem, fetch_remedy(log.path) or how + remedy, log.path)
+            remedy = f"where its columns are {formatting.words(groups)}, say so"
+        return InputError(problem, how + remedy, log.path, f"`{command}`")
 
     if not found:
         raise refusal(None)

@@ -172,7 +172,7 @@ def _projects(view: View) -> None:
         try:
             view.delete(project)
         except InputError as error:
-            view.session.say(str(error))
+            view.session.say(error.without_command)
         else:
             row.delete()
 
