@@ -41,8 +41,6 @@ RUN = 50
 #: A spike leaves its neighbours by so many times their usual scatter, and this share of
 #: the range.
 SPIKE = (40.0, 0.25)
-#: Identification goes on with a log of which a smaller share is no measurement.
-MOST_LOST = 0.1
 #: From so many rows that repeat a time on, the clock is coarse: no row is a copy.
 MOST_REPEATED = 0.05
 #: Joints whose positions correlate so much move in proportion.

@@ -10,11 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks.constants import MOST_LOST
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.report import Report
 from sdp_vs_penalty.data.files import check_usable
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.data.measurements import MOST_LOST, Measurements, concatenate
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.race.race import HeldRaces

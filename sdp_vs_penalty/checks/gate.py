@@ -118,7 +118,7 @@ def _raise_on_first_error(
     if len(errors) > 1:
         others = f"; {formatting.count(len(errors) - 1, 'more error')}"
     what = f"{issue.what.rstrip('.')}: {issue.remedy}{others} (details: `check`)"
-    if not issue.can_fix and not issue.apply:
+    if not (issue.offers_fix or (issue.apply and not issue.can_fix)):
         raise InputError(what, f"correct the log, or {otherwise}", run)
     repairs = (x.change for x in list_remedies(reports) if x.change.verb == "transform")
     apply = next(repairs).arguments["apply"]

@@ -12,7 +12,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.certainty import READ, Certainty
 from sdp_vs_penalty.checks.issue import Issue, make_issue, rows_text
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.measurements import MOST_LOST, Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array, Mask, nonzero_or_one
@@ -230,7 +230,7 @@ class RunSummary:
             "joints": sorted({int(name.lstrip("qtau")) - 1 for name in channels}),
         }
         where = rows_text(self.run, np.flatnonzero(gone))
-        refuses = unusable or self._lost_share(channels, gone) > c.MOST_LOST
+        refuses = unusable or self._lost_share(channels, gone) > MOST_LOST
         yield make_issue(
             kind=kind,
             severity="error" if refuses else "warning",

@@ -108,6 +108,11 @@ class Issue(WritesJson):
         return self.nature == FACT and is_safe and self.repair is not None
 
     @property
+    def offers_fix(self) -> bool:
+        """Whether `check --fix` is offered: it repairs the issue, and most rows are left."""
+        return self.can_fix and "lost_share" not in self.figures
+
+    @property
     def is_stood_on(self) -> bool:
         """Whether other facts are as sure as they are on its repaired log: it is certain,
         its cause included, or it is an error, without whose repair nothing can be read."""
@@ -129,7 +134,7 @@ class Issue(WritesJson):
             x, y, z = self.gravity
             words = f"set gravity to ({x:g}, {y:g}, {z:g}) m/s^2"
             changes.append(Change("mount", words, {"gravity": [x, y, z]}))
-        if self.apply or self.can_fix:
+        if self.offers_fix or (self.apply and not self.can_fix):
             named = self.apply.split() if not self.can_fix else []
             changes.append(Change("transform", self.remedy, {"apply": named}))
         changes += self.changes

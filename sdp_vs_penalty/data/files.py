@@ -17,6 +17,7 @@ from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.formats import FILE_SEPARATOR, format_of, open_log, suffixes
 from sdp_vs_penalty.data.measurements import (
     LARGEST_VALUE,
+    MOST_LOST,
     Measurements,
     concatenate,
     without_traces,
@@ -578,7 +579,12 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> Non
                 row, joint = np.argwhere(is_bad)[0].tolist()
                 column = name if name == "t" else f"{name}{joint + 1}"
                 where = f"{word} {_number(m, start + row, word)}, column {column}"
-                raise _no_measurement(where, float(part[row, joint]), word, path)
+                value = float(part[row, joint])
+                if not np.isfinite(value) and np.mean(m.usable_rows) < 1.0 - MOST_LOST:
+                    lost = formatting.percent(1.0 - np.mean(m.usable_rows), 2)
+                    what = f"{where} is not a finite number: {lost} of the rows are so"
+                    raise InputError(what, "correct them, or log it again", path)
+                raise _no_measurement(where, value, word, path)
     _require_advancing_clock(path, m, word)
 
 
@@ -642,6 +648,10 @@ def _require_advancing_clock(path: str | Path, m: Measurements, word: str) -> No
         remedy = "spread coarse stamps, delete copies, or cut the file there"
     if is_last_row_first(np.diff(m.t)):
         remedy = "turn the order of the rows round"
+    if np.ptp(m.t) == 0.0:
+        raise InputError(
+            f"column t is {m.t[0]:.6g} s throughout", "log the clock", path
+        )
     raise RepairableError(what, remedy, path)
 
 

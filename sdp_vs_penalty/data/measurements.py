@@ -49,6 +49,8 @@ def _as_numbers(name: str, value: Any) -> Array:
 
 #: Unit of torques that are used as they are logged, where nobody has named their unit.
 UNNAMED_UNIT = "raw units"
+#: A log of which a larger share is no measurement is logged again: no repair stands for it.
+MOST_LOST = 0.1
 #: Fields of measurements that are a number or n numbers a sample.
 _CHANNELS = ("t", "q", "tau", "dq", "temperature")
 #: Those, and what counts a sample.

@@ -19,7 +19,7 @@ from sdp_vs_penalty.checks.facts.stuck import find_bad_torque_channels
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import mended_unasked
 from sdp_vs_penalty.data.files import check_usable
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, RepairableError
 
 PROBLEM = load_problem("two_link")
 ROBOT = PROBLEM.robot
@@ -568,3 +568,20 @@ def test_a_few_rows_of_another_clock_are_to_be_deleted():
     half = np.arange(len(run.t)) < len(run.t) // 2
     two = replace(run, t=run.t + np.where(half, 0.0, 3048.0))
     assert not found("stray rows", two)
+
+
+@pytest.mark.parametrize("is_clock", [True, False])
+def test_no_repair_is_offered_that_would_drop_most_of_the_rows(is_clock):
+    """`check --fix` was offered, and refused to write."""
+    clean = motion()
+    tau = clean.tau.copy()
+    tau[::2, 0] = np.nan
+    spoiled = replace(clean, t=0.0 * clean.t) if is_clock else replace(clean, tau=tau)
+    issues, _ = mended(spoiled, PROBLEM)
+    errors = [issue for issue in issues if issue.severity == "error"]
+    assert errors
+    assert not any(issue.offers_fix or issue.remedies for issue in errors)
+    assert "log it again" in errors[0].remedy
+    with pytest.raises(InputError) as refused:
+        check_usable("run.csv", spoiled)
+    assert not isinstance(refused.value, RepairableError)

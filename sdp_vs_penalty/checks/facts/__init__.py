@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.clock import (
     find_changes_of_rate,
     find_coarse_stamps,
@@ -39,7 +40,7 @@ from sdp_vs_penalty.checks.facts.stuck import (
 )
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import Issue, Left, left_to_judge
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.measurements import MOST_LOST, Measurements
 from sdp_vs_penalty.problem.problem import Problem
 
 #: In the order of mending; all but the first ask of RUN rows in which something moves.
@@ -103,7 +104,13 @@ def mended(
         ):
             break
         for issue in rule(glance):
-            issues.append(issue)
             if issue.repair is not None and (issue.is_stood_on or not only_sure):
                 glance = replace(glance, run=issue.repair(glance.run))
+                lost = 1.0 - len(glance.run.t) / len(run.t)
+                if issue.severity == "error" and lost > MOST_LOST:
+                    share = formatting.percent(lost, 2)
+                    remedy = f"{issue.remedy}, but {share} of the rows: log it again"
+                    figures = {**issue.figures, "lost_share": lost}
+                    issue = replace(issue, remedy=remedy, figures=figures)
+            issues.append(issue)
     return issues, glance
