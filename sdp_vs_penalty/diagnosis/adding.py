@@ -14,6 +14,7 @@ from sdp_vs_penalty.diagnosis.constants import IMPLAUSIBLE_SIGMAS
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.diagnosis.held_out import estimator_beside, task_beside
 from sdp_vs_penalty.diagnosis.library import Candidate, Library
+from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.passing.cause import beside_spans
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_intervals_of_search
@@ -589,7 +590,8 @@ def estimate_constants(
     values.
 
     An effect that acts on each joint by itself becomes one effect for each joint, since
-    its constants may differ.
+    its constants may differ. Each is estimated beside those before it, and beside those
+    whose constants are given.
 
     Parameters
     ----------
@@ -607,35 +609,46 @@ def estimate_constants(
     list of Effect
         The effects with all constants.
     """
-    out: list[Effect] = []
-    search: Search | None = None
+    known = [e for e in new_effects if all_given(e) or not _has_starts(e)]
+    if len(known) == len(new_effects):  # nothing to estimate, and filtering takes long
+        return [*new_effects]
+    settings = estimate.preprocessing.resolve(measurements)
+    rows = diagnosis_rows(measurements, estimate, settings)
+    search = Search(whiten_rows(rows, estimate, frozen), Library())
+    # What has its constants comes first: without it, others would stand for it.
+    beside = [
+        _shaped(search, e, j) for e in known if _has_starts(e) for j in _places(e)
+    ]
+    found: dict[int, list[Effect]] = {}
     for effect in new_effects:
-        # What no search has a start for keeps its constants: identify fits a drive's
-        # law beside the torque.
-        first_joint = min(effect.joints, default=0)
-        has_starts = bool(list(effect.starts(effect.robot, first_joint)))
-        if all_given(effect) or not has_starts:
-            out.append(effect)
+        if effect in known:
             continue
-        if search is None:  # only now, since filtering takes long
-            settings = estimate.preprocessing.resolve(measurements)
-            rows = diagnosis_rows(measurements, estimate, settings)
-            search = Search(whiten_rows(rows, estimate, frozen), Library())
-        joints: Sequence[int | None] = effect.joints
-        if effect.whole_robot:
-            joints = [None]
-        elif effect.joins:
-            # Its joints have one set of constants: the first joint stands for all.
-            joints = effect.joints[:1]
-        out += [_shaped(search, effect, joint) for joint in joints]
-    return out
+        for joint in _places(effect):
+            shaped = _shaped(search.with_terms(beside), effect, joint)
+            beside.append(shaped)
+            found.setdefault(id(effect), []).append(shaped.form.effect)
+    return [one for e in new_effects for one in found.get(id(e), [e])]
 
 
-def _shaped(search: Search, effect: Effect, joint: int | None) -> Effect:
+def _has_starts(effect: Effect) -> bool:
+    """Return whether a search has a start for an effect's constants. Others keep theirs:
+    identify fits a drive's law beside the torque."""
+    return bool(list(effect.starts(effect.robot, min(effect.joints, default=0))))
+
+
+def _places(effect: Effect) -> Sequence[int | None]:
+    """Return the joints (from 0) on each of which an effect has constants of its own:
+    the first one for joints that share them, None for the whole robot."""
+    if effect.whole_robot:
+        return [None]
+    return effect.joints[:1] if effect.joins else effect.joints
+
+
+def _shaped(search: Search, effect: Effect, joint: int | None) -> ScoredEffect:
     """Return an effect with those shape constants that have the highest evidence.
 
-    All starting values of the effect's class are scored as additions to the model. The
-    best start of each discrete variant is refined.
+    All starting values of the effect's class are scored as additions to what a search has
+    chosen. The best start of each discrete variant is refined.
 
     Parameters
     ----------
@@ -658,7 +671,7 @@ def _shaped(search: Search, effect: Effect, joint: int | None) -> Effect:
     # Sorted by evidence: the last one of each law is its best.
     best_by_law = {t.form.discrete_choice: t for t in scored}
     refined = [search.refined(search.fit, t, fixed) for t in best_by_law.values()]
-    return max(refined, key=lambda t: t.evidence).form.effect
+    return max(refined, key=lambda t: t.evidence)
 
 
 def joint_optimum_of_constants(

@@ -14,6 +14,7 @@ import sdp_vs_penalty as sdp
 from sdp_vs_penalty.data import concatenate, save
 from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.diagnosis.doubts import Doubt
+from sdp_vs_penalty.estimation.nominal import nominal_model
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
@@ -184,6 +185,17 @@ def test_add_applies_them_from_the_file_and_by_name(found, estimate, run):
     assert from_file.model.sign_width[3] == pytest.approx(WIDTHS[3], rel=0.15)
     with pytest.raises(sdp.InputError, match="list effect coulomb_friction only once"):
         sdp.add(estimate, "coulomb_friction:1", run)
+
+
+def test_constants_of_several_effects_are_estimated_beside_each_other(run, scara_arm):
+    """Beside links that are held, dry friction alone would take in the viscous one: its
+    width ended at the end of its range."""
+    of_links = nominal_model(scara_arm).with_effects(lambda e: e.name == "rigid_body")
+    links = replace(of_links, method="ols")
+    terms = "viscous_friction,torque_offset,coulomb_friction"
+    added = sdp.add(links, terms, run, frozen=True)
+    for joint in (0, 2, 3):
+        assert added.model.sign_width[joint] == pytest.approx(WIDTHS[joint], rel=0.15)
 
 
 def test_changed_constants_are_chosen_by_confidence(found):
