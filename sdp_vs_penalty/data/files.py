@@ -463,7 +463,7 @@ def _of_one_joint(path: Path, joints: Sequence[str] | None) -> InputError | None
         return None
     command = formatting.convert_command(FILE_SEPARATOR.join(map(str, files)))
     what = "the file holds one joint, as those beside it do"
-    return InputError(what, f"join them with `{command}`", path)
+    return InputError(what, "join them", path, f"`{command}`")
 
 
 def _run_of_file(path: Path, choice: Choice) -> Measurements:

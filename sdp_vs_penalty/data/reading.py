@@ -564,8 +564,9 @@ def recognised_in(log: Log, joints: Sequence[str] | None) -> Recognition | None:
         return recognition.recognise(log.columns, joints, log.heading)
     except recognition.AmbiguousColumnsError as error:
         command = formatting.convert_command(log.path, "--rename", error.words)
-        how = log.remedy or f"choose, such as with `{command}`"
-        raise InputError(error.what, how, log.path) from None
+        how = log.remedy or "choose one"
+        command = "" if log.remedy else f"such as by `{command}`"
+        raise InputError(error.what, how, log.path, command) from None
 
 
 def _as_chosen(log: Log, choice: Choice) -> tuple[Log, Recognition]:
@@ -691,16 +692,16 @@ def _groups(
 def _require_numbers(log: Log, names: Sequence[str]) -> None:
     """Raise InputError for a column that comes twice, or holds texts."""
     for name in names:
-        column = log.columns[name]
+        column, command = log.columns[name], ""
         if name in log.twice:
             what, remedy = f"column {name} comes twice", "rename one of them"
         elif column.kind == "text" and column.cells:
             cell = f"{column.cells[0][:40]!r} is not a number"
             what = f"column {name} is never a number: {cell}"
-            remedy = "name the column that holds it with `convert --rename`"
+            remedy, command = "name the column that holds it", "`convert --rename`"
         else:
             continue
-        raise InputError(what, remedy, log.path)
+        raise InputError(what, remedy, log.path, command)
 
 
 def _say_unused(log: Log, names: Sequence[str]) -> None:
@@ -878,8 +879,8 @@ def _stamps(log: Log, clock: Sequence[str], columns: Arrays) -> Array:
         values = columns[name][np.isfinite(columns[name])]
         if np.any(values != np.round(values)):
             what = f"column {name} holds no whole numbers, as a time of day does"
-            remedy = "name the clock with `convert --rename t=NAME`"
-            raise InputError(what, remedy, log.path)
+            command = "`convert --rename t=NAME`"
+            raise InputError(what, "name the clock", log.path, command)
     parts = zip(units_of_parts(clock), clock, strict=True)
     stamps = np.sum([unit * np.ravel(columns[x]) for unit, x in parts], axis=0)
     return past_midnight(stamps) if is_time_of_day or len(clock) > 2 else stamps

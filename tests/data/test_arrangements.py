@@ -679,7 +679,7 @@ def test_what_is_as_written_is_not_told_by_velocities(tmp_path):
     """The command quotes what a shell would read."""
     path = log(tmp_path / "my $(run).csv", "q=q{}; dq=dq{}; tau=tau{}")
     said = refusal(lambda: read(path, as_written=True), "no column t", "--rate 100")
-    (command,) = re.findall("`sdp-vs-penalty (.*?)` \\(", said)
+    (command,) = re.findall("`sdp-vs-penalty (.*?)`", said)
     assert shlex.split(command)[1] == str(path)
 
 

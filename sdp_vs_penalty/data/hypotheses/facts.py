@@ -112,8 +112,8 @@ def _which_topic(log: Log, topic: str | None, topics: Sequence[str]) -> InputErr
             what, "record the joints' states; this bag has none", log.path
         )
     command = formatting.convert_command(log.path, "--topic", topics[0])
-    remedy = f"choose one with `{command}` (there are: {', '.join(topics)})"
-    return InputError(what, remedy, log.path)
+    remedy = f"choose one of {', '.join(topics)}"
+    return InputError(what, remedy, log.path, f"`{command}`")
 
 
 def _lacking(log: Log, topics: Sequence[str], quantity: str) -> InputError:

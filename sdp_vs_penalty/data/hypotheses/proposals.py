@@ -318,11 +318,9 @@ def no_clock(log: Log, columns: Arrays, joints: Sequence[str] = ()) -> InputErro
     if log.remedy:
         return InputError(what, log.remedy, log.path)
     rate = rate_of(columns, is_usual=True)
-    why = "HZ being its samples a second"
-    if rate is not None:
-        why = "dq is the derivative of q at this rate"
+    why = "" if rate is None else " at which dq is the derivative of q"
     word = "HZ" if rate is None else f"{rate:g}"
     words = ["--rate", word, *(["--joints", ",".join(joints)] if joints else [])]
     command = formatting.convert_command(log.path, *words)
-    remedy = f"give its rate with `{command}` ({why}), or name its clock with --rename t=NAME"
-    return InputError(what, remedy, log.path)
+    remedy = f"give its rate{why}, or name its clock"
+    return InputError(what, remedy, log.path, f"`{command}` or --rename t=NAME")

@@ -95,7 +95,7 @@ class AmbiguousColumnsError(InputError):
 
     def __init__(self, what: str, words: str) -> None:
         """Make the error; ``what`` names the sets."""
-        super().__init__(what, f"choose with `convert --rename {words}`")
+        super().__init__(what, "choose one", None, f"`convert --rename {words}`")
         self.words = words
 
 
