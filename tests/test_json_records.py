@@ -184,7 +184,11 @@ def test_a_file_of_version_0_1_loads_and_is_written_as_it_was(name, load):
             for gone in ("is_shown_beside_all", "n_splits", "n_splits_showing"):
                 finding.pop(gone)
             finding["rivals"] = [
-                {"name": name, "joints": [], "constants": {}}
+                {
+                    "name": name,
+                    "joints": [1] if name == "torque_offset" else [],
+                    "constants": {},
+                }
                 for name in finding.pop("indistinguishable_from")
             ]
         for finding in again["effects"]:

@@ -24,7 +24,13 @@ from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.explanation import Explanation, Ladder
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Remaining, Retune
+from sdp_vs_penalty.diagnosis.findings import (
+    Diagnosis,
+    Finding,
+    Remaining,
+    Retune,
+    effect_on,
+)
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.notices import find_notices
 from sdp_vs_penalty.diagnosis.own_constants import constant_std, retune
@@ -301,13 +307,18 @@ def describe_finding(judged: Judged, doubts: Sequence[Doubt], before: Array) -> 
     std_of_law = known.std_of_law(effect)
     std = float(np.hypot(std, std_of_law))
     _, std_of_rows = size_of(effect, known.beta, known.covariance_of_rows)
+    joints = () if effect.whole_robot else tuple(j + 1 for j in effect.joints)
     rivals = [_rival_of(effect, r.form.effect) for r in term.rivals]
-    rivals += map(WrittenEffect, judged.resembles)
+    rivals += [effect_on(name, joints) for name in judged.resembles]
+    first = dict[str, WrittenEffect]()  # of those that sentences say alike
+    for rival in rivals:
+        is_other = rival.name != effect.name
+        first.setdefault(rival.name if is_other else rival.text, rival)
     parameters = zip(effect.parameters, known.beta, strict=True)
     law = term.held_law
     return Finding(
         effect=effect.name,
-        joints=() if effect.whole_robot else tuple(j + 1 for j in effect.joints),
+        joints=joints,
         shape=dict(effect.shape),
         size=size,
         unit=effect.parameters[effect.sized_by][0].unit,
@@ -319,7 +330,7 @@ def describe_finding(judged: Judged, doubts: Sequence[Doubt], before: Array) -> 
         torque_std=known.torque.std,
         torque_unit=effect.robot.torque_units[known.torque.joint],
         parameters={p.name: float(b) for p, b in parameters},
-        rivals=tuple({rival.text: rival for rival in rivals}.values()),
+        rivals=tuple(first.values()),
         held_out_rmse_before=before,
         held_out_rmse_after=before,
         physics=physics_of(effect, size),
@@ -334,14 +345,11 @@ def describe_finding(judged: Judged, doubts: Sequence[Doubt], before: Array) -> 
 
 
 def _rival_of(effect: Effect, other: Effect) -> WrittenEffect:
-    """Return a rival effect, ``other``, by what differs from the finding's: its name, else
-    its joint ("viscous_friction:3"), else its constants, with all of the rest.
-    """
-    if other.name != effect.name:
-        return WrittenEffect(other.name)
-    if other.joints == effect.joints:
-        return read_effect(other.text)
-    return WrittenEffect(other.name, (other.joints[0] + 1,))
+    """Return a rival effect, ``other``, with its constants if these are all that differs
+    from the finding's."""
+    written = read_effect(other.text)
+    is_same = (other.name, other.joints) == (effect.name, effect.joints)
+    return written if is_same else WrittenEffect(written.name, written.joints)
 
 
 #: What is said of a noise that no repetition shows, by its source; and of errors without

@@ -146,6 +146,14 @@ def is_law_of(name: str, other: str) -> bool:
     return name in types[other].refines or other in types[name].refines
 
 
+def effect_on(name: str, joints: Sequence[int]) -> WrittenEffect:
+    """Return an effect, given by name, on the first of some joints (from 1), or on the
+    whole robot if it acts there alone."""
+    kind = effect_types().get(name)
+    is_whole = kind is not None and kind.whole_robot
+    return WrittenEffect(name, () if is_whole else tuple(joints[:1]))
+
+
 def is_friction(name: str) -> bool:
     """Return whether an effect, by name, is friction: it says so, or refines what simulators
     call that."""
@@ -201,8 +209,8 @@ class Finding(Rated):
     std: float
     #: All parameters of the effect by name, in SI units.
     parameters: Mapping[str, float]
-    #: Effects that fit about as well: by name alone where they have another one and act
-    #: on the finding's joints, else with joint or constants.
+    #: Effects that fit about as well, with constants where name and joints are the
+    #: finding's.
     rivals: tuple[WrittenEffect, ...]
     #: (n,) RMS errors on data left out with the findings before this one [N m or N].
     held_out_rmse_before: Array
@@ -248,12 +256,16 @@ class Finding(Rated):
 
     @classmethod
     def upgraded(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Read the rivals of format 2, which are texts."""
+        """Read the rivals of format 2, which are texts, without joints where they act on
+        the finding's."""
         if "indistinguishable_from" not in data:
             return data
-        texts = data["indistinguishable_from"]
-        effects = [vars(read_effect(text)) for text in texts if text != CURVE]
-        return {**data, "rivals": effects}
+        texts = [text for text in data["indistinguishable_from"] if text != CURVE]
+        rivals = [
+            read_effect(text) if ":" in text else effect_on(text, data["joints"])
+            for text in texts
+        ]
+        return {**data, "rivals": [vars(rival) for rival in rivals]}
 
     def in_unit(self, torque: str) -> Finding:
         """Return the same with its sizes in another unit of torque, such as "A"; "" leaves
@@ -318,13 +330,23 @@ class Finding(Rated):
     def rivals_in_words(self) -> str:
         """What fits as well, such as "joint spring on joint 2; base tilt"; "" if
         nothing does."""
-        named = [*map(written_in_words, self.rivals)]
+        named = [*map(written_in_words, self.short_rivals)]
         return "; ".join([*named, effect_name(CURVE)] if self.fits_a_curve else named)
 
     @property
     def rival_texts(self) -> list[str]:
         """What fits as well, as it is written; a measured curve last."""
-        return [*(rival.text for rival in self.rivals), *[CURVE] * self.fits_a_curve]
+        texts = [rival.text for rival in self.short_rivals]
+        return [*texts, *[CURVE] * self.fits_a_curve]
+
+    @property
+    def short_rivals(self) -> list[WrittenEffect]:
+        """The effects that fit as well, as sentences say them: by name alone where that
+        is another one."""
+        return [
+            rival if rival.name == self.effect else WrittenEffect(rival.name)
+            for rival in self.rivals
+        ]
 
     @property
     def line(self) -> str:
@@ -379,7 +401,7 @@ class Finding(Rated):
             if self.seen_against == "reversal":
                 when = f"at each reversal{where}"
             text = f"{ON_THE_ARM}a torque {when}, {self.torque_text}"
-            laws = [effect_name(self.effect), *map(written_in_words, self.rivals)]
+            laws = [effect_name(self.effect), *map(written_in_words, self.short_rivals)]
             open_law = (
                 f"; which law makes it is open: {', '.join(laws[:-1])} or {laws[-1]}"
             )
@@ -419,7 +441,7 @@ class Finding(Rated):
         head += f" ({self.constants})" if self.constants else ""
         text = f"{head}. {self.physics}"
         if self.rivals:
-            named = ", ".join(map(written_in_words, self.rivals))
+            named = ", ".join(map(written_in_words, self.short_rivals))
             text += f" Indistinguishable in these data from {named}."
         return text
 
@@ -443,9 +465,7 @@ class Finding(Rated):
             return None
         if not self.joints or not self.rivals:
             return (self.text,) if self.doubts else None
-        rival = self.rivals[0]  # one without joints acts on those of the finding
-        joints = rival.joints or self.joints[:1]
-        return self.text, replace(rival, joints=joints).text
+        return self.text, self.rivals[0].text
 
     def telling_run(self, model: str) -> str:
         """Return the command that designs a recording by which an open question is
@@ -1400,7 +1420,7 @@ class Diagnosis(Record, JsonRecord):
             names = formatting.words([effect_name(f.effect) for f in together])
             likeness = ""
             if main.rivals and not main.effect_is_certain:
-                names = f"{names} or {written_in_words(main.rivals[0])}"
+                names = f"{names} or {written_in_words(main.short_rivals[0])}"
             elif not main.effect_is_certain:
                 likeness = "something like "
             where = f"Joint {main.main_joint}" if main.joints else "The robot"

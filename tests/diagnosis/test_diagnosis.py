@@ -28,6 +28,7 @@ from sdp_vs_penalty.diagnosis import (
 )
 from sdp_vs_penalty.diagnosis.diagnose import diagnose as search
 from sdp_vs_penalty.diagnosis.doubts import Doubt
+from sdp_vs_penalty.diagnosis.findings import effect_on
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.effects.written import WrittenEffect
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
@@ -192,9 +193,12 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
     said = " ".join(capsys.readouterr().out.split())
     assert "To test finding 1, record: sdp-vs-penalty excite m.json" in said
     assert said.endswith("--out tell1.csv")
-    rivals = (WrittenEffect("sigmoid_friction"),)
+    rivals = (WrittenEffect("sigmoid_friction", (3,)),)
     told_apart = replace(first, rivals=rivals).undecided
     assert told_apart == (first.text, "sigmoid_friction:3")
+    on_the_robot = replace(first, rivals=(effect_on("base_tilt", first.joints),))
+    assert on_the_robot.undecided == (first.text, "base_tilt")
+    assert on_the_robot.telling_run("m.json").endswith(",base_tilt --out tell1.csv")
     assert (
         replace(first, doubts=(Doubt("alone"), Doubt("curve")), rivals=rivals).undecided
         is None
