@@ -125,7 +125,9 @@ MOST_LOOKED_AT = 60_000
 #: Samples of all runs up to which the error of each run is told apart.
 MOST_JUDGED_APART = 200_000
 #: Share of a test run in motion that the training runs reach, from which on its error
-#: there says whether the arm has changed.
+#: there says whether the arm has changed. In 2 772 parts of runs of a UR10e and two Pandas
+#: a joint errs by up to 2.7 times what it errs in the whole run; in parts smaller than this
+#: by up to 3.8 times, near to CHANGED.
 LEAST_REACHED = 0.1
 #: Poses of the arm over a run, between which the page's 3D view interpolates.
 POSES_OF_A_RUN = 160

@@ -419,10 +419,9 @@ _BINS = 24
 #: A mean curve is broken where no sample lies on this share of its range,
 _GAP = 0.12
 #: and on so many of the steps from row to row: where rows are farther apart, nothing is
-#: missing between them.
+#: missing between them. From 1 to 3 the pictures of a UR10e and two Pandas are the same;
+#: without it those of the UR10e break at every instant.
 _STEPS_OF_GAP = 1.5
-#: Samples within this share of the range have one mean: a picture shows no finer one.
-_ONE_PLACE = 0.005
 
 
 @dataclass(frozen=True)
@@ -540,11 +539,8 @@ def mean_curve(x: Array, y: Array) -> tuple[Array, Array]:
     along = x[order]
     width = max(float(np.ptp(x)), 1e-300)
     row_step = float(np.median(np.abs(np.diff(x)))) if len(x) > 1 else 0.0
-    places = [0]  # where each place begins, in ``order``
-    while (end := np.searchsorted(along, along[places[-1]] + _ONE_PLACE * width)) < len(
-        x
-    ):
-        places.append(max(int(end), places[-1] + 1))
+    # Where each place begins, in ``order``: numbers that differ by rounding are one.
+    places = [0, *(np.flatnonzero(np.diff(along) > 1e-6 * width) + 1).tolist()]
     longest_step = max(_GAP * width, _STEPS_OF_GAP * row_step)
     gaps = [k for k in places[1:] if along[k] - along[k - 1] > longest_step]
     centres: list[float] = []
