@@ -304,8 +304,7 @@ def gains_are_by_size() -> Issue:
     """Return the warning about a run whose torques are in N m by :func:`gains_by_size`."""
     return make_explanation(
         kind="gains by size",
-        what="the gains fit the robot's masses, and nobody has stated them: the model's"
-        " kilograms are no surer than those masses.",
+        what="nobody has stated the drive gains.",
         certainty=stated("the gains were taken from the robot's masses"),
         remedy="type the drive gains if you know them",
         where="all torque channels",
