@@ -581,7 +581,7 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> Non
                 where = f"{word} {_number(m, start + row, word)}, column {column}"
                 value = float(part[row, joint])
                 if not np.isfinite(value) and np.mean(m.usable_rows) < 1.0 - MOST_LOST:
-                    lost = formatting.percent(1.0 - np.mean(m.usable_rows), 2)
+                    lost = formatting.percent(1.0 - float(np.mean(m.usable_rows)), 2)
                     what = f"{where} is not a finite number: {lost} of the rows are so"
                     raise InputError(what, "correct them, or log it again", path)
                 raise _no_measurement(where, value, word, path)

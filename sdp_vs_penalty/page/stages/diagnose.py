@@ -149,8 +149,9 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
         k = places[finding.number]
         if words.findings[k].said_by:
             continue
-        titles = titles_by_badge.setdefault(words.findings[k].badge, [])
-        titles.append(words.findings[k].title)
+        if not finding.says_open_law:  # its own card says it
+            titles = titles_by_badge.setdefault(words.findings[k].badge, [])
+            titles.append(words.findings[k].title)
         is_open = opened is not None and finding.number == opened.number
         card = partial(_card, view, diagnosis, words.findings[k], k, is_open)
         (sure if finding.torque_is_certain else others).append(card)
