@@ -771,7 +771,10 @@ class Diagnosis(Record, JsonRecord):
         )
 
     def selected(
-        self, numbers: Sequence[float] | None = None, helpful: bool = False
+        self,
+        numbers: Sequence[float] | None = None,
+        helpful: bool = False,
+        confident: bool = False,
     ) -> Diagnosis:
         """Return the diagnosis with some of its findings only.
 
@@ -785,6 +788,8 @@ class Diagnosis(Record, JsonRecord):
             Numbers of the findings (from 1, in the order of the list); default: all.
         helpful
             True: only findings whose torque is certain.
+        confident
+            True: of these only those whose name is confident.
 
         Returns
         -------
@@ -797,23 +802,24 @@ class Diagnosis(Record, JsonRecord):
             A number does not exist, or nothing is left.
         """
         self._refuse_unknown(numbers or ())
+
+        def is_wanted(found: Finding | Retune) -> bool:
+            """Return whether it helps, and has a confident name, where that is asked."""
+            helps = found.torque_is_certain or not (helpful or confident)
+            return helps and (found.rating == "confident" or not confident)
+
         chosen = [
             finding
             for finding in self.effects
-            if (numbers is None or finding.number in numbers)
-            and (finding.torque_is_certain or not helpful)
+            if (numbers is None or finding.number in numbers) and is_wanted(finding)
         ]
-        retuned = [
-            constant
-            for constant in self.retuned
-            if numbers is None and (constant.torque_is_certain or not helpful)
-        ]
+        retuned = [r for r in self.retuned if numbers is None and is_wanted(r)]
         has_all = numbers is None and len(chosen) == len(self.effects)
         curves = self.curves if has_all else ()
         if not (chosen or retuned or curves or self.left_out):
             kind = "finding"
-            if helpful and self.effects:
-                kind = "finding that helps"
+            if (helpful or confident) and self.effects:
+                kind = "confident finding" if confident else "finding that helps"
             raise InputError(
                 f"there is no {kind} to add",
                 "name the effect itself, or leave the model as it is",

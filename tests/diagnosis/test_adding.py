@@ -204,5 +204,9 @@ def test_changed_constants_are_chosen_by_confidence(found):
     both = replace(found, retuned=(sure, weak))
     assert both.selected().retuned == both.retuned
     assert both.selected(helpful=True).retuned == (sure,)
+    near_tie = replace(sure, doubts=(Doubt("rivals"),))
+    with_rival = replace(found, retuned=(sure, near_tie))
+    assert with_rival.selected(helpful=True).retuned == (sure, near_tie)
+    assert with_rival.selected(confident=True).retuned == (sure,)
     assert "with the findings" in repr(both)
     assert "with the findings" not in repr(replace(found, retuned=()))

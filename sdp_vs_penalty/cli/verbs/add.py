@@ -19,6 +19,7 @@ def verb(
     effect: str | None = None,
     from_: Path | None = None,
     helpful: bool = False,
+    confident: bool = False,
     only: str | None = None,
     test: Path | None = None,
     frozen: bool = False,
@@ -37,7 +38,8 @@ def verb(
     --out model2.json: File to write the model to.
     effect EFFECT[:joints][@shape=value]: Effects, separated by commas.
     --from findings.json: Effects found by `diagnose --json`.
-    --helpful, --confident: Findings that help on data left out, also where name or size is in doubt.
+    --helpful: Findings that help on data left out, also where name or size is in doubt.
+    --confident: Of these the ones whose name is confident.
     --only 1,3: Numbers of the findings to add; nothing else is added.
     """
     from sdp_vs_penalty.checks.gate import consented
@@ -54,7 +56,7 @@ def verb(
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.diagnosis.passing.cause import beside_spans
 
-    effects = _effects(effect, from_, helpful, only)
+    effects = _effects(effect, from_, helpful, confident, only)
     diagnosis = None if isinstance(effects, str) else effects
     named = NamedRuns(training_runs(data), window, as_written)
     tested = named_test(test, test_window, as_written=as_written)
@@ -207,7 +209,11 @@ def _say_sizes(
 
 
 def _effects(
-    effect: str | None, findings: Path | None, helpful: bool, only: str | None
+    effect: str | None,
+    findings: Path | None,
+    helpful: bool,
+    confident: bool,
+    only: str | None,
 ) -> "str | Diagnosis":
     """Return what to add: the text of EFFECT, or the selected findings of a diagnosis.
 
@@ -219,17 +225,21 @@ def _effects(
     if (effect is None) == (findings is None):
         raise InputError("Nothing to add", "name either EFFECT or --from findings.json")
     if findings is None:
-        if helpful or only is not None:
+        if helpful or confident or only is not None:
             raise InputError(
-                "--helpful and --only select findings of a file", "name it with --from"
+                "--helpful, --confident and --only select findings of a file",
+                "name it with --from",
             )
         return effect or ""
-    if helpful and only is not None:
-        raise InputError("--helpful and --only exclude each other", "leave one out")
+    if helpful + confident + (only is not None) > 1:
+        raise InputError(
+            "--helpful, --confident and --only exclude each other",
+            "leave all but one out",
+        )
     diagnosis = load_diagnosis(findings)
     numbers_wanted = None if only is None else numbers("--only", only)
     try:
-        chosen = diagnosis.selected(numbers_wanted, helpful)
+        chosen = diagnosis.selected(numbers_wanted, helpful, confident)
     except InputError as error:
         raise error.within(findings) from error
     for constant in () if only is None else diagnosis.retuned:
