@@ -481,7 +481,7 @@ FORMS = {
         f"a row a joint, {labels[0]}, {is_sorted}": lambda x, a=labels, b=is_sorted: (
             long_rows(x, a, is_sorted=b)
         )
-        for labels in (JOINTS, "012", "123")
+        for labels in (JOINTS, "012", "123", ("0x14a", "0x14b", "0x14c"))
         for is_sorted in (False, True)
     },
     "a JSON line a joint": lambda x: json_rows(x, "name", JOINTS),

@@ -184,6 +184,18 @@ def test_commands_of_a_known_logger_hide_no_torques():
     assert [*found.rename.values()] == ["timestamp", *state]
 
 
+@pytest.mark.parametrize("first", [0, 1])
+def test_joints_that_a_file_counts_from_0_are_all_taken(first):
+    """A robot's joint_1 is a file's joint0, and a rail has a force."""
+    of_joints = {"pos_deg": "torque_Nm", "pos_mm": "force_N"}
+    units = ["pos_deg", "pos_mm", "pos_deg"]
+    q = [f"joint{k}_{x}" for k, x in enumerate(units, first)]
+    tau = [f"joint{k}_{of_joints[x]}" for k, x in enumerate(units, first)]
+    found = recognise(["t", *q, *tau], ("joint_1", "joint_2", "joint_3"))
+    names = [found.rename[f"{x}{k}"] for x in ("q", "tau") for k in (1, 2, 3)]
+    assert names == q + tau
+
+
 SIDES = [f"{side}_joint_{k}" for side in ("left", "right") for k in (1, 2, 3)]
 PAIRS = ["shoulder_1", "shoulder_2", "elbow_1", "wrist_1"]
 #: Joints of a file, in its order, and those of the robot, which are called alike.

@@ -137,6 +137,10 @@ t=s; q=pos{}; dq=vel{}; tau=trq{}
 t=min; q=pos{}; dq=vel{}; tau=trq{}
 t=q_min; q=pos{}; dq=vel{}; tau=trq{}
 0=delay_ms; q=pos{}; dq=vel{}; tau=trq{}
+t=Laufzeit in s; q=A{} Lage (rad); tau=A{} Moment (Nm)
+t=temps; q=pos_mes{}; q+1=pos_cons{}; tau=couple{}
+ms=IPOC; deg=AIPos_A{}; q=MACur_A{}; tau=Torque_A{}
+t=TICK_S; deg=ANG_DEG_J{}; mNm=TORQUE_MNM_J{}
 deg=q_deg_{}; deg/s=dq_deg_s_{}; tau=tau_{}
 t=time; deg=A{}_S.r2521: LR Position [deg]; tau=A{}_S.r80: Torque [Nm]
 ms=tick; q=q{}; dq=dq{}; tau=tau{}

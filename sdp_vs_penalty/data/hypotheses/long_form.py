@@ -1,6 +1,7 @@
 """Tables with a row for each joint and instant, or for each channel and instant: a
 column names what the row is of. They become a log with a column a joint and channel."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -50,7 +51,7 @@ def widened(log: Log) -> Log:
         _values(log) if is_by_channel else [x for x in numeric if x not in clocks]
     )
     # The distinct labels in the order of the file; numbers of joints in their own order.
-    rows = [tuple(row) for row in log.texts(labels)]
+    rows = [tuple(map(_without_base, row)) for row in log.texts(labels)]
     distinct = list(dict.fromkeys(rows))
     if all(x[0].isdigit() for x in distinct) and not (
         is_by_channel and len(labels) == 1
@@ -88,6 +89,12 @@ def widened(log: Log) -> Log:
         )
 
     return replace(log, columns=columns, read=read, texts=None)
+
+
+def _without_base(label: str) -> str:
+    """Return a hexadecimal number, as CAN's, in decimal digits; other labels as they are."""
+    is_hexadecimal = re.fullmatch("0[xX][0-9a-fA-F]+", label) is not None
+    return str(int(label, 16)) if is_hexadecimal else label
 
 
 def _require_one_robot(log: Log) -> None:

@@ -151,9 +151,10 @@ def _pattern(unit: str) -> re.Pattern[str]:
     """
     behind_a_mark = r"(?<![^\W\d_])(?<![°/·*])"  # and not behind a letter of any script
     at_a_capital = r"(?<=[a-z])(?=[A-Z][a-z]{2})"
-    number_and_marks = r"[\W_]*(?P<number>[0-9]*)[\W_]*$"
+    of_joint = r"(?:[\W_]+(?i:j|joint|axis|achse)(?=[\W_]*[0-9]))?"  # "PCT_J1"
+    number_and_marks = rf"{of_joint}[\W_]*(?P<number>[0-9]*)[\W_]*$"
     number_and_marks = "(?![0-9])" * (len(unit) == 1) + number_and_marks
     begin = f"(?:{behind_a_mark}|{at_a_capital})"
-    if unit == "in":  # a word where no bracket says a unit
+    if unit in ("in", "in s"):  # a word where no bracket says a unit
         begin = r"(?<=[\[(])"
     return re.compile(f"{begin}(?i:{re.escape(unit)}){number_and_marks}")
