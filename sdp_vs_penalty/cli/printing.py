@@ -288,9 +288,9 @@ def _findings(
         paragraph(rises)
     if words.shared_doubt:
         paragraph(words.shared_doubt)
-    for number, finding in enumerate(words.findings[: len(shown)], start=1):
-        if finding.said_by:
-            continue
+    numbers = [group.first.number for group in result.groups]
+    for number in filter(len(shown).__ge__, numbers):
+        finding = words.findings[number - 1]
         size = f": {finding.size_and_constants}" * bool(finding.size_and_constants)
         title = f"{number}. {finding.title_with_doubt}"
         paragraph(f"{title}{size}. {finding.sentences}")

@@ -575,6 +575,11 @@ class Group:
     findings: tuple[Finding, ...]
 
     @property
+    def first(self) -> Finding:
+        """The finding by whose number it is shown."""
+        return self.findings[0]
+
+    @property
     def texts(self) -> tuple[str, ...]:
         """The findings as :func:`add` takes them."""
         return tuple(finding.text for finding in self.findings)
@@ -589,25 +594,25 @@ class Group:
         """What it is, and its place, such as "Stribeck friction, joint 3"."""
         if self.is_sum:
             return formatting.sentence(named_on_joints(self.findings))
-        return self.findings[0].title
+        return self.first.title
 
     @property
     def badge(self) -> str:
         """What is certain of it, or how certain it is."""
-        return "sum certain" if self.is_sum else self.findings[0].badge
+        return "sum certain" if self.is_sum else self.first.badge
 
     @property
     def on_the_arm(self) -> str:
         """A sentence on what it is mechanically on the arm; of a sum what its findings
         have in common."""
         if not self.is_sum:
-            return self.findings[0].on_the_arm
+            return self.first.on_the_arm
         seen = dict.fromkeys(finding.seen_against for finding in self.findings)
         with_what = formatting.words([f"its {name}" for name in seen if name])
         are_friction = all(is_friction(finding.effect) for finding in self.findings)
         what = "friction" if are_friction else "torque"
         changes = f"changes with {with_what}" if with_what else "is another one"
-        joint = formatting.joints([self.findings[0].main_joint])
+        joint = formatting.joints([self.first.main_joint])
         return f"{ON_THE_ARM}{what} of {joint} {changes}, by a law that is open."
 
 
@@ -1177,7 +1182,7 @@ class Diagnosis(Record, JsonRecord):
         if self._sure_together not in ((), self.helpful):
             offers.append(self._offer_of_sure)
         offers += [constant.remedy for constant in self.retuned]
-        offers += [self.offer_of(group.findings[0]) for group in self.groups]
+        offers += [self.offer_of(group.first) for group in self.groups]
         return tuple(offers)
 
     @property
@@ -1383,6 +1388,12 @@ class Diagnosis(Record, JsonRecord):
                 -f.gain,
             ),
         )
+
+    @property
+    def groups_in_order_of_reading(self) -> list[Group]:
+        """The groups of findings as they are read, each where its first finding is."""
+        groups = ((f, self.group_of(f)) for f in self.in_order_of_reading)
+        return [group for finding, group in groups if finding is group.first]
 
     def _falls(self, finding: Finding) -> list[float]:
         """Return by how much a finding alone lowers the error of each joint, from the one

@@ -47,7 +47,7 @@ from sdp_vs_penalty.page.view import (
     set_aside_in_words,
 )
 from sdp_vs_penalty.records import from_json, to_json
-from sdp_vs_penalty.render.words import describe_finding, describe_unexplained
+from sdp_vs_penalty.render.words import describe_unexplained
 from sdp_vs_penalty.results.remedy import SURE, Change, Remedy
 
 
@@ -529,16 +529,15 @@ def _in_one_line(diagnosis: Diagnosis, texts: Collection[str]) -> tuple[str, str
     constants = [f for f in diagnosis.retuned if f.text in texts]
     alike = dict[tuple[str, str], list[Finding]]()
     main = ""
-    for finding in diagnosis.in_order_of_reading:
-        words = describe_finding(finding, diagnosis)
-        if finding.text in texts and not words.said_by:
-            badge = "" if words.badge in SURE else f"{words.badge}: "
-            those = diagnosis.group_of(finding).findings
-            is_open = finding.size_may_be_zero and not finding.says_open_law
-            if alike or main or (is_open and len(those) == 1):
-                alike.setdefault((badge, finding.effect), []).extend(those)
+    for group in diagnosis.groups_in_order_of_reading:
+        first = group.first
+        if first.text in texts:
+            badge = "" if group.badge in SURE else f"{group.badge}: "
+            is_open = first.size_may_be_zero and not first.says_open_law
+            if alike or main or (is_open and not group.is_sum):
+                alike.setdefault((badge, first.effect), []).extend(group.findings)
             else:
-                on_the_arm = words.on_the_arm.removeprefix(ON_THE_ARM)
+                on_the_arm = group.on_the_arm.removeprefix(ON_THE_ARM)
                 main = f"{badge}{in_brief(on_the_arm)}"
     parts = [f"{badge}{named_on_joints(x)}" for (badge, _), x in alike.items()]
     if constants:

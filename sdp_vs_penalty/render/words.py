@@ -85,9 +85,6 @@ class FindingWords:
     #: Why it is that sure: what was asked of the runs, a sentence each, and whether the
     #: answer speaks for the finding.
     evidence: tuple[tuple[str, bool], ...] = ()
-    #: Number of the finding whose words include this one, because the runs show only
-    #: their sum; 0 otherwise.
-    said_by: int = 0
 
     @property
     def title_with_doubt(self) -> str:
@@ -150,12 +147,10 @@ def describe_finding(
     is_open_law = finding.says_open_law and not group.is_sum  # said in the headline
     rivals = "" if is_open_law else finding.rivals_in_words
     doubt = doubt_of(finding, shared_doubts(diagnosis.effects))
-    first = group.findings[0].number
     has_size = not (group.is_sum or finding.size_may_be_zero)
     size = finding.size_text if has_size else ""
     return FindingWords(
         title=group.title,
-        said_by=0 if finding.number == first else first,
         on_the_arm=group.on_the_arm,
         rating=finding.rating,
         badge=group.badge,
@@ -641,7 +636,7 @@ def on_the_arm_of(diagnosis: Diagnosis | None) -> list[str]:
         return []
     lines = []
     for group in diagnosis.groups:
-        finding = group.findings[0]
+        finding = group.first
         if finding.rating != "weak" and not group.is_sum:
             text = formatting.sentence(finding.on_the_arm.removeprefix(ON_THE_ARM))
             lines.append(f"{text} ({formatting.sentence(finding.rating)}.)")

@@ -463,13 +463,11 @@ def findings(data: ReportData) -> Context:
         plot = charts.missing_figure(curve, data.units, motions)
         caption = formatting.sentence(words_of_curve)
         curves.append(pieces.figure(plot, caption, 360))
-    cards = [
-        {"words": finding_words, "picture": _picture_of_finding(data, finding)}
-        for finding, finding_words in zip(
-            diagnosis.effects, described.findings, strict=True
-        )
-    ]
-    is_certain = [finding.torque_is_certain for finding in diagnosis.effects]
+    cards, weak_cards = list[dict[str, Any]](), list[dict[str, Any]]()
+    for first in (group.first for group in diagnosis.groups):
+        words_of_first = described.findings[first.number - 1]
+        card = {"words": words_of_first, "picture": _picture_of_finding(data, first)}
+        (cards if first.torque_is_certain else weak_cards).append(card)
     weak = [f for f in diagnosis.effects if not f.torque_is_certain]
     not_added = findings_not_added(replace(diagnosis, effects=tuple(weak)), data.last)
     # "All that helps" may be a single finding: its remedy is then listed once.
@@ -478,14 +476,8 @@ def findings(data: ReportData) -> Context:
         remedies.setdefault(remedy.change.words, remedy)
     return {
         "words": described,
-        "cards": [
-            card
-            for card, certain in zip(cards, is_certain, strict=True)
-            if certain and not card["words"].said_by
-        ],
-        "weak_cards": [
-            c for c, certain in zip(cards, is_certain, strict=True) if not certain
-        ],
+        "cards": cards,
+        "weak_cards": weak_cards,
         "weak_title": words.weak_title(len(weak), len(weak) - len(not_added)),
         "missing": missing,
         "name": data.name,

@@ -144,17 +144,13 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
         opened = next((f for f in on_worst if f.text not in session.added), None)
     sure, others = list[partial[None]](), list[partial[None]]()
     titles_by_badge = dict[str, list[str]]()
-    places = {finding.number: k for k, finding in enumerate(diagnosis.effects)}
-    for finding in diagnosis.in_order_of_reading:
-        k = places[finding.number]
-        if words.findings[k].said_by:
-            continue
-        if not finding.says_open_law:  # its own card says it
-            titles = titles_by_badge.setdefault(words.findings[k].badge, [])
-            titles.append(words.findings[k].title)
-        is_open = opened is not None and finding.number == opened.number
+    for group in diagnosis.groups_in_order_of_reading:
+        k = group.first.number - 1
+        if not group.first.says_open_law:  # its own card says it
+            titles_by_badge.setdefault(group.badge, []).append(group.title)
+        is_open = opened is not None and opened.text in group.texts
         card = partial(_card, view, diagnosis, words.findings[k], k, is_open)
-        (sure if finding.torque_is_certain else others).append(card)
+        (sure if group.first.torque_is_certain else others).append(card)
     for k, constant in enumerate(diagnosis.retuned):
         card = partial(_constant, session, constant, words.constants[k], k)
         (sure if constant.torque_is_certain else others).append(card)
