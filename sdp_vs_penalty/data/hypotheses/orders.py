@@ -142,7 +142,7 @@ def counts_rows(values: Array) -> bool:
     """Tell whether a column (N,) counts rows, of which few were lost or come twice."""
     steps = np.diff(values)
     is_one = np.count_nonzero(steps == 1.0) > 0.9 * len(steps)
-    return is_one and bool(np.all(steps >= 0.0))
+    return bool(is_one and np.all(steps >= 0.0))
 
 
 def _of_joints(
