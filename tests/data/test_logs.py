@@ -185,12 +185,13 @@ def test_commands_of_a_known_logger_hide_no_torques():
 
 
 @pytest.mark.parametrize("first", [0, 1])
-def test_joints_that_a_file_counts_from_0_are_all_taken(first):
+@pytest.mark.parametrize("word", ["joint{}", "motor{}"])
+def test_numbers_tell_a_robot_s_joints_where_its_names_do_not(first, word):
     """A robot's joint_1 is a file's joint0, and a rail has a force."""
     of_joints = {"pos_deg": "torque_Nm", "pos_mm": "force_N"}
     units = ["pos_deg", "pos_mm", "pos_deg"]
     q = [f"joint{k}_{x}" for k, x in enumerate(units, first)]
-    tau = [f"joint{k}_{of_joints[x]}" for k, x in enumerate(units, first)]
+    tau = [f"{word.format(k)}_{of_joints[x]}" for k, x in enumerate(units, first)]
     found = recognise(["t", *q, *tau], ("joint_1", "joint_2", "joint_3"))
     names = [found.rename[f"{x}{k}"] for x in ("q", "tau") for k in (1, 2, 3)]
     assert names == q + tau

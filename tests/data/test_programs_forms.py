@@ -646,7 +646,7 @@ def test_the_command_for_columns_without_names_reads_them(
 ):
     monkeypatch.chdir(tmp_path)
     said = refusal(
-        lambda: read(log(Path("run.csv"), row, head=head)), "q, dq and tau, `"
+        lambda: read(log(Path("run.csv"), row, head=head)), "q, dq and tau, say so"
     )
     (command,) = re.findall("`sdp-vs-penalty (.*?)`", said)
     assert run_cli(*shlex.split(command)) == 0

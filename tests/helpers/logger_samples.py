@@ -98,6 +98,8 @@ TABLES = {
     " dq=dq[{z}]; tau=tau_J[{z}]; external tau=tau_ext_hat_filtered[{z}]",
     "odrive": "t=time; turns=axis{z}.pos_estimate; turns/s=axis{z}.vel_estimate;"
     " tau=axis{z}.torque_estimate",
+    "moteus": "t=timestamp; turns={}.position; turns/s={}.velocity; tau={}.torque;"
+    " current={}.q_current",
     "odrive_current": "t=time; turns=axis{z}.encoder.pos_estimate;"
     " tau=axis{z}.motor.current_control.Iq_measured",
     # Currents in per cent.

@@ -328,14 +328,29 @@ def _read_and_choose(
 ) -> tuple[dict[str, Meaning], SetChoice | None]:
     """Read the columns' names, and choose the sets of columns that hold q, tau and so on.
 
-    The names of the robot's joints say no quantity. Columns that are called by a joint
-    alone are positions if no other columns are.
+    The names of the robot's joints say no quantity. Where they do not make all joints with
+    their torques, and numbers do, these tell the joints: joint0 may be joint_1. Columns
+    that are called by a joint alone are positions if no other columns are.
     """
     n_joints = len(joints) if joints else None
     single = [name for name, x in usable.items() if x.kind == "number"]
     hidden, _ = hide_joints(list(usable), joints or ())
-    said = {name: x for name in usable if (x := read_name(hidden.get(name, name)))}
-    choice = choose_sets(said, n_joints, single)
+
+    def read_and_choose(
+        hidden: Mapping[str, str],
+    ) -> tuple[dict[str, Meaning], SetChoice | None]:
+        said = {name: x for name in usable if (x := read_name(hidden.get(name, name)))}
+        return said, choose_sets(said, n_joints, single)
+
+    def n_whole(choice: SetChoice | None) -> int:
+        has_torque = choice is not None and "tau" in choice.sets
+        return len(choice.sets["q"].columns) if choice and has_torque else 0
+
+    said, choice = read_and_choose(hidden)
+    if hidden and n_joints and n_whole(choice) < n_joints:
+        by_number = read_and_choose({})
+        if n_whole(by_number[1]) == n_joints:
+            said, choice = by_number
     if choice is None:
         bare = said | {name: x for name in usable if (x := read_bare_joint(name))}
         choice = choose_sets(bare, n_joints, single)

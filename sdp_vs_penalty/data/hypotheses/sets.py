@@ -92,8 +92,8 @@ def column_sets(
     for (style, rank, others, n_words), names in groups.items():
         if all(said[x].words and _FORCES.issuperset(said[x].words) for x in names):
             continue  # a tool's, but for those that complete others
-        if style != "block":
-            names = _with_rails(style, names, of_quantity, others, n_joints)
+        if style == "number":
+            names = _with_rails(names, of_quantity, others, n_joints)
         parts = [names]
         if not _columns_by_joint(style, names, said, n_joints):
             parts = _split(names, lambda x: frozenset(_SIDES & {*split_tokens(x)}))
@@ -120,34 +120,29 @@ def column_sets(
 
 
 def _with_rails(
-    style: str,
     names: list[str],
     said: Mapping[str, Meaning],
     others: tuple[str, ...],
     n_joints: int | None,
 ) -> list[str]:
-    """Return columns with those of the joints that they lack, which a unit or a word for
-    forces tells, or another word in place of ``others`` of numbered ones: those of a rail
-    among turning joints."""
-
-    def joint_of(name: str) -> Hashable:
-        return said[name].number if style == "number" else said[name].other_words
-
-    there, words = {*map(joint_of, names)}, {*said[names[0]].words}
+    """Return numbered columns with those of the numbers that they lack, which a unit or a
+    word for forces tells, or another word in place of ``others``: those of a rail among
+    turning joints."""
+    numbers, words = {said[x].number for x in names}, {*said[names[0]].words}
     rails = [
         x
         for x, y in said.items()
-        if joint_of(x) not in {None, *there} and {*y.words} <= words | _FORCES
+        if y.number not in {None, *numbers} and {*y.words} <= words | _FORCES
     ]
     alike = [x for x in rails if said[x].other_words == others]
     is_open = (
         len(names) < n_joints
         if n_joints
-        else style == "number" and not _columns_by_joint(style, names, said)
+        else not _columns_by_joint("number", names, said)
     )
     for together in ([*names, *alike], [*names, *rails]) if is_open else ():
         is_whole = n_joints in (None, len(together)) and len(together) > len(names)
-        if is_whole and _columns_by_joint(style, together, said):
+        if is_whole and _columns_by_joint("number", together, said):
             return together
     return names
 

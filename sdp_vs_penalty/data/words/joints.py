@@ -2,19 +2,17 @@
 other words around the names."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
 from sdp_vs_penalty.data.words import table
-from sdp_vs_penalty.data.words.tokens import n_common, split_tokens, starred
+from sdp_vs_penalty.data.words.tokens import n_common, split_tokens
 
 Tokens: TypeAlias = tuple[str, ...]
 #: What stands around a joint's name: before and behind it in the robot, then in the file.
 Frame: TypeAlias = tuple[Tokens, Tokens, Tokens, Tokens]
 
 
-#: Words of quantities, which a joint's name may hold: "torque_motor_1".
-_QUANTITIES = frozenset(y for x in table()["quantities"].values() for y in x)
 #: How a robot's joint is called in a name, before letters that count it.
 _HIDDEN = "robotjoint"
 
@@ -51,23 +49,7 @@ def hide_joints(
         if match := next(found, None):
             # "rail_force" is a joint's force, as "joint_force" is.
             hidden[name] = match[0].sub(f" {match[1]} joint ", name, count=1)
-    if _are_counted(names, hidden, joints):
-        return {}, {}
     return hidden, joint_of
-
-
-def _are_counted(
-    names: Sequence[str], hidden: Mapping[str, str], joints: Sequence[str]
-) -> bool:
-    """Tell whether columns of which some are called by a robot's joints count them from
-    another number, joint0 of joint_1: as many numbers as joints, whose names differ by
-    theirs alone."""
-    patterns = {starred(x) for x in hidden}
-    words = {x for joint in joints for x in split_tokens(joint)}
-    is_numbered = len({*map(starred, joints)}) == 1 and words.isdisjoint(_QUANTITIES)
-    counted = [x for x in names if starred(x) in patterns] if is_numbered else []
-    numbers = {re.findall("[0-9]+", x)[-1] for x in counted}
-    return len(numbers) == len(joints) > 1 and not hidden.keys() >= {*counted}
 
 
 def families_of_joints(names: Sequence[str], joints: Sequence[str]) -> list[list[str]]:

@@ -44,6 +44,9 @@ def find_logger(names: Sequence[str]) -> tuple[dict[str, Any], dict[str, Meaning
         }
         quantities = {x.quantity for x in said.values()}
         is_timed = "t" not in logger or clock_of(logger, names)
+        has_others = columns_of_pattern(logger.get("beside"), names)
+        if "beside" in logger and not has_others:
+            continue
         if not is_timed or not {"q"} < quantities or not quantities & {"tau", "qcmd"}:
             continue
         if "tau" in quantities:
