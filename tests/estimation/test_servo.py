@@ -292,7 +292,7 @@ def test_the_page_shows_the_torque_that_the_servos_make(found, tmp_path):
     both = concatenate([log(), test])
     given = Runs(log(), test, both, both)
     asked = type("AskedOfRuns", (JobRequest,), {"runs": given})(
-        {"out": tmp_path / "model.json", "runs": [{"use": "train"}]}
+        {"out": tmp_path / "model.json", "runs": [{"use": "train"}], "options": {}}
     )
     bounded = replace(
         found, report=replace(found.report, on_bounds=("mass of link 1",))
