@@ -126,8 +126,13 @@ def rows_of(split: Split) -> Iterator[dict[str, object]]:
     bare = identify(split.problem, split.train, check=False)
     diagnosis = diagnose(bare, split.train, check=False)
     errors = {"bare": joint_errors(bare, split.unseen, bare)}
-    for name, findings in (("helpful", diagnosis.helpful), ("all", diagnosis.effects)):
-        model = add(bare, list(findings), split.train) if findings else bare
+    models = {"helpful": bare, "all": bare}
+    if diagnosis.helpful:  # as `add --helpful` does
+        helpful = diagnosis.selected(helpful=True)
+        models["helpful"] = add(bare, helpful, split.train)
+    if diagnosis.effects:
+        models["all"] = add(bare, list(diagnosis.effects), split.train)
+    for name, model in models.items():
         errors[name] = joint_errors(model, split.unseen, bare)
     errors |= file_errors(split, bare)
     for joint in range(bare.robot.n):

@@ -136,7 +136,7 @@ def ways(run: Measurements, file: Path) -> Mapping[str, Estimate]:
     named = [finding for finding in found.helpful if finding.rating != "weak"]
     in_c = [finding for finding in found.helpful if is_held_by_c(bare, finding, run)]
     for_c = add(bare, in_c, run)
-    everything = add(bare, list(found.helpful), run)
+    everything = add(bare, found.selected(helpful=True), run)  # as --helpful
     return {
         "maker's file: links, no friction": links,
         "maker's links, fitted friction, rotors, offsets": identify(
