@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -24,7 +25,7 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.passing.cause import Span, beside_spans
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_sizes_of
 from sdp_vs_penalty.effects import EFFECTS
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.memory import give_back_memory
@@ -140,6 +141,12 @@ def diagnose_and_add(
         give_back_memory(recording.samples)
     test_run = _read_runs(model, test, "test")
     judged = _read_runs(model, judged_recordings, "judged_recordings")
+    if test_run is not None and _is_part_of(test_run, recording):
+        said = (
+            "the test run is a training run: parts of the training runs judge in turn"
+        )
+        warnings.warn(f"{said}; record another one", Remark, stacklevel=6)
+        test_run = judged = None
     spans = _spans_named(issues, recording)
     spans_of_test: tuple[Span, ...] = ()
     if spans and test_run is not None:
@@ -167,6 +174,13 @@ def diagnose_and_add(
         seed=seed,
         progress=progress,
     )
+
+
+def _is_part_of(test: Measurements, training: Measurements) -> bool:
+    """Return whether each test run is one of the training runs, so that nothing is
+    left out that could judge."""
+    trained = {run.data_hash for run in training.runs()}
+    return trained.issuperset(run.data_hash for run in test.runs())
 
 
 def _spans_named(

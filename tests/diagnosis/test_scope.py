@@ -89,3 +89,15 @@ def test_how_rough_the_noise_is_is_said_once(model, held, capsys):
     assert printed.count("the noise is from the torque's spectrum, rough") == 2
     assert printed.count("four times too large on a real arm") == 1
     assert SPECTRUM_KNOWN not in NOTES_ON_NOISE[SPECTRUM]
+
+
+def test_a_training_run_is_no_test_run(two_link, model):
+    """It leaves nothing out: parts of the training runs judge, as without a test run."""
+    run = small_run(two_link)
+    with pytest.warns(UserWarning, match="the test run is a training run"):
+        found = sdp.diagnose(model, run, run, check=False)
+    alone = sdp.diagnose(model, run, check=False)
+    assert found.held_out_source == alone.held_out_source != "test"
+    np.testing.assert_array_equal(
+        found.held_out_rmse_before, alone.held_out_rmse_before
+    )
