@@ -36,6 +36,7 @@ from sdp_vs_penalty import (
     export,
     identify,
 )
+from sdp_vs_penalty.api.exporting import judge_as_exported, refit_as_exported
 from sdp_vs_penalty.estimation.nominal import nominal_model
 from sdp_vs_penalty.estimators import LmiSdp
 from sdp_vs_penalty.exporters.export import as_exported, effects_left_out
@@ -43,6 +44,7 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.results.table import markdown_lines
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 Array = NDArray[np.float64]
@@ -163,10 +165,24 @@ def ways(run: Measurements, file: Path) -> Mapping[str, Estimate]:
         ),
         "identify": bare,
         "identify, as URDF": as_exported(bare, "arm.urdf"),
+        "identify, as URDF, identified again": refitted(bare, "arm.urdf", run),
         "with effects whose name is sure": add(bare, named, run),
         "with all that helps": everything,
+        "with all that helps, as C": as_exported(everything, "model.h"),
+        "with all that helps, as C, identified again": refitted(
+            everything, "model.h", run
+        ),
         "with what C holds, as C": as_exported(for_c, "model.h"),
     }
+
+
+def refitted(model: Estimate, out: str, run: Measurements) -> Estimate:
+    """Return the model that `export --refit` writes."""
+    filtered = FilteredRuns.filtering(run, model.preprocessing.resolve(run))
+    (whole,) = compare(model, filtered)
+    held = judge_as_exported(model, out, filtered, whole)
+    assert held is not None  # the file lacks effects
+    return refit_as_exported(held, (), filtered, filtered, whole).model
 
 
 def is_held_by_c(bare: Estimate, finding: object, run: Measurements) -> bool:

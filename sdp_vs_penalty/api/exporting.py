@@ -1,7 +1,7 @@
 """The verb ``export``: a model in another format, judged as that format holds it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sdp_vs_penalty.arguments import checked_arguments
@@ -13,6 +13,7 @@ from sdp_vs_penalty.diagnosis.open_findings import verdict_beside
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.written import read_effect
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.exporters import export as exporting
@@ -29,6 +30,7 @@ def export(
     force: bool = False,
     flange: tuple[float, float, float] = (0.0, 0.0, 0.0),
     measurements: Source = None,
+    refit: bool = False,
 ) -> tuple[str, ...]:
     """Write a model in the format that the file's name chooses.
 
@@ -53,6 +55,9 @@ def export(
     measurements : path, arrays, DataFrame, Measurements, list of these, optional
         Runs on which a file is judged that cannot hold all effects: a copy of the model
         without them is compared with these runs, and that verdict stands in the file.
+    refit : bool
+        For such a file, identify the model again from these runs without those effects,
+        and write that model where it errs less.
 
     Returns
     -------
@@ -66,16 +71,24 @@ def export(
         robot.
     """
     model = as_estimate(estimate, "export(estimate=...)")
+    lost = exporting.effects_left_out(model, out)
     verdict = None
     if measurements is not None:
         runs = as_measurements(measurements, names=model.problem.channel_names)
         filtered = FilteredRuns.filtering(runs, model.preprocessing.resolve(runs))
         (whole,) = compare(model, filtered)
         judged = judge_as_exported(model, out, filtered, whole)
+        if judged is not None and refit:
+            judged = refit_as_exported(judged, (), filtered, filtered, whole)
+            model = judged.model
         verdict = None if judged is None else judged.verdict
-    return exporting.write_model(
+    elif refit:
+        remedy = "name the runs to identify from: export(measurements=...)"
+        raise InputError("export(refit=True)", remedy)
+    exporting.write_model(
         model, out, urdf, mjcf=mjcf, force=force, flange=flange, judged=verdict
     )
+    return lost
 
 
 @dataclass(frozen=True)
@@ -160,6 +173,8 @@ def refit_as_exported(
     if not compared.errors.size < held.comparison.errors.size:
         return held
     verdict = verdict_beside(findings, compared)
+    provenance = {**again.provenance, "verdict": verdict.to_dict()}
+    again = replace(again, provenance=provenance)
     return AsExported(held.lost, again, compared, verdict, True, tuple(laws))
 
 

@@ -17,6 +17,7 @@ from small_runs import write_run
 from sdp_vs_penalty import export, load_problem
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.effects import Motion, effect_types
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.exporters.c_formulas import has_closed_form
 from sdp_vs_penalty.exporters.export import as_exported
@@ -259,6 +260,38 @@ def test_python_judges_on_the_runs_it_is_given(sprung, tmp_path):
     out = tmp_path / "robot.sdf"
     export(sprung / "better.json", out, measurements=sprung / "test.csv")
     assert "As exported, without torque offset, joint spring" in head(out)
+
+
+def test_a_file_is_made_of_a_model_that_is_identified_again_for_it(sprung, capsys):
+    """Links and friction take in what they can of the spring that a URDF has no place
+    for; the file's verdict is that model's."""
+    out = sprung / "again.urdf"
+    words = ["export", sprung / "better.json", "--out", out, "--data"]
+    assert run_cli(*words, sprung / "test.csv") == 0
+    without = re.search(r"joint 2 worse: [\d.]+ -> ([\d.]+)", capsys.readouterr().out)
+    assert run_cli(*words, sprung / "test.csv", "--refit") == 0
+    again = re.search(r"joint 2 worse: [\d.]+ -> ([\d.]+)", capsys.readouterr().out)
+    assert float(again[1]) < float(without[1])
+    assert re.search(r"Verdict on test", head(out))
+    (by_python,) = set(
+        export(
+            sprung / "better.json",
+            sprung / "python.urdf",
+            measurements=sprung / "test.csv",
+            refit=True,
+        )
+    ) - {"torque_offset"}
+    assert by_python.startswith("joint_spring")
+    texts = [(sprung / name).read_text() for name in ("again.urdf", "python.urdf")]
+    assert texts[0] == texts[1]
+
+
+def test_a_file_is_identified_again_from_runs_alone(sprung, capsys):
+    words = ["export", sprung / "better.json", "--out", sprung / "again.urdf"]
+    assert run_cli(*words, "--refit") == 2
+    assert "--data" in capsys.readouterr().err
+    with pytest.raises(InputError, match="measurements"):
+        export(sprung / "better.json", sprung / "again.urdf", refit=True)
 
 
 def test_a_run_of_another_robot_is_refused(sprung, tmp_path, capsys):

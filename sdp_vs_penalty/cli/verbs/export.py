@@ -4,10 +4,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.cli import console
+from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
+    from sdp_vs_penalty.api.exporting import AsExported
     from sdp_vs_penalty.estimation.estimate import Estimate
-    from sdp_vs_penalty.estimation.verdict import Verdict
 
 
 def verb(
@@ -19,6 +20,7 @@ def verb(
     window: str | None = None,
     flange: str | None = None,
     force: bool = False,
+    refit: bool = False,
     samples: int | None = None,
     prior: str = "flat",
     longer: int = 1,
@@ -36,6 +38,7 @@ def verb(
     --mjcf robot.xml: Your own MJCF, of which only inertials, armature, damping, friction and springs
         are replaced.
     --flange x,y,z: Flange in the last link's frame [m], for a payload; default: 0,0,0.
+    --refit: Identify the model again, from --data, without what the file cannot hold.
     --force: Links whose mass lies outside of their bodies, too.
     --samples N: N consistent models that fit the runs, each a file: out.001.urdf, out.002.urdf, ...
     --prior: With --samples: flat (in the standard parameters, within all constraints) or entropic.
@@ -45,7 +48,12 @@ def verb(
     from sdp_vs_penalty.effects import effect_in_words
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
-    from sdp_vs_penalty.exporters.export import friction_at_rest, write_model
+    from sdp_vs_penalty.exporters.export import (
+        effects_left_out,
+        exported_verdict,
+        friction_at_rest,
+        write_model,
+    )
 
     estimate = load_estimate(model)
     x, y, z = numbers("--flange", flange or "0,0,0", 3)
@@ -53,17 +61,22 @@ def verb(
         how = {"urdf": urdf, "mjcf": mjcf, "force": force, "flange": (x, y, z)}
         drawing = {"prior": prior, "seed": seed, "longer": longer}
         return _samples(estimate, out, samples, drawing, data, window, **how)
-    loses, judged = _judged_as_exported(estimate, out, data, window)
-    verdict = None if judged is None else judged[0]
-    left_out = write_model(
+    if refit and data is None:
+        raise InputError("--refit", "name the runs to identify from with --data")
+    lost = effects_left_out(estimate, out)
+    held, change = None, ""
+    if lost:
+        held, change = _judged_as_exported(estimate, out, data, window, refit)
+    verdict = None if held is None else held.verdict
+    if held is not None and held.is_refitted:
+        estimate = held.model
+    write_model(
         estimate, out, urdf, mjcf=mjcf, force=force, flange=(x, y, z), judged=verdict
     )
-    if loses:
-        from sdp_vs_penalty.exporters.export import exported_verdict
-
-        console.say(exported_verdict(left_out, None if judged is None else judged[0]))
-        if judged is not None and judged[1]:
-            console.say(f"Without what it cannot hold: {judged[1]}")
+    if lost:
+        console.say(exported_verdict(lost, verdict))
+        if change:
+            console.say(f"Without what it cannot hold: {change}")
     else:
         stored = estimate.verdict
         console.say(NOT_JUDGED if stored is None else f"Verdict: {stored.headline}")
@@ -72,9 +85,10 @@ def verb(
     console.written(out)
     if urdf is None and mjcf is None:
         _warn_of_names(out)
-    if left_out:
-        names = ", ".join(map(effect_in_words, left_out))
-        console.warn(f"{out.suffix} files cannot hold {names}; .json files can.")
+    if lost:
+        names = ", ".join(map(effect_in_words, lost))
+        again = "" if refit else " --refit identifies the model again without."
+        console.warn(f"{out.suffix} files cannot hold {names}; .json files can.{again}")
 
 
 def _samples(
@@ -104,34 +118,37 @@ def _samples(
 
 
 def _judged_as_exported(
-    estimate: Estimate, out: Path, data: list[Path] | None, window: str | None
-) -> tuple[bool, tuple[Verdict, str] | None]:
-    """Judge what a file of this name holds of the model.
+    estimate: Estimate,
+    out: Path,
+    data: list[Path] | None,
+    window: str | None,
+    refit: bool,
+) -> tuple[AsExported | None, str]:
+    """Judge what a file that cannot hold all of the model holds of it, identified again
+    with ``refit``.
 
     Returns
     -------
-    bool, (Verdict, str) or None
-        Whether the file holds less than the model; then, if runs are at hand, the
-        verdict on what it holds, and how the errors change, in words.
+    AsExported or None, str
+        None without runs; how the errors change, in words.
     """
-    from sdp_vs_penalty.api.exporting import judge_as_exported
+    from sdp_vs_penalty.api.exporting import judge_as_exported, refit_as_exported
     from sdp_vs_penalty.cli.runs import judging_runs
     from sdp_vs_penalty.diagnosis.comparison import compare
-    from sdp_vs_penalty.exporters.export import effects_left_out
     from sdp_vs_penalty.render.words import describe_change
     from sdp_vs_penalty.signals.filtered import FilteredRuns
 
-    if not effects_left_out(estimate, out):
-        return False, None
     runs = judging_runs(estimate, data, window)
     if runs is None:
-        return True, None
+        return None, ""
     settings = estimate.preprocessing.resolve(runs.judge)
     filtered = FilteredRuns.filtering(runs.judge, settings)
     (whole,) = compare(estimate, filtered, noise_from=runs.judged_recordings)
     held = judge_as_exported(estimate, out, filtered, whole)
-    assert held is not None  # the file loses effects
-    return True, (held.verdict, describe_change(whole, held.comparison))
+    if held is not None and refit:
+        with console.progress("identifying again what the file can hold"):
+            held = refit_as_exported(held, (), filtered, filtered, whole)
+    return held, "" if held is None else describe_change(whole, held.comparison)
 
 
 def _warn_of_names(out: Path) -> None:
