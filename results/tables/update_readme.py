@@ -21,6 +21,7 @@ import re
 import statistics
 import sys
 from collections.abc import Iterable, Mapping
+from itertools import pairwise
 from pathlib import Path
 
 from sdp_vs_penalty.colours import AFTER, BEFORE, PALETTE
@@ -477,11 +478,11 @@ def cell(file: str, words: str, column: str) -> str:
             for line in lines
             if line.startswith("|")
         ]
-    heads: list[str] = []
-    for row in rows:
-        if column in row:
-            heads = row
-        elif heads and all(word in row for word in wanted):
+    heads: list[str] = rows[0] if path.suffix == ".csv" else []
+    for row, following in pairwise([*rows, []]):
+        if following and all(re.fullmatch(":?-+:?", cell) for cell in following):
+            heads = row  # a rule follows the headings
+        elif column in heads and all(word in row for word in wanted):
             return row[heads.index(column)]
     raise AssertionError(f"{file}: no row with {wanted} under {column!r}")
 
