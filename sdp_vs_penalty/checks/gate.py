@@ -118,6 +118,10 @@ def _raise_on_first_error(
     if len(errors) > 1:
         others = f"; {formatting.count(len(errors) - 1, 'more error')}"
     what = f"{issue.what.rstrip('.')}: {issue.remedy}{others} (details: `check`)"
+    asking = [x.repaired_all.unit_command for x in reports if x.run == run]
+    if any(x.verb == "read" for x in issue.changes) and any(asking):
+        remedy = f"{otherwise}, or name the unit"
+        raise InputError(what, remedy, run, f"`{asking[0]}`")
     if not (issue.offers_fix or (issue.apply and not issue.can_fix)):
         raise InputError(what, f"correct the log, or {otherwise}", run)
     repairs = (x.change for x in list_remedies(reports) if x.change.verb == "transform")

@@ -11,6 +11,7 @@ from arms import ELBOW, SHOULDER, TURN, write_urdf
 from commands import run_cli
 from corruptions.bench import contradicts
 from judged import report_of_run
+from recorded import refusal
 from small_runs import small_run
 
 from sdp_vs_penalty import (
@@ -241,6 +242,8 @@ def test_a_unit_that_nothing_says_nor_the_arm_tells_is_asked_for(tmp_path):
     (issue,) = [f for f in check(problem, asks)[0].issues if "not said" in f.kind]
     units = [change.arguments["scale"]["q"] for change in issue.changes]
     assert units == ["rad", "turns"]
+    said = refusal(lambda: identify(problem, asks), "or name the unit (")
+    assert f"(`{asks.unit_command}`)" in said
 
 
 @pytest.mark.parametrize(
