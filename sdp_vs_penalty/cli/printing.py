@@ -288,11 +288,12 @@ def _findings(
         paragraph(rises)
     if words.shared_doubt:
         paragraph(words.shared_doubt)
-    numbers = [group.first.number for group in result.groups]
-    for number in filter(len(shown).__ge__, numbers):
-        finding = words.findings[number - 1]
+    for group in result.groups:
+        if group.place >= len(shown):
+            continue
+        finding = words.findings[group.place]
         size = f": {finding.size_and_constants}" * bool(finding.size_and_constants)
-        title = f"{number}. {finding.title_with_doubt}"
+        title = f"{group.first.number}. {finding.title_with_doubt}"
         paragraph(f"{title}{size}. {finding.sentences}")
     if more := words.findings[len(shown) :]:
         paragraph(f"further weak candidates: {'; '.join(f.title for f in more)}")

@@ -580,6 +580,11 @@ class Group:
         return self.findings[0]
 
     @property
+    def place(self) -> int:
+        """Place in the list of findings (from 0)."""
+        return self.first.number - 1
+
+    @property
     def texts(self) -> tuple[str, ...]:
         """The findings as :func:`add` takes them."""
         return tuple(finding.text for finding in self.findings)

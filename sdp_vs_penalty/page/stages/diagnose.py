@@ -145,7 +145,7 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     sure, others = list[partial[None]](), list[partial[None]]()
     titles_by_badge = dict[str, list[str]]()
     for group in diagnosis.groups_in_order_of_reading:
-        k = group.first.number - 1
+        k = group.place
         if not group.first.says_open_law:  # its own card says it
             titles_by_badge.setdefault(group.badge, []).append(group.title)
         is_open = opened is not None and opened.text in group.texts
