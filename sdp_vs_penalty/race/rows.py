@@ -136,21 +136,15 @@ class RegressionData:
         )
 
     def with_laws(self, torque: Array) -> RegressionData:
-        """Return the data with more own columns: laws, Coulomb friction that is
-        proportional to the size of a torque (M, n) that loads the joints [N m or N], and
-        the acceleration before the torque's low-pass: what the filters differ by."""
+        """Return the data with more own columns: laws, and Coulomb friction that is
+        proportional to the size of a torque (M, n) that loads the joints [N m or N]."""
         load = np.abs(torque)
         sharp_widths = COULOMB_WIDTHS[:2]
         load_friction = [
             (load * np.tanh(self.motion.dq / width)).T for width in sharp_widths
         ]
-        columns = [
-            self.own_columns,
-            np.stack(load_friction, axis=2),
-            self.motion.ddq.T[:, :, None],
-            self.laws,
-        ]
-        turns = (*self.turns, *map(bool, sharp_widths), False, *_LAWS_TURN)
+        columns = [self.own_columns, np.stack(load_friction, axis=2), self.laws]
+        turns = (*self.turns, *map(bool, sharp_widths), *_LAWS_TURN)
         return replace(self, own_columns=np.concatenate(columns, axis=2), turns=turns)
 
     @classmethod
@@ -339,7 +333,9 @@ def _filter_stretch(
         np.stack([(low_pass @ column).T for column in columns], axis=2)
         for columns in (_own_columns(dense, frictions), _laws(dense))
     )
-    return dense.part(local), own, laws
+    # The links' columns are made of the states at the rows, which pass it as well.
+    q, dq, ddq = (low_pass @ x for x in (dense.q, dense.dq, dense.ddq))
+    return replace(dense.part(local), q=q, dq=dq, ddq=ddq), own, laws
 
 
 def _own_columns(motion: Motion, frictions: Sequence[JointEffect]) -> list[Array]:
