@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-import scipy
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
@@ -397,7 +396,8 @@ def _lowered_to_quiet_windows(spectrum: Array, quiet: Array) -> Array:
     # The last frequency is real: its power is not exponential, as a quantile assumes.
     ratio[:, -1] = ratio[:, -2]
     # A mean over three neighbours: a single frequency may be low by chance.
-    ratio = scipy.ndimage.uniform_filter1d(ratio, 3, axis=1, mode="nearest")
+    padded = np.pad(ratio, ((0, 0), (1, 1)), mode="edge")
+    ratio = (padded[:, :-2] + ratio + padded[:, 2:]) / 3.0
     lowered = spectrum.copy()
     lowered[:, first_used:] *= np.minimum(ratio, 1.0)
     # A fit that is wrong at some frequency is not trusted below the first used one: its
