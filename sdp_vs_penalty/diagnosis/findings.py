@@ -1125,6 +1125,7 @@ class Diagnosis(Record, JsonRecord):
         rows = []
         for finding in self.effects:
             joint = finding.main_joint
+            before, after = self.errors_of(finding)
             rows.append(
                 {
                     "finding": finding.number,
@@ -1135,8 +1136,8 @@ class Diagnosis(Record, JsonRecord):
                     "unit": finding.unit,
                     "rating": finding.rating,
                     "evidence": finding.gain,
-                    "error before [N m or N]": finding.held_out_rmse_before[joint - 1],
-                    "error after [N m or N]": finding.held_out_rmse_after[joint - 1],
+                    "error before [N m or N]": before[joint - 1],
+                    "error after [N m or N]": after[joint - 1],
                 }
             )
         columns = list(rows[0]) if rows else ["finding"]

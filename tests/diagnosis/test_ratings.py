@@ -681,3 +681,15 @@ def test_of_a_torque_that_is_known_a_card_says_once_which_laws_may_make_it():
     for said in (words.sentences, " ".join([words.on_the_arm, *evidence])):
         assert said.count("Maxwell slip") == 1
         assert "from zero" not in said
+
+
+def test_the_data_frame_has_the_errors_that_cards_and_offers_have():
+    """Those of the model and of the model with this finding alone, not those after the
+    findings before it."""
+    spring = finding("joint_spring", 1, number=1)
+    errors = (ErrorWith((spring.text,), np.full(7, 1.25)),)
+    found = replace(diagnosis(spring), errors_with=errors)
+    before, after = found.errors_of(found.effects[0])
+    row = found.to_frame().iloc[0]
+    assert row["error before [N m or N]"] == before[0] == 2.0
+    assert row["error after [N m or N]"] == after[0] == 1.25
