@@ -5,16 +5,15 @@ A verb prints its verdict, then tables, then the files that it has written; its 
 line is what to do next. Three significant digits, units in the headings.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table as Grid
+from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli.time_left import TimeLeft
@@ -22,15 +21,33 @@ from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.results.table import Table
 
-#: All that is printed passes these two and :func:`printable`.
-out = Console(highlight=False)
-err = Console(stderr=True, highlight=False)
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+# All that is printed passes these two and :func:`printable`. A verb's help needs none.
+@cache
+def out() -> Console:
+    """Return the console of stdout."""
+    from rich.console import Console
+
+    return Console(highlight=False)
+
+
+@cache
+def err() -> Console:
+    """Return the console of stderr."""
+    from rich.console import Console
+
+    return Console(stderr=True, highlight=False)
 
 
 def _shown(text: str) -> str:
     """Return a text that rich prints literally: without markup and control
     characters.
     """
+    from rich.markup import escape
+
     return escape(printable(text))
 
 
@@ -58,12 +75,12 @@ def listening(is_quiet: bool) -> Iterator[Transcript]:
     global transcript
     before = transcript
     transcript = Transcript()
-    out.quiet = is_quiet
+    out().quiet = is_quiet
     try:
         yield transcript
     finally:
         transcript = before
-        out.quiet = False
+        out().quiet = False
 
 
 @contextmanager
@@ -74,7 +91,7 @@ def progress(start: str) -> Iterator[Callable[[str], None]]:
     time left is added. Nothing is shown with --quiet, or if stderr is no terminal;
     variables that force colours, as notebooks set them, do not change that.
     """
-    if out.quiet or not (err.is_terminal and err.file.isatty()):
+    if out().quiet or not (err().is_terminal and err().file.isatty()):
         yield lambda _: None
         return
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -83,7 +100,7 @@ def progress(start: str) -> Iterator[Callable[[str], None]]:
         SpinnerColumn(),
         TextColumn("{task.description}"),
         TimeElapsedColumn(),
-        console=err,
+        console=err(),
         transient=True,
     ) as display:
         task = display.add_task(_shown(start), total=None)
@@ -98,18 +115,18 @@ def progress(start: str) -> Iterator[Callable[[str], None]]:
 def say(text: str, style: str | None = None) -> None:
     """Print a line on stdout for copying or searching: not wrapped, without markup."""
     transcript.sentences.append(text)
-    out.print(printable(text), style=style, markup=False, soft_wrap=True)
+    out().print(printable(text), style=style, markup=False, soft_wrap=True)
 
 
 def paragraph(text: str) -> None:
     """Print sentences on stdout, wrapped at the terminal's width."""
     transcript.sentences.append(text)
-    out.print(printable(text), markup=False)
+    out().print(printable(text), markup=False)
 
 
 def warn(text: str) -> None:
     """Print a sentence on stderr, not wrapped."""
-    err.print(printable(text), markup=False, soft_wrap=True)
+    err().print(printable(text), markup=False, soft_wrap=True)
 
 
 def hint(text: str) -> None:
@@ -117,7 +134,7 @@ def hint(text: str) -> None:
     out.
     """
     transcript.sentences.append(text)
-    if not out.quiet:
+    if not out().quiet:
         warn(text)
 
 
@@ -143,7 +160,7 @@ def next_step(words: Sequence[object]) -> None:
 
 def _line(text: str) -> None:
     """Print a line on stdout that is not part of the transcript's sentences."""
-    out.print(printable(text), markup=False, soft_wrap=True)
+    out().print(printable(text), markup=False, soft_wrap=True)
 
 
 def table(shown: Table) -> None:
@@ -154,12 +171,14 @@ def table(shown: Table) -> None:
     """
     transcript.tables.append(shown.to_dict())
     if shown.title:
-        out.print(printable(shown.title), style="italic", markup=False, soft_wrap=True)
-    if shown.least_width <= out.width:
-        out.print(shown)
-    elif out.is_terminal:
-        for block in shown.blocks(out.width):
-            out.print(block)
+        out().print(
+            printable(shown.title), style="italic", markup=False, soft_wrap=True
+        )
+    if shown.least_width <= out().width:
+        out().print(shown)
+    elif out().is_terminal:
+        for block in shown.blocks(out().width):
+            out().print(block)
     else:
         lines = replace(shown, title="").text(shown.least_width).splitlines()
         for line in lines:
@@ -171,9 +190,11 @@ def details(entries: Sequence[tuple[str, str]]) -> None:
     left out.
     """
     transcript.sentences += [f"{name}: {text}" for name, text in entries if text]
+    from rich.table import Table as Grid
+
     grid = Grid.grid(padding=(0, 2))
     grid.add_column(no_wrap=True)
     for name, text in entries:
         if text:
             grid.add_row(_shown(name), _shown(text))
-    out.print(grid)
+    out().print(grid)

@@ -364,7 +364,7 @@ def _issue(issue: Issue, files: Files) -> None:
     nature = "" if issue.nature == "fact" else " [dim]explanation[/]"
     kind = escape(printable(issue.kind))
     where = escape(printable(issue.where))
-    out.print(f"  {word}{nature} {kind} ({where})")
+    out().print(f"  {word}{nature} {kind} ({where})")
     tries = " (--fix does it)" if issue.offers_fix else ""
     if issue.apply and not issue.can_fix:
         tries = f" (--fix with --apply {issue.apply} tries it)"

@@ -23,7 +23,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy
@@ -48,6 +47,7 @@ from sdp_vs_penalty.regression.regression import Regression, compress_cells, tri
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, nonzero_or_one
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
+from sdp_vs_penalty.signals.splines import CubicSpline
 
 #: Which rows take part: of a run's number and instants (N,), (N,) true or false.
 Chosen = Callable[[int, Array], Mask]
@@ -221,7 +221,7 @@ class _Bank:
     now: float
     #: Cubic spline over ln u through the K unit vectors: it gives weights of the
     #: columns.
-    spline: Any
+    spline: CubicSpline
     #: (K,) where the grid's columns stand among all others.
     columns: Indices
 
@@ -254,7 +254,7 @@ def _with_banks(
     base = np.arange(first)
     banks = list[_Bank]()
     parts = list[_Grid]()
-    splines = dict[tuple[float, ...], Any]()
+    splines = dict[tuple[float, ...], CubicSpline]()
     # 2. Each open constant becomes one effect with a column for each grid value.
     for effect, joint, key in open_constants:
         now = effect.shape[key]
@@ -265,9 +265,7 @@ def _with_banks(
         columns = first + np.arange(len(grid))
         first += len(grid)
         if grid not in splines:  # through the unit vectors: it returns weights
-            splines[grid] = scipy.interpolate.CubicSpline(
-                np.log(grid), np.eye(len(grid))
-            )
+            splines[grid] = CubicSpline(np.log(grid), np.eye(len(grid)))
         banks.append(
             _Bank(
                 effect.with_shape([joint]),

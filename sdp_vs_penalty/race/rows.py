@@ -17,7 +17,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.bristles import dahl
@@ -33,6 +32,7 @@ from sdp_vs_penalty.signals.filtered import joined
 from sdp_vs_penalty.signals.kernels import Decimator
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints, split_at_gaps
+from sdp_vs_penalty.signals.splines import CubicSpline
 from sdp_vs_penalty.signals.standstill import is_sliding
 
 #: Places among a joint's own columns: of a rotor, the offset, which has no direction,
@@ -117,7 +117,7 @@ class RegressionData:
         motion, torque = self.motion, self.torque
         states = motion.t, motion.q, motion.dq, motion.ddq
         columns = self.own_columns, self.laws, self.torque_mask
-        channels = torque.x, torque.c, self.moving, self.largest
+        channels = torque.x, torque.values, self.moving, self.largest
         numbers = np.array([self.cutoff, self.seconds, *self.velocity_signs])
         digest = hashlib.sha256()
         for array in (*states, *columns, *channels, self.run, numbers):
@@ -184,7 +184,7 @@ class RegressionData:
             )
             parts.append(moved)
         clocks = [x.torque.x + shift for x, shift in zip(logs, shifts, strict=True)]
-        torques = [x.torque(x.torque.x) for x in logs]
+        torques = [x.torque.values for x in logs]
         return replace(
             logs[0],
             motion=joined([x.motion for x in parts]),

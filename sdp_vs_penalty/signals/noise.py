@@ -19,7 +19,6 @@ from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.robot.arrays import Array, Mask, nonzero_or_one
@@ -43,6 +42,7 @@ from sdp_vs_penalty.signals.repetition import (
 )
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.signals.spectrum import position_noise, torque_spectrum
+from sdp_vs_penalty.signals.splines import CubicSpline
 from sdp_vs_penalty.signals.standstill import STILL
 
 #: Where the noise is known from.
@@ -442,9 +442,7 @@ def differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> Array:
     """
 
     residuals = [
-        scipy.interpolate.CubicSpline(
-            s.t_dense, s.torque_dense - s.dense @ s.motion.modelled
-        )
+        CubicSpline(s.t_dense, s.torque_dense - s.dense @ s.motion.modelled)
         for s in runs.segments
     ]
     parts = [runs.residual[r.rows] - residuals[r.other](r.later) for r in repeats]

@@ -14,6 +14,7 @@ import scipy
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
 from sdp_vs_penalty.signals.coloured_noise import ORDER
 from sdp_vs_penalty.signals.runs import interpolated
+from sdp_vs_penalty.signals.splines import CubicSpline
 
 #: Instants (M,) s and positions (M, n) of one uninterrupted motion.
 Track: TypeAlias = tuple[Array, Array]
@@ -286,7 +287,7 @@ def is_part(window: Filtered, longer: Filtered) -> bool:
     if not inside.any() or scale is None:
         return False
 
-    there = scipy.interpolate.CubicSpline(span, longer.q_dense)(t[inside])
+    there = CubicSpline(span, longer.q_dense)(t[inside])
     return _difference(window.q_dense[inside], there, scale) < 0.1 * ALIKE
 
 
@@ -345,8 +346,8 @@ def _same_positions(a: Filtered, b: Filtered, shift: float) -> tuple[Indices, Ar
     if scale is None or len(rows) < _FEWEST_ROWS:
         return rows[:0], later[:0]
     later = later[rows]
-    positions_of_a = scipy.interpolate.CubicSpline(a.t_dense, a.q_dense)(a.t[rows])
-    positions_of_b = scipy.interpolate.CubicSpline(b.t_dense, b.q_dense)(later)
+    positions_of_a = CubicSpline(a.t_dense, a.q_dense)(a.t[rows])
+    positions_of_b = CubicSpline(b.t_dense, b.q_dense)(later)
     is_same = np.all(np.abs(positions_of_a - positions_of_b) < ALIKE * scale, axis=1)
     return rows[is_same], later[is_same]
 

@@ -120,7 +120,7 @@ def test_the_list_of_effects_is_compact_and_one_of_them_is_told_in_full(
     run, monkeypatch
 ):
     """Every list names what is registered, a line each at its beginning."""
-    monkeypatch.setattr(console.out, "_width", 80)
+    monkeypatch.setattr(console.out(), "_width", 80)
     for kind in sorted((kind.value for kind in Kind), key="effects".__eq__):
         code, out, _ = run("list", kind)
         assert code == 0

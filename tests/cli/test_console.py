@@ -85,9 +85,9 @@ def test_a_refusal_leaves_the_old_json(tmp_path):
 
 def shown(monkeypatch, capsys, width, is_terminal):
     """The lines of the wide table."""
-    monkeypatch.setattr(console.out, "_width", width)
-    monkeypatch.setattr(console.out, "_force_terminal", is_terminal)
-    monkeypatch.setattr(console.out, "no_color", True)
+    monkeypatch.setattr(console.out(), "_width", width)
+    monkeypatch.setattr(console.out(), "_force_terminal", is_terminal)
+    monkeypatch.setattr(console.out(), "no_color", True)
     console.table(WIDE)
     return capsys.readouterr().out.splitlines()
 
