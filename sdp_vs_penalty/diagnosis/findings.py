@@ -138,12 +138,20 @@ def is_law_of(name: str, other: str) -> bool:
     effect.
 
     They are if the names are equal, or if one effect declares that it refines the
-    other, as Stribeck friction refines Coulomb friction.
+    other, as Stribeck friction refines Coulomb friction, or has the same law.
     """
     if name == other:
         return True
     types = effect_types()
-    return name in types[other].refines or other in types[name].refines
+    refines = name in types[other].refines or other in types[name].refines
+    return refines or has_same_law(name, other)
+
+
+def has_same_law(name: str, other: str) -> bool:
+    """Return whether two effects, given by name, are one law whose shape constants have
+    other bounds, as stiction and pre-sliding hysteresis."""
+    types = effect_types()
+    return other in types[name].same_law_as or name in types[other].same_law_as
 
 
 def effect_on(name: str, joints: Sequence[int]) -> WrittenEffect:
@@ -334,6 +342,24 @@ class Finding(Rated):
         return "; ".join([*named, effect_name(CURVE)] if self.fits_a_curve else named)
 
     @property
+    def same_law_in_words(self) -> str:
+        """The name that the law has over another travel, such as "or stiction: the same
+        law over a shorter travel"; "" where the travel found is outside its bounds."""
+        types = effect_types()
+        travel, kind = self.shape.get("d"), types.get(self.effect)
+        if travel is None or kind is None:
+            return ""
+        for name, other in types.items():
+            if name == self.effect or not has_same_law(self.effect, name):
+                continue
+            low, high = other.shapes["d"].bounds or (0.0, np.inf)
+            if low <= travel <= high:
+                is_shorter = other.shapes["d"].default < kind.shapes["d"].default
+                length = "shorter" if is_shorter else "longer"
+                return f"or {effect_name(name)}: the same law over a {length} travel"
+        return ""
+
+    @property
     def rival_texts(self) -> list[str]:
         """What fits as well, as it is written; a measured curve last."""
         texts = [rival.text for rival in self.short_rivals]
@@ -355,7 +381,8 @@ class Finding(Rated):
         rating = "" if self.rating == "confident" else f" ({self.rating})"
         rivals = self.rivals_in_words
         fits = f"; fits as well: {rivals}" if rivals else ""
-        return f"{self.title}{rating}: {self.size_text}{fits}"
+        same_law = f"; {self.same_law_in_words}" if self.same_law_in_words else ""
+        return f"{self.title}{rating}: {self.size_text}{same_law}{fits}"
 
     @property
     def half_width_95(self) -> float:
@@ -440,6 +467,8 @@ class Finding(Rated):
         head = f"{name} on {where}: {self.size_text}"
         head += f" ({self.constants})" if self.constants else ""
         text = f"{head}. {self.physics}"
+        if self.same_law_in_words:
+            text += f" {formatting.sentence(self.same_law_in_words)}."
         if self.rivals:
             named = ", ".join(map(written_in_words, self.short_rivals))
             text += f" Indistinguishable in these data from {named}."

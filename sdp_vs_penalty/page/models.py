@@ -16,6 +16,7 @@ from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES
 from sdp_vs_penalty.effects import (
     DEFAULT_EFFECTS,
     effect_in_words,
+    effect_name,
     effect_types,
     effects_in_words,
 )
@@ -108,10 +109,12 @@ class Models(RobotAndRuns):
         added = [text for step in self.history for text in step.added]
         found = [finding.text for finding in diagnosis.effects]
         absorbed = [x for x in diagnosis.invisible if x.effect == effect]
-        if any(_acts_as(text, effect, joints) for text in added):
-            outcome = "found, and in the model"
-        elif any(_acts_as(text, effect, joints) for text in found):
-            outcome = "found"
+        by_law = [text for text in (*added, *found) if _acts_as(text, effect, joints)]
+        if by_law:
+            name = read_effect(by_law[0]).name
+            named = "" if name == effect else f", as {effect_name(name)}"
+            in_model = ", and in the model" if by_law[0] in added else ""
+            outcome = f"found{named}{in_model}"
         elif any(joints.issubset(x.joints) for x in absorbed):
             outcome = "not found: parameters of the model absorb it in these runs"
         else:

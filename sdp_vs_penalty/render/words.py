@@ -78,7 +78,7 @@ class FindingWords:
     gain: str = ""
     #: The same in brief: the errors of its joint without and with it.
     brief_gain: str = ""
-    #: Other effects that fit as well.
+    #: The name that its law has over another travel, and other effects that fit as well.
     rivals: str = ""
     #: Run that decides whether the effect is there.
     test: str = ""
@@ -146,6 +146,8 @@ def describe_finding(
     group = diagnosis.group_of(finding)
     is_open_law = finding.says_open_law and not group.is_sum  # said in the headline
     rivals = "" if is_open_law else finding.rivals_in_words
+    as_well = f"Fits as well: {rivals}." if rivals else ""
+    same_law = _same_law(finding)
     doubt = doubt_of(finding, shared_doubts(diagnosis.effects))
     has_size = not (group.is_sum or finding.size_may_be_zero)
     size = finding.size_text if has_size else ""
@@ -159,11 +161,17 @@ def describe_finding(
         gain=finding.gain_sentence(diagnosis),
         brief_gain=_brief_gain(finding, diagnosis),
         physics=physics,
-        rivals=f"Fits as well: {rivals}." if rivals else "",
+        rivals=" ".join(filter(None, (same_law, as_well))),
         doubt=doubt,
         test=finding.telling_run(model),
         evidence=(*_evidence_for(finding, diagnosis, size), *_against(doubt)),
     )
+
+
+def _same_law(finding: Finding) -> str:
+    """Return the sentence on the name that a finding's law has over another travel."""
+    text = finding.same_law_in_words
+    return f"{formatting.sentence(text)}." if text else ""
 
 
 def _brief_gain(finding: Finding, diagnosis: Diagnosis) -> str:
@@ -222,12 +230,16 @@ def _evidence_for(
         is_rough = finding.half_width_95 > WIDE * abs(finding.size)
         is_known = not (is_rough or finding.size_is_open)
         evidence.append((_size_in_words(finding, size), is_known))
+    same_law = _same_law(finding)
+    if same_law and not group.is_sum:
+        evidence.append((same_law, False))
     if rivals := finding.rivals_in_words:
         if not finding.says_open_law or group.is_sum:  # or said in the headline
             evidence.append((f"Fits as well: {rivals}.", False))
     elif finding.rating == "confident" and not group.is_sum:
         least_odds = number(np.exp(EVIDENCE_TO_DISTINGUISH / 2.0), 2)
-        text = f"That it is this effect and no other: {least_odds} to 1, or more."
+        name = "this law" if same_law else "this effect"
+        text = f"That it is {name} and no other: {least_odds} to 1, or more."
         evidence.append((text, True))
     return tuple(evidence)
 

@@ -77,6 +77,7 @@ def diagnosis(*findings):
         ("presliding_hysteresis", (), True),
         ("presliding_hysteresis", ("maxwell_slip",), True),
         ("maxwell_slip", ("presliding_hysteresis:7@d=0.002",), True),
+        ("presliding_hysteresis", ("stiction",), True),
         ("presliding_hysteresis", ("external_wrench", "maxwell_slip"), False),
         ("joint_spring", ("base_tilt",), False),
     ],
@@ -288,6 +289,31 @@ def test_what_helps_beside_another_one_alone_says_which():
         "; helps beside stiction on joint 3, not by itself"
     )
     assert found.helped_by(first) in words.gain
+
+
+@pytest.mark.parametrize(
+    ("effect", "travel", "words"),
+    [
+        ("presliding_hysteresis", 0.0008, "or stiction: the same law over a shorter"),
+        ("presliding_hysteresis", 0.008, ""),
+        ("stiction", 0.0003, "or pre-sliding hysteresis: the same law over a longer"),
+        ("stiction", 0.00001, ""),
+        ("load_dependent_hysteresis", 0.0008, ""),
+        ("maxwell_slip", 0.0008, ""),
+    ],
+)
+def test_a_travel_that_both_names_of_a_law_have_is_called_by_both(
+    effect, travel, words
+):
+    """A card said "and no other" of pre-sliding hysteresis where stiction was hidden."""
+    found = finding(effect, 4, shape={"d": travel}, std=0.01)
+    assert found.same_law_in_words == (f"{words} travel" if words else "")
+    said, *_ = describe_diagnosis(diagnosis(found), ["N m"] * 7).findings
+    evidence = " ".join(text for text, _ in said.evidence)
+    assert ("That it is this effect and no other" in evidence) == (not words)
+    assert words.partition(": ")[2] in said.sentences
+    assert words in found.line
+    assert words.partition(": ")[2] in found.explanation
 
 
 def test_the_cause_of_the_whole_robot_names_no_joint():

@@ -266,6 +266,12 @@ def test_no_time_is_estimated_before_a_second_part_is_counted(monkeypatch):
     ("hidden_effect", "added", "outcome"),
     [
         ("joint_spring:1", (), ": found."),
+        ("stiction:2", (), ": found, as pre-sliding hysteresis."),
+        (
+            "stiction:1",
+            ("presliding_hysteresis:1@d=0.0008",),
+            ": found, as pre-sliding hysteresis, and in the model.",
+        ),
         ("joint_spring:2", (), "absorb it"),
         ("backlash:2", (), "not found by this name"),
         ("backlash:2", ("backlash:2@band=4",), ": found, and in the model."),
@@ -276,7 +282,8 @@ def test_what_was_hidden_is_compared_with_what_was_found(
     here, two_link, hidden_effect, added, outcome
 ):
     invisible = Invisible("joint_spring", (2,), 1.0)
-    diagnosis = replace(told(two_link, ["joint_spring:1"]), invisible=(invisible,))
+    effects = ["joint_spring:1", "presliding_hysteresis:2"]
+    diagnosis = replace(told(two_link, effects), invisible=(invisible,))
     s = here.new()
     s.history = [SimpleNamespace(findings=diagnosis, added=added)]
     s.hidden = hidden_effect
