@@ -651,6 +651,32 @@ class Group:
 
 
 @dataclass(frozen=True)
+class Pair:
+    """What lowers no error by itself, and the other one beside which it does: shown as one
+    and added together."""
+
+    #: What helps only beside the other one.
+    found: Finding | Retune
+    #: The other one.
+    other: Finding | Retune
+    #: Whether the other one lowers no error by itself either, and needs this one.
+    is_mutual: bool
+    #: The joint (from 1) that gains most.
+    joint: int
+    #: (n,) RMS errors on data left out with both [N m or N].
+    after: Array
+    #: Both, and their places.
+    title: str
+    #: What adds both.
+    change: Change
+
+    @property
+    def texts(self) -> list[str]:
+        """Both as :func:`add` takes them."""
+        return [self.found.text, self.other.text]
+
+
+@dataclass(frozen=True)
 class Invisible(JsonRecord):
     """An effect whose torque the model's own parameters absorb: no such recording shows
     it."""
@@ -1070,6 +1096,23 @@ class Diagnosis(Record, JsonRecord):
         name = named_on_joints([other])
         again = ", estimated again" if isinstance(other, Retune) else ""
         return f"helps beside {name}{again}, not by itself"
+
+    def pair_of(self, found: Finding | Retune) -> Pair | None:
+        """Return something that lowers no error by itself, with the one other beside which
+        it does; None where it helps by itself, or no single other one is known."""
+        other, joint = self._companion(found)
+        if other is None:
+            return None
+        after = self.error_with((found, other))
+        assert after is not None  # or it would be no companion
+        mutual, _ = self._companion(other)
+        pair = found, other
+        names = formatting.sentence(named_on_joints(pair))
+        arguments: dict[str, Any] = {"effects": [x.text for x in pair]}
+        if isinstance(found, Finding) and isinstance(other, Finding):
+            arguments["findings"] = [found.number, other.number]
+        change = Change("add", f"add {named_on_joints(pair)}", arguments)
+        return Pair(found, other, mutual is found, joint, after, names, change)
 
     def _companion(
         self, found: Finding | Retune

@@ -30,7 +30,7 @@ from sdp_vs_penalty.diagnosis.causes import (
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, MINOR
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Pair, Retune
 from sdp_vs_penalty.diagnosis.where_it_fails import (
     NEAR,
     UNNAMED,
@@ -78,6 +78,8 @@ class FindingWords:
     gain: str = ""
     #: The same in brief: the errors of its joint without and with it.
     brief_gain: str = ""
+    #: Whether its joint errs by more with what its card adds.
+    is_worsening: bool = False
     #: The name that its law has over another travel, and other effects that fit as well.
     rivals: str = ""
     #: Run that decides whether the effect is there.
@@ -149,6 +151,8 @@ def describe_finding(
     as_well = f"Fits as well: {rivals}." if rivals else ""
     same_law = _same_law(finding)
     doubt = doubt_of(finding, shared_doubts(diagnosis.effects))
+    j = finding.main_joint - 1
+    rmse, rmse_with = diagnosis.errors_of(finding)
     has_size = not (group.is_sum or finding.size_may_be_zero)
     size = finding.size_text if has_size else ""
     return FindingWords(
@@ -160,6 +164,7 @@ def describe_finding(
         constants=finding.constants if size else "",
         gain=finding.gain_sentence(diagnosis),
         brief_gain=_brief_gain(finding, diagnosis),
+        is_worsening=bool(rmse_with[j] > rmse[j]) and not diagnosis.pair_of(finding),
         physics=physics,
         rivals=" ".join(filter(None, (same_law, as_well))),
         doubt=doubt,
@@ -180,12 +185,19 @@ def _brief_gain(finding: Finding, diagnosis: Diagnosis) -> str:
     joint = finding.main_joint
     before, after = (float(rmse[joint - 1]) for rmse in diagnosis.errors_of(finding))
     text = _fall(joint, before, after, diagnosis)
-    if beside := diagnosis.companion_in_words(finding):
-        return f"{text}; {beside}"
+    if pair := diagnosis.pair_of(finding):
+        return _gain_of_pair(pair, diagnosis)
     with_all = float(diagnosis.held_out_rmse_with_helpful[joint - 1])
     if after > (1.0 - MINOR) * before and finding in diagnosis.helpful:
         text += f"; with all that helps {formatting.change_of(before, with_all)}"
     return text
+
+
+def _gain_of_pair(pair: Pair, diagnosis: Diagnosis) -> str:
+    """Return how the error of the joint that gains most changes with both of a pair."""
+    j = pair.joint - 1
+    before, after = float(diagnosis.held_out_rmse_before[j]), float(pair.after[j])
+    return f"with both, {_fall(pair.joint, before, after, diagnosis)}"
 
 
 def _fall(joint: int, before: float, after: float, diagnosis: Diagnosis) -> str:
@@ -335,13 +347,16 @@ def describe_constant(constant: Retune, diagnosis: Diagnosis) -> FindingWords:
     gain = _fall(constant.joint, *errors, diagnosis)
     physics = f"Re-estimated constant: {constant.in_words}."
     if helped := diagnosis.helped_by(constant):
-        gain = f"{gain}; {diagnosis.companion_in_words(constant)}"
+        pair = diagnosis.pair_of(constant)
+        assert pair is not None  # it is helped by the other one of it
+        gain = _gain_of_pair(pair, diagnosis)
         physics = f"{physics} It {helped}."
     return FindingWords(
         title=f"{plain_name(constant.effect)} of joint {constant.joint}, estimated again",
         rating=constant.rating,
         badge=constant.badge,
         brief_gain=gain,
+        is_worsening=constant.rmse_after > constant.rmse_before and not helped,
         physics=physics,
         doubt=doubt,
         evidence=_against(doubt),

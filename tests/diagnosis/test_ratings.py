@@ -285,9 +285,11 @@ def test_what_helps_beside_another_one_alone_says_which():
     )
     assert found.helped_by(second) == ""
     words, *_ = describe_diagnosis(found, ["N m"] * 7).findings
-    assert words.brief_gain.endswith(
-        "; helps beside stiction on joint 3, not by itself"
-    )
+    assert words.brief_gain == "with both, joint 1's error: 2 → 1.5 N m or N, -25 %"
+    pair = found.pair_of(first)
+    assert (pair.title, pair.is_mutual) == ("Stiction on joints 1 and 3", False)
+    assert pair.change.arguments["effects"] == [first.text, third.text]
+    assert found.pair_of(third) is None
     assert found.helped_by(first) in words.gain
 
 

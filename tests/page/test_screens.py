@@ -692,6 +692,31 @@ def two_link_page():
     sessions.close()
 
 
+def test_what_helps_only_together_is_one_card_with_one_button(story, monkeypatch):
+    """Each of two cards was "confident" and raised its joint's error by itself."""
+    screen, session = story.screen, story.session
+    history, runs = list(session.history), list(session.runs)
+    shown = show_every_kind(story)
+    before = shown.found.held_out_rmse_before
+    pair = [shown.found.effects[0].text, shown.width.text]
+    errors = {tuple(pair): 0.5 * before} | {(text,): 1.01 * before for text in pair}
+    found = shown.found.with_errors(errors)
+    session.history[0] = replace(session.history[0], findings=found)
+    screen.do(session.changed)
+    assert "Joint spring on joint 2; Coulomb friction on joint 1" in screen.text(
+        "diagnose"
+    )
+    assert "with both, joint" in screen.text("diagnose")
+    assert "-50 %" in screen.text("diagnose")
+    assert "add-constant-0" not in screen.keys
+    called = recorded(screen, monkeypatch)
+    screen.click("add-0")
+    ((_, change, *_),) = called
+    assert change["arguments"] == {"effects": pair}
+    session.history[:], session.runs = history, runs
+    screen.do(session.changed)
+
+
 def test_findings_of_every_kind_are_told(story, monkeypatch):
     screen = story.screen
     session = story.session

@@ -1,7 +1,7 @@
 """Diagnose: the error from model to model; which effects are missing, each to be added
 with a click."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -11,7 +11,7 @@ from nicegui import ui
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Pair, Retune
 from sdp_vs_penalty.effects import effect_types, effects_in_words, standard_effect
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import finding_chart, missing_chart
@@ -143,16 +143,27 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
         on_worst = (f for f in diagnosis.in_order_of_reading if f.main_joint == worst)
         opened = next((f for f in on_worst if f.text not in session.added), None)
     sure, others = list[partial[None]](), list[partial[None]]()
+    covered = set[str]()  # drawn on the card of the one that needs it
     titles_by_badge = dict[str, list[str]]()
     for group in diagnosis.groups_in_order_of_reading:
         k = group.place
+        if group.first.text in covered:
+            continue
+        shown = {*group.texts}
+        if (pair := diagnosis.pair_of(group.first)) and pair.is_mutual:
+            covered.add(pair.other.text)
+            shown.add(pair.other.text)
         if not group.first.says_open_law:  # its own card says it
             titles_by_badge.setdefault(group.badge, []).append(group.title)
-        is_open = opened is not None and opened.text in group.texts
-        card = partial(_card, view, diagnosis, words.findings[k], k, is_open)
+        is_open = opened is not None and opened.text in shown
+        card = partial(_card, view, diagnosis, words, k, is_open)
         (sure if group.first.torque_is_certain else others).append(card)
     for k, constant in enumerate(diagnosis.retuned):
-        card = partial(_constant, session, constant, words.constants[k], k)
+        if constant.text in covered:
+            continue
+        if (pair := diagnosis.pair_of(constant)) and pair.is_mutual:
+            covered.add(pair.other.text)
+        card = partial(_constant, session, diagnosis, words, k)
         (sure if constant.torque_is_certain else others).append(card)
     with draw.tag("ol", style="findings"):
         for card in sure:
@@ -204,7 +215,7 @@ def _open_before(view: View, diagnosis: Diagnosis) -> None:
 
 
 def _card(
-    view: View, diagnosis: Diagnosis, words: FindingWords, k: int, is_open: bool
+    view: View, diagnosis: Diagnosis, described: DiagnosisWords, k: int, is_open: bool
 ) -> None:
     """Draw the card of one finding, the k-th of the diagnosis (from 0).
 
@@ -213,16 +224,22 @@ def _card(
     and the evidence.
     """
     session = view.session
-    finding = diagnosis.effects[k]
-    is_added = finding.text in session.added
+    finding, words = diagnosis.effects[k], described.findings[k]
+    name, texts = words.title, [finding.text]
+    change = diagnosis.offer_of(finding).change
+    if pair := diagnosis.pair_of(finding):
+        name, texts, change = pair.title, pair.texts, pair.change
+    is_added = session.added.issuperset(texts)
     done = " done" if is_added else ""
     with draw.tag("li", style=f"card finding-card{done}"):
         # What is said of several weak findings at once calls them by their numbers.
         number = "" if finding.torque_is_certain else f"{finding.number}. "
-        title = f"{number}{words.title}"
+        title = f"{number}{name}"
         gain = "" if is_added else words.brief_gain  # the chart has what it did
         with _head(title, f"card-{k}", is_open, words, gain):
             draw.tag("p", words.on_the_arm, "on-the-arm")
+            if pair is not None:
+                draw.note(_other_of_pair(diagnosis, described, pair))
             _picture(session, finding)
             draw.tag("h5", "Evidence")
             with draw.tag("ul", style="evidence"):
@@ -235,8 +252,15 @@ def _card(
                     draw.note(words.physics)
                     if words.constants:
                         draw.note(f"Its constants: {words.constants}.")
-        change = diagnosis.offer_of(finding).change.to_dict()
-        _adding(session, finding.text, change, f"add-{k}", f"Add {words.title}")
+        _adding(session, texts, change.to_dict(), f"add-{k}", f"Add {name}")
+
+
+def _other_of_pair(diagnosis: Diagnosis, described: DiagnosisWords, pair: Pair) -> str:
+    """Return what the other one of a pair is on the arm, or which constant it is."""
+    if isinstance(pair.other, Retune):
+        constant = described.constants[diagnosis.retuned.index(pair.other)]
+        return f"{constant.title}: {pair.other.explanation}."
+    return described.findings[pair.other.number - 1].on_the_arm
 
 
 def _head(
@@ -252,7 +276,8 @@ def _head(
     with unfolded, draw.tag("summary", style="head", data_key=key):
         draw.tag("h4", title)
         if words is not None:
-            draw.tag("span", words.badge, f"badge {words.rating}")
+            colour = "near-tie" if words.is_worsening else words.rating
+            draw.tag("span", words.badge, f"badge {colour}")
             draw.tag("span", gain, "soft")
     return unfolded
 
@@ -278,35 +303,46 @@ def _telling(view: View, finding: Finding, words: str, key: str) -> None:
 
 
 def _adding(
-    session: Session, text: str, change: Mapping[str, Any], key: str, label: str
+    session: Session,
+    texts: Sequence[str],
+    change: Mapping[str, Any],
+    key: str,
+    label: str,
 ) -> None:
-    """Draw the button that adds an effect, or the remark that it was added.
+    """Draw the button that adds what a card holds, or the remark that it was added.
 
-    text : the effect as `add` writes it; change : of its remedy; key : by which focus
-    finds the button again; label : what it adds, for screen readers.
+    texts : its effects as `add` writes them; change : what adds them; key : by which
+    focus finds the button again; label : what it adds, for screen readers.
     """
-    if text in session.added:
+    if session.added.issuperset(texts):
         draw.tag("p", "✓ Added", "chosen")
-    elif session.is_of_held_model(text):
+    elif session.is_of_held_model(texts[0]):
         draw.note("The model has it, of another size: identify it again.")
     else:
         add = partial(session.start, session.apply, change)
         draw.button("Add", add, key, aria_label=label)
 
 
-def _constant(session: Session, constant: Retune, words: FindingWords, k: int) -> None:
+def _constant(
+    session: Session, diagnosis: Diagnosis, described: DiagnosisWords, k: int
+) -> None:
     """Draw the card of a constant of the model's effects, the k-th, that should be
     re-estimated."""
+    constant, words = diagnosis.retuned[k], described.constants[k]
+    name, texts, change = words.title, [constant.text], constant.remedy.change
+    if pair := diagnosis.pair_of(constant):
+        name, texts, change = pair.title, pair.texts, pair.change
     with draw.tag("li", style="card finding-card"):
-        gain = "" if constant.text in session.added else words.brief_gain
-        with _head(words.title, f"card-constant-{k}", False, words, gain):
+        gain = "" if session.added.issuperset(texts) else words.brief_gain
+        with _head(name, f"card-constant-{k}", False, words, gain):
             _picture(session, constant)
             draw.tag("p", words.physics)
+            if pair is not None:
+                draw.note(_other_of_pair(diagnosis, described, pair))
             if words.doubt:
                 draw.note(words.doubt)
-        change = constant.remedy.change.to_dict()
         key = f"add-constant-{k}"
-        _adding(session, constant.text, change, key, f"Add {words.title}")
+        _adding(session, texts, change.to_dict(), key, f"Add {name}")
 
 
 def _curves(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
@@ -330,7 +366,7 @@ def _curves(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
                 draw.chart(drawn, label)
             title = f"Add the curve of joint {curve.joint}"
             change = Change("add", title, {"effects": [text]})
-            _adding(session, text, change.to_dict(), f"add-curve-{k}", title)
+            _adding(session, [text], change.to_dict(), f"add-curve-{k}", title)
 
 
 def _by_hand(view: View) -> None:
