@@ -71,8 +71,8 @@ def export(
         robot.
     """
     model = as_estimate(estimate, "export(estimate=...)")
-    lost = exporting.effects_left_out(model, out)
     verdict = None
+    lost: tuple[str, ...] = ()
     if measurements is not None:
         runs = as_measurements(measurements, names=model.problem.channel_names)
         filtered = FilteredRuns.filtering(runs, model.preprocessing.resolve(runs))
@@ -80,15 +80,15 @@ def export(
         judged = judge_as_exported(model, out, filtered, whole)
         if judged is not None and refit:
             judged = refit_as_exported(judged, (), filtered, filtered, whole)
-            model = judged.model
+            model, lost = judged.model, judged.lost
         verdict = None if judged is None else judged.verdict
     elif refit:
         remedy = "name the runs to identify from: export(measurements=...)"
         raise InputError("export(refit=True)", remedy)
-    exporting.write_model(
+    left_out = exporting.write_model(
         model, out, urdf, mjcf=mjcf, force=force, flange=flange, judged=verdict
     )
-    return lost
+    return (*lost, *left_out)
 
 
 @dataclass(frozen=True)
