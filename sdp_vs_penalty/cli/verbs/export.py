@@ -70,7 +70,7 @@ def verb(
     verdict = None if held is None else held.verdict
     if held is not None and held.is_refitted:
         estimate = held.model
-    write_model(
+    left_out = write_model(
         estimate, out, urdf, mjcf=mjcf, force=force, flange=(x, y, z), judged=verdict
     )
     if lost:
@@ -85,9 +85,10 @@ def verb(
     console.written(out)
     if urdf is None and mjcf is None:
         _warn_of_names(out)
-    if lost:
-        names = ", ".join(map(effect_in_words, lost))
-        again = "" if refit else " --refit identifies the model again without."
+    if lost or left_out:
+        names = ", ".join(map(effect_in_words, lost or left_out))
+        can_refit = bool(lost) and not refit
+        again = " --refit identifies the model again without." * can_refit
         console.warn(f"{out.suffix} files cannot hold {names}; .json files can.{again}")
 
 
