@@ -24,11 +24,11 @@ from sdp_vs_penalty.estimation.nominal import NOMINAL, as_model
 from sdp_vs_penalty.estimation.verdict import (
     ABOVE_NOISE,
     MOSTLY_NEW,
-    NO_MODEL,
     ErrorsBesideNoise,
     NoiseFloor,
     Verdict,
     doubt_of_log,
+    grades_in_words,
     implausible,
     judge,
     noise_level,
@@ -269,16 +269,8 @@ class Comparison(Record):
     def grades(self) -> str:
         """What errors the grades stand for, in words; good ones are limited by the noise
         floor, or by a share of the torque where there is none."""
-        if self.noise_floor is None:
-            of_torque = f"{100.0 * NEGLIGIBLE:g} % of its torque"
-            good_limit = f"{of_torque}, since no noise is known"
-            unusable_limit = f"{NO_MODEL:g} % of its torque"
-        else:
-            good_limit = f"{ABOVE_NOISE:g} times its noise"
-            unusable_limit = f"{NO_MODEL:g} % of its torque beyond its noise"
-        good = f"Good: each joint errs by at most {good_limit}, on motion that is new."
-        unusable = f"Do not use: a joint errs by more than {unusable_limit}."
-        return f"{good} {unusable} Usable: all between."
+        is_known = self.noise_floor is not None
+        return grades_in_words(None if is_known else 100.0 * NEGLIGIBLE)
 
     @fact("Hz", name="band")
     def band(self) -> float:

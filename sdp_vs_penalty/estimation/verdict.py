@@ -193,6 +193,34 @@ class Verdict(JsonRecord):
         return replace(self, lines=_weakest_first(lines))
 
 
+def grades_in_words(noiseless_percent: float | None = None) -> str:
+    """Return what the grades stand for.
+
+    Parameters
+    ----------
+    noiseless_percent
+        Limit of a good model's error where no noise is known [% of the joint's torque];
+        None where it is known.
+
+    Returns
+    -------
+    str
+        A sentence for each grade.
+    """
+    limit = f"{ABOVE_NOISE:g} times its noise"
+    beyond = " beyond its noise"
+    if noiseless_percent is not None:
+        limit = f"{noiseless_percent:g} % of its torque, since no noise is known"
+        beyond = ""
+    return (
+        f"Good: each joint errs by at most {limit}, and on motion that is new the arm by"
+        f" at most {100.0 * CHANGES:g} % of its torque{beyond}; nothing of the log is in"
+        " doubt, no effect is surely missing, and the links can exist. Do not use: a"
+        f" joint errs by more than {NO_MODEL:g} % of its torque{beyond}. Usable: all"
+        " between."
+    )
+
+
 #: What is said of a model without a verdict.
 NOT_JUDGED = (
     "Verdict: not judged on any measurements; `sdp-vs-penalty compare` judges it."

@@ -52,6 +52,17 @@ from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array, Mask
 from sdp_vs_penalty.signals.noise import NOISE_UNKNOWN
 
+#: What each badge of a finding means.
+BADGES = {
+    "confident": "these runs show this effect, and no other that was tried fits as well"
+    f" (each is {np.exp(EVIDENCE_TO_DISTINGUISH / 2.0):.0f} times less likely, or more)",
+    "sum certain": "the torque is there; which of these laws makes it is open",
+    "near-tie": "the torque is there; what makes it is open: something else fits as well",
+    "size uncertain": "the torque is there; how much of it this effect makes is open",
+    "cause uncertain": "the torque is there; something else may make a part of it",
+    "weak": "it may be nothing",
+}
+
 
 @dataclass(frozen=True)
 class FindingWords:

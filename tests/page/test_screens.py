@@ -26,6 +26,7 @@ from sdp_vs_penalty.diagnosis.where_it_fails import UNNAMED
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.written import WrittenEffect
 from sdp_vs_penalty.estimation import ShapeEstimate
+from sdp_vs_penalty.estimation.verdict import grades_in_words
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.exporters import EXPORTS
 from sdp_vs_penalty.files import problems_folder
@@ -35,7 +36,7 @@ from sdp_vs_penalty.page.next_step import next_step
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.page.stages import measure
 from sdp_vs_penalty.page.view import identified
-from sdp_vs_penalty.render.words import describe_finding
+from sdp_vs_penalty.render.words import BADGES, describe_finding
 from sdp_vs_penalty.reports.demo import RUNS, SEED
 from sdp_vs_penalty.results import Change
 
@@ -679,6 +680,20 @@ def test_every_refused_file_has_a_button(name, tmp_path, two_link_page):
     texts = [screen.text(x) for x in ("next", "measure", "check")]
     texts += [] if notice is None else notice.texts
     assert not [text for text in texts if needs_a_terminal(text)]
+
+
+def test_grades_and_badges_have_one_definition(story):
+    """The first screen and Use gave "Good" other limits, and named no doubt."""
+    sessions = Sessions(Here())
+    first = Screen(sessions.new())
+    said = first.text("measure")
+    assert grades_in_words() in said
+    assert all(meaning in said for meaning in BADGES.values())
+    limits = story.session.current.facts["grades"].text
+    assert limits in {grades_in_words(), grades_in_words(0.1)}
+    assert limits in story.screen.text("use")
+    first.loop.close()
+    sessions.close()
 
 
 @pytest.fixture

@@ -32,6 +32,7 @@ from sdp_vs_penalty.page.view import (
 from sdp_vs_penalty.render.pieces import bars
 from sdp_vs_penalty.render.tables import joint_table
 from sdp_vs_penalty.render.words import (
+    BADGES,
     DiagnosisWords,
     FindingWords,
     describe_diagnosis,
@@ -119,15 +120,6 @@ def findings(view: View) -> None:
     _by_hand(view)
 
 
-#: What is open of a finding, by its badge.
-_BADGES = {
-    "sum certain": "which of these laws makes it is open",
-    "near-tie": "what makes it is open",
-    "size uncertain": "how much of it this effect makes is open",
-    "cause uncertain": "something else may make a part of it",
-}
-
-
 def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     """Draw a card for each finding and each constant to re-estimate: first those whose
     torque is certain, as they are read; the others are folded away. The main one is
@@ -168,12 +160,10 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     with draw.tag("ol", style="findings"):
         for card in sure:
             card()
-    for badge in filter(_BADGES.get, titles_by_badge):
-        names = "; ".join(titles_by_badge[badge])
-        draw.note(
-            f"{formatting.sentence(badge)} ({names}): the torque is there;"
-            f" {_BADGES[badge]}."
-        )
+    for badge, titles in titles_by_badge.items():
+        if badge not in ("confident", "weak"):
+            name = f"{formatting.sentence(badge)} ({'; '.join(titles)})"
+            draw.note(f"{name}: {BADGES[badge]}.")
     if not others:
         return
     added = [f for f in diagnosis.effects if f.text in session.added]

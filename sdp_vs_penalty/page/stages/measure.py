@@ -13,8 +13,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.words.tokens import group_of
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.constants import CHANGES
-from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, NO_MODEL
+from sdp_vs_penalty.estimation.verdict import grades_in_words
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import ArmScene, chart_and_arm
@@ -37,7 +36,7 @@ from sdp_vs_penalty.page.view import (
     look_in_words,
     set_aside_in_words,
 )
-from sdp_vs_penalty.render.words import plain_name
+from sdp_vs_penalty.render.words import BADGES, plain_name
 from sdp_vs_penalty.reports.demo import HIDDEN, SEED
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, MAKERS
 
@@ -123,17 +122,12 @@ def _choose(view: View) -> None:
             draw.tag("span", "confident", "badge")
             draw.tag("p", spoken(f"Added to the model, {EXAMPLE}"), "soft")
     with draw.details("What Good, Usable and near-tie mean", "meanings"):
-        draw.note(
-            f"Good: no joint errs by more than {ABOVE_NOISE:g} times its noise, and on motion"
-            f" that the model has not seen the arm by at most {formatting.percent(CHANGES)} of its"
-            f" torque beyond that. Usable: by more, up to {NO_MODEL:g} % of a joint's torque."
-            " Noise: what differs in the torque where a motion is repeated."
-        )
-        draw.note(
-            "Of what is missing in a model: confident, these runs show what it is; near-tie,"
-            " they show a torque, and another effect explains it as well; weak, it may be"
-            " nothing."
-        )
+        draw.note(grades_in_words())
+        draw.note("Noise: what differs in the torque where a motion is repeated.")
+        draw.note("Of what is missing in a model:")
+        with draw.tag("ul"):
+            for badge, meaning in BADGES.items():
+                draw.tag("li", f"{formatting.sentence(badge)}: {meaning}.")
     draw.tag("h4", "Or a built-in robot")
     # By name or path: what to call it, what it is, and the shown name of a URDF.
     there: dict[str, tuple[str, str, str | None]] = {}
