@@ -89,6 +89,8 @@ class ModelStep(JsonRecord):
     #: Which findings these were: their numbers, "helpful" or "all"; None for effects
     #: by their names.
     findings_added: str | list[int] | None = None
+    #: Names of the test runs whose errors chose what was added, in this step or before.
+    chosen_on: tuple[str, ...] = ()
     #: Whether the others were held when effects were added.
     frozen: bool = False
     #: The largest error of a joint ("size", in multiples of its noise or % of its torque),
@@ -243,6 +245,8 @@ class ModelStep(JsonRecord):
         if known and known.text and fitted:
             kind = f"{kind}, in other runs"
         names = [*dict.fromkeys(name.partition(", ")[0] for name in self.judged_on)]
+        if not {*self.chosen_on}.isdisjoint(self.judged_on):
+            kind = f"{kind}, which helped to choose what was added"
         runs = formatting.words(names)
         runs = runs if len(names) <= 3 else f"{len(names)} runs"
         parts = "parts of " if len(names) < len(self.judged_on) else ""

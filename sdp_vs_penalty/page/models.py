@@ -379,6 +379,9 @@ class Models(RobotAndRuns):
             "frozen": frozen,
             "diagnosed": diagnosis and diagnosis.to_dict(),
         }
+        chosen_on = self.current.chosen_on
+        if diagnosis is not None and diagnosis.held_out_source == "test":
+            chosen_on = tuple(dict.fromkeys((*chosen_on, *self.current.judged_on)))
         label = f"with {formatting.count(len(texts), 'finding')}"
         if len(texts) <= 1:
             label = f"with {effects_in_words(texts) or 'measured curves'}"
@@ -389,6 +392,7 @@ class Models(RobotAndRuns):
             label=label,
             added=tuple(texts),
             findings_added=change["arguments"].get("findings"),
+            chosen_on=chosen_on,
             frozen=frozen,
         )
         self._step_from_here(change["words"], keeps_models=True)

@@ -291,6 +291,22 @@ def test_what_was_hidden_is_compared_with_what_was_found(
     assert bool(outcome) == bool(s.hidden_and_found)
 
 
+def test_the_run_that_chose_what_is_added_is_no_judge_of_it(here, hidden, tmp_path):
+    """Until a diagnosis has a test run, nothing of it is chosen; afterwards its run is
+    said to have chosen, and a new one is not."""
+    files = saved(tmp_path, hidden.runs[:2], "a.csv", "test.csv")
+    s = opened(here, "two_link", **files)
+    do(s, s.identify)
+    assert "helped to choose" not in s.current.scope
+    do(s, s.diagnose)
+    do(s, lambda: s.add("presliding_hysteresis:1"))
+    assert s.current.scope.endswith(
+        ", which helped to choose what was added (test.csv)"
+    )
+    s.history = [*s.history[:-1], replace(s.current, judged_on=["new.csv"])]
+    assert "helped to choose" not in s.current.scope
+
+
 def test_a_card_promises_what_its_own_button_adds_and_the_next_step_all_of_it(two_link):
     """Judged on the test run as the model is; a card that does not help alone says beside
     what it does."""
