@@ -175,9 +175,10 @@ def missing_chart(
 
 
 def failing_stretches(
-    model: ModelStep, run: str, j: int
+    model: ModelStep, run: str, j: int, drawn: tuple[float, float]
 ) -> list[tuple[float, float, str]]:
-    """List the stretches of a run in which a joint's error is large.
+    """List the stretches of a run in which a joint's error is large, as far as a curve is
+    drawn there: none is at standstill.
 
     Parameters
     ----------
@@ -187,6 +188,8 @@ def failing_stretches(
         Name of the run, perhaps with the seconds of its part: "run1, 3 to 9 s".
     j : int
         Index of the joint, from 0.
+    drawn : (float, float)
+        First and last instant of the curve [s].
 
     Returns
     -------
@@ -195,10 +198,13 @@ def failing_stretches(
     if not model.failures:
         return []
     recording = run.partition(", ")[0]
+    begin, end = drawn
     return [
-        (stretch["start"], stretch["stop"], stretch["cause"])
+        (max(stretch["start"], begin), min(stretch["stop"], end), stretch["cause"])
         for stretch in model.failures[j]["stretches"]
         if stretch["run"].partition(", ")[0] == recording
+        and stretch["start"] < end
+        and stretch["stop"] > begin
     ]
 
 

@@ -250,7 +250,7 @@ def _other_of_pair(diagnosis: Diagnosis, described: DiagnosisWords, pair: Pair) 
     if isinstance(pair.other, Retune):
         constant = described.constants[diagnosis.retuned.index(pair.other)]
         return f"{constant.title}: {pair.other.explanation}."
-    return described.findings[pair.other.number - 1].on_the_arm
+    return described.findings[diagnosis.effects.index(pair.other)].on_the_arm
 
 
 def _head(

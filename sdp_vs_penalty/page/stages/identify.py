@@ -295,12 +295,8 @@ class _Fit:
             step.label: recording["modelled"]
             for step, recording in zip(steps, recordings, strict=True)
         }
-        begin, end = last["t"][0], last["t"][-1]
-        failing = [  # a part without a curve, as at standstill, is not shaded
-            (max(start, begin), min(stop, end), cause)
-            for start, stop, cause in failing_stretches(self.model, view.run, j)
-            if start < end and stop > begin
-        ]
+        drawn_span = last["t"][0], last["t"][-1]
+        failing = failing_stretches(self.model, view.run, j, drawn_span)
         run = Curves(last["t"], last["torque"], modelled)
         drawn = torque_chart(run, j, units, view.span, failing)
         self.chart.update_figure(drawn)
