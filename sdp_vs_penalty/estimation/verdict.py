@@ -161,6 +161,13 @@ class Verdict(JsonRecord):
         return f"{self.headline}\n{lines_in_words}"
 
     @property
+    def is_lowered_by_log_alone(self) -> bool:
+        """Whether nothing but what is in doubt of the log keeps the model from being
+        good."""
+        others = (line.grade for line in self.lines if line.about != LOG)
+        return self.grade != "good" and all(grade == "good" for grade in others)
+
+    @property
     def is_something_missing(self) -> bool:
         """Whether the line on missing effects is less than good."""
         return any(

@@ -278,6 +278,14 @@ def _unit(session: Session, level: str) -> NextStep:
     )
 
 
+def _settle_doubt(session: Session) -> NextStep:
+    """Return the step that settles what is in doubt of the log."""
+    if session.is_unit_open or session.has_gains_by_size:
+        label = "Say the unit, or the drive gains"
+        return replace(_name_unit(session), label=label)
+    return NextStep("", "See what Check says", "check", session.see_issues)
+
+
 def _name_unit(session: Session) -> NextStep:
     """Return the second choice to name the unit of all torques in the fields of Check."""
     label = "Or say the unit, or the drive gains"
@@ -334,7 +342,8 @@ def _of_model(view: View) -> NextStep:
     if len(session.history) == 1 and diagnosis is None:
         known["figure"] = "identify", "fit"
     is_first = len(session.history) == 1
-    if not is_first and level != "good" and session.current.failures:
+    in_doubt = session.current.verdict.is_lowered_by_log_alone
+    if not (is_first or level == "good" or in_doubt) and session.current.failures:
         failures = session.current.where_it_fails
         text += describe_unexplained(failures, session.current.worst_joint, None)
     is_done = session.current.servo or (level == "good" and not is_first)
@@ -361,6 +370,9 @@ def _of_model(view: View) -> NextStep:
         known["more"] = _sentences(spoken(diagnosis.cause), more)
         known["number"] = f"{headline} Measured {measured_on(session)}"
         text = f"{of_model.word}. {_without_remedy(session, diagnosis)}"
+        if in_doubt:
+            known["other"] = _report(view)
+            return replace(_settle_doubt(session), text=text, **known)
         if level != "good":
             step = _curve_to_add(session, diagnosis) or _motion_to_record(view)
             known["more"] = _sentences(known["more"], step.text)
@@ -405,7 +417,10 @@ def _without_remedy(session: Session, diagnosis: Diagnosis) -> str:
     """Say what a diagnosis that adds nothing has found; of an error beyond the noise what
     it follows."""
     model = session.current
-    if model.verdict.grade == "good" or not model.failures:
+    is_within_noise = (
+        model.verdict.grade == "good" or model.verdict.is_lowered_by_log_alone
+    )
+    if is_within_noise or not model.failures:
         return in_brief(spoken(diagnosis.cause))
     found = bool(diagnosis.effects)
     return describe_unexplained(model.where_it_fails, model.worst_joint, found)

@@ -1787,6 +1787,25 @@ def test_currents_become_torques_by_one_click(in_amperes):
     assert "to fit the robot's masses" in session.repairs[-1][0]
 
 
+@pytest.mark.long
+def test_a_model_within_its_noise_whose_unit_is_in_doubt_asks_for_the_unit(in_amperes):
+    """No motion settles it: the line said that no effect explains an error of 1.08 times
+    the noise, and asked for a motion to record without end."""
+    session, _ = in_amperes
+    screen = Screen(session)
+    screen.click("next")
+    do(session, session.identify)
+    do(session, session.diagnose)
+    while session.current.verdict.is_something_missing:
+        change = next_remedy(session.findings.remedies).change
+        do(session, lambda change=change: session.apply(change.to_dict()))
+        do(session, session.diagnose)
+    assert session.current.verdict.is_lowered_by_log_alone
+    step = next_step(screen.view)
+    assert step.label == "Say the unit, or the drive gains"
+    assert "explain" not in step.text
+
+
 def test_gains_by_size_are_doubted_until_they_are_typed(in_amperes):
     """Check was green with them: nothing wrong in 2 runs."""
     session, gains = in_amperes
