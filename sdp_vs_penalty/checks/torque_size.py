@@ -5,6 +5,7 @@ is judged by the joints' effort limits, which bind every sample, and by the torq
 of the problem's masses needs for the motion.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -291,13 +292,22 @@ def gains_by_size(
     texts = [f"{gain:.3g}" for gain in gains]
     is_slide = [joint.kind == "prismatic" for joint in problem.robot.joints]
     units = ["N" if slides else "N m" for slides in is_slide]
-    listed = texts if len({*texts}) > 1 else texts[:1]
     per = f"{' or '.join(dict.fromkeys(units))} per {unit}"
-    words = (
-        f"multiply tau by {formatting.words(listed)} {per}, to fit the robot's masses"
-    )
+    by = _gains_in_words(gains, per)
+    words = f"multiply tau by about {by}, to fit the robot's masses"
     arguments = {"scale": {"tau": ":".join(texts)}, "by_size": True}
     return (Change("read", words, arguments),)
+
+
+def _gains_in_words(gains: Array, per: str) -> str:
+    """Say gains (n,), which are no surer than the masses, with two digits: "9.5 N m per A
+    (joint 2: 12)"; ``per`` is their unit."""
+    texts = [f"{gain:.2g}" for gain in gains]
+    ((usual, count),) = Counter(texts).most_common(1)
+    if count == 1:
+        return f"{formatting.words(texts)} {per}"
+    others = [f"joint {j}: {x}" for j, x in enumerate(texts, 1) if x != usual]
+    return f"{usual} {per}" + f" ({', '.join(others)})" * bool(others)
 
 
 def gains_are_by_size() -> Issue:

@@ -25,6 +25,7 @@ from sdp_vs_penalty.checks import Issue, check, mended
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.gate import consented, needs_check
+from sdp_vs_penalty.checks.torque_size import _gains_in_words
 from sdp_vs_penalty.data import load_measurements, save
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.problem import measured_runs
@@ -758,3 +759,16 @@ def test_a_slow_log_keeps_its_seconds(simulated):
     for changed in (sparse(run), slow):
         kinds = {f.kind for f in report_of_run(problem, changed).issues}
         assert "time unit" not in kinds
+
+
+@pytest.mark.parametrize(
+    ("gains", "said"),
+    [
+        ((9.51, 11.6, 9.51), "9.5 N m per A (joint 2: 12)"),
+        ((9.51,), "9.5 N m per A"),
+        ((9.5, 9.52), "9.5 N m per A"),
+        ((9.5, 11.0, 7.0), "9.5, 11 and 7 N m per A"),
+    ],
+)
+def test_gains_by_size_are_said_as_surely_as_they_are(gains, said):
+    assert _gains_in_words(np.array(gains), "N m per A") == said
