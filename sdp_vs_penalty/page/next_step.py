@@ -125,7 +125,8 @@ def _with_doubt_of_log(session: Session, step: NextStep) -> NextStep:
         return replace(step, text=f"{step.text}{said}", other=other)
     if session.has_gains_by_size:
         (doubt,) = [spoken(line.text) for line in lines if line.about == LOG] or [""]
-        text = f"{step.text} {doubt * (doubt not in step.text)}".rstrip()
+        is_said = doubt in f"{step.text} {step.number}"
+        text = f"{step.text} {doubt * (not is_said)}".rstrip()
         return replace(step, text=text, other=step.other or _name_unit(session))
     if step.other is None and any(line.about == LOG for line in lines):
         label = "Or see what Check says"
