@@ -36,7 +36,7 @@ from sdp_vs_penalty import (
     export,
     identify,
 )
-from sdp_vs_penalty.api.exporting import judge_as_exported, refit_as_exported
+from sdp_vs_penalty.api.exporting import judge_as_exported
 from sdp_vs_penalty.estimation.nominal import nominal_model
 from sdp_vs_penalty.estimators import LmiSdp
 from sdp_vs_penalty.exporters.export import as_exported, effects_left_out
@@ -180,9 +180,9 @@ def refitted(model: Estimate, out: str, run: Measurements) -> Estimate:
     """Return the model that `export --refit` writes."""
     filtered = FilteredRuns.filtering(run, model.preprocessing.resolve(run))
     (whole,) = compare(model, filtered)
-    held = judge_as_exported(model, out, filtered, whole)
+    held = judge_as_exported(model, out, filtered, whole, refit=True)
     assert held is not None  # the file lacks effects
-    return refit_as_exported(held, (), filtered, filtered, whole).model
+    return held.model
 
 
 def is_held_by_c(bare: Estimate, finding: object, run: Measurements) -> bool:

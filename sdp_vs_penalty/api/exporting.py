@@ -77,11 +77,11 @@ def export(
         runs = as_measurements(measurements, names=model.problem.channel_names)
         filtered = FilteredRuns.filtering(runs, model.preprocessing.resolve(runs))
         (whole,) = compare(model, filtered)
-        judged = judge_as_exported(model, out, filtered, whole)
-        if judged is not None and refit:
-            judged = refit_as_exported(judged, (), filtered, filtered, whole)
-            model, lost = judged.model, judged.lost
-        verdict = None if judged is None else judged.verdict
+        held = judge_as_exported(model, out, filtered, whole, refit=refit)
+        if held is not None:
+            verdict = held.verdict
+            if held.is_refitted:
+                model, lost = held.model, held.lost
     elif refit:
         remedy = "name the runs to identify from: export(measurements=...)"
         raise InputError("export(refit=True)", remedy)
@@ -115,6 +115,7 @@ def judge_as_exported(
     runs: FilteredRuns,
     whole: Comparison,
     findings: Diagnosis | None = None,
+    refit: bool = False,
 ) -> AsExported | None:
     """Judge a model without the effects that a file of this name cannot hold.
 
@@ -124,6 +125,8 @@ def judge_as_exported(
         All of the model on the same runs, which names the noise.
     findings : Diagnosis, optional
         What a diagnosis of the model, or of one that it grew from, found.
+    refit : bool
+        Whether it is identified again from these runs, where it errs less then.
 
     Returns
     -------
@@ -136,7 +139,10 @@ def judge_as_exported(
         return None
     name = Path(out).name
     (compared,) = compare_filtered({name: held}, runs, noise=whole.noise)
-    return AsExported(lost, held, compared, verdict_beside(findings, compared))
+    judged = AsExported(lost, held, compared, verdict_beside(findings, compared))
+    if refit:
+        return refit_as_exported(judged, (), runs, runs, whole, findings)
+    return judged
 
 
 def refit_as_exported(

@@ -15,6 +15,7 @@ from random_robots import states
 from small_runs import write_run
 
 from sdp_vs_penalty import export, load_problem
+from sdp_vs_penalty.api import exporting
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.effects import Motion, effect_types
 from sdp_vs_penalty.errors import InputError
@@ -284,6 +285,18 @@ def test_a_file_is_made_of_a_model_that_is_identified_again_for_it(sprung, capsy
     assert by_python.startswith("joint_spring")
     texts = [(sprung / name).read_text() for name in ("again.urdf", "python.urdf")]
     assert texts[0] == texts[1]
+
+
+def test_a_refit_that_errs_no_less_leaves_the_file_as_it_was(
+    sprung, tmp_path, monkeypatch
+):
+    """Its head says what the file lacks, with the verdict on the model without it."""
+    better, run = sprung / "better.json", sprung / "test.csv"
+    export(better, tmp_path / "robot.urdf", measurements=run)
+    without = (tmp_path / "robot.urdf").read_text()
+    monkeypatch.setattr(exporting, "identify_with", lambda model, *_: model)
+    export(better, tmp_path / "robot.urdf", measurements=run, refit=True)
+    assert (tmp_path / "robot.urdf").read_text() == without
 
 
 def test_a_file_is_identified_again_from_runs_alone(sprung, capsys):

@@ -133,7 +133,7 @@ def _judged_as_exported(
     AsExported or None, str
         None without runs; how the errors change, in words.
     """
-    from sdp_vs_penalty.api.exporting import judge_as_exported, refit_as_exported
+    from sdp_vs_penalty.api.exporting import judge_as_exported
     from sdp_vs_penalty.cli.runs import judging_runs
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.render.words import describe_change
@@ -145,10 +145,8 @@ def _judged_as_exported(
     settings = estimate.preprocessing.resolve(runs.judge)
     filtered = FilteredRuns.filtering(runs.judge, settings)
     (whole,) = compare(estimate, filtered, noise_from=runs.judged_recordings)
-    held = judge_as_exported(estimate, out, filtered, whole)
-    if held is not None and refit:
-        with console.progress("identifying again what the file can hold"):
-            held = refit_as_exported(held, (), filtered, filtered, whole)
+    with console.progress("judging what the file can hold"):
+        held = judge_as_exported(estimate, out, filtered, whole, refit=refit)
     return held, "" if held is None else describe_change(whole, held.comparison)
 
 
