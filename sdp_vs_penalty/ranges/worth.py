@@ -110,8 +110,8 @@ def _after_weighing(
     allowed: AllowedSet, model: Array, middle: Array, g: Array
 ) -> AllowedSet:
     """Return the set with g^T theta within SCALES of its value in a model (p,), or in the
-    middle (p,) of the set where the model breaks a constraint."""
-    if allowed.constraints.margin(model) < -ROUNDING:
+    middle (p,) of the set where the model breaks a constraint or has no such mass."""
+    if allowed.constraints.margin(model) < -ROUNDING or not g @ model > ROUNDING:
         model = middle
     value = float(g @ model)
     places = np.flatnonzero(g)

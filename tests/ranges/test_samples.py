@@ -161,6 +161,14 @@ def test_scales_are_taken_to_show_what_the_model_says(model):
     assert weighed.least <= mass <= weighed.greatest <= 1.02 * total
 
 
+def test_a_link_without_mass_is_weighed_as_the_middle_of_the_set_has_it(hidden, model):
+    """The command ended with "no consistent model": scales of 0 kg leave no room."""
+    theta = model.theta.copy()
+    theta[model.model.rigid_indices[:10]] = 0.0
+    worth = what_to_measure(model.with_theta(theta), "m2", hidden.runs[0])
+    assert "weigh link 1" in {x.measurement for x in worth}
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("longer", "words"), [(1, "--longer 4"), (4, "--longer 16"), (16, "--bounds")]
