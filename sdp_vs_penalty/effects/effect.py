@@ -262,7 +262,7 @@ class Effect(ABC):
     #: Effects whose torque is nearly this one's on any motion: no log tells them apart.
     resembles: tuple[str, ...] = ()
 
-    #: Effects that have the same law, and other bounds of its shape constants.
+    #: Effects that have the same law over another travel, their shape constant ``d``.
     same_law_as: ClassVar[tuple[str, ...]] = ()
 
     #: The effect whose shape constants it has as well, without any of its own.

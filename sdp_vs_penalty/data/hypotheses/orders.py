@@ -141,7 +141,7 @@ def rises(values: Array) -> bool:
 def counts_rows(values: Array) -> bool:
     """Tell whether a column (N,) counts rows, of which few were lost or come twice."""
     steps = np.diff(values)
-    is_one = np.count_nonzero(steps == 1.0) > 0.9 * len(steps)
+    is_one = np.count_nonzero(steps == 1.0) > _NEARLY_ALL * len(steps)
     return bool(is_one and np.all(steps >= 0.0))
 
 
