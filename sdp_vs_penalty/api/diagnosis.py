@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 from sdp_vs_penalty.api.identification import gate_of
 from sdp_vs_penalty.arguments import checked_arguments
@@ -15,7 +14,7 @@ from sdp_vs_penalty.checks.certainty import POSSIBLE
 from sdp_vs_penalty.checks.check import check_runs
 from sdp_vs_penalty.checks.explain import FRICTION
 from sdp_vs_penalty.checks.gate import Gate, issues_by_run, needs_check, raise_on_errors
-from sdp_vs_penalty.checks.issue import EXPLANATION
+from sdp_vs_penalty.checks.issue import EXPLANATION, Issue
 from sdp_vs_penalty.data.files import Source, as_measurements, training_runs
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.adding import add
@@ -129,7 +128,7 @@ def diagnose_and_add(
         what="diagnose(measurements=...)",
     )
     model.require_joints(recording, "measurements")
-    issues: Mapping[str, Sequence[Mapping[str, Any]]] = {}
+    issues: Mapping[str, Sequence[Issue]] = {}
     if check and needs_check(model, recording):
         progress("checking the measurements")
         issues = raise_on_errors(
@@ -184,26 +183,26 @@ def _is_part_of(test: Measurements, training: Measurements) -> bool:
 
 
 def _spans_named(
-    issues: Mapping[str, Sequence[Mapping[str, Any]]], runs: Measurements
+    issues: Mapping[str, Sequence[Issue]], runs: Measurements
 ) -> tuple[Span, ...]:
     """Return the spans of runs in which the check calls it likely that something acts;
     ``issues`` are by the run's hash."""
     several = len(runs.names) > 1
     return tuple(
-        Span(run.names[0] if several else "", *issue["figures"]["span"])
+        Span(run.names[0] if several else "", *issue.figures["span"])
         for run in runs.runs()
         for issue in issues.get(run.data_hash, ())
-        if _is_likely(issue) and "span" in issue["figures"]
+        if _is_likely(issue) and "span" in issue.figures
     )
 
 
-def _is_likely(issue: Mapping[str, Any]) -> bool:
+def _is_likely(issue: Issue) -> bool:
     """Return whether the check calls an issue likely or certain."""
-    return bool(issue["certainty"]["grade"] != POSSIBLE)
+    return issue.certainty.grade != POSSIBLE
 
 
 def _beside_check(
-    diagnosis: Diagnosis, issues: Mapping[str, Sequence[Mapping[str, Any]]]
+    diagnosis: Diagnosis, issues: Mapping[str, Sequence[Issue]]
 ) -> Diagnosis:
     """Join to a diagnosis what the check calls certain or likely of the log. Each
     statement comes once; one that a finding makes as well is left out.
@@ -214,35 +213,36 @@ def _beside_check(
     faults = dict[str, list[Remedy]]()
     explained = dict[tuple[str, str], Sequence[int]]()
     for issue in chain.from_iterable(issues.values()):
-        is_explanation = issue["nature"] == EXPLANATION
+        is_explanation = issue.nature == EXPLANATION
         if not (_is_likely(issue) and is_explanation) or _states(diagnosis, issue):
             continue
-        remedies = [Remedy.from_dict(x) for x in issue["remedies"]]
-        if repairs := [x for x in remedies if x.change.verb in ("transform", "mount")]:
-            faults[issue["what"]] = repairs
-        elif "log_odds" in issue["figures"] and issue["kind"] != FRICTION:
+        if repairs := [
+            x for x in issue.remedies if x.change.verb in ("transform", "mount")
+        ]:
+            faults[issue.what] = repairs
+        elif "log_odds" in issue.figures and issue.kind != FRICTION:
             # It names a cause, which is not what findings on the arm's friction say too.
-            named = issue["kind"], issue["what"]
-            explained[named] = issue["figures"].get("joints", ())
+            named = issue.kind, issue.what
+            explained[named] = issue.figures.get("joints", ())
     for (kind, what), joints in explained.items():
         diagnosis = diagnosis.beside_explanation_of_log(kind, what, joints)
     return diagnosis.beside_faults_of_log([*chain.from_iterable(faults.values())])
 
 
-def _states(diagnosis: Diagnosis, issue: Mapping[str, Any]) -> bool:
+def _states(diagnosis: Diagnosis, issue: Issue) -> bool:
     """Return whether a finding that helps, or what acts for a part of the time, states
     an issue of the check too."""
-    figures = issue["figures"]
+    figures = issue.figures
     joints = tuple(figures.get("joints", ()))
     at = figures.get("t")
     return any(
-        issue["kind"] in EFFECTS.get(f.effect).faults and f.joints in ((), joints)
+        issue.kind in EFFECTS.get(f.effect).faults and f.joints in ((), joints)
         for f in diagnosis.effects
         if f.torque_is_certain
     ) or (
         any(span.covers(at) for span in diagnosis.left_out)
         if at is not None
-        else bool(diagnosis.passing) and issue["kind"] == "another load"
+        else bool(diagnosis.passing) and issue.kind == "another load"
     )
 
 

@@ -33,6 +33,7 @@ from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.check_command import CheckCommand
 from sdp_vs_penalty.problem.load import as_problem, with_bounds
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.constants import SAMPLES
@@ -42,6 +43,7 @@ from sdp_vs_penalty.threads import on_one_thread
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.checks.gate import Gate
+    from sdp_vs_penalty.checks.issue import Issue
 
 
 @on_one_thread
@@ -310,7 +312,7 @@ def _identify(
     if isinstance(data, Measurements) and is_of_caller and data.q.size <= SAMPLES:
         # The model's verdict may be read after the caller has changed the arrays.
         data = data.copied()
-    issues: dict[str, Any] = {}
+    issues: Mapping[str, Sequence[Issue]] = {}
     if check and isinstance(data, Measurements):
         options.progress("checking the measurements")
         from sdp_vs_penalty.checks.gate import raise_on_errors
@@ -329,7 +331,7 @@ def _identify(
     else:
         runs = filter_runs(problem, data, options.preprocessing)
     estimate = estimate_parameters(problem, runs, method, options, proof=proof)
-    estimate.provenance.update(checked=bool(check), checks=issues)
+    estimate.provenance.update(checked=bool(check), checks=to_json(issues))
     return estimate, runs
 
 

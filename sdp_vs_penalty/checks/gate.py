@@ -40,7 +40,7 @@ def raise_on_errors(
     gate: Gate,
     gains: bool = False,
     are_plausible: bool = False,
-) -> dict[str, list[dict[str, Any]]]:
+) -> dict[str, tuple[Issue, ...]]:
     """Check runs before identification or diagnosis: raise on errors, warn of the rest.
 
     Only the fast part of the check is done: excitation is not judged.
@@ -62,7 +62,7 @@ def raise_on_errors(
     Returns
     -------
     dict
-        Issues as plain JSON, by the run's hash.
+        Issues by the run's hash.
 
     Raises
     ------
@@ -90,13 +90,12 @@ def raise_on_errors(
 
 def issues_by_run(
     reports: Sequence[Report], measurements: Measurements
-) -> dict[str, list[dict[str, Any]]]:
-    """Return the issues of runs as plain JSON, by the run's hash; empty where a report is
+) -> dict[str, tuple[Issue, ...]]:
+    """Return the issues of runs, by the run's hash; empty where a report is
     about several runs."""
     runs = measurements.runs()
     return {
-        run.data_hash: [issue.to_dict() for issue in report.issues]
-        for run, report in zip(runs, reports, strict=True)
+        run.data_hash: report.issues for run, report in zip(runs, reports, strict=True)
     }
 
 

@@ -14,6 +14,8 @@ from point_mass_arm import MASSES, Kinematics, PointMassArm
 
 from sdp_vs_penalty import add, compare, diagnose, identify
 from sdp_vs_penalty.api.diagnosis import _spans_named
+from sdp_vs_penalty.checks.certainty import Certainty, likely
+from sdp_vs_penalty.checks.issue import make_explanation
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis import Candidate, Diagnosis, conclude
 from sdp_vs_penalty.diagnosis.passing.cause import (
@@ -324,7 +326,16 @@ def test_spans_are_left_out_of_the_run_that_they_name():
 @pytest.mark.parametrize(("grade", "n_left_out"), [("likely", 1), ("possible", 0)])
 def test_spans_that_the_check_calls_likely_are_left_out(grade, n_left_out):
     run = PointMassArm().run(1)
-    issue = {"certainty": {"grade": grade}, "figures": {"span": [3.0, 5.0]}}
-    elsewhere = {"certainty": {"grade": "likely"}, "figures": {"t": 9.0}}
+    issue = make_explanation(
+        "event",
+        "a push",
+        remedy="",
+        where="t = 4 s",
+        certainty=Certainty(grade, ""),
+        span=[3.0, 5.0],
+    )
+    elsewhere = make_explanation(
+        "torque step", "a step", remedy="", where="t = 9 s", certainty=likely(""), t=9.0
+    )
     spans = _spans_named({run.data_hash: [issue, elsewhere]}, run)
     assert spans == (Span("", 3.0, 5.0),) * n_left_out

@@ -9,7 +9,8 @@ import pytest
 
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.api.diagnosis import _beside_check
-from sdp_vs_penalty.checks import EXPLANATION
+from sdp_vs_penalty.checks.certainty import Certainty, likely
+from sdp_vs_penalty.checks.issue import make_explanation
 from sdp_vs_penalty.data import datasets
 from sdp_vs_penalty.diagnosis import (
     Diagnosis,
@@ -28,7 +29,6 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.written import read_effect
 from sdp_vs_penalty.estimation import ShapeEstimate
 from sdp_vs_penalty.render.words import describe_diagnosis, errors_that_rise
-from sdp_vs_penalty.results.remedy import Change, Remedy
 from sdp_vs_penalty.signals import REPETITION
 
 
@@ -436,14 +436,14 @@ def test_what_the_check_explains_is_a_rival_on_its_joints(joints, ratings):
 )
 def test_only_what_no_sure_finding_states_is_a_rival(kind, grade, doubts, rating):
     late = finding("torque_filter", 1, joints=(), doubts=doubts)
-    issue = {
-        "kind": kind,
-        "certainty": {"grade": grade, "why": ""},
-        "nature": EXPLANATION,
-        "remedies": [],
-        "what": "The torques step.",
-        "figures": {"log_odds": 30.0},
-    }
+    issue = make_explanation(
+        kind,
+        "The torques step.",
+        where="all channels",
+        certainty=Certainty(grade, ""),
+        remedy="",
+        log_odds=30.0,
+    )
     found = diagnosis(finding("joint_spring", 2), late)
     beside = _beside_check(found, {"run1.csv": [issue]})
     assert beside.effects[0].rating == rating
@@ -452,22 +452,32 @@ def test_only_what_no_sure_finding_states_is_a_rival(kind, grade, doubts, rating
 def test_a_mounting_and_each_of_a_set_are_faults_of_the_log():
     """Where the base is turned, or a joint's sign, no finding is sure, and the set stands
     there with its probabilities."""
-    mount = Change("mount", "turn gravity", {"gravity": [0.0, 0.0, 9.81]})
-    sign = Change("transform", "flip", {"apply": ["sign:joint1"]})
-    remedies = [
-        Remedy("gravity is up.", "likely", "", mount, rivals=(sign,), probability=0.7),
-        Remedy("joint 1 counts.", "likely", "", sign, rivals=(mount,), probability=0.3),
-    ]
-    issue = {
-        "kind": "gravity direction",
-        "certainty": {"grade": "likely", "why": "an arm leaves less"},
-        "nature": EXPLANATION,
-        "what": "gravity is up. As likely: joint 1 counts.",
-        "figures": {"log_odds": 60.0},
-        "remedies": [remedy.to_dict() for remedy in remedies],
-    }
+    sign = make_explanation(
+        "joint sign",
+        "joint 1 counts.",
+        remedy="flip",
+        where="the log",
+        certainty=likely("as likely"),
+        apply="sign:joint1",
+        probability=0.3,
+    )
+    mount = make_explanation(
+        "gravity direction",
+        "gravity is up.",
+        remedy="turn gravity",
+        where="the log",
+        certainty=likely("an arm leaves less"),
+        log_odds=60.0,
+        probability=0.7,
+    )
+    issue = replace(mount, gravity=(0.0, 0.0, 9.81), rivals=(sign,))
     beside = _beside_check(diagnosis(finding("backlash", 2)), {"run1.csv": [issue]})
-    assert beside.log_faults == tuple(remedies)
+    faults = beside.log_faults
+    assert [(x.problem, x.probability) for x in faults] == [
+        ("gravity is up.", 0.7),
+        ("joint 1 counts.", 0.3),
+    ]
+    assert [x.rivals for x in faults] == [(faults[1].change,), (faults[0].change,)]
     assert beside.effects[0].rating == "weak"
     assert beside.headline.startswith("It looks as if gravity is up. Mend")
 
