@@ -249,20 +249,12 @@ def lengths(inputs: Inputs) -> list[Figure]:
 def _write_arm(inputs: Inputs, folder: Path) -> None:
     """Write the arm with the paper's parameters for tools that start from a file."""
     robot = inputs.problem.robot
-    zero = np.zeros(robot.n)
     published = published_links(inputs.problem, "p_hat")
     links = [
         inertia.transform(joint.link_frame) @ link
         for joint, link in zip(robot.joints, published, strict=True)
     ]
-    content = Content(
-        links=np.stack(links),
-        damping=zero,
-        friction=zero,
-        armature=zero,
-        stiffness=zero,
-        offset=zero,
-    )
+    content = Content.of_links(robot, np.stack(links))
     (folder / "arm.urdf").write_bytes(make_urdf(robot, content))
     (folder / "arm.xml").write_bytes(make_mjcf(robot, content))
 

@@ -8,7 +8,7 @@ beside. Nothing of the package computes its motion.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -78,14 +78,12 @@ def user_urdf(links: Array) -> bytes:
 
 
 def _content(links: Array, **parts: Array) -> Content:
-    joints = known().problem.robot.joints
+    robot = known().problem.robot
     about_joints = [
         inertia.transform(joint.link_frame) @ link
-        for joint, link in zip(joints, links, strict=True)
+        for joint, link in zip(robot.joints, links, strict=True)
     ]
-    names = ("damping", "friction", "armature", "stiffness", "offset")
-    rest: dict[str, Any] = {name: np.zeros(N) for name in names} | parts
-    return Content(links=np.stack(about_joints), **rest)
+    return Content.of_links(robot, np.stack(about_joints), **parts)
 
 
 @dataclass(frozen=True)

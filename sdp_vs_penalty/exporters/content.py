@@ -74,6 +74,13 @@ class Content:
     #: Further terms for MuJoCo's files, as the effects declare them.
     mjcf: tuple[SimulatorTerm, ...] = ()
 
+    @classmethod
+    def of_links(cls, robot: Robot, links: Array, **fields: Array) -> Self:
+        """Return the content with links about the joints' frames (links, 10); fields of
+        joints that are not given are zeros."""
+        values: dict[str, Any] = {x: np.zeros(robot.n) for x in JOINT_FIELDS}
+        return cls(links, **(values | fields))
+
     def mjcf_attributes(self, element: str, joint: int = -1) -> dict[str, float]:
         """Return the sums of the effects' ``mjcf`` terms by attribute, of an element of
         a joint (from 0), or of the whole robot (-1)."""

@@ -249,9 +249,8 @@ def checkable(path: Path) -> Iterator[Path]:
     from sdp_vs_penalty.robot.mjcf import load_bodies
 
     stated = load_robot(path)
-    # Damping, friction, armature, stiffness and offset.
-    no_effects: Any = [np.zeros(stated.robot.n)] * 5
-    text = make_urdf(stated.robot, Content(stated.links, *no_effects)).decode()
+    content = Content.of_links(stated.robot, stated.links)
+    text = make_urdf(stated.robot, content).decode()
     for body in reversed(load_bodies(path)[1]):
         if body.joints and body.name:
             ours = f'"link{body.carrier + 1}"'

@@ -69,19 +69,16 @@ def test_as_mujoco_with_armature_and_damping(name):
     n = p.robot.n
     h = 1e-3
     steps = 300
-    zero = np.zeros(n)
     own = p.theta[0, p.model.rigid_indices].reshape(-1, 10)
     frames = [joint.link_frame for joint in p.robot.joints]
     links = np.stack(
         [inertia.transform(f) @ row for f, row in zip(frames, own, strict=True)]
     )
-    content = Content(
-        links=links,
+    content = Content.of_links(
+        p.robot,
+        links,
         damping=np.full(n, SIZES["viscous_friction"]),
-        friction=zero,
         armature=np.full(n, SIZES["rotor_inertia"]),
-        stiffness=zero,
-        offset=zero,
     )
     model = mujoco.MjModel.from_xml_string(make_mjcf(p.robot, content).decode())
     model.opt.timestep = h

@@ -13,8 +13,9 @@ from sdp_readers import outside_optimum
 from unchecked import identify
 
 from sdp_vs_penalty import load_estimate, load_measurements
+from sdp_vs_penalty.data import save
 from sdp_vs_penalty.estimation import PoseOptions
-from sdp_vs_penalty.estimation.proofs import posed_again
+from sdp_vs_penalty.estimation.proofs import posed_again, verify_proof_file
 from sdp_vs_penalty.exporters.sdp import SDPA_METHOD, write_posed
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem import (
@@ -134,8 +135,35 @@ CHOICES = {
 }
 
 
+#: What each option refuses, and words of the sentence; "progress" is any function.
+OUT_OF_RANGE = {
+    "effects": (lambda run: "coulomb_friction:3", "joint 3 does not exist"),
+    "preprocessing": (lambda run: Preprocessing(-1.0, 8.0), "above 0 Hz"),
+    "weighting": (lambda run: "loud", "weighting 'loud' is unknown"),
+    "gain_uncertainty": (lambda run: -0.1, "relative standard deviation"),
+    "known_loads": (lambda run: [(run, -1.0)], "known load of -1 kg"),
+    "seed": (lambda run: -1, "whole number from 0"),
+    "known": (lambda run: {"m9": 1.0}, "'m9' is unknown"),
+    "instruments": (lambda run: "odd", "instruments 'odd' is unknown"),
+    "workers": (lambda run: 2, "give a Workers"),
+}
+
+
+def _commanded_run(problem):
+    run = experiment(problem).training_run(seed=2).window(0.0, 6.0)
+    return replace(run, commanded={"qcmd": run.q})
+
+
 def test_each_option_is_tried():
     assert set(CHOICES) == {f.name for f in fields(PoseOptions)}
+    assert set(OUT_OF_RANGE) == set(CHOICES) - {"progress"}
+
+
+@pytest.mark.parametrize("option", OUT_OF_RANGE)
+def test_an_option_out_of_range_is_refused_in_a_sentence(option, two_link):
+    value_of, word = OUT_OF_RANGE[option]
+    run = _commanded_run(two_link)
+    refusal(lambda: identify(two_link, run, **{option: value_of(run)}), word)
 
 
 @pytest.mark.parametrize("option", CHOICES)
@@ -144,13 +172,16 @@ def test_what_identify_minimised_is_posed_again_from_the_file(
 ):
     """`verify`, `add` and `ranges` do it: an option that the model.json does not hold
     would leave them another problem."""
-    run = experiment(two_link).training_run(seed=2).window(0.0, 6.0)
-    run = replace(run, commanded={"qcmd": run.q})
+    run = _commanded_run(two_link)
     value = CHOICES[option]
     value = value(run) if option == "known_loads" else value
-    model = identify(two_link, run, **{option: value})
+    proof = tmp_path / "proof.json"
+    model = identify(two_link, run, **{option: value}, proof=proof)
     model.save(tmp_path / "model.json")
     kept = load_estimate(tmp_path / "model.json")
+    save(run, tmp_path / "run.csv")
+    is_accepted, sentence = verify_proof_file(proof, kept, tmp_path / "run.csv")
+    assert is_accepted, sentence
     posed = posed_again(kept, run)
     assert posed is not None
     assert posed.task.data.loss(kept.theta) == pytest.approx(model.certificate.loss)

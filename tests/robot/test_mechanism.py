@@ -51,10 +51,8 @@ def test_inverse_dynamics_are_those_of_mujoco_under_equality_constraints(urdf):
         robot, mechanism=replace(robot.mechanism, massless=())
     )  # MuJoCo wants a mass
     links = some_links(heavy)
-    zero = np.zeros(heavy.n)
-    model = mujoco.MjModel.from_xml_string(
-        make_mjcf(heavy, Content(links, zero, zero, zero, zero, zero)).decode()
-    )
+    content = Content.of_links(heavy, links)
+    model = mujoco.MjModel.from_xml_string(make_mjcf(heavy, content).decode())
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
     data = mujoco.MjData(model)
     assert model.neq == 4

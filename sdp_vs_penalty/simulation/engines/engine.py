@@ -156,12 +156,4 @@ class Engine(ABC):
         """The links in the form that the exporters take, without friction and
         effects.
         """
-        zeros = np.zeros(self.robot.n)
-        return Content(
-            self.links,
-            damping=zeros,
-            friction=zeros,
-            armature=zeros,
-            stiffness=zeros,
-            offset=zeros,
-        )
+        return Content.of_links(self.robot, self.links)
