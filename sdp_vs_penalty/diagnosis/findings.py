@@ -28,6 +28,7 @@ from sdp_vs_penalty.effects.plain_words import ON_THE_ARM, written_in_words
 from sdp_vs_penalty.effects.written import WrittenEffect, read_effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import CHANGES, NORMAL_95
+from sdp_vs_penalty.estimation.outcome import OfferOutcome
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.estimation.uncertainty import unit_by
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
@@ -36,7 +37,7 @@ from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
-from sdp_vs_penalty.results.remedy import Change, Rating, Remedy, one_of_rivals
+from sdp_vs_penalty.results.remedy import GUESSES, Change, Rating, Remedy, one_of_rivals
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
@@ -1250,29 +1251,51 @@ class Diagnosis(Record, JsonRecord):
     @cached_property
     def offers(self) -> tuple[Remedy, ...]:
         """What would mend the model at once, each with the errors on data left out that
-        it leaves: all that helps, what is offered first where that is several others,
-        each re-estimated constant, and each group of findings."""
+        it leaves: first what is advised (:attr:`main_offer`), then all that helps, what is
+        sure together, each re-estimated constant, and each group of findings."""
         adds_curves = bool(self.curves) and not self.leaves_curves_out
         leaves_spans_out = bool(self.left_out) and not self.frozen
-        offers = list[Remedy]()
+        offers = [self.main_offer] if self.main_offer else []
         if self.helpful or adds_curves or leaves_spans_out:
             offers.append(self._offer_of_all)
         if self._sure_together not in ((), self.helpful):
             offers.append(self._offer_of_sure)
         offers += [constant.remedy for constant in self.retuned]
         offers += [self.offer_of(group.first) for group in self.groups]
-        return tuple(offers)
+        return tuple({str(offer.change.arguments): offer for offer in offers}.values())
 
-    @property
+    @cached_property
     def main_offer(self) -> Remedy | None:
-        """The offer that stands first: what is sure together; else the main finding. None
-        where that does not lower the error of the joint that errs most: what helps only
-        does together."""
-        if self._sure_together:
-            is_all = self._sure_together == self.helpful
-            return self._offer_of_all if is_all else self._offer_of_sure
+        """The offer that page, terminal and report advise: of those that raise no joint's
+        error beyond its noise the one that leaves the lowest errors; of two that do as
+        much what is sure together, then what is read first. None where nothing helps."""
+        if not self.helpful:
+            return None
         main = self.main_finding
-        return self.offer_of(main) if main and self._falls(main)[0] else None
+        choices = [self._offer_of_sure] if self._sure_together else []
+        if main is not None and main.rating not in GUESSES and len(self.helpful) > 1:
+            choices.append(self.offer_of(main))
+        outcomes = [
+            (offer, outcome)
+            for offer in [*choices, self._offer_of_all]
+            if (outcome := self.outcome_of(offer)) is not None
+        ]
+        harmless = [x for x in outcomes if not x[1].rising] or outcomes
+        _, best = min(harmless, key=lambda x: x[1].size)
+        return next(x for x, outcome in harmless if outcome.does_as_much_as(best))
+
+    def outcome_of(self, offer: Remedy) -> OfferOutcome | None:
+        """Return what an offer does to the errors on data left out; None where they were
+        not computed."""
+        if offer.before is None or offer.after is None:
+            return None
+        return self.outcome_between(np.array(offer.before), np.array(offer.after))
+
+    def outcome_between(self, before: Array, after: Array) -> OfferOutcome:
+        """Return what a change does that leads from errors (n,) on data left out to others
+        [N m or N]."""
+        units = [self.torque_unit(j + 1) for j in range(len(before))]
+        return OfferOutcome(before, after, self.known_floor, units)
 
     def offer_of(self, finding: Finding) -> Remedy:
         """Return the offer that adds a finding of the diagnosis, with those of which the
@@ -1330,8 +1353,10 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def _offer_of_sure(self) -> Remedy:
-        """The offer that adds what is sure together, which is not all that helps."""
+        """The offer that adds what is sure together."""
         together = self._sure_together
+        if together == self.helpful:
+            return self._offer_of_all
         findings = [f for f in self.in_order_of_reading if f in together]
         after = self.error_with(together)
         assert after is not None  # or they would not be together

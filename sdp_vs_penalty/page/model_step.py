@@ -164,6 +164,12 @@ class ModelStep(JsonRecord):
         return [x for x, held in self.exported.items() if held.get("size", 0.0) > most]
 
     @property
+    def noise_floor(self) -> Array | None:
+        """(n,) noise floor of each joint [N m, N]; None where one is not known."""
+        floor = self.comparison["noise_floor"]
+        return None if floor is None or None in floor else np.array(floor, float)
+
+    @property
     def headline(self) -> str:
         """Which joint errs most, and by how much, in a sentence."""
         return spoken(said_before(self.verdict.reason))

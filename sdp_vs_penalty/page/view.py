@@ -15,12 +15,11 @@ from nicegui.client import Client
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.causes import VELOCITY
-from sdp_vs_penalty.estimation.constants import CHANGES
+from sdp_vs_penalty.estimation.outcome import OfferOutcome
 from sdp_vs_penalty.page.model_step import level_of
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import graded, heading_of, label_of, repairs_in_words
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
-from sdp_vs_penalty.robot.arrays import nonzero_or_one
 
 #: Options of the command line by the step that offers them.
 Forms = Mapping[str, Sequence[Action]]
@@ -260,29 +259,15 @@ def measured_on(session: Session, names_runs: bool = False) -> str:
 def changes_in_words(
     session: Session, worst: int, before: Sequence[float], after: Sequence[float]
 ) -> str:
-    """Say how the error (n,) [N m, N] changes of the joint that errs most before, ``worst``
-    (from 1), and what it is measured on; where that does not gain, of the one that gains
-    most too."""
-    comparison = session.current.comparison
-    floor = comparison["noise_floor"]
-
-    def change_of(joint: int) -> str:
-        errors = [before[joint - 1], after[joint - 1]]
-        unit = formatting.plain_unit(session.torque_units[joint - 1])
-        amounts = formatting.amounts(errors, unit)
-        return f"{amounts} ({formatting.change_of(*errors)})"
-
-    was, now = np.array(before), np.array(after)
-    does_gain = now[worst - 1] < (1.0 - CHANGES) * was[worst - 1]
-    verb = "'s error" if does_gain else " does not gain"
-    text = f"joint {worst}{verb}: {change_of(worst)}"
-    if floor is not None and was[worst - 1] < floor[worst - 1]:
-        text += "; that cannot be told from the noise"
-    falls = (was - now) / nonzero_or_one(floor or comparison["torque_rms"])
-    most = int(np.argmax(falls)) + 1
-    if not does_gain and most != worst and falls[most - 1] > 0.0:
-        text += f"; joint {most} gains most: {change_of(most)}"
-    return f"{text}, {measured_on(session)}"
+    """Say how the errors (n,) [N m, N] of the joint that errs most before, ``worst`` (from
+    1), and of those that err more change, and what they are measured on."""
+    outcome = OfferOutcome(
+        np.array(before),
+        np.array(after),
+        session.current.noise_floor,
+        [formatting.plain_unit(unit) for unit in session.torque_units],
+    )
+    return f"{outcome.in_words(worst)}, {measured_on(session)}"
 
 
 @dataclass(frozen=True)

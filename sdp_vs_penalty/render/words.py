@@ -44,6 +44,7 @@ from sdp_vs_penalty.effects.plain_words import ON_THE_ARM, WIDE
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.gains import limited_drives, open_torques
+from sdp_vs_penalty.estimation.outcome import OfferOutcome
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number, plain_unit
 from sdp_vs_penalty.render.tables import SOURCES
@@ -293,16 +294,15 @@ def _size_in_words(finding: Finding, size: str) -> str:
 def _rising_joints(diagnosis: Diagnosis, before: Array, after: Array) -> str:
     """Say which joints' errors (n,) [N m or N] rise beyond the noise, and by how much;
     "" if none does."""
-    floor = np.zeros(len(before))
-    if diagnosis.known_floor is not None:
-        floor = diagnosis.known_floor
-    rises = (after > (1.0 + CHANGES) * before) & (after > floor)
+    rising = diagnosis.outcome_between(before, after).rising
     texts = [
-        f"joint {j + 1}'s error rises from "
+        f"joint {joint}'s error rises from "
         + formatting.amounts(
-            [before[j], after[j]], diagnosis.torque_unit(j + 1), between=" to "
+            [before[joint - 1], after[joint - 1]],
+            diagnosis.torque_unit(joint),
+            between=" to ",
         )
-        for j in map(int, np.flatnonzero(rises))
+        for joint in rising
     ]
     return formatting.sentence(formatting.words(texts)) if texts else ""
 
@@ -629,23 +629,25 @@ def new_effects(before: Estimate | None, after: Estimate) -> list[str]:
     return [x.text for x in effects if (x.name, (*x.joints,)) not in places]
 
 
-def describe_remedy(remedy: Remedy) -> str:
-    """Say what would be done, how sure that is, and what it does to the error, in one
-    line."""
+def describe_remedy(remedy: Remedy, outcome: OfferOutcome | None = None) -> str:
+    """Say what would be done, how sure that is, and what it does to the errors
+    (``outcome``), in one line."""
     text = f"{formatting.sentence(remedy.change.words)} ({remedy.certainty}:"
     text += f" {remedy.why})"
-    if remedy.before is None or remedy.after is None:
-        return f"{text}."
-    falls = np.subtract(remedy.before, remedy.after)
-    j = int(np.argmax(falls))
-    if not falls[j] > 0.0:
-        return f"{text}: joint {j + 1}'s error does not fall on data left out."
-    error_before, error_after = remedy.before[j], remedy.after[j]
-    change = formatting.change_of(error_before, error_after)
-    return (
-        f"{text}: joint {j + 1}'s error falls from {number(error_before)} to"
-        f" {number(error_after)} ({change}) on data left out."
-    )
+    if outcome is not None:
+        text += f": {outcome.in_words(outcome.errs_most)}, on data left out"
+    return f"{text}."
+
+
+def describe_advice(diagnosis: Diagnosis) -> str:
+    """Say what is advised to add, and what it does to the errors; "" for nothing, and where
+    the errors were not computed."""
+    offer = diagnosis.main_offer
+    outcome = offer and diagnosis.outcome_of(offer)
+    if offer is None or outcome is None:
+        return ""
+    words = formatting.sentence(offer.change.words)
+    return f"{words}: {outcome.in_words(outcome.errs_most)}, on data left out."
 
 
 def describe_worse(before: Comparison, after: Comparison) -> str:

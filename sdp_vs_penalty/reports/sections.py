@@ -483,7 +483,10 @@ def findings(data: ReportData) -> Context:
         "name": data.name,
         "bars": bars,
         "curves": curves,
-        "remedies": [*map(words.describe_remedy, remedies.values())],
+        "remedies": [
+            words.describe_remedy(remedy, diagnosis.outcome_of(remedy))
+            for remedy in remedies.values()
+        ],
     }
 
 

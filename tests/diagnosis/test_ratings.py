@@ -152,7 +152,8 @@ def test_a_size_whose_interval_holds_zero_is_not_called_sure():
     """The evidence does not count it for the finding."""
     helps = finding("joint_spring", 2, std=0.7, helps=True)
     found = diagnosis(finding("backlash", 1), helps)
-    assert found.remedies[0].change.words == (
+    assert found.remedies[0].change.words == "add backlash on joint 1"
+    assert found.offers[1].change.words == (
         "add backlash on joint 1 and joint spring on joint 2"
     )
     known, unknown = (
@@ -214,8 +215,29 @@ def test_what_lowers_the_worst_joint_most_is_read_first():
         "backlash",
         "stiction",
     ]
-    assert found.main_offer.change.words == "add joint spring on joint 1"
-    assert diagnosis(useless).main_offer is None
+    assert found.main_offer == found.remedies[0]
+    assert found.main_offer.change.arguments["findings"] == "helpful"
+
+
+def test_what_is_advised_harms_no_joint_and_leaves_the_lowest_errors():
+    """By the errors on data left out; of two that do as much the surer, smaller one."""
+    loud = {"held_out_rmse_before": np.full(7, 3.0)}
+    tie = finding("joint_spring", 1, "backlash", **loud)
+    other = finding("backlash", 2, "joint_spring", **loud)
+    better, half, harm = np.full(7, 3.0), np.full(7, 3.0), np.zeros(7)
+    better[:2], half[0], harm[2] = 1.0, 1.5, 1.0
+
+    def advised(alone, together):
+        errors = {(tie.text,): alone, (tie.text, other.text): together}
+        errors[(other.text,)] = np.full(7, 3.0)
+        found = replace(diagnosis(tie, other), **loud).with_errors(errors)
+        assert found.remedies[0] == found.main_offer
+        return found.main_offer.change.arguments["findings"]
+
+    assert advised(half, better) == "helpful"
+    assert advised(half + harm, better) == "helpful"
+    assert advised(half, better + harm) == [1]
+    assert advised(half, half) == [1]
 
 
 def test_what_is_sure_is_added_together():

@@ -330,11 +330,12 @@ def test_a_card_promises_what_its_own_button_adds_and_the_next_step_all_of_it(tw
         "Adding it cuts joint 1's error on data left out from 4.2 to 2.1 N"
     )
     assert "joint 2's error on data left out from 3.1 to 1.55 N" in said[2]
-    assert describe_remedy(judged.remedies[0]).endswith(
-        "joint 1's error falls from 4.2 to 0.7 (-83 %) on data left out."
+    advised, other = judged.remedies[0], judged.offer_of(judged.effects[2])
+    assert describe_remedy(advised, judged.outcome_of(advised)).endswith(
+        "joint 1's error: 4.2 → 0.7 N m or N (-83 %); no joint errs more, on data left out."
     )
-    assert "2's error falls from 3.1 to 1.55" in describe_remedy(
-        judged.offer_of(judged.effects[2])
+    assert "joint 2's error: 3.1 → 1.55 N m or N (-50 %)" in describe_remedy(
+        other, judged.outcome_of(other)
     )
 
 

@@ -45,6 +45,7 @@ def verb(
     from sdp_vs_penalty.cli.next_step import free_name
     from sdp_vs_penalty.data.files import training_runs
     from sdp_vs_penalty.problem.check_command import CheckCommand
+    from sdp_vs_penalty.render.words import describe_advice
 
     named = runs.NamedRuns(training_runs(data), window, as_written)
     tested = runs.named_test(test, test_window, as_written=as_written)
@@ -88,9 +89,12 @@ def verb(
     printing.diagnosis(result, units, model, what is not None, verbose)
     _say_what_became_of_plugins(result, {e.name for e in estimate.model.effects})
     console.save_json(json_, result.to_dict())
-    if no_place := result.place_in_files([f.text for f in result.helpful]):
-        console.paragraph(no_place)
     if what is not None:
+        if advice := describe_advice(result):
+            console.paragraph(advice)
+        offered = result.main_offer.change.arguments if result.main_offer else {}
+        if no_place := result.place_in_files(offered.get("effects", ())):
+            console.paragraph(no_place)
         if json_ is not None and result.leaves_curves_out:
             console.paragraph(CURVES_LEFT_OUT)
         console.next_step(what)

@@ -1,0 +1,97 @@
+"""What an offer does to the errors on data left out: bar, card, terminal and report read
+it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sdp_vs_penalty import formatting
+from sdp_vs_penalty.estimation.constants import CHANGES
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+
+
+@dataclass(frozen=True)
+class OfferOutcome:
+    """The error of each joint on data left out, before and after a change of the model."""
+
+    #: (n,) RMS errors without the change [N m or N].
+    before: Array
+    #: (n,) RMS errors with it [N m or N].
+    after: Array
+    #: (n,) noise floor [N m or N]; None where it is not known.
+    floor: Array | None
+    #: (n,) units of the errors, for people.
+    units: Sequence[str]
+
+    @property
+    def rising(self) -> list[int]:
+        """The joints (from 1) whose error rises by more than CHANGES, and beyond the
+        noise."""
+        least = np.zeros(len(self.before)) if self.floor is None else self.floor
+        rises = (self.after > (1.0 + CHANGES) * self.before) & (self.after > least)
+        return [int(j) + 1 for j in np.flatnonzero(rises)]
+
+    def falls(self, joint: int) -> bool:
+        """Whether the error of a joint (from 1) falls by more than CHANGES."""
+        was, now = self.before[joint - 1], self.after[joint - 1]
+        return bool(now < (1.0 - CHANGES) * was)
+
+    @property
+    def errs_most(self) -> int:
+        """The joint (from 1) that errs most before, in multiples of its noise where that is
+        known."""
+        scale = np.ones(len(self.before)) if self.floor is None else self.floor
+        return int(np.argmax(self.before / nonzero_or_one(scale))) + 1
+
+    @property
+    def gains_most(self) -> int:
+        """The joint (from 1) whose error falls most, in multiples of its noise, or as a share
+        where that is not known."""
+        scale = self.before if self.floor is None else self.floor
+        return int(np.argmax((self.before - self.after) / nonzero_or_one(scale))) + 1
+
+    @property
+    def left(self) -> Array:
+        """(n,) the errors that it leaves [N m or N]; what is below the noise counts as the
+        noise."""
+        return self.after if self.floor is None else np.maximum(self.after, self.floor)
+
+    @property
+    def size(self) -> float:
+        """One number for all joints, by which outcomes are ordered: the mean logarithm of
+        what is left."""
+        return float(np.mean(np.log(nonzero_or_one(self.left))))
+
+    def does_as_much_as(self, other: OfferOutcome) -> bool:
+        """Whether no joint's error is larger than with another change by more than
+        CHANGES."""
+        return bool(np.all(self.left <= (1.0 + CHANGES) * other.left))
+
+    def change_of(self, joint: int) -> str:
+        """Say how the error of a joint (from 1) changes: "2.63 → 1.19 N m (-55 %)"."""
+        errors = [float(x[joint - 1]) for x in (self.before, self.after)]
+        amounts = formatting.amounts(errors, self.units[joint - 1])
+        return f"{amounts} ({formatting.change_of(*errors)})"
+
+    def in_words(self, worst: int) -> str:
+        """Say how the error changes of the joint that errs most, ``worst`` (from 1), or where
+        that does not gain of the one that gains most, and which joints err more."""
+        most = worst if self.falls(worst) else self.gains_most
+        if not self.falls(most):
+            texts = [f"joint {worst} does not gain: {self.change_of(worst)}"]
+        else:
+            texts = [f"joint {most}'s error: {self.change_of(most)}"]
+        if self.floor is not None and self.before[worst - 1] < self.floor[worst - 1]:
+            texts.append("that cannot be told from the noise")
+        elif self.falls(most) and most != worst:
+            texts.append(f"joint {worst}, which errs most, does not gain")
+        rising = [joint for joint in self.rising if joint not in (worst, most)]
+        texts += [
+            f"joint {joint} errs more: {self.change_of(joint)}" for joint in rising
+        ]
+        if self.falls(most) and not self.rising and len(self.before) > 1:
+            texts.append("no joint errs more")
+        return "; ".join(texts)
