@@ -91,7 +91,7 @@ def ends(given: argparse.Namespace) -> Rows:
         rng = np.random.default_rng(0)
         picked = sorted(rng.permutation(len(chosen))[: 8 if given.quick else 40])
         functions = [chosen[k] for k in picked]
-        pairs = EndSearch(allowed).both([f.g for f in functions])
+        pairs = EndSearch(allowed).least_and_greatest([f.g for f in functions])
         p = len(allowed.bound)
         scaled = cp.Variable(p)
         theta = cp.multiply(allowed.bound, scaled)
@@ -161,7 +161,7 @@ def cost(given: argparse.Namespace) -> Rows:
         def run() -> object:
             allowed = allowed_set(posed, model.theta, floor)
             functions = functions_by_name(posed.problem, model.model, names)
-            return EndSearch(allowed).both([f.g for f in functions])
+            return EndSearch(allowed).least_and_greatest([f.g for f in functions])
 
         return run
 
@@ -249,7 +249,9 @@ def coverage(given: argparse.Namespace) -> Rows:
                     run = Measurements(t, q, torque + noise)
                     posed = build_problem(problem, run, PoseOptions(model.effects))
                     theta = make_estimator("lmi-sdp").fit(posed.task).theta
-                    found = EndSearch(allowed_set(posed, theta)).both(functions)
+                    found = EndSearch(allowed_set(posed, theta)).least_and_greatest(
+                        functions
+                    )
                     done[key] = [[low.value, high.value] for low, high in found]
                     with kept.open("a", encoding="utf-8") as file:
                         file.write(json.dumps({"key": key, "ends": done[key]}) + "\n")
@@ -397,7 +399,7 @@ def allowed_by(problem, model, run: Measurements):
 def length_of(allowed, problem, model, name: str):
     """Return the length of a function's range, and the function's coefficients (p,)."""
     (function,) = functions_by_name(problem, model, [name])
-    ((low, high),) = EndSearch(allowed).both([function.g])
+    ((low, high),) = EndSearch(allowed).least_and_greatest([function.g])
     return high.value - low.value, function.g
 
 

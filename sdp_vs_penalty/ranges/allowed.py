@@ -91,19 +91,20 @@ class DataBall:
     structure: float
 
     def rises(self, w: Array, z: float) -> Array:
-        """Return c(w) (k,), the rise of the loss up to which models count as fitting
-        where the data limit them through w^T theta alone, for functions w (k, p).
+        """Return c(w) = (z std(w^T theta) / |w|)^2 for functions w (k, p): the rise (k,)
+        of the loss that takes w^T theta from least squares to the end of its interval.
 
-        It takes w^T theta to the end of its interval, z standard deviations from least
-        squares; w lies in the span of A, and c(0) = 0.
+        Models whose loss rises by at most c(w) count as fitting where the data limit
+        them through w^T theta alone. |w| is in the metric of A, in whose span w lies;
+        c(0) = 0.
         """
-        size = np.linalg.norm(w @ self.directions, axis=1)  # |w| in the metric of A
-        is_seen = size > 0.0
-        out = np.zeros(len(w))
+        length = np.linalg.norm(w @ self.directions, axis=1)
+        is_seen = length > 0.0
+        rises = np.zeros(len(w))
         if is_seen.any():
             std = self.spread(w[is_seen])
-            out[is_seen] = (z * std / size[is_seen]) ** 2
-        return out
+            rises[is_seen] = (z * std / length[is_seen]) ** 2
+        return rises
 
     @cached_property
     def directions(self) -> Array:
@@ -178,14 +179,14 @@ class AllowedSet:
         start = self._towards_fit(self.best_fit(0.25 * rise / loss), 0.25 * rise)
         return InteriorPoint(self.cones, ball, start, self.fit, self.bound)
 
-    def _towards_fit(self, theta: Array, c: float) -> Array:
-        """Return the point between the best fit and theta, as near to theta as leaves
-        |A theta - a|^2 at most c above the least one."""
+    def _towards_fit(self, theta: Array, rise: float) -> Array:
+        """Return the point between the best fit and theta (p,) that is nearest to theta
+        and has |A theta - a|^2 at most ``rise`` above that of the best fit."""
         at_fit = self.ball.A @ self.fit - self.ball.a
         step = self.ball.A @ (theta - self.fit)
-        # |at_fit + t step|^2 = |at_fit|^2 + c, without cancellation.
+        # |at_fit + t step|^2 = |at_fit|^2 + rise, solved for t without cancellation.
         slope, square = float(at_fit @ step), float(step @ step)
-        t = c / max(slope + float(np.sqrt(slope**2 + c * square)), 1e-300)
+        t = rise / max(slope + float(np.sqrt(slope**2 + rise * square)), 1e-300)
         return self.fit + min(t, 1.0) * (theta - self.fit)
 
     def best_fit(self, accuracy: float) -> Array:
@@ -223,25 +224,27 @@ class AllowedSet:
 
 def far_limits(problem: Problem, task: Task) -> tuple[ConstraintSet, Array]:
     """Return the limits that only keep the set finite, and the bounds (p,) on |theta|
-    that they imply.
+    that they imply [SI].
 
-    They limit each link's mass and its distance, and the size of joints' parameters.
+    They limit each link's mass and its distance from the link's frame, and the size of
+    joints' parameters.
     """
     bound = _FAR_PARAMETER * task.bound
-    out = []
+    limits = []
     for k, indices in enumerate(task.links):
         name = f"link {k + 1}"
         mass, radius = problem.link_defaults[k]
-        quadric = np.diag([*np.full(3, -1.0 / radius**2), 1.0])
-        out.append(build.linear(FAR, name, indices[:1], [[-1.0]], [mass]))
-        out.append(build.density_in_ellipsoid(FAR, name, indices, quadric))
+        sphere = np.diag([*np.full(3, -1.0 / radius**2), 1.0])
+        limits.append(build.linear(FAR, name, indices[:1], [[-1.0]], [mass]))
+        limits.append(build.density_in_ellipsoid(FAR, name, indices, sphere))
+        # Of mass within the radius: m, three m c, six inertias.
         bound[indices] = mass * np.repeat([1.0, radius, radius**2], [1, 3, 6])
     for k in np.setdiff1d(np.arange(len(bound)), task.links).tolist():
         name = task.model.parameters[k].name
-        out.append(build.linear(FAR, name, [k], [[1.0, -1.0]], [bound[k]] * 2))
+        limits.append(build.linear(FAR, name, [k], [[1.0, -1.0]], [bound[k]] * 2))
     for k, value in task.model.known_values.items():
         bound[k] = max(abs(value), task.bound[k])
-    return ConstraintSet(tuple(out)).with_known(task.model.known_values), bound
+    return ConstraintSet(tuple(limits)).with_known(task.model.known_values), bound
 
 
 def stated_constraints(problem: Problem, task: Task) -> list[Constraint]:
@@ -250,23 +253,30 @@ def stated_constraints(problem: Problem, task: Task) -> list[Constraint]:
     Where neither the robot's file nor the user says any, the program assumes some. Here
     the far limits stand for an assumed upper limit, and m >= 0 for a lower one.
     """
-    assumed_of_place = dict(
+    assumed_by_place = dict(
         zip(task.links[:, 0].tolist(), problem.assumed_masses, strict=True)
     )
-    out = []
-    for x in (*task.constraints.convex, *task.bodies):
-        if x.family != "mass":
-            out.append(x)
+    stated = []
+    for constraint in (*task.constraints.convex, *task.bodies):
+        if constraint.family != "mass":
+            stated.append(constraint)
             continue
-        lower_is_assumed, upper_is_assumed = assumed_of_place[int(x.indices[0])]
+        lower_is_assumed, upper_is_assumed = assumed_by_place[
+            int(constraint.indices[0])
+        ]
         # A row of positive slope is a lower limit; one of a known mass has slope zero.
-        slopes = x.coefficients[0]
+        slopes = constraint.coefficients[0]
         is_assumed = np.where(slopes > 0.0, lower_is_assumed, upper_is_assumed)
-        kept = ~(is_assumed & (slopes != 0.0))
-        if kept.any():
-            coefficients = x.coefficients[:, kept]
-            out.append(replace(x, constant=x.constant[kept], coefficients=coefficients))
-    return out
+        is_stated = ~(is_assumed & (slopes != 0.0))
+        if is_stated.any():
+            stated.append(
+                replace(
+                    constraint,
+                    constant=constraint.constant[is_stated],
+                    coefficients=constraint.coefficients[:, is_stated],
+                )
+            )
+    return stated
 
 
 def allowed_set(
@@ -287,33 +297,15 @@ def allowed_set(
         Probability with which a range is to hold the truth.
     """
     task = posed.task
-    data = task.data
-    # R theta = R_lead B theta: only the base parameters B theta make torque.
-    base = task.base
-    U, _ = column_space(data.R[:, base.leading])
-    A = U.T @ data.R[:, base.leading] @ base.rows
-    a = U.T @ data.rho
-    residual = data.rho - U @ a
-    # Columns of B unseen are zero: a leading parameter counters each other one.
-    unseen = np.eye(A.shape[1])
-    unseen[base.leading] = -base.rows
-    unseen[:, base.leading] = 0.0
-    ball = DataBall(
-        A,
-        a,
-        loss_ls=float(residual @ residual) + data.residual_norm**2,
-        spread=spread_of(posed, theta),
-        structure=_structure(posed, floor),
-    )
     limits, far_bound = far_limits(posed.problem, task)
     convex = tuple(stated_constraints(posed.problem, task))
     allowed = AllowedSet(
         task,
-        ball,
+        data_ball(posed, theta, floor),
         ConstraintSet((*convex, *limits.convex)),
         bound=np.minimum(task.bound, far_bound),
         far_bound=far_bound,
-        unseen=unseen,
+        unseen=unseen_directions(task),
         interior=interior_point(task, ConstraintSet(convex)),
         fit=np.zeros(0),  # set below: its search needs the other fields
         kinds=KINDS,
@@ -321,6 +313,39 @@ def allowed_set(
         floor=floor,
     )
     return replace(allowed, fit=allowed.best_fit(1e-10))
+
+
+def data_ball(posed: EstimationProblem, theta: Array, floor: Array | None) -> DataBall:
+    """Return what the data say: A = U^T R_lead B and a = U^T rho, U an orthonormal basis
+    of the columns R_lead of the leading parameters.
+
+    Only the base parameters B theta make torque: R theta = R_lead B theta. ``theta`` and
+    ``floor`` are those of :func:`allowed_set`.
+    """
+    data, base = posed.task.data, posed.task.base
+    R_lead = data.R[:, base.leading]
+    U, _ = column_space(R_lead)
+    A = U.T @ R_lead @ base.rows
+    a = U.T @ data.rho
+    residual = data.rho - U @ a
+    return DataBall(
+        A,
+        a,
+        loss_ls=float(residual @ residual) + data.residual_norm**2,
+        spread=spread_of(posed, theta),
+        structure=_structure(posed, floor),
+    )
+
+
+def unseen_directions(task: Task) -> Array:
+    """Return a direction of theta that no torque shows for each parameter, as columns
+    (p, p): the parameter grows by one, and leading parameters counter it (B d = 0).
+    Columns of leading parameters are zero."""
+    base = task.base
+    directions = np.eye(len(task.bound))
+    directions[base.leading] = -base.rows
+    directions[:, base.leading] = 0.0
+    return directions
 
 
 def spread_of(posed: EstimationProblem, theta: Array) -> Callable[[Array], Array]:
@@ -331,7 +356,8 @@ def spread_of(posed: EstimationProblem, theta: Array) -> Callable[[Array], Array
 
 
 def _structure(posed: EstimationProblem, floor: Array | None) -> float:
-    """Return the weighted loss [(N m)^2] of least squares beyond the noise's."""
+    """Return the weighted loss [(N m)^2] of least squares that noise of the floor (n,)
+    [N m, N] does not explain; 0 without a floor."""
     if floor is None:
         return 0.0
     regression = posed.regression

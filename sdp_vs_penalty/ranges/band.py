@@ -175,7 +175,9 @@ def band_of(
         peak = np.argmax(np.abs(centre[:, j]) + half_width[:, j])
         rows_of_peaks.append(Y[peak])
     # At the peaks the ends are those under the constraints as well.
-    for j, (low, high) in enumerate(EndSearch(allowed).both(rows_of_peaks)):
+    for j, (low, high) in enumerate(
+        EndSearch(allowed).least_and_greatest(rows_of_peaks)
+    ):
         peaks[j] = low.value, high.value
     floor = allowed.floor
     noise = np.zeros(len(columns)) if floor is None else np.asarray(floor, float)

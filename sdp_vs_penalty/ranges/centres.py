@@ -26,6 +26,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sdp_vs_penalty.ranges.allowed import AllowedSet
 from sdp_vs_penalty.ranges.ends import End, EndSearch, RangeEnd
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
@@ -61,7 +62,7 @@ def ratios(
     with_mass = [
         k for k, (low, high) in enumerate(masses) if low.value > _NO_MASS * high.value
     ]
-    ends = search.least(
+    ends = search.least_ends(
         [sign * numerators[k] for k in with_mass for sign in (1.0, -1.0)],
         [denominators[k] for k in with_mass for _ in range(2)],
     )
@@ -97,7 +98,11 @@ def inertias(
     entries: Sequence[int],
     centre: Sequence[tuple[RangeEnd, RangeEnd]],
 ) -> list[tuple[RangeEnd, RangeEnd]]:
-    """Return the range of inertias I_e about a link's centre of mass.
+    """Return the range (least, greatest) of inertias I_e about a link's centre of mass.
+
+    The greatest value of a moment is exact. The other ends are outer bounds: the tighter
+    one of the bound by the centre's box (:func:`_outer`) and of what holds for every
+    consistent link, 0 <= I_aa and |I_ab| <= I_cc / 2.
 
     Parameters
     ----------
@@ -109,21 +114,20 @@ def inertias(
         Ranges of the three coordinates of the centre of mass.
     """
     greatest = {e: greatest_moment(search, link, e) for e in _MOMENTS}
-    out = []
+    ranges = []
     for e in entries:
         low, high = _outer(search, link, e, centre)
         if e in _MOMENTS:
-            # No moment is negative; its greatest value is exact.
             zero = RangeEnd(0.0, "consistency", is_outer=True)
-            out.append((max(low, zero, key=_value), greatest[e]))
+            ranges.append((max(low, zero, key=_value), greatest[e]))
             continue
-        # A product: |I_ab| <= I_cc / 2, c the axis across both.
-        row, column = inertia._ROWS[e - 4], inertia._COLUMNS[e - 4]
-        across = greatest[_MOMENTS[3 - row - column]]
-        half = RangeEnd(0.5 * across.value, across.decided_by, across.limited_by, True)
+        # A product I_ab; c is the axis across both a and b, numbers 0 to 2.
+        a, b = inertia._ROWS[e - 4], inertia._COLUMNS[e - 4]
+        moment = greatest[_MOMENTS[3 - a - b]]
+        half = RangeEnd(0.5 * moment.value, moment.decided_by, moment.limited_by, True)
         minus = replace(half, value=-half.value)
-        out.append((max(low, minus, key=_value), min(high, half, key=_value)))
-    return out
+        ranges.append((max(low, minus, key=_value), min(high, half, key=_value)))
+    return ranges
 
 
 def _value(end: RangeEnd) -> float:
@@ -160,7 +164,7 @@ def _outer(
     # The greatest value of L_u + q m is minus the least one of -L_u - q m.
     low, high = (
         RangeEnd(end.lowest, end.decided_by, end.limited_by, is_outer=True)
-        for end in search.least([linear - uncertain, -linear - uncertain])
+        for end in search.least_ends([linear - uncertain, -linear - uncertain])
     )
     return low, replace(high, value=-high.value)
 
@@ -178,11 +182,21 @@ def greatest_moment(search: EndSearch, link: Array, entry: int) -> RangeEnd:
     entry : int
         Of the moment, 4, 6 or 9.
     """
-    allowed = search.allowed
+    with_t = _with_moment_parameter(search.allowed, link, entry)
+    minus_t = -np.eye(len(with_t.bound))[-1]
+    (end,) = EndSearch(with_t, search.extra_rise).least_ends([minus_t])
+    attained = float(end.witness[-1])
+    return RangeEnd(-end.lowest, end.decided_by, end.limited_by, attained=attained)
+
+
+def _with_moment_parameter(allowed: AllowedSet, link: Array, entry: int) -> AllowedSet:
+    """Return the set of (theta, t), with a parameter t behind the p others that is at most
+    the moment I_aa of a link: Schur's matrix of :func:`greatest_moment` is >= 0."""
     p = len(allowed.bound)
+    # The axes b and c across a are those that Steiner's form of I_aa has on its diagonal.
     across = np.flatnonzero(np.diagonal(inertia.STEINER_FORMS[entry - 4]))
-    b, c = link[1 + across]
-    # The matrix by J, h_b, h_c, m, and t, which stands behind all other parameters.
+    h_b, h_c = link[1 + across]
+    # Coefficients (3, 3) of J_aa, h_b, h_c, m and t in Schur's matrix.
     matrices = np.zeros((5, 3, 3))
     matrices[0, 0, 0] = 1.0
     matrices[1, [0, 1], [1, 0]] = 1.0
@@ -190,14 +204,14 @@ def greatest_moment(search: EndSearch, link: Array, entry: int) -> RangeEnd:
     matrices[3, [1, 2], [1, 2]] = 1.0
     matrices[4, 0, 0] = -1.0
     largest = allowed.bound[link[entry]]
-    places = [link[entry], b, c, link[0], p]
+    places = [link[entry], h_b, h_c, link[0], p]
     zero = np.zeros((3, 3))
     schur = build.linear("moment", "a link", places, matrices, zero, cone="psd")
     least = build.linear("moment", "least", [p], [[1.0]], [largest])
 
     def with_moment(theta: Array) -> Array:
         """Return (theta, t) with half of the moment at theta (p,), strictly inside."""
-        h = theta[[b, c]]
+        h = theta[[h_b, h_c]]
         return np.append(theta, 0.5 * (theta[link[entry]] - h @ h / theta[link[0]]))
 
     ball = replace(
@@ -205,7 +219,7 @@ def greatest_moment(search: EndSearch, link: Array, entry: int) -> RangeEnd:
         A=np.pad(allowed.ball.A, ((0, 0), (0, 1))),
         spread=lambda rows: allowed.ball.spread(rows[:, :p]),
     )
-    with_t = replace(
+    return replace(
         allowed,
         ball=ball,
         constraints=allowed.constraints.plus([schur, least]),
@@ -213,6 +227,3 @@ def greatest_moment(search: EndSearch, link: Array, entry: int) -> RangeEnd:
         interior=with_moment(allowed.interior),
         fit=with_moment(allowed.fit),
     )
-    (end,) = EndSearch(with_t, search.more).least([-np.eye(p + 1)[p]])
-    attained = float(end.witness[p])
-    return RangeEnd(-end.lowest, end.decided_by, end.limited_by, attained=attained)

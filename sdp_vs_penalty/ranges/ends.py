@@ -25,7 +25,7 @@ from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import ConstraintSet
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers.convex_problem import ConvexProblem
 from sdp_vs_penalty.solvers.fit import Fit, dual_evidence
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof
@@ -34,15 +34,15 @@ from sdp_vs_penalty.solvers.rigorous_bounds import lower_bound
 #: Largest error of a search as a share of the function's local size: of the first one,
 #: which only shows on what the end rests, and of the others.
 _ROUGH, _FINE = 0.2, 3e-9
-#: The c of a search, over that which the search before it needed: a margin, so that the
-#: search itself seldom needs more.
+#: The rise of the loss that a search allows, over the rise that the search before it
+#: needed: a margin, so that the search itself seldom needs more.
 _MARGIN = 1.05
-#: Further searches of an end at most, as long as it needs more than its c.
+#: Further searches of an end at most, as long as it needs a larger rise than it had.
 _ROUNDS = 4
 #: Gap of an end as a share of its terms, up to which a quick certificate is enough.
 _CERTAIN = 1e-7
 #: Local length of a search's first step, and of those tried where an end is uncertain.
-_FIRST, _OTHER_STARTS = 0.7, (0.2, 2.0, 0.05)
+_FIRST_STEP, _OTHER_FIRST_STEPS = 0.7, (0.2, 2.0, 0.05)
 #: Share of an end's size by which a proof's claim lies beyond it: what is proved to be
 #: empty must be so strictly.
 _CLEARANCE = 1e-6
@@ -78,14 +78,15 @@ class RangeEnd(JsonRecord):
 
     @classmethod
     def from_end(cls, end: End) -> RangeEnd:
-        """Return what a file holds of a linear function's end."""
-        out = cls(end.value, end.decided_by, end.limited_by, attained=end.attained)
+        """Return what a file holds of a linear function's end; an end with a ray has the
+        value -inf (least) or inf (greatest)."""
+        closed = cls(end.value, end.decided_by, end.limited_by, attained=end.attained)
         if end.ray is None:
-            return out
+            return closed
         parameters = end.allowed.task.model.parameters
-        change = zip(parameters, end.ray.tolist(), strict=True)
-        ray = {parameter.name: x for parameter, x in change if x}
-        return replace(out, value=-end.sign * np.inf, ray=ray)
+        changes = zip(parameters, end.ray.tolist(), strict=True)
+        ray = {parameter.name: change for parameter, change in changes if change}
+        return replace(closed, value=-end.sign * np.inf, ray=ray)
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ class End:
     #: Rise c of the loss above the least one up to which models count as fitting here.
     rise: float
     #: Multiplier l of the data's ball.
-    ball: float
+    ball_multiplier: float
     #: (e,) multipliers of the constraints' entries.
     multipliers: Array
     #: 1 where g^T theta is the function, -1 where it is minus the function.
@@ -135,53 +136,62 @@ class End:
         return max(float(np.abs(self.g) @ np.abs(self.allowed.fit)), abs(self.attained))
 
     @cached_property
-    def rests_on(self) -> Array:
-        """(p,) w: the data limit the end through w^T theta alone; zero if not at all."""
+    def data_gradient(self) -> Array:
+        """(p,) gradient w = 2 l A^T (A theta - a) of the data's term l |A theta - a|^2 at
+        the witness: the data limit the end through w^T theta alone; zero: not at all."""
         ball = self.allowed.ball
-        return 2.0 * self.ball * (ball.A @ self.witness - ball.a) @ ball.A
+        residual = ball.A @ self.witness - ball.a
+        return 2.0 * self.ball_multiplier * residual @ ball.A
 
     @cached_property
-    def bounds(self) -> dict[str, float]:
+    def shift_by_bound(self) -> dict[str, float]:
         """How far the end moves as a bound doubles, to first order and as a share of the
         end's size, by the bound's name, the largest first. The far limits count as one.
 
-        It is the multiplier times the bound, which is half of the terms compared."""
+        A bound moves the end by multiplier times bound. At an active bound
+        a^T theta <= b both terms are equal, so that b is half of the sum of their sizes.
+        """
         constraints = self.allowed.constraints
         entries = constraints.entries
-        terms = entries.each(entries.at(self.witness)[1])
-        out = dict[str, float]()
-        for c, z, size in zip(
-            constraints.convex, entries.each(self.multipliers), terms, strict=True
+        sizes = entries.each(entries.at(self.witness)[1])
+        multipliers = entries.each(self.multipliers)
+        shifts = dict[str, float]()
+        for constraint, multiplier, size in zip(
+            constraints.convex, multipliers, sizes, strict=True
         ):
-            if kind_of(c) == "consistency":
+            family = constraint.family
+            if kind_of(constraint) == "consistency":
                 continue
-            name = FAR if c.family == FAR else f"{c.family} of {c.name}"
-            moves = 0.5 * float(np.sum(np.abs(z) * size)) / (self.size or 1.0)
-            out[name] = out.get(name, 0.0) + moves
-        return dict(sorted(out.items(), key=lambda item: -item[1]))
+            name = FAR if family == FAR else f"{family} of {constraint.name}"
+            change = 0.5 * float(np.sum(np.abs(multiplier) * size))
+            shifts[name] = shifts.get(name, 0.0) + change / (self.size or 1.0)
+        return dict(sorted(shifts.items(), key=lambda item: -item[1]))
 
     @property
     def limited_by(self) -> tuple[str, ...]:
         """Names of the bounds that the end follows, the far limits as one."""
-        return tuple(name for name, moves in self.bounds.items() if moves > CHANGES)
+        shifts = self.shift_by_bound.items()
+        return tuple(name for name, shift in shifts if shift > CHANGES)
 
     @property
     def decided_by(self) -> str:
         """What decides the end, in a word: "open" (it has a :attr:`ray`), "bound",
         "data", "consistency", or "data and consistency".
 
-        At the end g is the sum of what the data and what the constraints hold against
-        it: -``rests_on``, and the rest. A part below CHANGES (in size) decides nothing.
+        At the optimum g = -``data_gradient`` + the constraints' part. A part decides
+        nothing if it is smaller than the share CHANGES of g.
         """
         if self.ray is not None:
             return "open"
         if self.limited_by:
             return "bound"
+        # Parameters have different units: each counts in units of its fitted value.
         unit = np.abs(self.allowed.fit)
         negligible = CHANGES * np.linalg.norm(self.g * unit)
-        if np.linalg.norm((self.g + self.rests_on) * unit) <= negligible:
+        by_constraints = np.linalg.norm((self.g + self.data_gradient) * unit)
+        if by_constraints <= negligible:
             return "data"
-        by_data = np.linalg.norm(self.rests_on * unit)
+        by_data = np.linalg.norm(self.data_gradient * unit)
         return "data and consistency" if by_data > negligible else "consistency"
 
     @cached_property
@@ -196,178 +206,214 @@ class End:
     def proof(self, name: str) -> Proof:
         """Return a proof in exact arithmetic that nothing allowed lies beyond the end.
 
-        It is one of infeasibility: three things contradict each other, with multipliers
-        that show it. `verify` accepts its file. They are the constraints; the data, as a
-        second-order cone; and the claim that the function, by this name, lies a
-        millionth of its size beyond the end.
+        It proves infeasibility, by multipliers: the constraints and the data contradict
+        the claim that the function, by this name, lies a millionth of its size beyond
+        the end. `verify` accepts its file.
         """
         allowed = self.allowed
-        ball = allowed.ball
-        # 1. The data: |A theta - a| is at most the radius.
-        radius = np.sqrt(allowed.limit(self.rise))
-        all_places = np.arange(len(self.g))
-        in_ball = build.linear(
+        in_ball, claim = self._data_constraint(), self._claim_beyond(name)
+        parts = allowed.constraints.entries.each(self.multipliers)
+        multipliers = dict(zip(allowed.constraints.convex, parts, strict=True))
+        y = self._data_multiplier()
+        multipliers[in_ball] = np.concatenate([[np.linalg.norm(y)], y])
+        multipliers[claim] = np.ones(1)
+        constraints = ConstraintSet((*allowed.constraints.convex, in_ball, claim))
+        parameter_names = [q.name for q in allowed.task.model.parameters]
+        flat = constraints.stack_multipliers(multipliers)
+        problem = ConvexProblem.without_data(constraints, allowed.bound)
+        return infeasibility_proof(problem, flat, parameter_names)
+
+    def _data_constraint(self) -> Constraint:
+        """Return the data's ball as a second-order cone: |A theta - a| <= radius."""
+        ball = self.allowed.ball
+        radius = np.sqrt(self.allowed.limit(self.rise))
+        return build.linear(
             "data",
             f"weighted torque error within {radius:.6g} of least squares",
-            all_places,
+            np.arange(len(self.g)),
             np.column_stack([np.zeros(len(self.g)), ball.A.T]),
             np.concatenate([[radius], -ball.a]),
             cone="soc",
         )
-        # 2. The claim: g^T theta is less than what is proved of it.
+
+    def _claim_beyond(self, name: str) -> Constraint:
+        """Return the claim g^T theta <= lowest - clearance, which the proof refutes; its
+        text is in terms of the function ``name``."""
         beyond = self.lowest - _CLEARANCE * self.size
         relation = "<=" if self.sign > 0.0 else ">="
-        claim = build.linear(
+        return build.linear(
             "claim",
             f"{name} {relation} {self.sign * beyond:.9g}",
-            all_places,
+            np.arange(len(self.g)),
             -self.g[:, None],
             [beyond],
         )
-        # 3. Multipliers: those of the end for the constraints, y for the data.
-        entries = allowed.constraints.entries
-        parts = entries.each(self.multipliers)
-        multipliers = dict(zip(allowed.constraints.convex, parts, strict=True))
-        # A^T y takes up all that the other multipliers leave of g in seen directions;
-        # the second round takes up what rounding has left of the first.
-        residual = ball.A @ self.witness - ball.a
-        y = -2.0 * self.ball * residual
-        pulled = entries.adjoint(self.multipliers, len(self.g)) - self.g
+
+    def _data_multiplier(self) -> Array:
+        """Return the multiplier y (r,) of the data's cone: A^T y is what the constraints'
+        multipliers leave of g."""
+        ball = self.allowed.ball
+        entries = self.allowed.constraints.entries
+        y = -2.0 * self.ball_multiplier * (ball.A @ self.witness - ball.a)
+        leftover = entries.adjoint(self.multipliers, len(self.g)) - self.g
+        # The second round removes what rounding has left of the first.
         for _ in range(2):
-            y = y - ball.directions.T @ (pulled + y @ ball.A)
-        multipliers[in_ball] = np.concatenate([[np.linalg.norm(y)], y])
-        multipliers[claim] = np.ones(1)
-        constraints = ConstraintSet((*allowed.constraints.convex, in_ball, claim))
-        names = [q.name for q in allowed.task.model.parameters]
-        flat = constraints.stack_multipliers(multipliers)
-        nothing = ConvexProblem.without_data(constraints, allowed.bound)
-        return infeasibility_proof(nothing, flat, names)
+            y = y - ball.directions.T @ (leftover + y @ ball.A)
+        return y
 
 
 class EndSearch:
     """Ends of many functions over one set, each with its own rise c of the loss."""
 
-    def __init__(self, allowed: AllowedSet, more: float = 0.0) -> None:
+    def __init__(self, allowed: AllowedSet, extra_rise: float = 0.0) -> None:
         """Prepare the search over a set.
 
         Parameters
         ----------
-        more : float
-            Added to each rise c of the loss: the model's error [(N m)^2].
+        extra_rise : float
+            Added to each rise of the loss, for the model's own error [(N m)^2].
         """
         self.allowed = allowed
-        self.more = more
-        self._method = allowed.optimiser(allowed.first_rise + more)
-        self._unit = allowed.limit(allowed.first_rise + more)
+        self.extra_rise = extra_rise
+        self._method = allowed.optimiser(allowed.first_rise + extra_rise)
+        #: |A theta - a|^2 on the ball that has the radius 1 in the method's units.
+        self._unit_limit = allowed.limit(allowed.first_rise + extra_rise)
 
-    def least(
-        self, functions: Sequence[Array], masses: Sequence[Array] | None = None
+    def least_ends(
+        self, functions: Sequence[Array], denominators: Sequence[Array] | None = None
     ) -> list[End]:
-        """Return the least value of each function g (p,), with its own c: the loss above
-        the least one up to which models count as fitting.
+        """Return the least value of each function g^T theta, or of each ratio v of
+        g^T theta to m^T theta.
 
-        With ``masses`` m (p,) it is the least ratio v of g^T theta to m^T theta: the
-        ends are those of g - v m, whose values are about zero.
+        The rise c of the loss up to which models count as fitting depends on the
+        direction through which the data limit the end (:meth:`DataBall.rises`), which
+        only the end itself shows. So each end is sought with a first c, and again with
+        a c a little above what it needs, until that is enough.
 
-        An end needs the c of the directions that it rests on, which the end itself
-        shows. So it is found for a first c, and again for a c a little above the one
-        that it needs, until that is enough.
+        Parameters
+        ----------
+        functions : sequence of (p,) arrays
+            Coefficients g.
+        denominators : sequence of (p,) arrays, optional
+            Coefficients m. An end is then that of g - v m, whose value is about zero.
         """
         if not functions:
             return []
         g = np.array(functions, float)
-        m = np.zeros_like(g) if masses is None else np.reshape(masses, g.shape)
-        c = np.full(len(g), self.allowed.first_rise)
-        rough = self._points(g, m, c, _ROUGH)
-        c = _MARGIN * self._rises_of(rough)
-        points = self._points(g, m, c, _FINE, rough)
+        m = np.zeros_like(g)
+        if denominators is not None:
+            m = np.reshape(denominators, g.shape)
+        rises = np.full(len(g), self.allowed.first_rise)
+        rough = self._minimise(g, m, rises, _ROUGH)
+        rises = _MARGIN * self._needed_rises(rough)
+        points = self._minimise(g, m, rises, _FINE, rough)
         for _ in range(_ROUNDS):
-            needed = self._rises_of(points)
-            wider = np.flatnonzero(needed > c)
-            if not len(wider):
+            needed = self._needed_rises(points)
+            short = np.flatnonzero(needed > rises)
+            if not len(short):
                 break
-            c[wider] = _MARGIN * needed[wider]
-            again = self._points(g[wider], m[wider], c[wider], _FINE, rough[wider])
-            points.put(wider, again)
+            rises[short] = _MARGIN * needed[short]
+            improved = self._minimise(
+                g[short], m[short], rises[short], _FINE, rough[short]
+            )
+            points.put(short, improved)
         return [
             self._best_certified(g[k], m[k], points[k], rise)
-            for k, rise in enumerate(c.tolist())
+            for k, rise in enumerate(rises.tolist())
         ]
 
-    def _points(
+    def least_and_greatest(self, functions: Sequence[Array]) -> list[tuple[End, End]]:
+        """Return the least and the greatest value of each function g (p,); the greatest
+        is minus the least one of -g."""
+        ends = self.least_ends([sign * g for g in functions for sign in (1.0, -1.0)])
+        return [
+            (least, replace(least_of_negative, sign=-1.0))
+            for least, least_of_negative in zip(ends[::2], ends[1::2], strict=True)
+        ]
+
+    def _minimise(
         self,
         g: Array,
         m: Array,
         rises: Array,
         accuracy: float,
         start: Points | None = None,
-        first: float = _FIRST,
+        first_step: float = _FIRST_STEP,
     ) -> Points:
-        """Return the points at which functions g (k, p), over m, are least where the
-        loss may rise by ``rises`` (k,); ``start`` are such points of other rises,
-        ``first`` the length of a first step without one."""
-        limits = np.array([self.allowed.limit(c + self.more) for c in rises])
+        """Return the points with the least ratio g^T theta / m^T theta (m = 0: the least
+        g^T theta) among models whose loss is at most ``rises`` above the least one.
+
+        Parameters
+        ----------
+        g, m : (k, p) arrays
+            Coefficients of k functions, and of their denominators.
+        rises : (k,) array
+            Rise of the loss that each function may use [weighted (N m)^2].
+        start : Points, optional
+            Solutions for the same functions with other rises.
+        first_step : float
+            Local length of the first step from the centre, where there is no ``start``.
+        """
+        limits = np.array([self.allowed.limit(c + self.extra_rise) for c in rises])
         return self._method.minimise(
             g,
             accuracy,
             m=m,
             start=start,
-            squared_radius=limits / self._unit,
-            first=first,
+            squared_radius=limits / self._unit_limit,
+            first_step=first_step,
         )
 
     def _best_certified(self, g: Array, m: Array, point: Points, rise: float) -> End:
-        """Return the end at a point, or the best one of searches from other starts:
-        where a set is thin, rounding ends some paths early."""
-        best = self.certified(point, rise)
-        for first in _OTHER_STARTS:
+        """Return the certified end at a point. If it is not certain, other first steps
+        are tried, and the end with the smallest gap is returned: where a set is thin,
+        rounding ends some paths early."""
+        best = self._certified_end(point, rise)
+        for first_step in _OTHER_FIRST_STEPS:
             if best.is_certain:
                 break
-            others = self._points(
-                g[None], m[None], np.array([rise]), _FINE, first=first
+            others = self._minimise(
+                g[None], m[None], np.array([rise]), _FINE, first_step=first_step
             )
-            other = self.certified(others[0], rise)
+            other = self._certified_end(others[0], rise)
             best = max(best, other, key=lambda end: (-end.gap, end.lowest))
         return best
 
-    def both(self, functions: Sequence[Array]) -> list[tuple[End, End]]:
-        """Return the least and the greatest value of each function g (p,)."""
-        ends = self.least([sign * g for g in functions for sign in (1.0, -1.0)])
-        return [
-            (low, replace(high, sign=-1.0))
-            for low, high in zip(ends[::2], ends[1::2], strict=True)
-        ]
-
-    def _rises_of(self, points: Points) -> Array:
-        """Return the c (k,) of the directions of the data that each point rests on; the
-        first c where it rests on none."""
+    def _needed_rises(self, points: Points) -> Array:
+        """Return the rise c(w) (k,) for the gradient w of the data's term at each point;
+        the first rise where the data do not limit the point (w = 0)."""
         allowed = self.allowed
         ball = allowed.ball
-        w = points.ball[:, None] * ((points.theta @ ball.A.T - ball.a) @ ball.A)
-        c = ball.rises(w, allowed.z)
-        return np.where(c > 0.0, c, allowed.first_rise)
+        residual = points.theta @ ball.A.T - ball.a
+        gradients = points.ball_multiplier[:, None] * (residual @ ball.A)
+        rises = ball.rises(gradients, allowed.z)
+        return np.where(rises > 0.0, rises, allowed.first_rise)
 
-    def certified(self, point: Points, rise: float) -> End:
+    def _certified_end(self, point: Points, rise: float) -> End:
         """Return the end at a point that was found for a rise of the loss, with the
-        lower bound of g^T theta that the point's multipliers prove."""
+        lower bound of g^T theta that the point's multipliers prove:
+        min [g^T x + l |A x - a|^2] - l limit (weak duality)."""
         allowed = self.allowed
         ball = allowed.ball
-        limit = allowed.limit(rise + self.more)
         g = point.g
-        weight = float(point.ball) / self._unit  # the method's ball is in this unit
-        root = np.sqrt(weight)
+        limit = allowed.limit(rise + self.extra_rise)
+        # l, out of the method's units, in which the ball's radius is 1.
+        ball_multiplier = float(point.ball_multiplier) / self._unit_limit
+        root = np.sqrt(ball_multiplier)
         # The loss of these data is l |A x - a|^2.
         data = LeastSquares(root * ball.A, root * ball.a, 0.0, 0.0, 0)
         multipliers, _ = allowed.cones.multipliers(point.multipliers)
         problem = ConvexProblem(data, allowed.constraints, allowed.bound, linear=g)
         fit = Fit(point.theta, problem, multipliers)
+        size = float(np.abs(g) @ np.abs(point.theta))
         lowest = -np.inf
+        # Polished multipliers take longer: only where the quick bound is not tight.
         for polished in (False, True):
             least = lower_bound(problem, dual_evidence(fit, polished=polished))
+            at_limit = ball_multiplier * limit
             # What l limit and the difference may have lost by rounding is subtracted.
-            rounding = 4.0 * np.finfo(float).eps * (abs(least) + weight * limit)
-            lowest = max(lowest, least - weight * limit - rounding)
-            size = float(np.abs(g) @ np.abs(point.theta))
+            rounding = 4.0 * np.finfo(float).eps * (abs(least) + at_limit)
+            lowest = max(lowest, least - at_limit - rounding)
             if float(g @ point.theta) - lowest <= _CERTAIN * size:
                 break
         return End(
@@ -375,7 +421,7 @@ class EndSearch:
             g=g,
             lowest=lowest,
             witness=point.theta,
-            rise=rise + self.more,
-            ball=weight,
+            rise=rise + self.extra_rise,
+            ball_multiplier=ball_multiplier,
             multipliers=multipliers,
         )

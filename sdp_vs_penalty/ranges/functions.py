@@ -90,28 +90,31 @@ def coefficients(problem: Problem, model: Model, name: str) -> Array:
 
 
 def all_functions(problem: Problem, model: Model) -> list[Function]:
-    """Return every function of a model that has a name."""
+    """Return every function of a model that has a name: standard parameters, the total
+    mass, base parameters that combine several, and entries about centres of mass."""
     unit = np.eye(len(model.parameters))
     links = model.rigid_indices.reshape(-1, 10)
-    out = [
+    functions = [
         Function(q.name, plain_unit(q.unit), unit[k])
         for k, q in enumerate(model.parameters)
     ]
     if len(links):
-        out.append(Function(TOTAL, "kg", unit[links[:, 0]].sum(axis=0)))
+        functions.append(Function(TOTAL, "kg", unit[links[:, 0]].sum(axis=0)))
     base = base_rows(model, problem.independent)
-    out += [
-        Function(name, plain_unit(model.parameters[lead].unit), row)
-        for name, row, lead in zip(base.names, base.rows, base.leading, strict=True)
-        if name.endswith("...")
+    functions += [
+        Function(name, plain_unit(model.parameters[leading].unit), row)
+        for name, row, leading in zip(base.names, base.rows, base.leading, strict=True)
+        if name.endswith("...")  # a combination is named by its first parameter
     ]
+    # A link's entries about its centre of mass: m, c (3), and six inertias. The mass is
+    # a standard parameter already.
     units = ["kg", *["m"] * 3, *["kg m^2"] * 6]
-    out += [
+    functions += [
         Function(name, units[entry], place=(link, entry))
         for name, (link, entry) in entries(len(links)).items()
         if entry
     ]
-    return out
+    return functions
 
 
 def _group(word: str, known: dict[str, Function]) -> list[Function]:

@@ -66,7 +66,7 @@ class Points:
     #: (k, rows + 16 blocks) multipliers of the slacks.
     multipliers: Array
     #: (k,) multiplier of the ball [function per squared residual].
-    ball: Array
+    ball_multiplier: Array
     #: (k,) what a certificate by these multipliers loses at most, in units of the
     #: function: complementarity, and leftover slope times the parameters' bounds.
     error: Array
@@ -90,13 +90,17 @@ class _State:
         """Evaluate cones and balls of squared radii (k,) at theta (k, p)."""
         self.cones = cones
         self.theta = theta
+        #: (k, rows + 16 blocks) slacks of the cones; their rows s (k, rows) and
+        #: matrices S (k, blocks, 4, 4).
         self.slacks = cones.constant + (cones.slack_map @ theta.T).T
-        self.rows, self.mats = split(cones, self.slacks)
+        self.rows, self.blocks = split(cones, self.slacks)
         residual = theta @ ball.A.T - ball.a
+        #: (k, p) v = 2 A^T (A theta - a), and (k,) s = r^2 - |A theta - a|^2.
         self.ball_gradient = 2.0 * residual @ ball.A
         self.ball_slack = squared_radius - np.sum(residual**2, axis=1)
-        self.root = _inverse_roots(self.mats)
-        self.inverse = np.swapaxes(self.root, 2, 3) @ self.root
+        #: (k, blocks, 4, 4) L^-1 with S = L L^T, and S^-1.
+        self.inverse_roots = _inverse_roots(self.blocks)
+        self.inverses = np.swapaxes(self.inverse_roots, 2, 3) @ self.inverse_roots
 
     @property
     def is_inside(self) -> Mask:
@@ -104,72 +108,82 @@ class _State:
         return (
             np.all(self.rows > 0.0, axis=1)
             & (self.ball_slack > 0.0)
-            & np.isfinite(self.root).all(axis=(1, 2, 3))
+            & np.isfinite(self.inverse_roots).all(axis=(1, 2, 3))
         )
 
     def barrier_multipliers(self, mu: Array) -> Array:
         """Return mu / s and mu S^-1 (k, rows + 16 blocks), flat, for mu (k,)."""
-        flat = self.inverse.reshape(len(mu), -1)
+        flat = self.inverses.reshape(len(mu), -1)
         return mu[:, None] * np.hstack([1.0 / self.rows, flat])
 
-    def scaled(self, change: Array, multipliers: Array) -> Array:
-        """Return ds z / s of rows and the symmetric part of S^-1 dS Z of blocks, flat.
+    def multiplier_response(self, change: Array, multipliers: Array) -> Array:
+        """Return by how much multipliers fall, at fixed complementarity, as slacks rise:
+        z ds / s of rows and the symmetric part of S^-1 dS Z of blocks.
 
-        change and multipliers (k, rows + 16 blocks) hold ds, dS and z, Z.
+        ``change`` holds ds and dS, ``multipliers`` z and Z; they and the result are flat,
+        (k, rows + 16 blocks).
         """
-        rows, mats = split(self.cones, change)
+        ds, dS = split(self.cones, change)
         z, Z = split(self.cones, multipliers)
-        product = self.inverse @ mats @ Z
-        half = 0.5 * (product + np.swapaxes(product, 2, 3))
-        return np.hstack([rows * z / self.rows, half.reshape(len(z), -1)])
+        product = self.inverses @ dS @ Z
+        symmetric = 0.5 * (product + np.swapaxes(product, 2, 3))
+        return np.hstack([ds * z / self.rows, symmetric.reshape(len(z), -1)])
 
-    def hessians(
-        self, curvature: Array, multipliers: Array, ball: Array
+    def hessian_factors(
+        self, data_curvature: Array, multipliers: Array, ball_multiplier: Array
     ) -> list[Array | None]:
-        """Return the lower Cholesky factors of H (p, p), in LAPACK's order; None for a
-        point at which there is none.
+        """Return the lower Cholesky factor (p, p) of the Newton matrix H of each of k
+        points, in LAPACK's order; None outside of the cones or the ball, or where
+        rounding leaves none.
 
-        curvature (p, p) is 2 A^T A; the multipliers are those of cones and balls.
+        Parameters
+        ----------
+        data_curvature : (p, p) array
+            2 A^T A.
+        multipliers : (k, rows + 16 blocks) array
+            z and Z of the cones.
+        ball_multiplier : (k,) array
+            l of the ball.
         """
         cones = self.cones
         z, Z = split(cones, multipliers)
-        kronecker = self.inverse[:, :, :, :, None, None] * Z[:, :, None, None]
+        # The blocks' part of H is linear in the entries of S^-1 (x) Z, a 4x4x4x4 array
+        # of each block.
+        kronecker = self.inverses[:, :, :, :, None, None] * Z[:, :, None, None]
         products = np.hstack([z / self.rows, kronecker.reshape(len(z), -1)])
-        by_cones = np.ascontiguousarray((cones.curvature @ products.T).T)
-        share = ball / self.ball_slack
+        cone_entries = np.ascontiguousarray((cones.curvature @ products.T).T)
         factors: list[Array | None] = [None] * len(z)
         for k in np.flatnonzero(self.is_inside):
-            factors[k] = _factor(
-                curvature,
-                ball=ball[k],
-                by_cones=by_cones[k],
-                share=share[k],
-                gradient=self.ball_gradient[k],
+            factors[k] = _newton_matrix_factor(
+                ball_multiplier[k] * data_curvature,
+                cone_entries=cone_entries[k],
                 places=cones.places,
+                v=self.ball_gradient[k],
+                v_weight=ball_multiplier[k] / self.ball_slack[k],
             )
         return factors
 
 
-def _factor(
-    curvature: Array,
-    ball: float,
-    by_cones: Array,
-    share: float,
-    gradient: Array,
-    places: Indices,
+def _newton_matrix_factor(
+    by_data: Array, cone_entries: Array, places: Indices, v: Array, v_weight: float
 ) -> Array | None:
-    """Return the lower Cholesky factor (p, p) of the Newton step's matrix at one point,
-    None if rounding leaves none.
+    """Return the lower Cholesky factor (p, p) of H at one point, None if rounding leaves
+    none: H = ``by_data`` + the cones' part + ``v_weight`` v v^T.
 
-    H = ``ball`` ``curvature`` + the cones' part + ``share`` v v^T, with ``ball`` the
-    ball's multiplier, ``curvature`` 2 A^T A, ``share`` the multiplier over the ball's
-    slack, and v the ball's ``gradient`` (p,). ``by_cones`` are the entries of the cones'
-    part at ``places`` of H, flat; the others are zero.
+    Parameters
+    ----------
+    by_data : (p, p) array
+        2 l A^T A.
+    cone_entries, places : arrays
+        Entries of the cones' part, and their places in flat H; the others are zero.
+    v, v_weight : (p,) array, float
+        Gradient of the squared residual, and l / s, the multiplier over the ball's slack.
     """
     for ridge in _RIDGES:
-        H = ball * curvature
-        H.ravel()[places] += by_cones
-        H = scipy.linalg.blas.dsyr(share, gradient, lower=1, a=H.T, overwrite_a=1)
+        H = by_data.copy()
+        H.ravel()[places] += cone_entries
+        # BLAS adds v v^T to the lower triangle in Fortran's order, the transpose of ours.
+        H = scipy.linalg.blas.dsyr(v_weight, v, lower=1, a=H.T, overwrite_a=1)
         H.T.ravel()[:: len(H) + 1] *= 1.0 + ridge
         factor, failed = scipy.linalg.lapack.dpotrf(H, lower=1, overwrite_a=1, clean=0)
         if not failed:
@@ -179,9 +193,9 @@ def _factor(
 
 def barrier_hessian(cones: SmallCones, theta: Array) -> Array:
     """Return the Hessian (p, p) of -sum log s - sum log det S at theta (p,), strictly
-    inside."""
-    rows, mats = split(cones, cones.constant + cones.slack_map @ theta)
-    inverse = np.linalg.inv(mats)
+    inside; s and S are the slacks of the cones' rows and blocks."""
+    rows, blocks = split(cones, cones.constant + cones.slack_map @ theta)
+    inverse = np.linalg.inv(blocks)
     kronecker = inverse[:, :, :, None, None] * inverse[:, None, None]
     products = np.concatenate([1.0 / rows**2, kronecker.ravel()])
     lower = np.zeros((len(theta), len(theta)))
@@ -191,177 +205,205 @@ def barrier_hessian(cones: SmallCones, theta: Array) -> Array:
 
 def split(cones: SmallCones, flat: Array) -> tuple[Array, Array]:
     """Return the rows (..., rows) and the blocks (..., blocks, 4, 4) of flat slacks or
-    multipliers, as views."""
+    multipliers (..., rows + 16 blocks), as views."""
     blocks = flat[..., cones.rows :]
     shape = (*flat.shape[:-1], len(cones.weight), ORDER, ORDER)
     return flat[..., : cones.rows], blocks.reshape(*shape)
 
 
-def _inverse_roots(mats: Array) -> Array:
-    """Return L^-1 of S = L L^T (k, blocks, 4, 4). If one block of a point is not
-    positive definite, all of its blocks are NaN."""
+def _inverse_roots(blocks: Array) -> Array:
+    """Return L^-1 of S = L L^T for matrices S (k, blocks, 4, 4) of k points. If one block
+    of a point is not positive definite, all of its blocks are NaN."""
     try:
-        return np.linalg.inv(np.linalg.cholesky(mats))
+        return np.linalg.inv(np.linalg.cholesky(blocks))
     except np.linalg.LinAlgError:
-        out = np.full_like(mats, np.nan)
-        for k, blocks in enumerate(mats):
+        inverse_roots = np.full_like(blocks, np.nan)
+        for k, of_point in enumerate(blocks):
             with suppress(np.linalg.LinAlgError):
-                out[k] = np.linalg.inv(np.linalg.cholesky(blocks))
-        return out
+                inverse_roots[k] = np.linalg.inv(np.linalg.cholesky(of_point))
+        return inverse_roots
 
 
-def _solve(factors: Sequence[Array | None], right: Array) -> Array:
-    """Return H^-1 right (k, p), by the Cholesky factors of H; NaN without one."""
-    out = np.full_like(right, np.nan)
-    for x, factor, one in zip(out, factors, right, strict=True):
+def _solve(factors: Sequence[Array | None], right_sides: Array) -> Array:
+    """Solve H x = b for k right sides b (k, p), by the Cholesky factor of each H; NaN
+    where there is none."""
+    solutions = np.full_like(right_sides, np.nan)
+    for k, factor in enumerate(factors):
         if factor is not None:
-            x[:] = scipy.linalg.lapack.dpotrs(factor, one, lower=1)[0]
-    return out
+            b = right_sides[k]
+            solutions[k] = scipy.linalg.lapack.dpotrs(factor, b, lower=1)[0]
+    return solutions
 
 
 def _dot(a: Array, b: Array) -> Array:
-    """Return the products (k,) of rows (k, p)."""
+    """Return the scalar product (k,) of each row of a with that of b, both (k, p)."""
     return np.einsum("kp,kp->k", a, b)
 
 
 @dataclass(frozen=True)
 class _Direction:
-    """Changes of everything along a Newton step."""
+    """Changes of everything along a Newton step, for k functions."""
 
-    #: (k, p) of theta.
+    #: (k, p) change of theta.
     step: Array
-    #: (k, rows + 16 blocks) of the slacks.
+    #: (k, rows + 16 blocks) change of the slacks.
     slacks: Array
-    #: (k, rows + 16 blocks) of the multipliers.
+    #: (k, rows + 16 blocks) change of the multipliers.
     multipliers: Array
-    #: (k,) first-order change of the ball's slack.
+    #: (k,) first-order change of the ball's slack, -v^T step.
     ball_slack: Array
     #: (k,) the negative of its second-order change, |A step|^2.
-    ball_bend: Array
-    #: (k,) of the ball's multiplier.
-    ball: Array
+    ball_slack_bend: Array
+    #: (k,) change of the ball's multiplier.
+    ball_multiplier: Array
 
 
 class _Newton:
-    """The Newton systems at points with multipliers."""
+    """Newton's systems for k functions, each at its point with multipliers."""
 
     def __init__(self, method: InteriorPoint, points: Points) -> None:
-        """Factorise the systems."""
+        """Factorise the Newton matrix H of each function, and slacks and multipliers,
+        which have to stay positive."""
         self.cones = method.cones
         self.A = method.ball.A
         self.points = points
         self.state = state = _State(
             method.cones, method.ball, points.squared_radius, points.theta
         )
-        self.factors = state.hessians(method.curvature, points.multipliers, points.ball)
+        self.factors = state.hessian_factors(
+            method.data_curvature, points.multipliers, points.ball_multiplier
+        )
         z, Z = split(self.cones, points.multipliers)
-        self.rows = np.hstack([state.rows, z])
-        self.roots = np.hstack([state.root, _inverse_roots(Z)])
+        #: (k, 2 rows) slacks s and multipliers z of the rows.
+        self.slacks_and_multipliers = np.hstack([state.rows, z])
+        #: (k, 2 blocks, 4, 4) inverse Cholesky factors of slacks S and multipliers Z.
+        self.inverse_roots = np.hstack([state.inverse_roots, _inverse_roots(Z)])
 
-    def times(self, step: Array) -> Array:
-        """Return H step (k, p), computed from slacks and torque: the data's part has no
-        rounding error where no torque shows the step."""
+    def apply_hessian(self, step: Array) -> Array:
+        """Return H step (k, p) for steps (k, p), computed from slacks and torque: the
+        data's part has no rounding error where no torque shows the step."""
         state = self.state
-        ball = self.points.ball
+        ball_multiplier = self.points.ball_multiplier
         slacks = (self.cones.slack_map @ step.T).T
-        moved = state.scaled(slacks, self.points.multipliers)
-        along = ball / state.ball_slack * _dot(state.ball_gradient, step)
-        by_ball = (2.0 * ball)[:, None] * ((step @ self.A.T) @ self.A)
-        by_ball += along[:, None] * state.ball_gradient
-        return (self.cones.adjoint @ moved.T).T + by_ball
+        response = state.multiplier_response(slacks, self.points.multipliers)
+        by_cones = (self.cones.adjoint @ response.T).T
+        by_curvature = (2.0 * ball_multiplier)[:, None] * ((step @ self.A.T) @ self.A)
+        along_v = _dot(state.ball_gradient, step)
+        weight = ball_multiplier / state.ball_slack * along_v
+        return by_cones + (by_curvature + weight[:, None] * state.ball_gradient)
 
     def direction(
         self,
         mu: Array,
-        bent: Array | float = 0.0,
-        bent_ball: Array | float = 0.0,
+        second_order: Array | float = 0.0,
+        second_order_ball: Array | float = 0.0,
         refined: bool = False,
     ) -> _Direction:
-        """Return the changes that aim at complementarities mu (k,).
+        """Return the Newton step towards s z = mu, S Z = mu 1 and l s = mu.
 
-        bent and bent_ball are second-order terms of an earlier direction, for the
-        multipliers of cones and of the ball. ``refined`` solves the Newton system once
-        more, for what rounding has left of the first solution.
+        Parameters
+        ----------
+        mu : (k,) array
+            Complementarity that each function's step aims at.
+        second_order, second_order_ball : (k, rows + 16 blocks), (k,) arrays
+            Second-order terms of the predictor, subtracted from the multipliers that
+            cones and ball should have.
+        refined : bool
+            Solve once more for what rounding has left of the first solution.
         """
         state = self.state
         points = self.points
-        target = state.barrier_multipliers(mu) - bent
-        target_ball = mu / state.ball_slack - bent_ball
-        slope = points.g + target_ball[:, None] * state.ball_gradient
-        right = (self.cones.adjoint @ target.T).T - slope
-        step = _solve(self.factors, right)
+        target = state.barrier_multipliers(mu) - second_order
+        target_of_ball = mu / state.ball_slack - second_order_ball
+        slope = points.g + target_of_ball[:, None] * state.ball_gradient
+        right_side = (self.cones.adjoint @ target.T).T - slope
+        step = _solve(self.factors, right_side)
         if refined:
-            step = step + _solve(self.factors, right - self.times(step))
+            step = step + _solve(self.factors, right_side - self.apply_hessian(step))
         slacks = (self.cones.slack_map @ step.T).T
         ball_slack = -_dot(state.ball_gradient, step)
         torque = step @ self.A.T
+        response = state.multiplier_response(slacks, points.multipliers)
+        response_of_ball = points.ball_multiplier * ball_slack / state.ball_slack
         return _Direction(
             step,
-            slacks,
-            target - points.multipliers - state.scaled(slacks, points.multipliers),
-            ball_slack,
-            _dot(torque, torque),
-            target_ball - points.ball - points.ball * ball_slack / state.ball_slack,
+            slacks=slacks,
+            multipliers=target - points.multipliers - response,
+            ball_slack=ball_slack,
+            ball_slack_bend=_dot(torque, torque),
+            ball_multiplier=target_of_ball - points.ball_multiplier - response_of_ball,
         )
 
     def complementarity(
-        self, d: _Direction | None = None, share: Array | float = 0.0
+        self, direction: _Direction | None = None, share: Array | float = 0.0
     ) -> Array:
-        """Return the sums (k,) of all products of slacks and multipliers, after shares
-        (k,) of a direction."""
+        """Return the sum (k,) of all products of slacks and multipliers, l s of the ball
+        included: at the points, or after shares (k,) of a direction."""
         state = self.state
         slacks, z = state.slacks, self.points.multipliers
-        ball_slack, ball = state.ball_slack, self.points.ball
-        if d is not None:
+        ball_slack, ball_multiplier = state.ball_slack, self.points.ball_multiplier
+        if direction is not None:
             t = np.asarray(share)[:, None]
-            slacks = slacks + t * d.slacks
-            z = z + t * d.multipliers
-            ball_slack = ball_slack + share * d.ball_slack - share**2 * d.ball_bend
-            ball = ball + share * d.ball
-        return _dot(slacks, z) + ball_slack * ball
+            slacks = slacks + t * direction.slacks
+            z = z + t * direction.multipliers
+            bend = share**2 * direction.ball_slack_bend
+            ball_slack = ball_slack + share * direction.ball_slack - bend
+            ball_multiplier = ball_multiplier + share * direction.ball_multiplier
+        return _dot(slacks, z) + ball_slack * ball_multiplier
 
-    def longest(self, d: _Direction) -> Array:
-        """Return the longest multiples (k,) of a direction that keep slacks and
-        multipliers of cones and ball positive.
+    def longest_step(self, direction: _Direction) -> Array:
+        """Return the largest multiple (k,) of a direction at which no slack or multiplier
+        of cones and ball is negative.
 
-        A row reaches zero at the multiple -1 / (change / value); a block where the
-        smallest eigenvalue of the change, in units of the block, is -1 over it.
+        A number x > 0 with the change dx reaches zero at the multiple -1 / (dx / x), a
+        block X = L L^T at -1 over the smallest eigenvalue of L^-1 dX L^-T.
         """
-        rows, mats = split(self.cones, d.slacks)
-        z, Z = split(self.cones, d.multipliers)
-        relative = np.hstack([rows, z]) / self.rows
-        smallest = np.minimum(
-            relative.min(axis=1, initial=-1e-12), d.ball / self.points.ball
-        )
-        turned = self.roots @ np.hstack([mats, Z]) @ np.swapaxes(self.roots, 2, 3)
-        turned[~np.isfinite(turned).all(axis=(1, 2, 3))] = -np.eye(ORDER)
-        eigenvalues = np.linalg.eigvalsh(turned)[:, :, 0]
-        smallest = np.minimum(smallest, eigenvalues.min(axis=1, initial=-1e-12))
-        # The ball: slack + t change - t^2 bend > 0.
-        slack = self.state.ball_slack
-        root = np.sqrt(d.ball_slack**2 + 4.0 * d.ball_bend * slack)
-        to_ball = 2.0 * slack / np.maximum(root - d.ball_slack, 1e-300)
-        return np.minimum(-1.0 / smallest, to_ball)
+        ds, dS = split(self.cones, direction.slacks)
+        dz, dZ = split(self.cones, direction.multipliers)
+        # Where everything grows, -1e-12 stands for a multiple without limit.
+        relative = np.hstack([ds, dz]) / self.slacks_and_multipliers
+        lowest = relative.min(axis=1, initial=-1e-12)
+        of_ball = direction.ball_multiplier / self.points.ball_multiplier
+        roots = self.inverse_roots
+        relative_blocks = roots @ np.hstack([dS, dZ]) @ np.swapaxes(roots, 2, 3)
+        is_finite = np.isfinite(relative_blocks).all(axis=(1, 2, 3))
+        relative_blocks[~is_finite] = -np.eye(ORDER)
+        eigenvalues = np.linalg.eigvalsh(relative_blocks)[:, :, 0]
+        lowest_of_blocks = eigenvalues.min(axis=1, initial=-1e-12)
+        lowest = np.minimum(np.minimum(lowest, of_ball), lowest_of_blocks)
+        # The ball: slack + t change - t^2 bend = 0, without cancellation.
+        slack, change = self.state.ball_slack, direction.ball_slack
+        root = np.sqrt(change**2 + 4.0 * direction.ball_slack_bend * slack)
+        to_ball = 2.0 * slack / np.maximum(root - change, 1e-300)
+        return np.minimum(-1.0 / lowest, to_ball)
 
-    def corrected(self, degree: int) -> tuple[_Direction, Array]:
-        """Return Mehrotra's directions, and which multiples (k,) of them to go.
+    def corrected_direction(self, degree: int) -> tuple[_Direction, Array]:
+        """Return Mehrotra's direction, and which multiple (k,) of it to go.
 
-        The predictor shows how far one can go and what complementarity that leaves; the
-        corrector aims at that share of it, with the predictor's second-order terms.
+        The predictor (mu = 0) shows how far one can go, and what share of the
+        complementarity remains there. The corrector aims at a power of this share, with
+        the predictor's second-order terms. ``degree`` is the number of products in the
+        complementarity.
         """
-        ball, state = self.points.ball, self.state
+        ball_multiplier, state = self.points.ball_multiplier, self.state
         before = self.complementarity()
-        first = self.direction(np.zeros_like(before))
-        reach = np.minimum(1.0, _HIGHEST_SHARE * self.longest(first))
-        remaining = np.maximum(self.complementarity(first, reach) / before, 0.0)
+        predictor = self.direction(np.zeros_like(before))
+        reach = np.minimum(1.0, _HIGHEST_SHARE * self.longest_step(predictor))
+        remaining = np.maximum(self.complementarity(predictor, reach) / before, 0.0)
+        # Up to Mehrotra's cube, where the predictor goes nearly all the way.
         power = np.maximum(1.0, 3.0 * reach**2)
         centring = np.clip(remaining**power, 1e-7, 1.0)
-        bent = state.scaled(first.slacks, first.multipliers)
-        bent_ball = first.ball_slack * first.ball - ball * first.ball_bend
-        bent_ball /= state.ball_slack
-        d = self.direction(centring * before / degree, bent, bent_ball, refined=True)
+        second_order = state.multiplier_response(
+            predictor.slacks, predictor.multipliers
+        )
+        second_order_ball = (
+            predictor.ball_slack * predictor.ball_multiplier
+            - ball_multiplier * predictor.ball_slack_bend
+        ) / state.ball_slack
+        mu = centring * before / degree
+        direction = self.direction(mu, second_order, second_order_ball, refined=True)
         share = _LOWEST_SHARE + (_HIGHEST_SHARE - _LOWEST_SHARE) * reach**2
-        return d, np.minimum(1.0, share * self.longest(d))
+        return direction, np.minimum(1.0, share * self.longest_step(direction))
 
 
 class InteriorPoint:
@@ -372,38 +414,52 @@ class InteriorPoint:
         self, cones: SmallCones, ball: Ball, start: Array, fit: Array, bound: Array
     ) -> None:
         """Find the analytic centre of the cones and the ball of radius 1, from which all
-        functions start.
+        functions start. Raises LinAlgError unless ``start`` is strictly inside of both.
 
-        Raises LinAlgError unless ``start`` (p,) is strictly inside of cones and ball.
-        ``fit`` (p,) is inside of the cones and of every ball that will be asked for;
-        |theta_k| <= ``bound`` (p,) in the cones.
+        Parameters
+        ----------
+        start : (p,) array
+            Point from which the centre is sought.
+        fit : (p,) array
+            Point inside of the cones and of every ball that will be asked for.
+        bound : (p,) array
+            Bounds |theta_k| <= bound_k that hold in the cones.
         """
         self.cones = cones
         self.ball = ball
         self.fit = fit
         self.bound = bound
-        self.curvature = 2.0 * ball.A.T @ ball.A
+        #: (p, p) 2 A^T A.
+        self.data_curvature = 2.0 * ball.A.T @ ball.A
+        #: Number of products of slacks and multipliers: rows, eigenvalues, the ball.
         self.degree = cones.rows + ORDER * len(cones.weight) + 1
-        one = np.ones(1)
+        #: (p,) point of the largest product of all slacks, nearly; and the lower Cholesky
+        #: factor (p, p) of the barrier's Hessian there.
+        self.centre, self._barrier_factor = self._find_centre(start)
+
+    def _find_centre(self, start: Array) -> tuple[Array, Array]:
+        """Return the analytic centre (p,) by damped Newton steps, and the lower Cholesky
+        factor (p, p) of the barrier's Hessian there."""
+        mu = squared_radius = np.ones(1)
         theta = start[None]
         for _ in range(_STEPS):
-            state = _State(cones, ball, one, theta)
-            multipliers = state.barrier_multipliers(one)
-            weight = 1.0 / state.ball_slack
-            (factor,) = state.hessians(self.curvature, multipliers, weight)
+            state = _State(self.cones, self.ball, squared_radius, theta)
+            multipliers = state.barrier_multipliers(mu)
+            ball_multiplier = mu / state.ball_slack
+            (factor,) = state.hessian_factors(
+                self.data_curvature, multipliers, ball_multiplier
+            )
             if factor is None:
                 raise np.linalg.LinAlgError
-            #: Factor of the barrier's Hessian at the centre.
-            self._barrier = factor
-            slope = (cones.adjoint @ multipliers.T).T
-            slope -= weight[:, None] * state.ball_gradient
-            step = _solve([factor], slope)
-            decrement = np.sqrt(max(_dot(step, slope)[0], 0.0))
+            descent = (self.cones.adjoint @ multipliers.T).T
+            descent -= ball_multiplier[:, None] * state.ball_gradient
+            step = _solve([factor], descent)
+            decrement = np.sqrt(max(_dot(step, descent)[0], 0.0))
             if decrement < _CENTRAL:
                 break
             theta = theta + step / (1.0 + decrement)
-        #: (p,) point of the largest product of all slacks, nearly.
-        self.centre = state.theta[0]
+        assert factor is not None
+        return state.theta[0], factor
 
     def minimise(
         self,
@@ -413,7 +469,7 @@ class InteriorPoint:
         m: Array | None = None,
         start: Points | None = None,
         squared_radius: Array | float = 1.0,
-        first: float = 0.7,
+        first_step: float = 0.7,
     ) -> Points:
         """Return the points with the least h^T theta, or h^T theta / m^T theta, strictly
         inside.
@@ -429,19 +485,18 @@ class InteriorPoint:
             Of the same functions, perhaps in other balls; default: the centre.
         squared_radius : (k,) array
             Squared radius of each function's ball.
-        first : float
+        first_step : float
             Local length of the first step away from the analytic centre.
         """
         m = np.zeros_like(h) if m is None else m
-        centre = np.tile(self.centre, (len(h), 1))
-        g = _linear(h, m, centre)
-        tangent = _solve([self._barrier] * len(h), g)
-        size = np.sqrt(np.maximum(_dot(g, tangent), 0.0))
+        g = _without_ratio(h, m, np.tile(self.centre, (len(h), 1)))
+        tangent = _solve([self._barrier_factor] * len(h), g)
+        size = np.sqrt(np.maximum(_dot(g, tangent), 0.0))  # in the barrier's metric
         if start is None:
-            mu = size / first
-            step = np.divide(tangent, mu[:, None], out=0.0 * g, where=mu[:, None] > 0.0)
-            start = self._start(g, centre - step, mu)
-        points = self._moved(start, np.broadcast_to(squared_radius, size.shape))
+            start = self._start_along(g, tangent, mu=size / first_step)
+        points = self._moved_into_balls(
+            start, np.broadcast_to(squared_radius, size.shape)
+        )
         best = points
         best.error[size == 0.0] = 0.0
         active = np.flatnonzero(size > 0.0)
@@ -451,87 +506,117 @@ class InteriorPoint:
             for _ in range(_STEPS):
                 if not len(active):
                     break
-                points.g[:] = _linear(h[active], m[active], points.theta)
+                points.g[:] = _without_ratio(h[active], m[active], points.theta)
                 newton = _Newton(self, points)
-                d, share = newton.corrected(self.degree)
-                t = share[:, None]
-                points = Points(
-                    points.g,
-                    points.squared_radius,
-                    points.theta + t * d.step,
-                    points.multipliers + t * d.multipliers,
-                    points.ball + share * d.ball,
-                    points.error,
-                )
-                error, points.error[:] = self._errors(points, newton)
+                direction, share = newton.corrected_direction(self.degree)
+                points = _advanced(points, direction, share)
+                local_error, points.error[:] = self._errors(points, newton.factors)
                 is_better = points.error < best.error[active]
                 best.put(active[is_better], points[is_better])
-                goes_on = (share > _SHORTEST) & ~(error <= accuracy * size[active])
+                is_done = local_error <= accuracy * size[active]
+                goes_on = (share > _SHORTEST) & ~is_done
                 active, points = active[goes_on], points[goes_on]
         return best
 
-    def _start(self, g: Array, theta: Array, mu: Array) -> Points:
-        """Return points with multipliers mu / s, at theta or at the centre."""
-        one = np.ones(len(theta))
-        state = _State(self.cones, self.ball, one, theta)
+    def _start_along(self, g: Array, tangent: Array, mu: Array) -> Points:
+        """Return points at the start of the central paths, with multipliers mu / s.
+
+        They are centre - tangent / mu, or the centre where that is outside of the cones
+        or of the ball of radius 1. g and tangent = H^-1 g are (k, p), mu is (k,).
+        """
+        step = np.divide(
+            tangent, mu[:, None], out=np.zeros_like(g), where=mu[:, None] > 0.0
+        )
+        theta = self.centre - step
+        squared_radius = np.ones(len(theta))
+        state = _State(self.cones, self.ball, squared_radius, theta)
         is_outside = ~state.is_inside
         if is_outside.any():
             theta = np.where(is_outside[:, None], self.centre, theta)
-            state = _State(self.cones, self.ball, one, theta)
-        z = state.barrier_multipliers(mu)
-        return Points(g, one, theta, z, mu / state.ball_slack, np.full_like(mu, np.inf))
+            state = _State(self.cones, self.ball, squared_radius, theta)
+        return Points(
+            g,
+            squared_radius,
+            theta,
+            multipliers=state.barrier_multipliers(mu),
+            ball_multiplier=mu / state.ball_slack,
+            error=np.full_like(mu, np.inf),
+        )
 
-    def _moved(self, points: Points, squared_radius: Array) -> Points:
-        """Return points for balls of other radii, (k,) squared.
+    def _moved_into_balls(self, points: Points, squared_radius: Array) -> Points:
+        """Return copies of points for balls of other radii, (k,) squared.
 
-        Where a ball shrinks, its point moves towards the best fit, which is inside of every
-        ball, until its slack is what it was in the old ball, or half of what there is room
-        for. Others stay.
+        Where a ball shrinks, its point moves on the line to the best fit, which is inside
+        of every ball. It gets the slack that it had in the old ball, or half of the best
+        fit's slack in the new one if that is less. Other points stay.
         """
         ball = self.ball
+        # On the line theta = fit + t (point - fit): residual = at_fit + t away.
         at_fit = ball.A @ self.fit - ball.a
         away = (points.theta - self.fit) @ ball.A.T
-        square = at_fit @ at_fit
-        slack = points.squared_radius - np.sum((away + at_fit) ** 2, axis=1)
-        # |at_fit + t away|^2 = squared_radius - slack.
-        room = squared_radius - square
-        room = room - np.minimum(slack, 0.5 * room)
+        old_slack = points.squared_radius - np.sum((away + at_fit) ** 2, axis=1)
+        room = squared_radius - at_fit @ at_fit
+        # |at_fit + t away|^2 = squared_radius - slack, solved for t without cancellation.
+        c = room - np.minimum(old_slack, 0.5 * room)
         b, a = away @ at_fit, _dot(away, away)
-        t = room / np.maximum(b + np.sqrt(b**2 + a * room), 1e-300)
-        t = np.where(squared_radius < points.squared_radius, np.minimum(t, 1.0), 1.0)
+        t = c / np.maximum(b + np.sqrt(b**2 + a * c), 1e-300)
+        shrinks = squared_radius < points.squared_radius
+        t = np.where(shrinks, np.minimum(t, 1.0), 1.0)
         return Points(
             points.g.copy(),
             squared_radius.copy(),
-            self.fit + t[:, None] * (points.theta - self.fit),
-            points.multipliers.copy(),
-            points.ball.copy(),
-            np.full_like(t, np.inf),
+            theta=self.fit + t[:, None] * (points.theta - self.fit),
+            multipliers=points.multipliers.copy(),
+            ball_multiplier=points.ball_multiplier.copy(),
+            error=np.full_like(t, np.inf),
         )
 
-    def _errors(self, points: Points, newton: _Newton) -> tuple[Array, Array]:
-        """Return by how much (k,) each point may miss its least value, twice.
+    def _errors(
+        self, points: Points, factors: Sequence[Array | None]
+    ) -> tuple[Array, Array]:
+        """Return by how much (k,) the value at each point may exceed the least one: to
+        second order about the point, and certainly.
 
-        Both are the sum of slacks times multipliers, plus what the leftover slope (the
-        gradient of the Lagrangian, zero at an optimum) can cost: near the point, by the
-        Newton step, and anywhere within the parameters' bounds. Infinite outside of
-        cones or ball.
+        Both are the sum of slacks times multipliers, plus what the leftover slope d (the
+        gradient of the Lagrangian, zero at an optimum) can gain: d^T H^-1 d by a Newton
+        step, with the ``factors`` of H; |d|^T bound anywhere in the cones. Infinite for a
+        point outside of cones or ball.
         """
         cones, ball = self.cones, self.ball
         slacks = cones.constant + (cones.slack_map @ points.theta.T).T
         residual = points.theta @ ball.A.T - ball.a
-        slack = points.squared_radius - np.sum(residual**2, axis=1)
-        leftover = points.g + (2.0 * points.ball)[:, None] * (residual @ ball.A)
+        ball_slack = points.squared_radius - np.sum(residual**2, axis=1)
+        leftover = points.g + (2.0 * points.ball_multiplier)[:, None] * (
+            residual @ ball.A
+        )
         leftover -= (cones.adjoint @ points.multipliers.T).T
-        sums = _dot(slacks, points.multipliers) + points.ball * slack
-        near = sums + np.abs(_dot(leftover, _solve(newton.factors, leftover)))
-        is_inside = (slacks[:, : cones.rows] > 0.0).all(axis=1) & (slack > 0.0)
-        is_inside &= np.isfinite(near)
-        anywhere = sums + np.abs(leftover) @ self.bound
-        return np.where(is_inside, near, np.inf), np.where(is_inside, anywhere, np.inf)
+        sums = _dot(slacks, points.multipliers) + points.ball_multiplier * ball_slack
+        local = sums + np.abs(_dot(leftover, _solve(factors, leftover)))
+        certain = sums + np.abs(leftover) @ self.bound
+        is_inside = (slacks[:, : cones.rows] > 0.0).all(axis=1) & (ball_slack > 0.0)
+        is_inside &= np.isfinite(local)
+        return np.where(is_inside, local, np.inf), np.where(is_inside, certain, np.inf)
 
 
-def _linear(h: Array, m: Array, theta: Array) -> Array:
-    """Return h - v m (k, p) with the ratios v = h^T theta / m^T theta; h where m = 0."""
+def _advanced(points: Points, direction: _Direction, share: Array) -> Points:
+    """Return the points, with their multipliers, after shares (k,) of a direction."""
+    t = share[:, None]
+    return Points(
+        points.g,
+        points.squared_radius,
+        theta=points.theta + t * direction.step,
+        multipliers=points.multipliers + t * direction.multipliers,
+        ball_multiplier=points.ball_multiplier + share * direction.ball_multiplier,
+        error=points.error,
+    )
+
+
+def _without_ratio(h: Array, m: Array, theta: Array) -> Array:
+    """Return g = h - v m (k, p) with the ratio v = h^T theta / m^T theta at each point
+    theta (k, p); g = h where m = 0.
+
+    Where g has a negative value the ratio is below v (Dinkelbach).
+    """
     mass = _dot(m, theta)
     v = np.divide(_dot(h, theta), mass, out=np.zeros_like(mass), where=mass != 0.0)
     return h - v[:, None] * m

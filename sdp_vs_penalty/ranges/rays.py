@@ -32,18 +32,18 @@ _POSES, _STILL = 40, 1e-9
 _BODY_WEIGHTS = (0.0, *np.geomspace(1e-3, 1e3, 13).tolist())
 
 
-def certified_ray(allowed: AllowedSet, g: Array, c: float) -> Array | None:
-    """Return a direction d (p,) with g^T d = -1 along which the set of c has no end, None
-    where none was found."""
+def certified_ray(allowed: AllowedSet, g: Array, rise: float) -> Array | None:
+    """Return a direction d (p,) with g^T d = -1 along which the models whose loss rises by
+    at most ``rise`` go on without end, None where none was found."""
     for d in _candidates(allowed, g):
-        if is_ray(allowed, g, d, c):
+        if is_ray(allowed, g, d, rise):
             return d / -float(g @ d)
     return None
 
 
-def is_ray(allowed: AllowedSet, g: Array, d: Array, c: float) -> bool:
-    """Return whether the models whose loss rises by at most c go on along d (p,) until
-    g^T theta has fallen by REACH times what the far limits admit.
+def is_ray(allowed: AllowedSet, g: Array, d: Array, rise: float) -> bool:
+    """Return whether the models whose loss rises by at most ``rise`` go on along d (p,)
+    until g^T theta has fallen by REACH times what the far limits admit.
 
     The set is convex, so that it is enough to look at both ends of the way.
     """
@@ -51,35 +51,35 @@ def is_ray(allowed: AllowedSet, g: Array, d: Array, c: float) -> bool:
     known = list(allowed.task.model.known_values)
     if fall <= 0.0 or np.any(d[known]):
         return False
-    near = [x for x in allowed.constraints.convex if x.family != FAR]
+    constraints = [x for x in allowed.constraints.convex if x.family != FAR]
     length = REACH * float(np.abs(g) @ allowed.far_bound) / fall
     for theta in (allowed.fit, allowed.fit + length * d):
         residual = allowed.ball.A @ theta - allowed.ball.a
-        if not residual @ residual <= allowed.limit(c):
+        if not residual @ residual <= allowed.limit(rise):
             return False
-        if not certainly_feasible(near, theta):
+        if not certainly_feasible(constraints, theta):
             return False
     return True
 
 
 def _candidates(allowed: AllowedSet, g: Array) -> Iterator[Array]:
     """Yield directions (p,) of mass at a point of one link that stands still in every
-    pose: the point at which the function falls most, then points within the link's
-    bodies.
+    pose: the point at which g^T theta falls most, then points that balance this fall
+    with a place inside of the link's bodies.
 
-    Mass at a point with homogeneous coordinates u is the pseudo-inertia u u^T, and a
-    linear function of it is u^T G u: the largest eigenvalue has the best u.
+    Mass at a point with homogeneous coordinates u = K v is the pseudo-inertia u u^T, and
+    a linear function of it is u^T G u: the largest eigenvalue of K^T G K has the best v.
     """
     task = allowed.task
-    still = still_points(task.model.robot)
-    for indices, K in zip(task.links, still, strict=True):
+    bases = still_points(task.model.robot)
+    for indices, K in zip(task.links, bases, strict=True):
         if not K.size or not np.any(g[indices]):
             continue
-        falls = K.T @ _matrix(-g[indices]) @ K
+        fall = K.T @ _matrix(-g[indices]) @ K
         inside = K.T @ _inside_of_bodies(allowed, indices) @ K
         weights = _BODY_WEIGHTS if np.any(inside) else _BODY_WEIGHTS[:1]
         for weight in weights:
-            eigenvectors = np.linalg.eigh(falls + weight * inside)[1]
+            eigenvectors = np.linalg.eigh(fall + weight * inside)[1]
             u = K @ eigenvectors[:, -1]
             u = np.where(np.abs(u) > _STILL * np.abs(u).max(), u, 0.0)
             direction = np.zeros(len(g))

@@ -203,26 +203,28 @@ def sample_models(
         raise InputError(f"{n} samples", "ask for one at least")
     if longer < 1:
         raise InputError(f"chains {longer} times as long", "ask for one time at least")
-    std = np.sqrt(allowed.first_rise) / allowed.z
     rng = np.random.default_rng(seed)
+    # s: the rise of the loss at z standard deviations is (z s)^2.
+    row_std = np.sqrt(allowed.first_rise) / allowed.z
     chains = Chains(
         allowed.cones,
-        A=allowed.ball.A / std,
-        a=allowed.ball.a / std,
+        A=allowed.ball.A / row_std,
+        a=allowed.ball.a / row_std,
         start=dispersed_starts(allowed, rng),
         rng=rng,
-        penalty=_divergence(allowed.task) if prior == "entropic" else None,
+        penalty=_entropic_penalty(allowed.task) if prior == "entropic" else None,
         unseen=allowed.unseen[:, allowed.unseen.any(axis=0)],
     )
     # One state of each chain in so many sweeps is a sample. Chains run at least as long
     # as the warm-up, so that R^ has states to judge.
     sweeps_per_sample = longer * _BETWEEN
     n_of_chain = -(-n // _CHAINS)  # rounded up
-    drawn = chains.draw(max(sweeps_per_sample * n_of_chain, longer * _WARM_UP), longer)
-    samples = drawn[sweeps_per_sample - 1 :: sweeps_per_sample]
-    theta = samples.reshape(-1, drawn.shape[2])
+    n_sweeps = max(sweeps_per_sample * n_of_chain, longer * _WARM_UP)
+    states = chains.draw(n_sweeps, longer)
+    samples = states[sweeps_per_sample - 1 :: sweeps_per_sample]
+    theta = samples.reshape(-1, states.shape[2])
     chosen = chains.rng.permutation(len(theta))[:n]
-    r_hat, effective = diagnose_chains(drawn)
+    r_hat, effective = diagnose_chains(states)
     return Samples(
         theta=theta[chosen],
         prior=prior,
@@ -236,7 +238,8 @@ def sample_models(
 
 
 def masses_by_bounds(theta: Array, task: Task) -> tuple[str, ...]:
-    """Return the names of masses whose samples (n, p) pile up at an upper bound.
+    """Return the masses whose samples, in theta (n, p), pile up at an upper bound, as
+    "m1 (below 100 kg)".
 
     Their mean distance from it is then less than two of its standard deviations: it is
     1.7 for a uniform and 1 for an exponential distribution that ends at the bound. A
@@ -252,32 +255,43 @@ def masses_by_bounds(theta: Array, task: Task) -> tuple[str, ...]:
 
 
 def dispersed_starts(allowed: AllowedSet, rng: np.random.Generator) -> Array:
-    """Return starts (chains, p) near the boundary of the set, in random directions from
-    its centre."""
+    """Return starts (chains, p) near the boundary of the set: from its centre in random
+    directions, _DISPERSION of the way to the boundary.
+
+    Directions are random in the local metric H of data and constraints, in which the set
+    is about round.
+    """
     cones = allowed.cones
     ball = allowed.ball
     centre = allowed.optimiser(allowed.first_rise).centre
     residual = ball.A @ centre - ball.a
     room = allowed.limit(allowed.first_rise) - residual @ residual
-    # Random in the local metric of data and constraints, in which the set is about round.
     hessian = ball.A.T @ ball.A / room + barrier_hessian(cones, centre)
-    unit = np.sqrt(np.diagonal(hessian))
-    values, axes = np.linalg.eigh(hessian / np.outer(unit, unit))
-    root = axes / np.sqrt(np.maximum(values, _THIN * values[-1]))
-    d = rng.standard_normal((_CHAINS, len(centre))) @ root.T / unit
+    directions = _random_directions(hessian, rng)
     slacks = np.tile(cones.constant + cones.slack_map @ centre, (_CHAINS, 1))
-    rows, mats = split(cones, slacks)
-    row_changes, mat_changes = split(cones, (cones.slack_map @ d.T).T)
-    _, to_cones = _chord(rows, row_changes, mats, mat_changes)
-    # |residual + t A d|^2 = limit.
-    torque = d @ ball.A.T
-    b, square = torque @ residual, np.sum(torque**2, axis=1)
-    to_ball = room / np.maximum(b + np.sqrt(b**2 + square * room), 1e-300)
-    return centre + _DISPERSION * np.minimum(to_cones, to_ball)[:, None] * d
+    changes = (cones.slack_map @ directions.T).T
+    _, to_cones = _multiples_inside(*split(cones, slacks), *split(cones, changes))
+    # |residual + t A d|^2 = limit, solved for t without cancellation.
+    torque = directions @ ball.A.T
+    slope, square = torque @ residual, np.sum(torque**2, axis=1)
+    to_ball = room / np.maximum(slope + np.sqrt(slope**2 + square * room), 1e-300)
+    multiple = _DISPERSION * np.minimum(to_cones, to_ball)
+    return centre + multiple[:, None] * directions
 
 
-def _divergence(task: Task) -> Penalty:
-    """Return the entropic prior's -2 log: k sum over links of tr(P0^-1 P) - log det P."""
+def _random_directions(hessian: Array, rng: np.random.Generator) -> Array:
+    """Return a direction of each chain (chains, p): normal, with the covariance H^-1 of a
+    Hessian H (p, p), whose thinnest axes are cut to what rounding leaves."""
+    unit = np.sqrt(np.diagonal(hessian))
+    eigenvalues, axes = np.linalg.eigh(hessian / np.outer(unit, unit))
+    root = axes / np.sqrt(np.maximum(eigenvalues, _THIN * eigenvalues[-1]))
+    return rng.standard_normal((_CHAINS, len(hessian))) @ root.T / unit
+
+
+def _entropic_penalty(task: Task) -> Penalty:
+    """Return the function that computes -2 log of the entropic prior (chains,) at theta
+    (chains, p): k sum over links of tr(P0^-1 P) - log det P, P0 the nominal
+    pseudo-inertia."""
     inverse_nominal = np.linalg.inv(task.prior_inertias)
 
     def penalty(theta: Array) -> Array:
@@ -322,7 +336,7 @@ class Chains:
         self.theta = np.broadcast_to(start, (_CHAINS, start.shape[-1])).copy()
         #: Steps that each chain has made.
         self.n_steps = 0
-        self._refresh()
+        self._evaluate_state()
         self._set_directions()
 
     def draw(self, sweeps: int, longer: int = 1) -> Array:
@@ -342,59 +356,75 @@ class Chains:
         return self._run(sweeps)
 
     def _set_directions(self, states: Array | None = None) -> None:
-        """Set the directions of the moves: columns of the covariance by data and barrier
-        at the chains' mean, those that no torque shows, and principal axes of states
-        (sweeps, chains, p)."""
+        """Set the three kinds of directions of the moves.
+
+        They are columns of the covariance by data and barrier at the chains' mean; those
+        that no torque shows; and, where there are states (sweeps, chains, p), the
+        principal axes of these.
+        """
         barrier = barrier_hessian(self.cones, self.theta.mean(axis=0))
         precision = self.A.T @ self.A + barrier
+        # Scaled to a unit diagonal: parameters differ by orders of magnitude.
         unit = np.sqrt(np.diagonal(precision))
         covariance = np.linalg.pinv(precision / np.outer(unit, unit), hermitian=True)
         directions = [covariance / unit[:, None], self.unseen]
         if states is not None:
-            flat = states.reshape(-1, states.shape[2])
-            std = nonzero_or_one(flat.std(axis=0))
-            _, axes = np.linalg.eigh(np.cov((flat / std).T))
+            theta = states.reshape(-1, states.shape[2])
+            std = nonzero_or_one(theta.std(axis=0))
+            _, axes = np.linalg.eigh(np.cov((theta / std).T))
             directions.append(std[:, None] * axes)
         self.moves = [_Move.along(d, self.cones, self.A) for d in directions if d.size]
 
-    def _refresh(self) -> None:
-        """Evaluate slacks and residuals anew, so that rounding does not add up."""
+    def _evaluate_state(self) -> None:
+        """Compute slacks and residuals from theta, so that rounding of the steps does not
+        add up: rows (chains, rows), blocks (chains, blocks, 4, 4), residual (chains,
+        r)."""
         slacks = self.cones.constant + (self.cones.slack_map @ self.theta.T).T
-        self.rows, self.mats = split(self.cones, slacks)
+        self.rows, self.blocks = split(self.cones, slacks)
         self.residual = self.theta @ self.A.T - self.a
 
     def _run(self, sweeps: int) -> Array:
-        """Make sweeps; return the states (sweeps, chains, p) after each."""
+        """Make sweeps of p steps each; return the states (sweeps, chains, p) after each
+        sweep."""
         states = np.empty((sweeps, *self.theta.shape))
         p = self.theta.shape[1]
         for sweep in range(sweeps):
             for _ in range(p):
                 self._step(self.moves[self.n_steps % len(self.moves)])
                 self.n_steps += 1
-            self._refresh()
+            self._evaluate_state()
             states[sweep] = self.theta
         return states
 
     def _step(self, move: _Move) -> None:
-        """Move each chain along a direction d of its own, by a t drawn from what the data
-        (a normal distribution), the cones (low <= t <= high) and the prior say along it."""
+        """Move each chain to theta + t d, d a random direction of the move for each chain.
+
+        Along d the data make t normal, the cones cut it to [lowest, highest], and a prior
+        that is not flat weighs it.
+        """
         chosen = self.rng.integers(move.directions.shape[0], size=_CHAINS)
         d = move.directions[chosen]
         slacks = move.slacks[chosen]
-        rows, mats = slacks[:, : len(move.rows)], slacks[:, len(move.rows) :]
-        mats = mats.reshape(_CHAINS, -1, ORDER, ORDER)
+        row_changes = slacks[:, : len(move.rows)]
+        block_changes = slacks[:, len(move.rows) :].reshape(_CHAINS, -1, ORDER, ORDER)
         torque = move.torques[chosen]
-        low, high = _chord(self.rows[:, move.rows], rows, self.mats[:, move.mats], mats)
+        lowest, highest = _multiples_inside(
+            self.rows[:, move.rows],
+            self.blocks[:, move.blocks],
+            row_changes,
+            block_changes,
+        )
+        # |residual + t A d|^2 / 2 is a normal distribution's exponent in t.
         square = np.maximum(np.sum(torque**2, axis=1), 1e-300)
         mean = -np.sum(torque * self.residual, axis=1) / square
         std = 1.0 / np.sqrt(square)
         if self.penalty is None:
-            t = _draw_truncated_normal(mean, std, low, high, self.rng)
+            t = _draw_truncated_normal(mean, std, lowest, highest, self.rng)
         else:
-            t = self._within_slice(self.penalty, d, mean, std, low, high)
+            t = self._within_slice(self.penalty, d, mean, std, lowest, highest)
         self.theta += t[:, None] * d
-        self.rows[:, move.rows] += t[:, None] * rows
-        self.mats[:, move.mats] += t[:, None, None, None] * mats
+        self.rows[:, move.rows] += t[:, None] * row_changes
+        self.blocks[:, move.blocks] += t[:, None, None, None] * block_changes
         self.residual += t[:, None] * torque
 
     def _within_slice(
@@ -433,39 +463,43 @@ class Chains:
 
 @dataclass(frozen=True)
 class _Move:
-    """Directions, and what they change."""
+    """k directions, and what each changes."""
 
     #: (k, p) directions of theta.
     directions: Array
-    #: Rows of the cones that any of them moves.
+    #: Rows of the cones that any of the directions changes.
     rows: Indices
-    #: Blocks of the cones that any of them moves.
-    mats: Indices
-    #: (k, rows + 16 blocks) changes of their slacks.
+    #: Blocks of the cones that any of the directions changes.
+    blocks: Indices
+    #: (k, rows + 16 blocks) changes of these rows' and blocks' slacks.
     slacks: Array
     #: (k, r) changes of the data's rows.
     torques: Array
 
     @classmethod
     def along(cls, directions: Array, cones: SmallCones, A: Array) -> _Move:
-        """Return the move along directions, columns (p, k)."""
-        changes = (cones.slack_map @ directions).T
-        row_map, mat_map = split(cones, changes)
-        rows = np.flatnonzero(row_map.any(axis=0))
-        mats = np.flatnonzero(mat_map.any(axis=(0, 2, 3)))
-        kept = mat_map[:, mats].reshape(len(changes), -1)
-        slacks = np.hstack([row_map[:, rows], kept])
-        return cls(directions.T.copy(), rows, mats, slacks, (A @ directions).T.copy())
+        """Return the move along directions, columns (p, k); A (r, p) maps theta to the
+        data's rows."""
+        row_changes, block_changes = split(cones, (cones.slack_map @ directions).T)
+        rows = np.flatnonzero(row_changes.any(axis=0))
+        blocks = np.flatnonzero(block_changes.any(axis=(0, 2, 3)))
+        flat_blocks = block_changes[:, blocks].reshape(directions.shape[1], -1)
+        slacks = np.hstack([row_changes[:, rows], flat_blocks])
+        return cls(directions.T.copy(), rows, blocks, slacks, (A @ directions).T.copy())
 
 
-def _chord(
-    rows: Array, row_changes: Array, mats: Array, mat_changes: Array
+def _multiples_inside(
+    rows: Array, blocks: Array, row_changes: Array, block_changes: Array
 ) -> tuple[Array, Array]:
-    """Return the lowest and the highest multiple (chains,) of changes of slacks, rows
-    (chains, rows) and blocks (chains, blocks, 4, 4), that stays inside the cones."""
-    root = np.linalg.inv(np.linalg.cholesky(mats))
-    turned = root @ mat_changes @ np.swapaxes(root, 2, 3)
-    eigenvalues = np.linalg.eigvalsh(turned).reshape(len(rows), -1)
+    """Return the lowest and the highest multiple t (chains,) of changes of slacks at which
+    rows s + t ds and blocks S + t dS stay inside the cones.
+
+    Rows and their changes are (chains, rows), blocks (chains, blocks, 4, 4). A row ends
+    at t = -s / ds, a block S = L L^T at -1 over an eigenvalue of L^-1 dS L^-T.
+    """
+    root = np.linalg.inv(np.linalg.cholesky(blocks))
+    relative_blocks = root @ block_changes @ np.swapaxes(root, 2, 3)
+    eigenvalues = np.linalg.eigvalsh(relative_blocks).reshape(len(rows), -1)
     relative = np.hstack([row_changes / rows, eigenvalues])
     # A hair inside, so that rounding leaves no chain outside.
     inside = 1.0 - 1e-9
@@ -498,32 +532,38 @@ def _draw_truncated_normal(
     log_left, log_present, log_right = scipy.special.log_ndtr(
         np.array([left, np.clip(sign * present, left, right), right])
     )
-    # Quantile u of the present point; where the chord is short the normal is flat on it.
+    # Quantile u of the present point in the cut distribution. On a short interval, where
+    # the difference of distribution functions has no digits, the normal is flat.
     is_flat = b - a < 1e-5
     lowest = np.exp(log_left - log_right)
     flat_u = -low / (high - low)
     with np.errstate(invalid="ignore", divide="ignore"):
         u = (np.exp(log_present - log_right) - lowest) / (1.0 - lowest)
     u = np.where(is_flat, np.where(sign > 0.0, flat_u, 1.0 - flat_u), u)
+    # The next quantile, and the t that has it.
     is_sample = rng.random(len(mean)) < (0.5 if reflects else 1.0)
     u = np.where(is_sample, rng.random(len(mean)), 1.0 - u)
     u = np.clip(u, 0.0, 1.0)
     quantile = lowest + u * (1.0 - lowest)
     x = scipy.special.ndtri_exp(log_right + np.log(np.maximum(quantile, 1e-300)))
     t = mean + std * sign * np.clip(x, left, right)
-    flat = low + np.where(sign > 0.0, u, 1.0 - u) * (high - low)
-    return np.clip(np.where(is_flat, flat, t), low, high)
+    flat_t = low + np.where(sign > 0.0, u, 1.0 - u) * (high - low)
+    return np.clip(np.where(is_flat, flat_t, t), low, high)
 
 
 def diagnose_chains(drawn: Array) -> tuple[Array, Array]:
     """Return split R^ (p,) and the effective number of samples (p,) of chains.
+
+    Split R^ compares the variance between half chains with that within them; it is near
+    1 once both halves of all chains have the same distribution. The effective number is
+    that of independent samples whose mean is as certain.
 
     Parameters
     ----------
     drawn : (T, chains, p) array
         T samples of each chain.
     """
-    T, m, _ = drawn.shape
+    T, n_chains, p = drawn.shape
     half = T // 2
     halves = np.concatenate([drawn[:half], drawn[T - half :]], axis=1)
     within = halves.var(axis=0, ddof=1).mean(axis=0)
@@ -533,9 +573,9 @@ def diagnose_chains(drawn: Array) -> tuple[Array, Array]:
     # Autocorrelation, averaged over the chains, against the pooled variance.
     pooled = (half - 1) / half * within + between / half
     centred = drawn - drawn.mean(axis=(0, 1))
-    tau = np.ones(drawn.shape[2])
+    correlation_time = np.ones(p)  # 1 + 2 sum of autocorrelations, in samples
     # Geyer: sums of two neighbouring lags count until the first that is not positive.
-    is_open = np.ones(drawn.shape[2], bool)
+    is_open = np.ones(p, bool)
     for lag in range(1, T - 1, 2):
         pair = sum(
             np.mean(centred[k:] * centred[: T - k], axis=(0, 1)) / pooled
@@ -544,5 +584,6 @@ def diagnose_chains(drawn: Array) -> tuple[Array, Array]:
         is_open &= pair > 0.0
         if not is_open.any():
             break
-        tau += np.where(is_open, 2.0 * pair, 0.0)
-    return r_hat, np.minimum(T * m / tau, float(T * m))
+        correlation_time += np.where(is_open, 2.0 * pair, 0.0)
+    n_drawn = float(T * n_chains)
+    return r_hat, np.minimum(T * n_chains / correlation_time, n_drawn)

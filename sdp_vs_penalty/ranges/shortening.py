@@ -110,7 +110,7 @@ def compare_motions(
     """Return the ranges of g^T theta that motions would leave, the shortest first; each
     motion is shrunk into the robot's limits."""
     limits = Limits.from_robot(posed.task.model.robot)
-    ((least, greatest),) = EndSearch(allowed).both([g])
+    ((least, greatest),) = EndSearch(allowed).least_and_greatest([g])
     before = least.value, greatest.value
     c = max(least.rise, greatest.rise)
     out = []
@@ -118,34 +118,34 @@ def compare_motions(
         progress(f"motion {k} of {len(motions)}")
         fitting = shrunk(motion, limits)
         smaller = with_rows(allowed, rows_of_motion(posed, fitting), c)
-        ((least, greatest),) = EndSearch(smaller).both([g])
+        ((least, greatest),) = EndSearch(smaller).least_and_greatest([g])
         # What is known already stays known.
         after = max(least.value, before[0]), min(greatest.value, before[1])
         out.append(ShorteningRun(fitting, before, after))
     return tuple(sorted(out, key=lambda run: run.length))
 
 
-def with_rows(allowed: AllowedSet, rows: Array, c: float) -> AllowedSet:
+def with_rows(allowed: AllowedSet, rows: Array, rise: float) -> AllowedSet:
     """Return the set of models that would be left with further rows (N, p), weighted
     like the data's.
 
     What these rows would measure is not known: it is taken for what the model in the
-    middle of the set of ``c`` makes there.
+    middle of the set makes there, whose loss may rise by ``rise`` [(N m)^2].
     """
     ball = allowed.ball
     further = np.linalg.qr(rows, mode="r")
     A = np.vstack([ball.A, further])
-    a = np.concatenate([ball.a, further @ allowed.optimiser(c).centre])
+    a = np.concatenate([ball.a, further @ allowed.optimiser(rise).centre])
     # In an orthonormal basis U of the columns; what lies outside of it is in every loss.
     U, _ = column_space(A)
     outside = a - U @ (U.T @ a)
     loss_ls = ball.loss_ls + float(outside @ outside)
     extended = replace(ball, A=U.T @ A, a=U.T @ a, loss_ls=loss_ls)
-    std = np.sqrt(c) / allowed.z
+    row_std = np.sqrt(rise) / allowed.z
 
     def spread(w: Array) -> Array:
         """Return the standard deviations (k,) of functions w (k, p), of white noise."""
-        return std * np.linalg.norm(w @ extended.directions, axis=1)
+        return row_std * np.linalg.norm(w @ extended.directions, axis=1)
 
     smaller = replace(allowed, ball=replace(extended, spread=spread))
     return replace(smaller, fit=smaller.best_fit(1e-10))

@@ -11,6 +11,7 @@ import numpy as np
 
 from sdp_vs_penalty.arguments import checked_arguments, require_in_range
 from sdp_vs_penalty.data.files import Source, as_measurements, windowed
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.parsing import time_windows
 from sdp_vs_penalty.data.recorded import NamedRuns
 from sdp_vs_penalty.errors import InputError, require_known
@@ -250,7 +251,8 @@ _UNDER = {
 
 
 def _text(value: float) -> str:
-    """Return a value as text; rounding of zero as 0, an open end as such."""
+    """Return a value as text: four digits, "0" for rounding of zero, "open" for an
+    infinite one, "" for one that is not known (NaN)."""
     if np.isnan(value):
         return ""
     if np.isinf(value):
@@ -364,7 +366,7 @@ def find_end(
     posed, floor = training_of(estimate, data)
     g = coefficients(posed.problem, posed.task.model, function)
     allowed = allowed_set(posed, estimate.theta, floor, level)
-    ((least, greatest),) = EndSearch(allowed).both([g])
+    ((least, greatest),) = EndSearch(allowed).least_and_greatest([g])
     return least if side == "least" else greatest
 
 
@@ -372,31 +374,17 @@ def training_of(
     estimate: Estimate, data: Source | None
 ) -> tuple[EstimationProblem, Array | None]:
     """Return the identification problem of a model and data, and the noise floor (n,)
-    of the data, None where it is not known.
+    [N m, N] of the data, None where it is not known.
 
-    The files that the model was identified from are read where no data are given and
-    the program's memory does not hold them. Raises InputError where they are not there.
+    Without ``data`` they are those that the model was identified from: held by the
+    program, or read from their files. Raises InputError where neither is there.
     """
     training = estimate.training
     if data is None and training is not None:
         posed = training.posed
         if posed.task.model is estimate.model:
             return posed, _floor_of(estimate)
-    as_written, window = False, None
-    if data is None:
-        named = NamedRuns.recorded(estimate.provenance.get("data") or ())
-        if named is None:
-            raise InputError(
-                "ranges need the measurements: the model names no files of them that"
-                " are still there",
-                "name them (data=..., --data)",
-            )
-        data, as_written, window = list(named.files), named.as_written, named.window
-    robot = estimate.robot
-    what = "find_ranges(data=...)"
-    names = robot.joint_names
-    runs = as_measurements(data, robot.n, names, what, as_written=as_written)
-    runs = windowed(runs, time_windows(window))
+    runs = _recorded_runs(estimate) if data is None else _runs_of(estimate, data)
     posed = posed_again(estimate, runs)
     if posed is None or posed.runs is None:
         what = "these data have no torque, and the model does not say what replaced it"
@@ -407,8 +395,34 @@ def training_of(
     return posed, noise_level(posed.problem, posed.runs)[0]
 
 
+def _recorded_runs(estimate: Estimate) -> Measurements:
+    """Read the runs that a model was identified from, from the files that it names, and
+    cut them to its window of time."""
+    recorded = NamedRuns.recorded(estimate.provenance.get("data") or ())
+    if recorded is None:
+        raise InputError(
+            "ranges need the measurements: the model names no files of them that"
+            " are still there",
+            "name them (data=..., --data)",
+        )
+    runs = _runs_of(estimate, list(recorded.files), as_written=recorded.as_written)
+    return windowed(runs, time_windows(recorded.window))
+
+
+def _runs_of(
+    estimate: Estimate, data: Source, as_written: bool = False
+) -> Measurements:
+    """Read runs of a model's robot; with ``as_written`` the files' names of columns and
+    units count, whatever the values suggest."""
+    robot = estimate.robot
+    return as_measurements(
+        data, robot.n, robot.joint_names, "find_ranges(data=...)", as_written=as_written
+    )
+
+
 def _floor_of(estimate: Estimate) -> Array | None:
-    """Return the noise floor (n,) of a model's own data, None if it is not known."""
+    """Return the noise floor (n,) [N m, N] of a model's own data, None unless the model
+    has it for all joints."""
     floor = (estimate.provenance.get("noise") or {}).get("floor")
     if floor is None or any(x is None for x in floor):
         return None
@@ -440,20 +454,20 @@ def ranges_of(
         with those before it.
     """
     task = posed.task
-    chosen = functions_by_name(posed.problem, task.model, names)
-    main = _ends(allowed, chosen)
+    functions = functions_by_name(posed.problem, task.model, names)
+    ends = _ends(allowed, functions)
     progress("with the model's error, and under fewer constraints")
+    values = [(least.value, greatest.value) for least, greatest in ends]
     structure = allowed.ball.structure
-    narrowest = [(low.value, high.value) for low, high in main]
     with_error = None
     if structure > 0.0:
-        with_error = _holding(narrowest, _ends(allowed, chosen, structure))
+        with_error = _widened_to_hold(values, _ends(allowed, functions, structure))
     # From the most constraints to the fewest: each set holds the one before it.
-    fewer = dict[str, list[tuple[float, float]]]()
-    values = narrowest
+    values_by_kind = dict[str, list[tuple[float, float]]]()
     for kind in sorted(kinds, key=KINDS.index, reverse=True):
-        set_of_kinds = allowed.with_kinds(KINDS[: KINDS.index(kind) + 1])
-        values = fewer[kind] = _holding(values, _ends(set_of_kinds, chosen))
+        larger = allowed.with_kinds(KINDS[: KINDS.index(kind) + 1])
+        values = _widened_to_hold(values, _ends(larger, functions))
+        values_by_kind[kind] = values
     nominal = posed.problem.nominal(task.model)
     mass, distance = posed.problem.link_defaults.max(axis=0).tolist()
     return Ranges(
@@ -463,14 +477,14 @@ def ranges_of(
             Range(
                 name=f.name,
                 unit=f.unit,
-                least=main[k][0],
-                greatest=main[k][1],
+                least=ends[k][0],
+                greatest=ends[k][1],
                 value=f.value(theta, task.links),
                 nominal=f.value(nominal, task.links),
                 with_model_error=None if with_error is None else with_error[k],
-                under={kind: fewer[kind][k] for kind in kinds},
+                under={kind: values_by_kind[kind][k] for kind in kinds},
             )
-            for k, f in enumerate(chosen)
+            for k, f in enumerate(functions)
         ),
         structure_share=(
             None if allowed.floor is None else structure / allowed.ball.loss_ls
@@ -479,79 +493,97 @@ def ranges_of(
     )
 
 
-def _holding(
+def _widened_to_hold(
     inner: Sequence[tuple[float, float]], ends: Sequence[tuple[RangeEnd, RangeEnd]]
 ) -> list[tuple[float, float]]:
-    """Return least and greatest values over a set that holds another one, whose values
-    are ``inner``: what is allowed there is allowed here, however near each search came."""
+    """Return the values (least, greatest) of ``ends``, widened to hold those of a smaller
+    set, ``inner``: two searches end near, not at, the true ends, so that the larger
+    set's range may come out a little shorter."""
     return [
-        (min(low.value, inner_low), max(high.value, inner_high))
-        for (low, high), (inner_low, inner_high) in zip(ends, inner, strict=True)
+        (min(least.value, inner_least), max(greatest.value, inner_greatest))
+        for (least, greatest), (inner_least, inner_greatest) in zip(
+            ends, inner, strict=True
+        )
     ]
 
 
 def _ends(
-    allowed: AllowedSet, chosen: Sequence[Function], more: float = 0.0
+    allowed: AllowedSet, functions: Sequence[Function], extra_rise: float = 0.0
 ) -> list[tuple[RangeEnd, RangeEnd]]:
-    """Return least and greatest end of each function over a set.
+    """Return least and greatest end of each function over a set, whose models may have
+    ``extra_rise`` [(N m)^2] more loss.
 
     Functions about a link's centre of mass need the range of its mass, too.
     """
-    search = EndSearch(allowed, more)
+    search = EndSearch(allowed, extra_rise)
     model = allowed.task.model
     unit = np.eye(len(model.parameters))
-    linear = {f.name: f.g for f in chosen if f.g is not None}
-    places = [f.place for f in chosen if f.place is not None]
+    g_by_name = {f.name: f.g for f in functions if f.g is not None}
+    places = [f.place for f in functions if f.place is not None]
     mass_names = {}
     for link in sorted({link for link, _ in places}):
         mass = allowed.task.links[link, 0]
         mass_names[link] = model.parameters[mass].name
-        linear.setdefault(mass_names[link], unit[mass])
-    ends_by_name = dict(zip(linear, search.both(list(linear.values())), strict=True))
-    masses = {link: ends_by_name[name] for link, name in mass_names.items()}
-    ends_by_place = _ends_about_centres(search, places, masses)
-    out = []
-    for f in chosen:
+        g_by_name.setdefault(mass_names[link], unit[mass])
+    linear_ends = search.least_and_greatest(list(g_by_name.values()))
+    ends_by_name = dict(zip(g_by_name, linear_ends, strict=True))
+    mass_ends = {link: ends_by_name[name] for link, name in mass_names.items()}
+    ends_by_place = _ends_about_centres(search, places, mass_ends)
+    ends = []
+    for f in functions:
         if f.place is None:
-            low, high = ends_by_name[f.name]
-            out.append((RangeEnd.from_end(low), RangeEnd.from_end(high)))
+            least, greatest = ends_by_name[f.name]
+            ends.append((RangeEnd.from_end(least), RangeEnd.from_end(greatest)))
         else:
-            out.append(ends_by_place[f.place])
-    return out
+            ends.append(ends_by_place[f.place])
+    return ends
 
 
 def _ends_about_centres(
     search: EndSearch,
     places: Sequence[tuple[int, int]],
-    masses: Mapping[int, tuple[End, End]],
+    mass_ends: Mapping[int, tuple[End, End]],
 ) -> dict[tuple[int, int], tuple[RangeEnd, RangeEnd]]:
-    """Return least and greatest end of coordinates of centres of mass (entries 1 to 3 of
-    a link) and of inertias about them (entries from 4), by link and entry.
+    """Return least and greatest end of coordinates of centres of mass, and of inertias
+    about them.
 
     A coordinate is the ratio m c / m of two parameters; an inertia about the centre of
-    mass needs the ranges of all three. masses : least and greatest by link.
+    mass needs the ranges of all three coordinates.
+
+    Parameters
+    ----------
+    places : sequence of (link, entry)
+        Link, and entry among its ten barycentric parameters, both from 0: entries 1 to
+        3 are coordinates, those from 4 inertias.
+    mass_ends : dict
+        Least and greatest mass by link.
+
+    Returns
+    -------
+    dict
+        Ends by (link, entry).
     """
     indices = search.allowed.task.links  # (links, 10) places of the links' parameters
     unit = np.eye(len(search.allowed.task.model.parameters))
-    entries = {k: [entry for link, entry in places if link == k] for k in masses}
+    entries = {k: [entry for link, entry in places if link == k] for k in mass_ends}
     coordinates = [
         (link, axis)
-        for link in masses
+        for link in mass_ends
         for axis in (1, 2, 3)
         if axis in entries[link] or max(entries[link]) >= 4
     ]
     ends = ratios(
         search,
         numerators=[unit[indices[place]] for place in coordinates],
-        masses=[masses[link] for link, _ in coordinates],
+        masses=[mass_ends[link] for link, _ in coordinates],
         denominators=[unit[indices[link, 0]] for link, _ in coordinates],
     )
-    by_place = dict(zip(coordinates, ends, strict=True))
-    for link in masses:
+    ends_by_place = dict(zip(coordinates, ends, strict=True))
+    for link in mass_ends:
         moments = [entry for entry in entries[link] if entry >= 4]
         if moments:
-            centre = [by_place[link, axis] for axis in (1, 2, 3)]
+            centre = [ends_by_place[link, axis] for axis in (1, 2, 3)]
             ends = inertias(search, indices[link], moments, centre)
             moment_places = [(link, entry) for entry in moments]
-            by_place |= dict(zip(moment_places, ends, strict=True))
-    return by_place
+            ends_by_place |= dict(zip(moment_places, ends, strict=True))
+    return ends_by_place

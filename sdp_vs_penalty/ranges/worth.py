@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sdp_vs_penalty.data.files import Source
+from sdp_vs_penalty.estimation.build_problem import EstimationProblem
 from sdp_vs_penalty.estimation.constants import LEVEL, ROUNDING
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.ranges.allowed import AllowedSet, allowed_set, spread_of
@@ -70,57 +71,83 @@ def what_to_measure(
     posed, floor = training_of(estimate, data)
     allowed = allowed_set(posed, estimate.theta, floor, level)
     g = coefficients(posed.problem, posed.task.model, function)
-    before = _ends(allowed, g)
+    least_before, greatest_before = _least_and_greatest(allowed, g)
     middle = allowed.optimiser(allowed.first_rise).centre
-    # Very much more motion, were the model in the middle the true one.
+    sets = _after_more_motion(allowed, posed, estimate.theta, middle)
+    for mass in functions_by_name(posed.problem, posed.task.model, ["masses"]):
+        if mass.name != function and mass.g is not None:
+            what = "the arm" if mass.name == TOTAL else f"link {mass.name[1:]}"
+            sets[f"weigh {what}"] = _after_weighing(
+                allowed, estimate.theta, middle, mass.g
+            )
+    worths = []
+    for measurement, smaller in sets.items():
+        least, greatest = _least_and_greatest(smaller, g)
+        # What is known already stays known.
+        least, greatest = max(least, least_before), min(greatest, greatest_before)
+        share_left = (greatest - least) / (greatest_before - least_before)
+        worths.append(Worth(measurement, least, greatest, share_left))
+    return tuple(sorted(worths, key=lambda worth: worth.length))
+
+
+def _after_more_motion(
+    allowed: AllowedSet, posed: EstimationProblem, theta: Array, middle: Array
+) -> dict[str, AllowedSet]:
+    """Return the sets that more data would leave, by what is measured: very much motion,
+    if the model in the middle (p,) of the set were the true one; and the motion so far
+    once more with a known load: twice the data, and exact gains of the torque channels.
+
+    ``theta`` (p,) is the model at which the intervals of shape constants are taken.
+    """
     ball = allowed.ball
+    spread = spread_of(replace(posed, gain_errors=None), theta)
     exact = replace(ball, a=ball.A @ middle, spread=lambda w: _PERFECT * ball.spread(w))
-    # Twice the data, and exact gains.
-    spread = spread_of(replace(posed, gain_errors=None), estimate.theta)
     twice = replace(ball, spread=lambda w: np.sqrt(0.5) * spread(w))
-    after = {
+    return {
         _ANY_MOTION: replace(allowed, ball=exact, fit=middle, interior=middle),
         "the same motion with a known load": replace(allowed, ball=twice),
     }
-    for scale in functions_by_name(posed.problem, posed.task.model, ["masses"]):
-        if scale.name != function and scale.g is not None:
-            what = "the arm" if scale.name == TOTAL else f"link {scale.name[1:]}"
-            after[f"weigh {what}"] = _after_weighing(
-                allowed, estimate.theta, middle, scale.g
-            )
-    out = []
-    for measurement, smaller in after.items():
-        # What is known already stays known.
-        low, high = _ends(smaller, g)
-        low, high = max(low, before[0]), min(high, before[1])
-        length = (high - low) / (before[1] - before[0])
-        out.append(Worth(measurement, low, high, length))
-    return tuple(sorted(out, key=lambda worth: worth.length))
 
 
-def _ends(allowed: AllowedSet, g: Array) -> tuple[float, ...]:
-    """Return the least and the greatest value of g^T theta; zero where rounding is all
-    that differs."""
-    ((low, high),) = EndSearch(allowed).both([g])
-    smallest = 1e-9 * (high.value - low.value)
-    return tuple(x.value if abs(x.value) > smallest else 0.0 for x in (low, high))
+def _least_and_greatest(allowed: AllowedSet, g: Array) -> tuple[float, float]:
+    """Return the least and the greatest value of g^T theta over a set; rounding of zero
+    (below 1e-9 of the range's length) as zero."""
+    ((least, greatest),) = EndSearch(allowed).least_and_greatest([g])
+    rounding = 1e-9 * (greatest.value - least.value)
+
+    def rounded(value: float) -> float:
+        return value if abs(value) > rounding else 0.0
+
+    return rounded(least.value), rounded(greatest.value)
 
 
 def _after_weighing(
-    allowed: AllowedSet, model: Array, middle: Array, g: Array
+    allowed: AllowedSet, model: Array, middle: Array, mass: Array
 ) -> AllowedSet:
-    """Return the set with g^T theta within SCALES of its value in a model (p,), or in the
-    middle (p,) of the set where the model breaks a constraint or has no such mass."""
-    if allowed.constraints.margin(model) < -ROUNDING or not g @ model > ROUNDING:
+    """Return the models that scales would leave which show a mass of the model.
+
+    The scales err by the share SCALES at most: |mass^T theta - value| <= SCALES value.
+
+    Parameters
+    ----------
+    model, middle : (p,) arrays
+        The identified model, whose mass the scales show, and the middle of the set,
+        whose mass they show if the model breaks a constraint or has no such mass.
+    mass : (p,) array
+        Coefficients of the mass that is weighed, of one link or of all.
+    """
+    if allowed.constraints.margin(model) < -ROUNDING or not mass @ model > ROUNDING:
         model = middle
-    value = float(g @ model)
-    places = np.flatnonzero(g)
-    rows = np.outer(g[places], [1.0, -1.0])
-    ends = [-(1.0 - SCALES) * value, (1.0 + SCALES) * value]
-    scales = build.linear("scales", "the measurement", places, rows, ends)
+    value = float(mass @ model)
+    places = np.flatnonzero(mass)
+    rows = np.outer(mass[places], [1.0, -1.0])
+    limits = [-(1.0 - SCALES) * value, (1.0 + SCALES) * value]
+    scales = build.linear("scales", "the measurement", places, rows, limits)
     # From the model towards the middle, half as far as the scales allow: strictly inside.
-    away = abs(float(g @ middle) - value)
-    share = min(1.0, 0.5 * SCALES * value / away) if away > 0.0 else 1.0
+    distance = abs(float(mass @ middle) - value)
+    share = 1.0
+    if distance > 0.0:
+        share = min(1.0, 0.5 * SCALES * value / distance)
     inside = model + share * (middle - model)
     weighed = replace(
         allowed, constraints=allowed.constraints.plus([scales]), interior=inside
@@ -128,18 +155,19 @@ def _after_weighing(
     return replace(weighed, fit=weighed.best_fit(_ACCURACY))
 
 
-def worth_sentence(found: Sequence[Worth]) -> str:
-    """Return what would tell most of a function, and what motion cannot tell."""
-    motion = next(x for x in found if x.measurement == _ANY_MOTION)
-    best = next(x for x in found if x is not motion)
+def worth_sentence(worths: Sequence[Worth]) -> str:
+    """Return what would tell most of a function, and what motion cannot tell; ``worths``
+    are those of :func:`what_to_measure`, the best first."""
+    motion = next(x for x in worths if x.measurement == _ANY_MOTION)
+    best = next(x for x in worths if x is not motion)
     return (
         f"Most would tell: {best.measurement} (leaves {100.0 * best.length:.0f} % of this"
         f" length); motion, however long, leaves {100.0 * motion.length:.0f} %."
     )
 
 
-def worth_table(found: Sequence[Worth], function: str) -> Table:
+def worth_table(worths: Sequence[Worth], function: str) -> Table:
     """Return one row a measurement: the range of a function after it."""
-    rows = [(x.measurement, x.least, x.greatest, 100.0 * x.length) for x in found]
+    rows = [(x.measurement, x.least, x.greatest, 100.0 * x.length) for x in worths]
     headings = ("measurement", f"least {function}", "greatest", "length left [%]")
     return Table(headings, rows)

@@ -42,7 +42,7 @@ def allowed(model):
 @pytest.fixture(scope="module")
 def ends(allowed):
     unit = np.eye(len(allowed.bound))
-    return EndSearch(allowed).both(list(unit))
+    return EndSearch(allowed).least_and_greatest(list(unit))
 
 
 def test_witnesses_are_consistent_fit_and_attain_the_ends(allowed, ends):
@@ -106,7 +106,7 @@ def test_no_limit_of_the_programs_own_decides_an_end():
 def test_a_function_that_the_data_determine_has_its_interval(model, allowed):
     """Without a constraint that acts, the range is the interval, up to c's grid."""
     (friction,) = functions_by_name(model.problem, model.model, ["f_v1"])
-    ((least, greatest),) = EndSearch(allowed).both([friction.g])
+    ((least, greatest),) = EndSearch(allowed).least_and_greatest([friction.g])
     interval = {x.name: x for x in model.uncertainty.standard}["f_v1"]
     length = interval.upper - interval.lower
     assert greatest.value - least.value == pytest.approx(length, rel=0.08)
@@ -196,7 +196,9 @@ def test_identify_shows_ranges_after_its_verdict(hidden, tmp_path, capsys):
 def open_end(request, model, allowed):
     """The greatest mass: link 1 turns about a fixed axis, and link 2's axis meets it."""
     (mass,) = functions_by_name(model.problem, model.model, [request.param])
-    return EndSearch(allowed.with_kinds(["consistency"])).both([mass.g])[0][1]
+    return EndSearch(allowed.with_kinds(["consistency"])).least_and_greatest([mass.g])[
+        0
+    ][1]
 
 
 def test_an_open_end_has_a_ray_that_no_torque_shows(open_end):
@@ -227,6 +229,6 @@ def test_a_direction_that_data_or_constraints_refuse_is_no_ray(open_end, change)
 
 def test_bounds_close_a_ray(allowed, model):
     (mass,) = functions_by_name(model.problem, model.model, ["m1"])
-    ((_, end),) = EndSearch(allowed).both([mass.g])
+    ((_, end),) = EndSearch(allowed).least_and_greatest([mass.g])
     assert end.decided_by != "open"
     assert end.ray is None

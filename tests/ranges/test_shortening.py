@@ -38,7 +38,9 @@ def test_four_times_the_data_halve_what_data_determine(model, allowed):
     spread = lambda w: std * np.linalg.norm(w @ once.directions, axis=1)  # noqa: E731
     white = replace(allowed, ball=replace(once, spread=spread))
     four_times = with_rows(white, np.sqrt(3.0) * once.A, allowed.first_rise)
-    (before,), (after,) = (EndSearch(x).both([offset.g]) for x in (white, four_times))
+    (before,), (after,) = (
+        EndSearch(x).least_and_greatest([offset.g]) for x in (white, four_times)
+    )
     lengths = [high.value - low.value for low, high in (before, after)]
     assert lengths[1] == pytest.approx(0.5 * lengths[0], rel=0.03)
 
