@@ -180,7 +180,7 @@ def refitted(model: Estimate, out: str, run: Measurements) -> Estimate:
     """Return the model that `export --refit` writes."""
     filtered = FilteredRuns.filtering(run, model.preprocessing.resolve(run))
     (whole,) = compare(model, filtered)
-    held = judge_as_exported(model, out, filtered, whole, refit=True)
+    held = judge_as_exported(model, out, filtered, whole, training=filtered)
     assert held is not None  # the file lacks effects
     return held.model
 

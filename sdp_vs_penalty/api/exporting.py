@@ -12,7 +12,6 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.open_findings import verdict_beside
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
-from sdp_vs_penalty.effects.written import read_effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
@@ -30,6 +29,7 @@ def export(
     force: bool = False,
     flange: tuple[float, float, float] = (0.0, 0.0, 0.0),
     measurements: Source = None,
+    test: Source = None,
     refit: bool = False,
 ) -> tuple[str, ...]:
     """Write a model in the format that the file's name chooses.
@@ -55,9 +55,11 @@ def export(
     measurements : path, arrays, DataFrame, Measurements, list of these, optional
         Runs on which a file is judged that cannot hold all effects: a copy of the model
         without them is compared with these runs, and that verdict stands in the file.
+    test : path, arrays, DataFrame, Measurements, list of these, optional
+        Runs that judge in place of ``measurements``.
     refit : bool
-        For such a file, identify the model again from these runs without those effects,
-        and write that model where it errs less.
+        For such a file, identify the model again from ``measurements`` without those
+        effects, and write that model where it errs less on the runs that judge.
 
     Returns
     -------
@@ -73,22 +75,28 @@ def export(
     model = as_estimate(estimate, "export(estimate=...)")
     verdict = None
     lost: tuple[str, ...] = ()
-    if measurements is not None:
-        runs = as_measurements(measurements, names=model.problem.channel_names)
-        filtered = FilteredRuns.filtering(runs, model.preprocessing.resolve(runs))
-        (whole,) = compare(model, filtered)
-        held = judge_as_exported(model, out, filtered, whole, refit=refit)
+    if refit and measurements is None:
+        remedy = "name the runs to identify from: export(measurements=...)"
+        raise InputError("export(refit=True)", remedy)
+    if measurements is not None or test is not None:
+        judging = _filtered(model, measurements if test is None else test)
+        training = _filtered(model, measurements) if refit else None
+        (whole,) = compare(model, judging)
+        held = judge_as_exported(model, out, judging, whole, training=training)
         if held is not None:
             verdict = held.verdict
             if held.is_refitted:
                 model, lost = held.model, held.lost
-    elif refit:
-        remedy = "name the runs to identify from: export(measurements=...)"
-        raise InputError("export(refit=True)", remedy)
     left_out = exporting.write_model(
         model, out, urdf, mjcf=mjcf, force=force, flange=flange, judged=verdict
     )
     return (*lost, *left_out)
+
+
+def _filtered(model: Estimate, source: Source) -> FilteredRuns:
+    """Read runs, and filter them as the model's were."""
+    runs = as_measurements(source, names=model.problem.channel_names)
+    return FilteredRuns.filtering(runs, model.preprocessing.resolve(runs))
 
 
 @dataclass(frozen=True)
@@ -115,18 +123,20 @@ def judge_as_exported(
     runs: FilteredRuns,
     whole: Comparison,
     findings: Diagnosis | None = None,
-    refit: bool = False,
+    training: FilteredRuns | None = None,
 ) -> AsExported | None:
     """Judge a model without the effects that a file of this name cannot hold.
 
     Parameters
     ----------
+    runs : FilteredRuns
+        The runs that judge.
     whole : Comparison
-        All of the model on the same runs, which names the noise.
+        All of the model on these runs, which names the noise.
     findings : Diagnosis, optional
         What a diagnosis of the model, or of one that it grew from, found.
-    refit : bool
-        Whether it is identified again from these runs, where it errs less then.
+    training : FilteredRuns, optional
+        Runs from which it is identified again, where it errs less then.
 
     Returns
     -------
@@ -140,9 +150,9 @@ def judge_as_exported(
     name = Path(out).name
     (compared,) = compare_filtered({name: held}, runs, noise=whole.noise)
     judged = AsExported(lost, held, compared, verdict_beside(findings, compared))
-    if refit:
-        return refit_as_exported(judged, (), runs, runs, whole, findings)
-    return judged
+    if training is None:
+        return judged
+    return refit_as_exported(judged, (), training, runs, whole, findings)
 
 
 def refit_as_exported(
@@ -185,11 +195,11 @@ def refit_as_exported(
 
 
 def laws_in_place(
-    held: AsExported, out: str | Path, findings: Diagnosis | None
+    model: Estimate, held: AsExported, out: str | Path, findings: Diagnosis | None
 ) -> tuple[Effect, ...]:
-    """Return the nearest law that a file of this name holds in place of each finding that
-    it has no place for, where one is known and the model does not have it."""
-    lost = [read_effect(text) for text in held.lost]
+    """Return the nearest law that a file of this name holds in place of each finding of a
+    model that it has no place for, where one is known and the model does not have it."""
+    lost = [x for x in model.model.effects if x not in held.model.model.effects]
     present = {(e.name, j) for e in held.model.model.effects for j in e.joints}
     laws = []
     for finding in () if findings is None else findings.effects:

@@ -151,16 +151,19 @@ def model_from_options(
 
 
 def judging_runs(
-    estimate: Estimate, data: list[Path] | None, window: str | None
+    estimate: Estimate,
+    data: list[Path] | None,
+    window: str | None,
+    test: NamedRuns | None = None,
 ) -> Runs | None:
-    """Return the runs to judge a model on: those of --data, or those it was judged on
-    last.
+    """Return the runs to judge a model on: those of --test or --data, or those it was
+    judged on last.
 
     None if the latter no longer exist.
     """
-    named = None if data is None else NamedRuns(data, window)
+    named = test if data is None else NamedRuns(data, window)
     named = named or NamedRuns.recorded(estimate.provenance.get("judged_data", ()))
-    return None if named is None else runs_for(estimate, named)
+    return None if named is None else runs_for(estimate, named, test)
 
 
 def named_test(

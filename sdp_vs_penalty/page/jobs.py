@@ -1426,7 +1426,7 @@ def _files_judged(
                 job.progress("fitting what the files can hold")
                 train = job.windowed(job.runs.train)
                 training = FilteredRuns.filtering(train, estimate.preprocessing)
-            laws = laws_in_place(held, home.FILE, diagnosis)
+            laws = laws_in_place(estimate, held, home.FILE, diagnosis)
             texts = tuple(x.text for x in (*held.model.model.effects, *laws))
             if texts not in refits:
                 on = training, filtered, comparison, diagnosis

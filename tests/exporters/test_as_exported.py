@@ -267,10 +267,11 @@ def test_a_file_is_made_of_a_model_that_is_identified_again_for_it(sprung, capsy
     """Links and friction take in what they can of the spring that a URDF has no place
     for; the file's verdict is that model's."""
     out = sprung / "again.urdf"
-    words = ["export", sprung / "better.json", "--out", out, "--data"]
+    words = ["export", sprung / "better.json", "--out", out, "--test"]
     assert run_cli(*words, sprung / "test.csv") == 0
     without = re.search(r"joint 2 worse: [\d.]+ -> ([\d.]+)", capsys.readouterr().out)
-    assert run_cli(*words, sprung / "test.csv", "--refit") == 0
+    fitted = ["--refit", "--data", sprung / "a.csv", sprung / "b.csv"]
+    assert run_cli(*words, sprung / "test.csv", *fitted) == 0
     again = re.search(r"joint 2 worse: [\d.]+ -> ([\d.]+)", capsys.readouterr().out)
     assert float(again[1]) < float(without[1])
     assert re.search(r"Verdict on test", head(out))
@@ -278,7 +279,8 @@ def test_a_file_is_made_of_a_model_that_is_identified_again_for_it(sprung, capsy
         export(
             sprung / "better.json",
             sprung / "python.urdf",
-            measurements=sprung / "test.csv",
+            measurements=[sprung / "a.csv", sprung / "b.csv"],
+            test=sprung / "test.csv",
             refit=True,
         )
     ) - {"torque_offset"}

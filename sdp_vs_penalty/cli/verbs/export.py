@@ -8,6 +8,7 @@ from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.api.exporting import AsExported
+    from sdp_vs_penalty.data.measurements import Runs
     from sdp_vs_penalty.estimation.estimate import Estimate
 
 
@@ -17,7 +18,9 @@ def verb(
     urdf: Path | None = None,
     mjcf: Path | None = None,
     data: list[Path] | None = None,
+    test: Path | None = None,
     window: str | None = None,
+    test_window: str | None = None,
     flange: str | None = None,
     force: bool = False,
     refit: bool = False,
@@ -32,8 +35,9 @@ def verb(
 
     --out out.urdf|.xml|.sdf|.json|.h|.csv|.script: File to write; its name chooses the format: see `list
         exports`.
-    --data RUN.csv ...: Runs to judge what the file holds of the model; default: those that the
-        model was judged on.
+    --data RUN.csv ...: Runs to judge what the file holds of the model, and with --refit to identify
+        from; default: those that the model was judged on.
+    --test TEST.csv: Run that judges in place of --data.
     --urdf robot.urdf: Your own URDF, of which only inertials, damping and friction are replaced.
     --mjcf robot.xml: Your own MJCF, of which only inertials, armature, damping, friction and springs
         are replaced.
@@ -44,6 +48,7 @@ def verb(
     --prior: With --samples: flat (in the standard parameters, within all constraints) or entropic.
     --longer >=1: With --samples: chains that run so many times as long, where they are not stationary.
     """
+    from sdp_vs_penalty.cli.runs import judging_runs, named_test
     from sdp_vs_penalty.data.parsing import numbers
     from sdp_vs_penalty.effects import effect_in_words
     from sdp_vs_penalty.estimation.estimate import load_estimate
@@ -65,8 +70,10 @@ def verb(
         raise InputError("--refit", "name the runs to identify from with --data")
     lost = effects_left_out(estimate, out)
     held, change = None, ""
+    tested = named_test(test, test_window, as_written=False)
     if lost:
-        held, change = _judged_as_exported(estimate, out, data, window, refit)
+        runs = judging_runs(estimate, data, window, tested)
+        held, change = _judged_as_exported(estimate, out, runs, refit)
     verdict = None if held is None else held.verdict
     if held is not None and held.is_refitted:
         estimate = held.model
@@ -85,11 +92,12 @@ def verb(
     console.written(out)
     if urdf is None and mjcf is None:
         _warn_of_names(out)
-    if lost or left_out:
-        names = ", ".join(map(effect_in_words, lost or left_out))
-        can_refit = bool(lost) and not refit
-        again = " --refit identifies the model again without." * can_refit
-        console.warn(f"{out.suffix} files cannot hold {names}; .json files can.{again}")
+    if lost:
+        again = "" if refit else " --refit identifies the model again without."
+        console.warn(f".json files hold all of the model.{again}")
+    elif left_out:
+        names = ", ".join(map(effect_in_words, left_out))
+        console.warn(f"{out.suffix} files cannot hold {names}; .json files can.")
 
 
 def _samples(
@@ -119,14 +127,10 @@ def _samples(
 
 
 def _judged_as_exported(
-    estimate: Estimate,
-    out: Path,
-    data: list[Path] | None,
-    window: str | None,
-    refit: bool,
+    estimate: Estimate, out: Path, runs: Runs | None, refit: bool
 ) -> tuple[AsExported | None, str]:
     """Judge what a file that cannot hold all of the model holds of it, identified again
-    with ``refit``.
+    from the runs to train on with ``refit``.
 
     Returns
     -------
@@ -134,19 +138,18 @@ def _judged_as_exported(
         None without runs; how the errors change, in words.
     """
     from sdp_vs_penalty.api.exporting import judge_as_exported
-    from sdp_vs_penalty.cli.runs import judging_runs
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.render.words import describe_change
     from sdp_vs_penalty.signals.filtered import FilteredRuns
 
-    runs = judging_runs(estimate, data, window)
     if runs is None:
         return None, ""
     settings = estimate.preprocessing.resolve(runs.judge)
     filtered = FilteredRuns.filtering(runs.judge, settings)
     (whole,) = compare(estimate, filtered, noise_from=runs.judged_recordings)
+    training = FilteredRuns.filtering(runs.train, settings) if refit else None
     with console.progress("judging what the file can hold"):
-        held = judge_as_exported(estimate, out, filtered, whole, refit=refit)
+        held = judge_as_exported(estimate, out, filtered, whole, training=training)
     return held, "" if held is None else describe_change(whole, held.comparison)
 
 
