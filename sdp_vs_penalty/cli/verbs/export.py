@@ -144,12 +144,14 @@ def _judged_as_exported(
 
     if runs is None:
         return None, ""
-    settings = estimate.preprocessing.resolve(runs.judge)
-    filtered = FilteredRuns.filtering(runs.judge, settings)
-    (whole,) = compare(estimate, filtered, noise_from=runs.judged_recordings)
-    training = FilteredRuns.filtering(runs.train, settings) if refit else None
+    filters = estimate.preprocessing
+    judging = FilteredRuns.filtering(runs.judge, filters.resolve(runs.judge))
+    (whole,) = compare(estimate, judging, noise_from=runs.judged_recordings)
+    training = None
+    if refit:
+        training = FilteredRuns.filtering(runs.train, filters.resolve(runs.train))
     with console.progress("judging what the file can hold"):
-        held = judge_as_exported(estimate, out, filtered, whole, training=training)
+        held = judge_as_exported(estimate, out, judging, whole, training=training)
     return held, "" if held is None else describe_change(whole, held.comparison)
 
 
