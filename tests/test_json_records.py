@@ -16,6 +16,7 @@ import sdp_vs_penalty
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.diagnosis import load_diagnosis
 from sdp_vs_penalty.estimation.estimate import estimate_of_file, load_estimate
+from sdp_vs_penalty.estimation.verdict import doubt_of_log
 from sdp_vs_penalty.records import JsonRecord
 
 finite = st.floats(-1e6, 1e6)
@@ -153,9 +154,28 @@ def test_an_issue_that_0_1_wrote_is_as_todays():
     (read,) = estimate_of_file(written).provenance["checks"]["hash"]
     certainty = {"grade": "likely", "why": "seen: twice"}
     fields = {"needs_action": False, "position_unit": "mm", "is_another_arm": False}
-    assert read == {**issue, **fields, "certainty": certainty}
+    words = {"heading": "", "in_doubt": ""}
+    assert read == {**issue, **fields, **words, "certainty": certainty}
     written["provenance"]["checks"] = {"hash": [read]}
     assert estimate_of_file(written).provenance["checks"]["hash"] == [read]
+
+
+def test_what_the_verdict_of_an_older_file_says_to_be_in_doubt_stays():
+    """Its issues do not say it themselves; a note leaves nothing in doubt."""
+    written = json.loads((OLD / "model.json").read_text())
+    kinds = {"torque sign": "warning", "idle joints": "note"}
+    issues = [
+        {"kind": kind, "severity": severity, "certainty": "likely: seen", "remedy": ""}
+        for kind, severity in kinds.items()
+    ]
+    text = "In doubt: torque sign; `check` says what to do."
+    verdict = written["provenance"]["verdict"]
+    verdict["lines"].append({"about": "the log", "grade": "usable", "text": text})
+    written["provenance"]["checks"] = {"hash": issues}
+    read = estimate_of_file(written).provenance["checks"]
+    assert doubt_of_log(read) == text
+    verdict["lines"].pop()
+    assert doubt_of_log(estimate_of_file(written).provenance["checks"]) == ""
 
 
 @pytest.mark.parametrize(

@@ -250,7 +250,7 @@ def judge_ranges(
     """
     issues = [*report.issues]
     is_unit_said = any(f.position_unit is not None for f in issues)
-    is_explained = is_unit_said or any(f.kind == "encoder offset" for f in issues)
+    is_explained = is_unit_said or any(f.of_positions == "zero" for f in issues)
     if len(report.repaired_all.t) >= RUN and not is_explained:
         glance = RunSummary(report.repaired_all, problem)
         issues += [*channels.find_positions_outside_range(glance)]

@@ -345,6 +345,9 @@ def _change(log: Likelihood, claim: Claim, t: float, supposed: str) -> Issue:
     return replace(
         issue,
         kind="change within the run",
+        heading="",
+        in_doubt="",
+        of_positions=None,
         where=place,
         remedy="cut the run there and use each part by itself",
         apply="",
@@ -380,13 +383,13 @@ def with_issues(report: Report, issues: Sequence[Issue]) -> Report:
 
 
 def is_explained_by_a_fact(issue: Issue, report: Report) -> bool:
-    """Whether a fact of the run already explains an issue: all its joints are clipped,
+    """Whether a fact of the run already explains an issue: those of all its joints,
     or a one-off event lies where rows are missing."""
     if "span" in issue.figures:
         return _is_near_gap(report.repaired_all, issue.figures["t"])
     clipped: set[int] = set()
     for fact in report.issues:
-        if fact.kind == "saturation":
+        if fact.explains_joints:
             clipped.update(fact.figures["joints"])
     joints = issue.figures.get("joints", ())
     return bool(joints) and clipped.issuperset(joints)

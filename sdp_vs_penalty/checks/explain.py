@@ -201,6 +201,8 @@ def _of_fault(
         figures=figures,
         gravity=fault.gravity,
         position_unit=fault.position_unit,
+        of_positions=fault.of_positions,
+        in_doubt=fault.in_doubt,
         is_gain=fault.is_gain,
         apply=fault.apply if is_repaired else "",
         equivalents=tuple(as_likely),
@@ -310,8 +312,9 @@ def issue_of_difference(
     is_gain = h.number is not None and h.number.is_gain
     if is_gain:  # by how much the torque is larger there
         size = float(np.exp(-size)) - 1.0
-    apply = ""
+    apply, heading, fault = "", "", None
     if repair is None:
+        heading = f"{h.kind} than in the other runs"
         what, remedy = _DIFFERENCES[h.kind]
         more, weight = ("less", "a lighter") if size < 0.0 else ("more", "a heavier")
         unit = log.torque_unit(h.joints[0]) if h.joints else "kg"
@@ -332,8 +335,10 @@ def issue_of_difference(
         what = f"in {name} only: {' '.join(fault.what for fault in faults)}"
         remedy = f"{', '.join(fault.remedy for fault in faults)} in this run"
         apply = faults[0].apply if len(faults) == 1 else ""
+        fault = next((fault for fault in faults if fault.kind == h.kind), None)
+    of_positions = None if fault is None else fault.of_positions
     rivals = _rivals_of(claim)
-    if h.kind == "encoder offset" and h.joints == (log.n - 1,):
+    if of_positions == "zero" and h.joints == (log.n - 1,):
         # A load is put on anew from run to run, and a zero is not set.
         rivals.insert(0, "what that joint carries, turned as much about its axis")
     if repair is not None and any(repair_of(rival) is None for rival in claim.rivals):
@@ -343,6 +348,9 @@ def issue_of_difference(
         rivals,
         "one arm for all leaves of a joint's torque {times}",
         kind=h.kind,
+        heading=heading,
+        in_doubt="" if fault is None else fault.in_doubt,
+        of_positions=of_positions,
         where=joints_text(h.joints) if h.joints else "the run",
         what=what,
         remedy=remedy,

@@ -16,7 +16,7 @@ from sdp_vs_penalty.checks.certainty import (
 )
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.race.fault import joints_text
+from sdp_vs_penalty.race.fault import PositionError, joints_text
 from sdp_vs_penalty.records import NOT_STORED, WritesJson
 from sdp_vs_penalty.results.remedy import Change, Remedy
 
@@ -46,6 +46,11 @@ class Issue(WritesJson):
 
     #: What is wrong, in two or three words.
     kind: str
+    #: The same for a screen that has room for more; "": the kind.
+    heading: str = ""
+    #: What of the log it leaves in doubt, in words: a model of it is not good, whatever its
+    #: error; "" where nothing.
+    in_doubt: str = ""
     #: "error" (identification would be meaningless), "warning" (it would be worse than
     #: it need be) or "note" (a fact worth knowing).
     severity: str = "warning"
@@ -77,6 +82,12 @@ class Issue(WritesJson):
     position_unit: str | None = None
     #: Whether it says that torque channels have another factor.
     is_gain: bool = field(default=False, metadata=NOT_STORED)
+    #: What of positions it says is another, beside their unit.
+    of_positions: PositionError | None = field(default=None, metadata=NOT_STORED)
+    #: Whether it says that torques are in another unit.
+    is_torque_unit: bool = field(default=False, metadata=NOT_STORED)
+    #: Whether it explains what the torques of all its joints show.
+    explains_joints: bool = field(default=False, metadata=NOT_STORED)
     #: Whether the arm is another one in this run (its load, its links, its friction): no
     #: change of the log undoes that.
     is_another_arm: bool = False
@@ -180,6 +191,11 @@ def make_issue(
     position_unit: str | None = None,
     is_gain: bool = False,
     is_another_arm: bool = False,
+    heading: str = "",
+    in_doubt: str = "",
+    of_positions: PositionError | None = None,
+    is_torque_unit: bool = False,
+    explains_joints: bool = False,
     **figures: Any,
 ) -> Issue:
     """Make an issue, mostly about some joints.
@@ -196,7 +212,9 @@ def make_issue(
         From 0; None for an issue about no joint.
     where : str
         The place; default: the joints in words.
-    position_unit, is_gain, is_another_arm
+    position_unit, is_gain, is_another_arm, heading, in_doubt, of_positions
+        As the attributes.
+    is_torque_unit, explains_joints
         As the attributes.
     cause : str
         What most likely made it so: it is said apart, and is likely at most.
@@ -228,6 +246,11 @@ def make_issue(
         position_unit=position_unit,
         is_gain=is_gain,
         is_another_arm=is_another_arm,
+        heading=heading,
+        in_doubt=in_doubt,
+        of_positions=of_positions,
+        is_torque_unit=is_torque_unit,
+        explains_joints=explains_joints,
         apply=apply,
         changes=tuple(changes),
     )

@@ -21,8 +21,6 @@ _INSIDE_AS = {
     "per cent": "per cent",
     "mm": "millimetres",
 }
-#: Factors that gears have.
-_OF_GEARS = "position scale", "gear ratio"
 
 
 def units_as_facts(
@@ -41,13 +39,13 @@ def units_as_facts(
     joint's range and its middle, where they may be that; then degrees are not certain,
     and both commands are named; rails : the joints (from 1) whose positions are lengths.
     """
-    has_gears = is_impossible and any(f.kind in _OF_GEARS for f in issues)
-    # Quantisation is that of the unit's steps.
-    kinds_left_out = ("quantisation", *(_OF_GEARS if has_gears else ()))
+    has_gears = is_impossible and any(f.of_positions == "factor" for f in issues)
+    # Steps are those of the unit, and factors those of the gears that are asked for.
+    left_out = ("steps", "factor") if has_gears else ("steps",)
     new_issues = list[Issue]()
     for issue in issues:
         if issue.position_unit is None:
-            if issue.kind not in kinds_left_out:
+            if issue.of_positions not in left_out:
                 new_issues.append(issue)
         elif has_gears:
             new_issues.append(_of_motors(issue))

@@ -44,6 +44,7 @@ def problem_units(problem: Problem) -> Iterator[Issue]:
     for unit in odd:
         yield make_issue(
             kind="units of the problem",
+            in_doubt="units of the problem",
             where="the problem",
             what=f"{unit.what} Nothing is said of the torques.",
             certainty=told_by("read from the problem", "no arm is of that size"),

@@ -56,6 +56,7 @@ def unrelated_torque(fit: ArmFit) -> Iterator[Issue]:
     percent = 100.0 * fit.mean_unexplained_share
     yield make_explanation(
         kind="torque not explained",
+        in_doubt="torque not explained",
         what=f"No inertia and friction of this arm explain {percent:.0f} % of the torque"
         " energy.",
         certainty=_SURE,

@@ -6,9 +6,10 @@ of the problem's masses needs for the motion.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +48,17 @@ _BY_MASSES = (
     " are then no surer than those"
 )
 _CORRECT_MASSES = "if right, correct the problem's masses"
+#: The explanation that torques are in another unit.
+of_torque_unit = partial(
+    make_explanation, "torque unit", in_doubt="torque unit", is_torque_unit=True
+)
+#: What issues about torques that are no torques in N m have in common.
+_CHANNEL_KIND: Mapping[str, Any] = {
+    "kind": "torque channel kind",
+    "heading": "torques that are not in N m",
+    "in_doubt": "the torques' unit",
+    "left": Left.RATIOS,
+}
 
 
 def torque_magnitude(
@@ -72,8 +84,7 @@ def torque_magnitude(
     too_large = np.flatnonzero(is_too_large)
     if 0 < len(too_large) <= _SINGLE_JOINTS * log.n:
         times = formatting.words([f"{x:.3g}" for x in shares[too_large]])
-        yield make_explanation(
-            kind="torque unit",
+        yield of_torque_unit(
             joints=too_large,
             what=f"the torque of {{where}} is {times} times what the joint is made for:"
             " in another unit.",
@@ -196,20 +207,20 @@ def _issues_of_size(
     currents (small, and explained by the arm's dynamics). None if the size may be
     right, or if the arm does not explain the torques at all.
     """
-    of_size = partial(
-        make_explanation,
-        joints=range(log.n),
-        where="all torque channels",
-        times_nominal=size.times_nominal,
-    )
+    known: dict[str, Any] = {
+        "joints": range(log.n),
+        "where": "all torque channels",
+        "times_nominal": size.times_nominal,
+    }
+    of_size = partial(make_explanation, **known)
+    of_unit = partial(of_torque_unit, **known)
     are = f"the torques are {size.description}: "
     by_unit = _scales(["tau"])
     is_wrong = size.is_large or size.is_small
     smallest_share, largest_share = c.EFFORT
     if is_wrong and smallest_share <= size.over <= largest_share:
         if units := _small_units(size):
-            yield of_size(
-                "torque unit",
+            yield of_unit(
                 f"{are}they are in {' or '.join(units)}, or the problem's masses are"
                 " wrong.",
                 remedy=f"say the unit; {_CORRECT_MASSES}",
@@ -219,7 +230,8 @@ def _issues_of_size(
             return
         yield of_size(
             "masses of the problem",
-            f"{are}the problem's masses are wrong: the torques reach what torques do,"
+            in_doubt="masses of the problem",
+            what=f"{are}the problem's masses are wrong: the torques reach what torques do,"
             f" {100.0 * size.over:.0f} % of the joints' effort limits.",
             remedy="correct total_mass in problem.toml (the inertials of a URDF)",
             certainty=_BY_SIZE,
@@ -227,13 +239,14 @@ def _issues_of_size(
         )
         return
     if size.is_large or (size.is_far and not size.is_mass_known):
-        yield _of_another_unit(size, of_size, are)
+        yield _of_another_unit(size, of_unit, are)
         return
     if not size.is_small:
         return
     external = partial(
         of_size,
         "external torque",
+        in_doubt="external torque",
         remedy="log the measured joint torque: neither masses nor inertias can be"
         " identified from this",
         left=Left.FACTS,
@@ -260,14 +273,13 @@ def _issues_of_size(
         return
     gains = gains_by_size(log, repair)
     yield of_size(
-        "torque channel kind",
-        f"{are}they are motor currents, or torques on the motor side of the gear. A model"
+        **_CHANNEL_KIND,
+        what=f"{are}they are motor currents, or torques on the motor side of the gear. A model"
         " of them is unscaled: its ratios are right, its kilograms are not.",
         remedy="multiply each channel by its drive gain (N m per A, gear ratio included)"
         f"{_BY_MASSES if gains else ''}; {_CORRECT_MASSES}",
         changes=(*by_unit, *gains),
         certainty=_BY_SIZE,
-        left=Left.RATIOS,
     )
 
 
@@ -314,6 +326,9 @@ def gains_are_by_size() -> Issue:
     """Return the warning about a run whose torques are in N m by :func:`gains_by_size`."""
     return make_explanation(
         kind="gains by size",
+        heading="N m are no surer than the masses of the robot file (the gains are judged"
+        " by size)",
+        in_doubt="N m, no surer than the masses of the robot file",
         what="nobody has stated the drive gains.",
         certainty=stated("the gains were taken from the robot's masses"),
         remedy="type the drive gains if you know them",
@@ -351,7 +366,7 @@ def not_in_newton_metres(run: Measurements, gains: Sequence[Change]) -> Issue:
         said = "or raw: their names say a current, and no unit"
         sure = likely("by their names")
     return make_explanation(
-        kind="torque channel kind",
+        **_CHANNEL_KIND,
         what=f"the torques are in {unit}, {said}. A model of them is"
         " unscaled: its ratios are right where all channels have one factor, its"
         " kilograms are not.",
@@ -360,7 +375,6 @@ def not_in_newton_metres(run: Measurements, gains: Sequence[Change]) -> Issue:
         f"{_BY_MASSES if gains else ''}",
         where="all torque channels",
         changes=(*_scales(["tau"]), *gains),
-        left=Left.RATIOS,
     )
 
 
@@ -376,8 +390,7 @@ def with_one_unit(run: str, issues: Sequence[Issue], n: int) -> tuple[Issue, ...
     times = sorted(max(1.0 + size, 1.0 / (1.0 + size)) for size in sizes)
     how = "large" if sizes[0] > 0.0 else "small"
     words = f"read the torque of {run} in another unit, or by its drive gains"
-    one = make_explanation(
-        kind="torque unit",
+    one = of_torque_unit(
         joints=joints,
         what=f"in {run} only: the torques of {{where}} are {times[0]:.3g} to"
         f" {times[-1]:.3g} times too {how} beside those of the other runs: they are in"
@@ -393,7 +406,7 @@ def with_one_unit(run: str, issues: Sequence[Issue], n: int) -> tuple[Issue, ...
     return (*others[:first], one, *others[first:])
 
 
-def _of_another_unit(size: _Size, of_size: Callable[..., Issue], are: str) -> Issue:
+def _of_another_unit(size: _Size, of_unit: Callable[..., Issue], are: str) -> Issue:
     """Return the issue that torques too large for N m are in another unit. It names the unit
     that makes their size possible; currents in mA are named beside it if they do as well."""
     for factor, name in UNITS.items():
@@ -402,8 +415,7 @@ def _of_another_unit(size: _Size, of_size: Callable[..., Issue], are: str) -> Is
             continue
         if size.measured < _OF_CURRENTS:
             unit = {"scale": {"tau": name.replace(" ", "").lower()}}
-            return of_size(
-                "torque unit",
+            return of_unit(
                 f"{are}they are in {name}, or motor currents in mA: size does not tell"
                 " which.",
                 remedy=f"say which: {name}, or mA by each joint's N m per mA, gear ratio"
@@ -414,16 +426,14 @@ def _of_another_unit(size: _Size, of_size: Callable[..., Issue], are: str) -> Is
                 ),
                 certainty=possible("judged by size alone"),
             )
-        return of_size(
-            "torque unit",
+        return of_unit(
             f"{are}they are in {name}.",
             remedy=f"multiply by {factor:g}",
             certainty=_BY_SIZE,
             repair=partial(_scaled, factor=factor),
             apply="unit:tau",
         )
-    return of_size(
-        "torque unit",
+    return of_unit(
         f"{are}their unit is not N m.",
         remedy=f"{_CONVERT}; {_CORRECT_MASSES}",
         changes=_scales(["tau"]),
@@ -474,6 +484,7 @@ def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
     if is_weight and turns_round[log.moving].all():
         yield make_explanation(
             kind="gravity model",
+            in_doubt="gravity model",
             what="the torques are the weight of an arm alone: no inertia, and no"
             f" friction of any joint ({100.0 * shares.max() ** 0.5:.2g} % is left).",
             certainty=likely("every motor bears friction"),

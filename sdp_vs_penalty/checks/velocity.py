@@ -183,6 +183,7 @@ def _against_the_clock(glance: RunSummary, ratio: float, alike: str) -> Issue:
     remedy = f"multiply t by {1.0 / ratio:.3g}, or divide dq by {ratio:.3g}"
     issue = make_issue(
         kind="clock against velocity",
+        in_doubt="clock against velocity",
         where="columns t and dq",
         what=alike,
         certainty=possible(

@@ -42,7 +42,7 @@ from sdp_vs_penalty.estimation.uncertainty import (
     Uncertainty,
     independent_gains,
 )
-from sdp_vs_penalty.estimation.verdict import Verdict
+from sdp_vs_penalty.estimation.verdict import Verdict, doubts_in_words
 from sdp_vs_penalty.estimators import ESTIMATORS
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.files import read_json, write_text
@@ -1021,8 +1021,9 @@ def estimate_of_file(data: Mapping[str, Any]) -> Estimate:
 def _provenance_of_file(provenance: Mapping[str, Any]) -> dict[str, Any]:
     """Return where a model is from, with the issues of its runs as today's JSON."""
     issues_by_run = provenance.get("checks") or {}
+    older = {"in_doubt": doubts_in_words(provenance.get("verdict"))}
     checks = {
-        run: [issue_of_older_file(issue) for issue in issues]
+        run: [issue_of_older_file(older | issue) for issue in issues]
         for run, issues in issues_by_run.items()
     }
     return {**provenance, **({"checks": checks} if checks else {})}

@@ -187,6 +187,7 @@ class CheckedIssue:
 
     kind: str
     severity: str
+    in_doubt: str = ""
 
 
 @dataclass(frozen=True)

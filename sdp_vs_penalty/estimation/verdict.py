@@ -60,39 +60,8 @@ PREDICTION = "prediction"
 MISSING = "missing"
 #: What the data check leaves in doubt is a line of its own.
 LOG = "the log"
-#: Kinds of issues of the data check that leave order, clock, mounting, sign, unit or
-#: the kind of torque in doubt: such a model is not good, whatever its error.
-DOUBTS = frozenset(
-    {
-        "clock against velocity",
-        "clock rate",
-        "time reversed",
-        "position order",
-        "torque order",
-        "joint order",
-        "position sign",
-        "torque sign",
-        "joint sign",
-        "torque magnitude",
-        "gravity direction",
-        "gravity of the problem",
-        "gravity removed",
-        "gravity model",
-        "external torque",
-        "torque channel kind",
-        "torque in counts",
-        "torque unit",
-        "gains by size",
-        "torque not explained",
-        "units of the problem",
-        "masses of the problem",
-    }
-)
-#: What a person calls some of them.
-_DOUBTS_IN_WORDS = {
-    "torque channel kind": "the torques' unit",
-    "gains by size": "N m, no surer than the masses of the robot file",
-}
+#: How that line begins.
+_IN_DOUBT = "In doubt: "
 
 
 @dataclass(frozen=True)
@@ -352,8 +321,7 @@ def _weakest_first(lines: Sequence[Line]) -> tuple[Line, ...]:
 
 
 def doubt_of_log(checks: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Return a sentence on the DOUBTS that the data check has found in the training
-    runs.
+    """Return a sentence on what the data check leaves in doubt of the training runs.
 
     Parameters
     ----------
@@ -365,16 +333,20 @@ def doubt_of_log(checks: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     str
         The sentence; "" without doubts.
     """
-    kinds = [
-        str(issue["kind"])
-        for issues in checks.values()
-        for issue in issues
-        if issue.get("kind") in DOUBTS and issue.get("severity") != "note"
-    ]
-    if not kinds:
+    issues = [issue for issues in checks.values() for issue in issues]
+    doubts = [issue["in_doubt"] for issue in issues if issue["severity"] != "note"]
+    words = [*dict.fromkeys(filter(None, doubts))]
+    if not words:
         return ""
-    words = formatting.words([_DOUBTS_IN_WORDS.get(x, x) for x in dict.fromkeys(kinds)])
-    return f"In doubt: {words}; `check` says what to do."
+    return f"{_IN_DOUBT}{formatting.words(words)}; `check` says what to do."
+
+
+def doubts_in_words(verdict: Mapping[str, Any] | None) -> str:
+    """Return what a verdict, as plain JSON, says to be in doubt of the log: issues of older
+    files do not say it themselves. It is all that :func:`doubt_of_log` puts together."""
+    lines = (verdict or {}).get("lines", ())
+    text = next((line["text"] for line in lines if line["about"] == LOG), "")
+    return str(text).removeprefix(_IN_DOUBT).partition(";")[0]
 
 
 @dataclass(frozen=True)

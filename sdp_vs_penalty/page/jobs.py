@@ -35,8 +35,9 @@ from sdp_vs_penalty.api.remedies import (
 from sdp_vs_penalty.checks import Report
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.check import check_runs
+from sdp_vs_penalty.checks.facts.magnitude import make_computed_torque
 from sdp_vs_penalty.checks.gate import Gate
-from sdp_vs_penalty.checks.issue import Issue, make_issue
+from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.long_runs import is_long
 from sdp_vs_penalty.checks.report import list_remedies
 from sdp_vs_penalty.data.catalogue import DATASETS, dataset
@@ -508,15 +509,13 @@ def _judged(job: JobRequest, state: State, kept: Sequence[Answer]) -> Answer:
 
 def _computed_torque(rougher: str) -> Issue:
     """Return the issue of a torque beside which ``rougher`` columns of its file are."""
-    return make_issue(
-        kind="torques of a model",
+    return make_computed_torque(
         what="the torque was computed by a controller, not measured: it is smooth, and"
         f" {rougher} of this file are rough as measured.",
         certainty=likely("every measurement carries noise"),
         remedy=f"undo, and choose {rougher} if they are the measured torque or current:"
         " what is identified from a computed one is the controller's model, without"
         " friction",
-        where="all torque channels",
     )
 
 

@@ -113,22 +113,6 @@ def progress_in_words(text: str) -> str:
     return text
 
 
-#: Kinds of issue that the page calls otherwise.
-_HEADINGS = {
-    "torque channel kind": "torques that are not in N m",
-    "gains by size": "N m are no surer than the masses of the robot file (the gains are judged by size)",
-    "another load": "another load than in the other runs",
-    "another arm": "another arm than in the other runs",
-    "another friction": "another friction than in the other runs",
-    "torques of a model": "torque that was computed, not measured",
-}
-
-
-def heading_of(kind: str) -> str:
-    """Return the heading of an issue of a kind."""
-    return _HEADINGS.get(kind, kind)
-
-
 def with_whole_amounts(text: str) -> str:
     """Return a text in which no line ends within a number and its unit, or before an
     arrow."""

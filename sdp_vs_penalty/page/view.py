@@ -18,7 +18,7 @@ from sdp_vs_penalty.diagnosis.causes import VELOCITY
 from sdp_vs_penalty.estimation.outcome import OfferOutcome
 from sdp_vs_penalty.page.model_step import level_of
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.spoken import graded, heading_of, label_of, repairs_in_words
+from sdp_vs_penalty.page.spoken import graded, label_of, repairs_in_words
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
 
 #: Options of the command line by the step that offers them.
@@ -209,7 +209,7 @@ def checked(session: Session) -> StageVerdict:
         first, grade = warnings[0], warnings[0]["certainty"]["grade"]
         having = next((r for issue, r in session.issues if issue is first), ())
         names = formatting.words([run["name"] for run in having or session.runs])
-        text = heading_of(first["kind"])
+        text = first["heading"] or first["kind"]
         if not first["needs_action"]:
             text = f"{first['what'].rstrip('.')}; {first['remedy']}"
         text = f"{names}: {graded(text, grade).rstrip('.')}."

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from sdp_vs_penalty.race.constants import LOG_ODDS_AGAINST_FAULT
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Number
 
+#: What of positions may be another, beside their unit: where they count from, a factor as
+#: gears have, or the steps in which they are counted.
+PositionError = Literal["zero", "factor", "steps"]
 #: Factors of units, and what a channel is in whose torque has to be multiplied by one.
 UNITS = {
     NAMED["mnm"]: "mN m",
@@ -97,6 +100,11 @@ class Fault:
     #: Unit that positions are in; "" where a part of the joints has it alone; None for a
     #: fault that is about no unit of positions.
     position_unit: str | None = None
+    #: What of positions it says is another.
+    of_positions: PositionError | None = None
+    #: What of the log it leaves in doubt, in words: a model of it is not good, whatever its
+    #: error; "" where nothing.
+    in_doubt: str = ""
     #: Gravity that the torques show instead [m/s^2], for a fault about it.
     gravity: tuple[float, ...] | None = None
     #: Numbers behind the fault, for JSON.

@@ -110,6 +110,7 @@ def issue_of_older_file(issue: Mapping[str, Any]) -> dict[str, Any]:
         "needs_action": not remedy.startswith("no action needed"),
         "position_unit": unit if unit and not begin else None,
         "is_another_arm": kind in ("another load", "another arm", "another friction"),
+        "heading": "",
     }
     return {**read, **issue, "certainty": certainty}
 

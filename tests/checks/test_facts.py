@@ -223,7 +223,11 @@ def test_degrees_beside_a_factor_of_gears_are_not_certain(rival, kinds_left, gra
         log_odds=100.0,
         position_unit="degrees",
     )
-    rivals = [replace(told, kind=rival, position_unit=None)] if rival else []
+    rivals = (
+        [replace(told, kind=rival, position_unit=None, of_positions="factor")]
+        if rival
+        else []
+    )
     judged = units_as_facts([told, *rivals], True, None)
     assert [x.kind for x in judged] == kinds_left
     assert judged[0].certainty.grade == grade

@@ -140,6 +140,7 @@ def find_positions_outside_range(glance: RunSummary) -> Iterator[Issue]:
     if joints := beside_range(glance.robot, glance.run.q):
         yield make_issue(
             kind="encoder offset",
+            of_positions="zero",
             joints=joints,
             what="{where}: positions outside the range all or part of the time.",
             certainty=likely(
@@ -170,6 +171,7 @@ def find_torques_in_counts(glance: RunSummary) -> Iterator[Issue]:
         unit = ", as permil of its rated torque" if largest <= _LARGEST_PERMIL else ""
         yield make_issue(
             kind="torque in counts",
+            in_doubt="torque in counts",
             what=f"every torque is a whole number, up to {largest:.4g}: counts of the"
             f" drive{unit}.",
             certainty=likely(
@@ -242,6 +244,7 @@ def _quantised(
         return
     yield make_issue(
         kind="quantisation",
+        of_positions="steps",
         joints=[j],
         what=f"q{j + 1} is quantised in steps of {step:.3g} {glance.robot.position_units[j]}:"
         f" noise of about {100.0 * noise / size:.0f} % of the acceleration below"

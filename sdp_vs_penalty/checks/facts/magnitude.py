@@ -8,6 +8,7 @@ explains it with signs clearly better than as it is logged.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +23,14 @@ from sdp_vs_penalty.signals.filtered import Rows
 
 #: Rows for each column of the links, from which on they cannot explain friction by chance.
 _ROWS_A_LINK_COLUMN = 1.2
+
+#: The fact that torques are no measured ones.
+make_computed_torque = partial(
+    make_issue,
+    "torques of a model",
+    heading="torque that was computed, not measured",
+    where="all torque channels",
+)
 
 
 def find_model_torques(glance: RunSummary) -> Iterator[Issue]:
@@ -50,14 +59,12 @@ def find_model_torques(glance: RunSummary) -> Iterator[Issue]:
         )
     has_many_rows = len(rows.torque) > _ROWS_A_LINK_COLUMN * len(links)
     if has_many_rows and max(shares) < c.MODEL_OF_WEIGHT:
-        yield make_issue(
-            kind="torques of a model",
+        yield make_computed_torque(
             what="these torques carry no noise and no friction: a model made them, a"
             " controller's or a simulator's.",
             certainty=likely("every measurement carries noise, every motor friction"),
             remedy="log the measured torque or current: what is identified from these is"
             " that model",
-            where="all torque channels",
             largest_share=max(shares),
         )
 
@@ -70,6 +77,7 @@ def find_magnitudes(glance: RunSummary) -> Iterator[Issue]:
     if joints := magnitudes(glance, np.flatnonzero(glance.moving & is_unsigned)):
         yield make_explanation(
             kind="torque magnitude",
+            in_doubt="torque magnitude",
             joints=joints,
             what="{where} never changes sign: the logger wrote magnitudes.",
             certainty=likely("with signs the arm explains it clearly better"),

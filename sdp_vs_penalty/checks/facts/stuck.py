@@ -331,6 +331,7 @@ def _clipped(glance: RunSummary, j: int, x: Array) -> Iterator[Issue]:
         remedy += ", or slower; delete those rows until then"
     yield make_issue(
         kind="saturation",
+        explains_joints=True,
         severity=severity,
         joints=[j],
         what=f"tau{j + 1} stays at {value:.6g} {unit} for up to"

@@ -75,7 +75,7 @@ def verb(
     elif not meaningless:
         issues = [issue for report in reports for issue in report.by_cause]
         # A model of torques in another unit would have wrong masses.
-        if all(issue.kind != "torque unit" for issue in issues):
+        if not any(issue.is_torque_unit for issue in issues):
             _say_identify(files, problem, command.options)
     if meaningless:
         raise SystemExit(1)

@@ -128,7 +128,7 @@ def _what_is_open(
         return None, False
     issues = report.errors_and_warnings
     if not report.meaningless:
-        issues = tuple(x for x in issues if x.kind == "torque unit")
+        issues = tuple(x for x in issues if x.is_torque_unit)
     if not issues:
         return None, True
     remedies = list_remedies([replace(report, issues=issues)])
@@ -136,7 +136,7 @@ def _what_is_open(
     shown = tuple(
         x
         for x in issues
-        if x.severity == "error" or x.kind == "torque unit" or x.apply in (words or ())
+        if x.severity == "error" or x.is_torque_unit or x.apply in (words or ())
     )
     printing.checks([replace(report, issues=shown)], command)
     return words, not report.meaningless

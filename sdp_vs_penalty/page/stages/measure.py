@@ -22,7 +22,7 @@ from sdp_vs_penalty.page.repairs import ANGLES, UNITS
 from sdp_vs_penalty.page.run_issues import asks_for_unit
 from sdp_vs_penalty.page.runs import ENDINGS
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.spoken import heading_of, label_of, name_in_title, spoken
+from sdp_vs_penalty.page.spoken import label_of, name_in_title, spoken
 from sdp_vs_penalty.page.view import (
     PagePart,
     Project,
@@ -542,7 +542,7 @@ def _findings(view: View) -> None:
     for k, (issue, runs) in enumerate(session.issues):
         names = formatting.words([run["name"] for run in runs])
         with draw.tag("div", style=f"finding {issue['severity']}"):
-            draw.tag("strong", f"{names}: {heading_of(issue['kind'])}. ")
+            draw.tag("strong", f"{names}: {issue['heading'] or issue['kind']}. ")
             draw.tag("span", graded(issue["what"], issue["certainty"]["grade"]))
             is_tried = any(session.outcome_of(x["change"]) for x in issue["remedies"])
             if not is_tried:  # a trial says more

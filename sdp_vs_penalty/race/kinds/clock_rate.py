@@ -40,6 +40,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     if chain.reversed:
         yield Fault(
             kind="time reversed",
+            in_doubt="time reversed",
             joints=(),
             what="the rows are in reverse order: friction would drive the motion.",
             remedy="reverse q and tau in time",
@@ -51,6 +52,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     if rate != 1.0:
         yield Fault(
             kind="clock rate",
+            in_doubt="clock rate",
             joints=(),
             what=f"{stamps_text(rate)}: inertia does not fit the weight.",
             remedy=f"multiply t by {rate:.3g} (find out the log's true rate)",

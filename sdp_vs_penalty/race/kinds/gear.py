@@ -32,6 +32,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         ratio, number = chain.ratio[j], factor_of("ratio", (j,))
         yield Fault(
             kind="gear ratio",
+            of_positions="factor",
             joints=(j,),
             what=f"the gear ratio of {joints_text([j])} is another one: its position is"
             f" {times_text(ratio)}, its torque {times_text(1.0 / ratio)}.",

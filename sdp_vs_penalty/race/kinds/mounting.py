@@ -135,6 +135,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         remedy = f"{remedy}, or correct the problem's gravity"
     yield Fault(
         kind=kind,
+        in_doubt=kind,
         joints=(),
         what=f"the weight in the torques points along ({_in_words(g)}) m/s^2,"
         f" {angle:.0f} degrees away from the assumed ({_in_words(assumed)})"

@@ -59,6 +59,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             which = f": {', '.join(places)}"
         yield Fault(
             kind=kind,
+            in_doubt=kind,
             joints=changed,
             what=f"{words} of {joints_text(changed)} are swapped{which}.",
             remedy=f"rename the columns of {columns}",

@@ -98,5 +98,6 @@ def _fault(log: Likelihood, chain: LogTransform, joints: tuple[int, ...]) -> Fau
         place=channels if is_all else "",
         repaired_by=(unit or "scale", "q"),
         position_unit=unit,
+        of_positions=None if unit else "factor",
         figures={"factor": scale},
     )

@@ -85,6 +85,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
     for j in np.flatnonzero(is_q_turned & ~is_tau_turned).tolist():
         yield Fault(
             kind="position sign",
+            in_doubt="position sign",
             joints=(j,),
             what=f"the position of joint {j + 1} has the wrong sign.",
             remedy=f"flip the sign of q{j + 1} (and dq{j + 1})",
@@ -96,6 +97,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         channels = [f"{x}{j + 1}" for j in joints for x in ("q", "dq", "tau")]
         yield Fault(
             kind="joint sign",
+            in_doubt="joint sign",
             joints=joints,
             what=f"{joints_text(joints)} {count} the other way, position and torque alike.",
             remedy=f"flip the signs of {formatting.words(channels)}",
@@ -106,6 +108,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         where = "every joint" if len(joints) == log.n else joints_text(joints)
         yield Fault(
             kind="torque sign",
+            in_doubt="torque sign",
             joints=joints,
             what=f"the torque of {where} has the wrong sign.",
             remedy=f"flip the sign of {', '.join(f'tau{j + 1}' for j in joints)}",

@@ -45,6 +45,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             remedy = f"{remedy}, or set gravity to ({vector}) m/s^2"
         yield Fault(
             kind="gravity removed",
+            in_doubt="gravity removed",
             joints=joints,
             what=f"{percent_text(share)} of the weight is missing from {torques}.",
             remedy=remedy,

@@ -85,6 +85,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         base = ", or its base is turned as much about that axis" * is_mounting
         yield Fault(
             kind="encoder offset",
+            of_positions="zero",
             joints=(j,),
             what=f"the zero of joint {j + 1} is {of_size(-offset)} away from the robot's"
             f" kinematics{base}.",
